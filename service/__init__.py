@@ -1,0 +1,1 @@
+"""The edges of gear-twin: streams, recordings, the database, REST and the command line."""
