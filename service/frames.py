@@ -74,7 +74,10 @@ class EncoderFrame:
         if offsets.ndim != 1 or not np.all((offsets >= 0) & (offsets <= high)):
             bad = offsets[~((offsets >= 0) & (offsets <= high))] if offsets.ndim == 1 else offsets.ravel()
             raise _error(
-                self.channel, "edge_offset_ns", f"{bad[0]:g} ns", f"must lie in [0, {high:.3g}] ns; seconds or Unix time?"
+                self.channel,
+                "edge_offset_ns",
+                f"{bad[0]:g} ns",
+                f"must lie in [0, {high:.3g}] ns; seconds or Unix time?",
             )
 
     @property
@@ -108,7 +111,10 @@ def _within(channel: Channel, field: str, value: float, above: float, upto: floa
 def _check_head(channel: Channel, start_time_ns: int, sequence: int) -> None:
     if not 0 < start_time_ns < 2**63:
         raise _error(
-            channel, "start_time_ns", str(start_time_ns), "is outside (0, 2^63) ns of Unix time; the field was not set?"
+            channel,
+            "start_time_ns",
+            str(start_time_ns),
+            "is outside (0, 2^63) ns of Unix time; the field was not set?",
         )
     if not 0 <= sequence < _UINT64:
         raise _error(channel, "sequence", str(sequence), "is outside [0, 2^64)")

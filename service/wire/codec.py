@@ -11,7 +11,11 @@ from service.frames import EncoderFrame, Frame, SampleFrame
 from service.wire import gearbox_pb2 as pb
 from service.wire.topics import Channel, topic_of
 
-SCHEMAS = {"accel": "gearbox.v1.SampleFrame", "torque": "gearbox.v1.SampleFrame", "encoder": "gearbox.v1.EncoderFrame"}
+SCHEMAS = {
+    "accel": "gearbox.v1.SampleFrame",
+    "torque": "gearbox.v1.SampleFrame",
+    "encoder": "gearbox.v1.EncoderFrame",
+}
 
 
 def encoding_of(channel: Channel) -> str:
@@ -85,5 +89,7 @@ def schema_fault(name: str, encoding: str, data: bytes, expected: str) -> str | 
     for field in pb.DESCRIPTOR.message_types_by_name[expected.rsplit(".", 1)[1]].fields:
         other = fields.get(field.name)
         if other is None or (other.number, other.type) != (field.number, field.type):
-            return f"schema {name!r}: field {field.name} must have number {field.number} and the contract's type"
+            return (
+                f"schema {name!r}: field {field.name} must have number {field.number} and the contract's type"
+            )
     return None
