@@ -1,6 +1,7 @@
 """Frames in, whole windows out: a function of the set of frames, whatever their order within patience.
 
-    windows = assembler.add(frame)        at the end of a file, or when a stream falls silent: assembler.flush()
+    windows = assembler.add(frame)
+    windows = assembler.flush()       at the end of a file, or when a stream falls silent
 
 Frames come in bursts: a pause on all channels ends a window. A stream without a break is cut at
 multiples of the window length on the Unix clock, where at least one length lies on either side, so that
@@ -18,7 +19,7 @@ from typing import Any
 
 from service import assembly_order as order
 from service.assembly_window import Piece, build_window, split_index, totals
-from service.frames import LENGTH_LIMITS, NS, Frame, SampleFrame
+from service.frames import NS, Frame, SampleFrame
 from twin.windows import Window
 
 
@@ -29,9 +30,12 @@ class AssemblySettings:
     length: float = 10.0  # of the pieces an unbroken stream is cut into [s]
     gap: float = 1.0  # pause that ends a burst [s]
     patience: int = 256  # frames that a key lets pass while one is missing
-    settle: int = 24  # frames in good order that prove a gap real
+    settle: int = 16  # frames in good order that prove a gap real
     max_bytes: int = 128 * 2**20  # held while waiting
     expected: tuple[str, ...] = ()  # channels that are waited for before the first window: accel/y6, ...
+
+
+DEFAULT = AssemblySettings()
 
 
 @dataclass(slots=True)
@@ -46,7 +50,7 @@ class _Open:
 class Assembler:
     """The assembly of one asset's frames."""
 
-    def __init__(self, settings: AssemblySettings = AssemblySettings()):
+    def __init__(self, settings: AssemblySettings = DEFAULT):
         self.settings = settings
         self.counters: dict[str, dict[str, int]] = {}  # by channel and kind, since the asset was first seen
         self._lanes = {label: self._lane() for label in settings.expected}
@@ -102,7 +106,7 @@ class Assembler:
         return self._open is not None or any(lane.queue or lane.released for lane in self._lanes.values())
 
     def to_dict(self) -> dict[str, Any]:
-        """Where the windows so far end, as JSON-safe data: what a restart needs to go on without counting twice."""
+        """Where the windows so far end, JSON-safe: what a restart needs to go on without counting twice."""
         return {
             "closed_until_ns": self._closed_until,
             "channels": sorted(self._known),
@@ -119,7 +123,7 @@ class Assembler:
         }
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any], settings: AssemblySettings = AssemblySettings()) -> Assembler:
+    def from_dict(cls, data: Mapping[str, Any], settings: AssemblySettings = DEFAULT) -> Assembler:
         """An assembler that goes on after the windows of `to_dict`."""
         self = cls(settings)
         self._closed_until = int(data["closed_until_ns"])
@@ -147,19 +151,18 @@ class Assembler:
         yield from self._merge(known=float("inf"))
 
     def _forget_silent(self) -> None:
-        """Stops waiting for keys of which nothing has come while the others went on for long."""
-        limit = (2 * LENGTH_LIMITS[1] + self.settings.gap) * NS
-        live = [lane for lane in self._lanes.values() if lane.released]
-        ready = [
-            x for x in live if x.run >= self.settings.settle or len(x.released) >= self.settings.patience
-        ]
+        """Stops waiting for keys of which nothing has come while another went on in good order for long."""
+        longest = max((_length(lane.last) for lane in self._lanes.values()), default=0)
+        gone_on = 0
         for lane in self._lanes.values():
-            if lane.silent or lane.queue or lane.released:
-                continue
-            for other in ready:
-                since = lane.last[2] if lane.last else other.released[0][0].start_time_ns
-                if other.last is not None and other.last[2] - since > limit:
-                    lane.silent = True
+            backlog = len(lane.released)
+            if backlog >= self.settings.settle and (
+                lane.run >= self.settings.settle or backlog >= self.settings.patience
+            ):
+                gone_on = max(gone_on, backlog * _length(lane.last))
+        for lane in self._lanes.values():
+            if not lane.queue and not lane.released and gone_on > 2 * (_length(lane.last) or longest):
+                lane.silent = True
 
     def _merge(self, known: float | None = None) -> Iterator[tuple[Window, dict[str, Any]]]:
         """Takes released frames in time order as far as every key is complete, or as far as told [ns]."""
@@ -226,3 +229,8 @@ class Assembler:
 
 def _size(frame: Frame) -> int:
     return frame.values.size if isinstance(frame, SampleFrame) else frame.edge_offsets_ns.size
+
+
+def _length(last: tuple[int, int, int] | None) -> int:
+    """Length of the newest frame of a key [ns]."""
+    return last[2] - last[1] if last else 0

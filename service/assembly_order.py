@@ -30,7 +30,7 @@ class Lane:
     lost: list[tuple[int, int]] = field(default_factory=list)  # sequence ranges given up, [first, last]
     newest_arrival: int | None = None
     highest: int | None = None
-    run: int = 0  # arrivals in good order, up to the newest
+    run: int = 0  # arrivals in good order, up to the newest: a shuffled stream has no long run
     silent: bool = False  # nothing has come for so long that others no longer wait for it
     pending_bytes: int = 0
 
@@ -68,7 +68,7 @@ class Lane:
         return QUEUED, disorder
 
     def release(self, force: bool = False) -> int:
-        """Lets go what is contiguous, or what has waited long enough; answers how many frames were given up."""
+        """Lets go what is contiguous or has waited long enough; answers how many frames were given up."""
         given_up, taken = 0, 0
         while taken < len(self.queue):
             start, sequence, frame = self.queue[taken]
@@ -78,7 +78,7 @@ class Lane:
             if (
                 newest is None or sequence <= newest
             ):  # a first frame: of the key, or after its counter restarted
-                if not (force or sequence == 0 or waiting >= self.patience or self._settled_from(taken)):
+                if not (force or sequence == 0 or waiting >= self.patience or self.run >= self.settle):
                     break
             elif sequence > newest + 1:
                 if not (force or waiting >= self.patience or self.run >= self.settle):
@@ -91,11 +91,6 @@ class Lane:
             taken += 1
         del self.queue[:taken]
         return given_up
-
-    def _settled_from(self, index: int) -> bool:
-        """Whether the frames waiting from an index on have come in good order, none missing."""
-        span = self.queue[-1][1] - self.queue[index][1]
-        return self.run >= self.settle and span == len(self.queue) - index - 1
 
     def take(self) -> tuple[Frame, int]:
         """The next released frame and the frames lost before it."""

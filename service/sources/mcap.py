@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from mcap.records import McapRecord, Message
 
-from service.assembly import Assembler, AssemblySettings
+from service.assembly import DEFAULT, Assembler, AssemblySettings
 from service.errors import FrameError, InputError
 from service.frames import LENGTH_LIMITS, NS, Frame
 from service.sources.mcap_scan import Block, Contents, read_block, scan
@@ -102,7 +102,7 @@ class Recording:
             raise InputError(f"{self.path}: attachment {RIG_ATTACHMENT} is not TOML: {error}") from None
 
     def messages(self) -> Iterator[RawFrame]:
-        """All whole messages of the measurement channels; damaged chunks are left out and noted in `faults`."""
+        """Whole messages of the measurement channels; damaged chunks are left out and noted in `faults`."""
         damaged: list[str] = []
         used = 0
         for records in self._ordered(damaged):
@@ -228,7 +228,7 @@ def _locally_ordered(messages: list[Message]) -> list[Message]:
 
 
 def read_windows(
-    path: str | Path, settings: AssemblySettings = AssemblySettings()
+    path: str | Path, settings: AssemblySettings = DEFAULT
 ) -> tuple[Mapping[str, Any] | None, dict[str, str], list[Window]]:
     """All windows of a recording of one asset: (rig mapping or None, metadata, windows)."""
     with Recording(path) as recording:
