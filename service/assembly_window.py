@@ -7,12 +7,13 @@ not to be trusted), `refused` (nothing usable is left), `none` (noted only).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from service.frames import NS, EncoderFrame, SampleFrame
+from service.frames import NS, EncoderFrame, Frame, SampleFrame
 from twin.windows import Edges, Fault, Samples, Window
 
 QUALITIES = {"none": "good", "repaired": "repaired", "degraded": "degraded", "refused": "refused"}
@@ -24,11 +25,14 @@ _FLAT_RUN = 4  # equal extreme samples in a row that no vibration gives: clipped
 _MARGIN = 0.05  # [s] by which channels may start and end apart
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
+F = TypeVar("F", SampleFrame, EncoderFrame, Frame)
+
+
+@dataclass(frozen=True)
+class Piece(Generic[F]):
     """Values `begin` to `end` (exclusive) of one frame, and the frames lost directly before it."""
 
-    frame: SampleFrame | EncoderFrame
+    frame: F
     begin: int
     end: int
     lost: int = 0
@@ -45,7 +49,7 @@ class Piece:
         return self.end - self.begin
 
 
-def split_index(frame: SampleFrame | EncoderFrame, time_ns: int) -> int:
+def split_index(frame: Frame, time_ns: int) -> int:
     """Number of the frame's values that lie before a time."""
     ahead = time_ns - frame.start_time_ns
     if isinstance(frame, EncoderFrame):
@@ -62,7 +66,7 @@ def build_window(
     for label in sorted(pieces):
         kind, name = label.split("/", 1)
         parts = sorted(pieces[label], key=lambda p: (p.start_ns, p.frame.sequence))
-        build = _edges if kind == "encoder" else _samples
+        build: Any = _edges if kind == "encoder" else _samples
         channel = build(label, parts, start_ns, end_ns, faults)
         if channel is not None:
             groups[kind][name] = channel
@@ -86,7 +90,13 @@ def build_window(
     )
 
 
-def _majority(label: str, parts: Sequence[Piece], value, unit: str, faults: list[Fault]) -> list[Piece]:
+def _majority(
+    label: str,
+    parts: Sequence[Piece[F]],
+    value: Callable[[Piece[F]], float],
+    unit: str,
+    faults: list[Fault],
+) -> list[Piece[F]]:
     """The pieces that agree with the rate most values have; the others count as a rate change."""
     sizes: dict[float, int] = {}
     for part in parts:
@@ -109,7 +119,7 @@ def _majority(label: str, parts: Sequence[Piece], value, unit: str, faults: list
 
 
 def _samples(
-    label: str, parts: Sequence[Piece], start_ns: int, end_ns: int, faults: list[Fault]
+    label: str, parts: Sequence[Piece[SampleFrame]], start_ns: int, end_ns: int, faults: list[Fault]
 ) -> Samples | None:
     """One evenly sampled channel; None where nothing of it is left."""
     parts = [p for p in _majority(label, parts, lambda p: p.frame.sample_rate, "Hz", faults) if p.size]
@@ -154,7 +164,7 @@ def _by_share(share: float) -> str:
 
 def _note_gaps(
     label: str,
-    parts: Sequence[Piece],
+    parts: Sequence[Piece[Any]],
     hole: float,
     ends: tuple[float, float],
     length: float,
@@ -194,7 +204,7 @@ def _in_runs(flags: np.ndarray) -> int:
 
 
 def _edges(
-    label: str, parts: Sequence[Piece], start_ns: int, end_ns: int, faults: list[Fault]
+    label: str, parts: Sequence[Piece[EncoderFrame]], start_ns: int, end_ns: int, faults: list[Fault]
 ) -> Edges | None:
     """One encoder; None where its edges cannot be trusted."""
     parts = [

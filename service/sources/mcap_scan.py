@@ -31,8 +31,8 @@ _CHUNK_HEAD = struct.Struct(
 _LARGEST_CHUNK = 2**30
 _MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
 _MARK_OFFSET = _HEADER + _CHUNK_HEAD.size - 4  # of the mark from the start of a chunk record
-_UNREADABLE = (McapError, zstandard.ZstdError, struct.error, ValueError, RuntimeError, OSError)
-_UNREADABLE += (MemoryError, OverflowError)  # lengths that a flipped bit made immense
+_IMMENSE = (MemoryError, OverflowError)  # lengths that a flipped bit made so
+_UNREADABLE = (McapError, zstandard.ZstdError, struct.error, ValueError, RuntimeError, OSError, *_IMMENSE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from google.protobuf import descriptor_pb2
 from google.protobuf.message import DecodeError
 
 from service.errors import FrameError
 from service.frames import EncoderFrame, Frame, SampleFrame
-from service.wire import gearbox_pb2 as pb
+from service.wire import gearbox_pb2
 from service.wire.topics import Channel, topic_of
+
+pb: Any = gearbox_pb2  # its classes are made at import
 
 SCHEMAS = {
     "accel": "gearbox.v1.SampleFrame",
