@@ -66,10 +66,19 @@ def foundation_compliance(
             f"bore_radius = {bore_radius:g} m is outside (0, {tooth.root_radius:g}) m; a diameter?"
         )
     β = np.atleast_1d(np.asarray(contact_roll_angle, float)) - tooth.base_half_angle
-    θ, h = root_half_angle(tooth, root_section), tooth.root_radius / bore_radius
-    L, M, P, Q = _COEFFICIENTS @ np.array([1 / θ**2, h**2, h / θ, 1 / θ, h, 1.0])
     x, y = tooth.flank_point(β)
-    u = y - x * np.tan(β) - tooth.root_radius
-    S = 2 * tooth.root_radius * θ
-    body = L * (u / S) ** 2 + M * (u / S) + P * (1 + Q * np.tan(β) ** 2)
-    return np.cos(β) ** 2 / (youngs_modulus * face_width) * body
+    body = body_factor(
+        β,
+        y - x * np.tan(β) - tooth.root_radius,
+        half_angle=root_half_angle(tooth, root_section),
+        root_radius=tooth.root_radius,
+        bore_radius=bore_radius,
+    )
+    return body / (youngs_modulus * face_width)
+
+
+def body_factor(β, u, *, half_angle: float, root_radius: float, bore_radius: float) -> np.ndarray:
+    """E·W/k_f, without dimension, of a force at angles β [rad] and heights u [m]; (n,), (n,) → (n,)."""
+    θ, h, S = half_angle, root_radius / bore_radius, 2 * root_radius * half_angle
+    L, M, P, Q = _COEFFICIENTS @ np.array([1 / θ**2, h**2, h / θ, 1 / θ, h, 1.0])
+    return np.cos(β) ** 2 * (L * (u / S) ** 2 + M * (u / S) + P * (1 + Q * np.tan(β) ** 2))

@@ -62,8 +62,8 @@ def _compliance(pair: GearPair, s: np.ndarray, root_section: str) -> dict[str, n
 
 
 def pair_stiffness(pair: GearPair, s, root_section: str = "flank") -> np.ndarray:
-    """k [N/m] of one tooth pair at path positions s [m]; (n,) → (n,)."""
-    k = 1 / sum(pair_compliance(pair, s, root_section).values())
+    """k [N/m] of one tooth pair at path positions s [m]; any shape → the same."""
+    k = 1 / sum(pair_compliance(pair, np.ravel(s), root_section).values())
     return k.reshape(np.shape(s))
 
 
