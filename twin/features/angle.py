@@ -104,10 +104,12 @@ def grouped(position, values, size: int) -> tuple[np.ndarray, np.ndarray]:
     return mean_position, np.where(good, rows, 0.0).sum(axis=1)[keep] / count
 
 
-def fit_track(angle, time, start: float, stop: float, source: str) -> AngleTrack:
-    """Least-squares spline of time [s] against absolute angle [rad], (n,) each, one knot per 1.5 turns."""
+def fit_track(
+    angle, time, start: float, stop: float, source: str, turns_per_knot: float = TURNS_PER_KNOT
+) -> AngleTrack:
+    """Least-squares spline of time [s] against absolute angle [rad], (n,) each."""
     span = stop - start
-    pieces = max(1, round(span / (2 * pi * TURNS_PER_KNOT)))
+    pieces = max(1, round(span / (2 * pi * turns_per_knot)))
     while True:
         knots = np.linspace(0.0, span, pieces + 1)
         x = angle - start

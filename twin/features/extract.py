@@ -15,6 +15,7 @@ from scipy import fft
 from twin.errors import NotAvailable, TwinError
 from twin.features.angle import AngleTrack, angle_track
 from twin.features.level import band_level
+from twin.features.mesh_speed import mesh_track
 from twin.features.orders import mesh_bands, order_lines, window_weight
 from twin.features.resample import AngleSignal, on_angle, spline_response
 from twin.features.transmission_error import transmission_error
@@ -119,7 +120,7 @@ def pinion_angle(rig: Rig, window: Window, accelerations: dict[str, Samples]) ->
     if "gear" in window.encoders:
         z1, z2 = rig.teeth
         return angle_track(window.encoders["gear"], z2 / z1, "encoder/gear")
-    raise NotAvailable("the speed is not available: no encoder is in this window")
+    return mesh_track(rig, accelerations)
 
 
 def reference(rig: Rig, window: Window) -> tuple[str, Samples]:

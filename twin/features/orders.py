@@ -32,6 +32,8 @@ from twin.features.resample import AngleSignal, at, coefficients
 
 RESOLUTION = 1.2  # least distance of two lines, times the turns covered
 FEWEST_TURNS = 3.0
+WEIGHTS_PER_TURN = 160  # of the window's own transform, where the record has gaps
+TAPER_REACH = 40.0  # orders beyond which the tapers towards gaps pass nothing on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,14 +106,22 @@ def _hann_transform(δ, n: int, step: float) -> np.ndarray:
 
 
 def _window_transform(δ, weight, step: float, gaps: bool) -> np.ndarray:
-    """Σ weight·exp(−i·δ·φ); with gaps only where the lines are near enough to disturb each other."""
+    """Σ weight·exp(−i·δ·φ).
+
+    With gaps from every m-th value, the weight being smooth, and zero beyond the reach of its tapers.
+    """
     n = weight.size
     if not gaps:
         return _hann_transform(δ, n, step)
+    m = max(1, int(2 * pi / step / WEIGHTS_PER_TURN))
+    thin = weight[(n - 1) % m // 2 :: m]
+    thin = thin[: (n - 1) // m + 1]
     out = np.zeros(δ.shape, dtype=complex)
-    near = np.abs(δ) * n * step / (2 * pi) < 16
+    near = np.abs(δ) < TAPER_REACH
     unique, back = np.unique(np.round(δ[near], 9), return_inverse=True)
-    out[near] = _Transform(n, step, unique).forward(weight)[back]
+    offset = 0.5 * step * ((n - 1) - 2 * ((n - 1) % m // 2) - m * (thin.size - 1))  # of the middles
+    values = m * _Transform(thin.size, m * step, unique).forward(thin) * np.exp(1j * unique * offset)
+    out[near] = values[back]
     return out
 
 
