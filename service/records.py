@@ -14,7 +14,7 @@ PARTS = ("wear", "rul", "residual", "unexplained")
 
 
 def plain(value: Any) -> Any:
-    """The value as strict JSON data: numpy unwrapped, tuples as lists, numbers that are not finite as null."""
+    """The value as strict JSON data: numpy unwrapped, tuples as lists, not-finite numbers as null."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray | np.generic):

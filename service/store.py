@@ -203,7 +203,8 @@ class Store:
     def windows(self, asset: str) -> tuple[StoredWindow, ...]:
         """Every window of the asset in time order, refused ones too."""
         rows = self._rows(
-            "SELECT start_ns, quality, faults, record, figures FROM windows WHERE asset = ? ORDER BY start_ns",
+            "SELECT start_ns, quality, faults, record, figures FROM windows"
+            " WHERE asset = ? ORDER BY start_ns",
             (asset,),
         )
         return tuple(

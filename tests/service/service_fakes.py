@@ -105,6 +105,9 @@ def take(store: Store, board: Board | None, asset: str, index: int, revolutions:
     quality, faults = changes.pop("quality", "good"), changes.pop("faults", ())
     given = changes.pop("report", None) or report(revolutions, index + 1)
     entry = record(index, revolutions, **changes)
+    if "status" in given["wear"]:
+        unknown = ("rms_predicted", "error_percent", "rms_after", "wear_depth_um", "k_wear_per_n")
+        entry.update(dict.fromkeys(unknown))
     start = START_NS + index * 600_000_000_000
     happened = [("window", entry), ("rul", given["rul"])]
     if entry["updated"]:
@@ -118,7 +121,7 @@ def take(store: Store, board: Board | None, asset: str, index: int, revolutions:
     if events is None:
         return False
     if board is not None:
-        window = [w for w in store.windows(asset) if w.start_ns == start][0]
+        window = next(w for w in store.windows(asset) if w.start_ns == start)
         board.add_window(
             asset, window, report=given, counters=counters, last_event_id=events[-1].id if events else 0
         )
