@@ -64,7 +64,7 @@ class Snapshot:
     report: Mapping[str, Any] | None = None
     rig: Mapping[str, Any] | None = None
     quality: Quality = field(default_factory=Quality)
-    counters: Mapping[str, int] = field(default_factory=dict)
+    counters: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     inspections: tuple[Mapping[str, Any], ...] = ()
     last_event_id: int = 0
     whole: Mapping[str, Any] = field(default_factory=dict)  # the contract's section 4
@@ -144,7 +144,7 @@ class Board:
         window: StoredWindow,
         *,
         report: Mapping[str, Any] | None = None,
-        counters: Mapping[str, int] | None = None,
+        counters: Mapping[str, Mapping[str, int]] | None = None,
         last_event_id: int | None = None,
     ) -> Snapshot:
         """Shows one committed window; a refused one leaves the report as it was."""

@@ -92,7 +92,7 @@ class StoredAsset:
     state: Mapping[str, Any] | None = None
     report: Mapping[str, Any] | None = None
     resume: Mapping[str, Any] | None = None
-    counters: Mapping[str, int] = field(default_factory=dict)
+    counters: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
 
 
 class Store:
@@ -135,7 +135,7 @@ class Store:
         faults: Iterable[Any] = (),
         quality: str = "good",
         resume: Mapping[str, Any] | None = None,
-        counters: Mapping[str, int] | None = None,
+        counters: Mapping[str, Mapping[str, int]] | None = None,
     ) -> tuple[Event, ...] | None:
         """Takes in one window, whole; None (and nothing changed) where it is there already.
 
@@ -159,7 +159,7 @@ class Store:
         *,
         events: Iterable[tuple[str, Mapping[str, Any]]] = (),
         resume: Mapping[str, Any] | None = None,
-        counters: Mapping[str, int] | None = None,
+        counters: Mapping[str, Mapping[str, int]] | None = None,
     ) -> tuple[Event, ...]:
         """Takes in what happened outside a window: faults of the stream, counters, where to resume."""
         with self._transaction() as db:

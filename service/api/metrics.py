@@ -58,8 +58,11 @@ class BoardCollector(Collector):
 
     def collect(self) -> Iterator[Metric]:
         snapshots = [s for name in self._board.assets() if (s := self._board.get(name))]
+        frames = CounterMetricFamily("gear_twin_frames", "Frames taken in", labels=("asset", "channel"))
         stream = CounterMetricFamily(
-            "gear_twin_stream", "What the stream brought, by counter", labels=("asset", "counter")
+            "gear_twin_frame_faults",
+            "Frames that were lost, late, double, out of order or refused",
+            labels=("asset", "channel", "kind"),
         )
         windows = CounterMetricFamily("gear_twin_windows", "Windows by quality", labels=("asset", "quality"))
         faults = CounterMetricFamily(
@@ -76,8 +79,12 @@ class BoardCollector(Collector):
         )
         for snapshot in snapshots:
             name = snapshot.asset
-            for counter, value in snapshot.counters.items():
-                stream.add_metric((name, counter), value)
+            for channel, kinds in snapshot.counters.items():
+                for kind, count in kinds.items():
+                    if kind == "frames":
+                        frames.add_metric((name, channel), count)
+                    else:
+                        stream.add_metric((name, channel, kind), count)
             for quality, count in snapshot.quality.windows.items():
                 windows.add_metric((name, quality), count)
             for (kind, channel), count in _fault_counts(snapshot).items():
@@ -89,7 +96,7 @@ class BoardCollector(Collector):
                     depth.add_metric((name, flank, quantile), value)
             for quantile, value in _quantiles(latest.get("rul_hours") or {}):
                 life.add_metric((name, quantile), value)
-        yield from (stream, windows, faults, updates, depth, life)
+        yield from (frames, stream, windows, faults, updates, depth, life)
         for key, value in self._gauges().items():
             yield GaugeMetricFamily(f"gear_twin_{key}", key.replace("_", " "), value=value)
 

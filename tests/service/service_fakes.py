@@ -113,7 +113,7 @@ def take(store: Store, board: Board | None, asset: str, index: int, revolutions:
     if entry["updated"]:
         happened.append(("update", {"revolutions": revolutions, "k_wear_per_n": entry["k_wear_per_n"]}))
     happened += [("data_fault", fault) for fault in faults]
-    counters = {"frames": 40 * (index + 1), "duplicate": index}
+    counters = {"accel/y6": {"frames": 40 * (index + 1), "duplicate": index}}
     events = store.commit(
         asset, start, record=entry, state={"windows_seen": index + 1, "memory": {}}, report=given,
         events=happened, faults=faults, quality=quality, resume={"taken_to_ns": start}, counters=counters,
