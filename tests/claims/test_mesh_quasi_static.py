@@ -7,7 +7,13 @@ from scipy.optimize import brentq
 from tests.mesh_pairs import PAIRS, UNSW
 from twin.errors import ParameterError
 from twin.mesh.corner_contact import corner_gap
-from twin.mesh.quasi_static import mesh_period, pair_positions, static_deflection, static_mesh
+from twin.mesh.quasi_static import (
+    mesh_period,
+    nominal_mesh_stiffness,
+    pair_positions,
+    static_deflection,
+    static_mesh,
+)
 from twin.mesh.stiffness import PairStiffness
 
 FORCE = 560.0  # 10 N·m on the pinion of the reference rig
@@ -100,6 +106,19 @@ def test_static_transmission_error_is_continuous_and_periodic():
         d = static_mesh(*mesh_of(UNSW, n)[1:], FORCE).deflection
         jumps.append(np.abs(np.diff(np.append(d, d[0]))).max())
     assert jumps[1] < jumps[0] / 6
+
+
+def test_mean_mesh_stiffness_is_the_mean_of_the_curve():
+    stiffness = PairStiffness.of(UNSW)
+    curve = nominal_mesh_stiffness(stiffness, 20000)
+    assert stiffness.mesh_mean == pytest.approx(curve.mean(), rel=1e-4)
+
+
+def test_under_a_light_load_the_tangent_is_the_nominal_mesh_stiffness():
+    _, k, gap = mesh_of(UNSW)
+    tangent = static_mesh(k, gap, 1e-3).mesh_stiffness
+    nominal = nominal_mesh_stiffness(PairStiffness.of(UNSW), 512)
+    assert np.sum(~np.isclose(tangent, nominal, rtol=1e-12)) <= 2  # at the ends of the path
 
 
 def test_load_widens_the_contact_beyond_the_nominal_path():

@@ -25,7 +25,7 @@ import pytest
 
 from tests.mesh_pairs import ROOT, standard_pair
 from twin.mesh.foundation import body_factor
-from twin.mesh.quasi_static import mesh_period, pair_positions
+from twin.mesh.quasi_static import nominal_mesh_stiffness
 from twin.mesh.stiffness import PairStiffness
 from twin.mesh.tooth_compliance import tooth_compliance
 
@@ -42,9 +42,7 @@ def pair_of(record):
 
 def mesh_curve(pair, root_section):
     """Stiffness of all pairs inside the nominal path over a mesh period, as ROSS adds them; (4096,) [N/m]."""
-    s = pair_positions(pair, mesh_period(pair, 4096))
-    inside = (s >= pair.path_start) & (s <= pair.path_end)
-    return np.sum(np.where(inside, PairStiffness.of(pair, root_section=root_section)(s), 0.0), axis=0)
+    return nominal_mesh_stiffness(PairStiffness.of(pair, root_section=root_section), 4096)
 
 
 def ross_body(pair, wheel, ξ):

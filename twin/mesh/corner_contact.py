@@ -55,7 +55,7 @@ def _foot_radius(pair: GearPair, flank: int) -> float | None:
 
 
 def _undercut_separation(pair: GearPair, flank: int, foot_radius: float, σ: np.ndarray) -> np.ndarray:
-    """Distance [m] of the foot of gear `flank` from its mate, beyond the mate's tip of that tip; (n,) → (n,)."""
+    """Distance [m] from the mate of the foot of gear `flank`, further out of the mate's tip; (n,) → (n,)."""
     α, a, mate_tip = pair.pressure_angle, pair.centre_distance, pair.tip_radius[1 - flank]
     r_b = pair.base_radius[flank]
     ψ_last = np.arccos((a**2 + foot_radius**2 - mate_tip**2) / (2 * a * foot_radius))

@@ -63,8 +63,12 @@ def _compliance(pair: GearPair, s: np.ndarray, root_section: str) -> dict[str, n
 
 def pair_stiffness(pair: GearPair, s, root_section: str = DEFAULT_ROOT_SECTION) -> np.ndarray:
     """k [N/m] of one tooth pair at path positions s [m]; any shape → the same."""
-    k = 1 / sum(pair_compliance(pair, np.ravel(s), root_section).values())
-    return k.reshape(np.shape(s))
+    compliance = _total(pair_compliance(pair, np.ravel(s), root_section))
+    return (1 / compliance).reshape(np.shape(s))
+
+
+def _total(compliance: dict[str, np.ndarray]) -> np.ndarray:
+    return np.sum(list(compliance.values()), axis=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,7 +90,7 @@ class PairStiffness:
         """The spline of a gear pair; `scale` multiplies it (the rig's or a calibrated stiffness_scale)."""
         beyond = _LEVELLING * pair.base_pitch
         levels = np.linspace(pair.path_start - beyond, pair.path_end + beyond, _KNOTS)
-        compliance = sum(_compliance(pair, levels, root_section).values())
+        compliance = _total(_compliance(pair, levels, root_section))
         return cls(pair=pair, s=levels, values=scale / compliance)
 
     def __call__(self, s):
@@ -102,3 +106,8 @@ class PairStiffness:
     def scaled(self, factor: float) -> PairStiffness:
         """The same pair, `factor` times as stiff."""
         return PairStiffness(pair=self.pair, s=self.s, values=factor * self.values)
+
+    @property
+    def mesh_mean(self) -> float:
+        """Mean over a mesh period of all pairs inside the nominal path: ∫k ds/p_b [N/m]."""
+        return float(self._spline.integrate(self.pair.path_start, self.pair.path_end)) / self.pair.base_pitch
