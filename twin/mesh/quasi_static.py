@@ -25,7 +25,7 @@ from twin.geometry.gear_pair import GearPair
 from twin.mesh.stiffness import PairStiffness
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StaticMesh:
     """The loaded mesh at n positions with p pairs."""
 

@@ -71,7 +71,7 @@ def _total(compliance: dict[str, np.ndarray]) -> np.ndarray:
     return np.sum(list(compliance.values()), axis=0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairStiffness:
     """k(s) of one tooth pair as a spline with two continuous derivatives: fast to evaluate."""
 

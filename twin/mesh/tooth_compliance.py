@@ -30,7 +30,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 _SHEAR_FACTOR = 1.2  # rectangular section
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToothCompliance:
     """What bends under a force, per newton, in the force's direction; each (n,) [m/N]."""
 
