@@ -171,6 +171,18 @@ def test_an_encoder_that_runs_backwards_is_not_used(how):
     assert assembler.counters["encoder/gear"]["reversed"] >= 1
 
 
+def test_an_edge_count_that_falls_between_windows_is_seen_once():
+    frames = [
+        dataclasses.replace(f, first_edge_index=f.first_edge_index - 3500)
+        if f.channel == PINION and f.start_time_ns > T0 + 6 * NS
+        else f
+        for f in bursts(3)
+    ]
+    windows, assembler = assembled(frames)
+    assert faults(windows) == [(1, "counter_reset", "encoder/pinion", 1, "degraded")]
+    assert assembler.counters["encoder/pinion"]["counter_reset"] == 1
+
+
 def test_an_edge_out_of_order_by_noise_is_left_out():
     offsets = [f for f in bursts(1) if f.channel == PINION][2].edge_offsets_ns.copy()
     offsets[7] = offsets[6]
