@@ -150,9 +150,9 @@ class Assembler:
         return order.Lane(patience=self.settings.patience, settle=self.settings.settle)
 
     def _release(self, label: str, lane: order.Lane, force: bool = False) -> None:
-        lost = lane.release(force)
-        if lost:
-            self.count(label, "lost", lost)
+        for kind, number in lane.release(force).items():
+            if number:
+                self.count(label, kind, number)
 
     def _force(self) -> Iterator[tuple[Window, dict[str, Any]]]:
         """Lets everything go that waits, without regard to what may be missing."""

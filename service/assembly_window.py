@@ -207,9 +207,9 @@ def _note_clipping(label: str, values: np.ndarray, faults: list[Fault]) -> None:
 
 def _in_runs(flags: np.ndarray) -> int:
     """How many of the flags lie in runs of at least _FLAT_RUN."""
-    change = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
-    runs = change[1::2] - change[::2]
-    return int(runs[runs >= _FLAT_RUN].sum())
+    places = np.flatnonzero(flags)
+    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    return sum(run.size for run in runs if run.size >= _FLAT_RUN)
 
 
 def _edges(

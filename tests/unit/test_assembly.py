@@ -239,6 +239,15 @@ def test_a_clock_that_jumps_years_ahead_costs_one_frame():
     assert assembler.counters["accel/y6"]["time_jump"] == 1
 
 
+def test_a_machine_that_is_taken_up_again_after_years_goes_on():
+    later = [dataclasses.replace(f, start_time_ns=f.start_time_ns + 10**17) for f in bursts(2)]
+    windows, assembler = assembled(bursts(2) + later)
+    assert [w.start_time_ns for w in windows[2:]] == [T0 + 10**17, T0 + 10**17 + round(6.5 * NS)]
+    reset = [(2, "counter_reset", f"encoder/{shaft}", 1, "degraded") for shaft in ("gear", "pinion")]
+    assert faults(windows) == reset  # its encoders, unlike the clock, began again
+    assert "time_jump" not in assembler.counters["accel/y6"]
+
+
 @pytest.mark.parametrize("stop", range(0, 96, 7))
 def test_a_restart_at_any_frame_counts_nothing_twice_and_loses_nothing(stop):
     frames = bursts(4)
