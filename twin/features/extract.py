@@ -14,9 +14,10 @@ from scipy import fft
 
 from twin.errors import NotAvailable, TwinError
 from twin.features.angle import AngleTrack, angle_track
+from twin.features.gaps import runs
 from twin.features.level import band_level
 from twin.features.mesh_speed import mesh_track
-from twin.features.orders import mesh_bands, order_lines, window_weight
+from twin.features.orders import hann, mesh_bands, order_lines
 from twin.features.resample import AngleSignal, on_angle, spline_response
 from twin.features.transmission_error import transmission_error
 from twin.features.window_features import Key, Lines, WindowFeatures
@@ -72,15 +73,16 @@ def noise_rms(signal: AngleSignal, speed: float, band: tuple[float, float]) -> f
     """RMS in the band [Hz] of what lies between the orders: a low quantile of the spectrum, block by block.
 
     In a block of 64 bins the power of noise is exponentially distributed: its 10 % quantile is 0.105 of its
-    mean, and lines, which do not fill all bins, hardly move it.
+    mean, and lines, which do not fill all bins, hardly move it. Taken from the longest stretch without a gap.
     """
-    n = signal.values.size
-    weight = window_weight(signal)
-    x = weight * (signal.values - (weight @ signal.values) / weight.sum())
-    length = fft.next_fast_len(n, real=True)
-    power = 2 * np.abs(fft.rfft(x, length)) ** 2 / (length * (weight @ weight))
-    frequency = np.arange(power.size) * 2 * np.pi / (length * signal.step) * speed
-    power = power[(frequency >= band[0]) & (frequency <= band[1])][3:]
+    start, stop = max(runs(signal.usable), key=lambda r: r[1] - r[0])
+    values = signal.values[start:stop]
+    weight = hann(values.size)
+    length = fft.next_fast_len(values.size, real=True)
+    spectrum = fft.rfft(weight * (values - (weight @ values) / weight.sum()), length)
+    frequency = np.arange(spectrum.size) * 2 * np.pi / (length * signal.step) * speed
+    inside = spectrum[(frequency >= band[0]) & (frequency <= band[1])][3:]
+    power = 2 * np.abs(inside) ** 2 / (length * (weight @ weight))
     blocks = power[: power.size // 64 * 64].reshape(-1, 64)
     if blocks.size == 0:
         raise NotAvailable(

@@ -9,8 +9,8 @@ w_l   weight: k²·(power over floor)
 
 The comb finds the mesh frequency to a fraction of a hertz, the phase follows it through the window. The
 zero of the angle is arbitrary. Whether the fit holds is judged twice: the comb must stand out from every
-other comb in the range, and where sidebands stand around the mesh lines, the spacing mesh/n that fits them
-best must be one of a given wheel (n a multiple or a divisor of its tooth count).
+other comb in the range, and no sidebands round the mesh lines may be spaced by a strange tooth count more
+clearly than by the pinion's.
 
 Source   J. Urbanek, T. Barszcz, J. Antoni, Mech. Syst. Signal Process. 38 (2013) 13–30 (two steps);
          F. Combet, L. Gelman, Mech. Syst. Signal Process. 21 (2007) 2590–2606
@@ -42,7 +42,7 @@ LEAST_COMB = 3.0  # least mean ln(power/floor) of one sensor's harmonics togethe
 TURNS_PER_KNOT = 4.0
 BEST_LINES = 6
 MOST_SENSORS = 6  # whose sidebands are looked at
-CLEAR_SIDEBANDS = 2.0  # mean ln(power/floor) from which sidebands speak for their spacing
+CLEAR_SIDEBANDS = 2.2  # mean ln(power/floor) from which sidebands speak for their spacing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,11 +138,16 @@ def line_phases(
     return sorted(found, key=lambda line: -line[0])[:BEST_LINES]
 
 
-def best_spacing(accelerations: Mapping[str, Samples], track: AngleTrack, z1: int) -> tuple[int, float]:
-    """The whole number n for which sidebands spaced mesh/n stand out best, and their mean ln(power/floor).
+def rival_spacing(
+    accelerations: Mapping[str, Samples], track: AngleTrack, teeth: tuple[int, int]
+) -> tuple[int, float, float]:
+    """The best sideband spacing mesh/n with an n that belongs to neither wheel.
 
-    Sidebands 1 to 3 on both sides of mesh harmonics 1 to 3; a line counts at most 5: none decides alone.
+    Sidebands 1 to 3 on both sides of mesh harmonics 1 to 3; a line counts at most 5: none decides alone. An n
+    belongs to a wheel if it is a multiple or a divisor of its tooth count.
+    returns n, its mean ln(power/floor), and that of the pinion's own spacing
     """
+    z1 = teeth[0]
     spacings = np.arange(8, 101)
     k, m, n = np.ix_((1, 2, 3), (-3, -2, -1, 1, 2, 3), spacings)
     place = (k + m / n).reshape(-1, spacings.size)
@@ -155,11 +160,15 @@ def best_spacing(accelerations: Mapping[str, Samples], track: AngleTrack, z1: in
         mesh_bin = signal.turns * z1  # bins per mesh order
         power = np.abs(fft.rfft(hann(signal.values.size) * (signal.values - signal.values.mean()))) ** 2
         level = np.minimum(over_floor(power[: int(4 * mesh_bin)], int(2 * signal.turns) | 1), 5.0)
-        level = maximum_filter1d(level, 3)
+        peak = power[: level.size] >= maximum_filter1d(power[: level.size], 7)  # not a strong line's flank
+        level = maximum_filter1d(np.where(peak, level, 0.0), 3)
         score += level[np.clip(np.rint(place * mesh_bin).astype(int), 0, level.size - 1)].mean(axis=0)
         counted += 1
-    best = int(np.argmax(score))
-    return int(spacings[best]), float(score[best] / max(counted, 1))
+    score /= max(counted, 1)
+    strange = np.array([not any(n % z == 0 or z % n == 0 for z in teeth) for n in spacings])
+    best = int(np.argmax(np.where(strange, score, -1.0)))
+    own = score[z1 - 8] if 8 <= z1 <= 100 else np.inf
+    return int(spacings[best]), float(score[best]), float(own)
 
 
 def mesh_track(rig: Rig, accelerations: Mapping[str, Samples]) -> AngleTrack:
@@ -226,15 +235,15 @@ def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nom
     std = max(
         scatter, bin_width * (0.1 if len(slopes) == 1 else 0.01)
     )  # lines of one machine share their wander
-    spacing, strength = best_spacing(usable, track, z1)
-    if strength > CLEAR_SIDEBANDS and not any(spacing % z == 0 or z % spacing == 0 for z in teeth):
+    spacing, strength, own = rival_spacing(usable, track, teeth)
+    if strength > max(CLEAR_SIDEBANDS, 1.2 * own):
         raise NotAvailable(
             f"the speed is not available: the lines near {wanted} have sidebands at 1/{spacing} of "
             f"{coarse:.2f} Hz, not at 1/{teeth[0]} or 1/{teeth[1]}; wrong tooth counts?"
         )
     return MeshSpeed(
         mesh_hz=track.speed * z1,
-        mesh_std_hz=std,
+        mesh_std_hz=float(std),
         lines=tuple(names),
         comb=comb,
         runner_up=runner_up,
