@@ -74,6 +74,7 @@ def noise_rms(signal: AngleSignal, speed: float, band: tuple[float, float]) -> f
 
     In a block of 64 bins the power of noise is exponentially distributed: its 10 % quantile is 0.105 of its
     mean, and lines, which do not fill all bins, hardly move it. Taken from the longest stretch without a gap.
+    Where every tooth differs (pitch errors), lines fill the bins between the orders: then an upper bound.
     """
     start, stop = max(runs(signal.usable), key=lambda r: r[1] - r[0])
     values = signal.values[start:stop]
@@ -148,34 +149,42 @@ def _base_radius(rig: Rig) -> float | None:
     return None if radius is None else float(radius)
 
 
+def _harmonics(track: AngleTrack, teeth: tuple[int, int], highest: float, most: int) -> int:
+    """How many mesh harmonics lie below a frequency [Hz], at most so many."""
+    return min(most, int(highest / (teeth[0] * track.speed)))
+
+
+def _attenuated(signal: AngleSignal, per_turn: float):
+    """What `order_lines` takes: the signal and what interpolation left of each order."""
+    return lambda orders: [(signal.values, spline_response(orders / per_turn))]
+
+
 def _acceleration(out: _Collector, rig: Rig, samples: Samples, track: AngleTrack) -> None:
-    teeth = rig.teeth
     signal, per_turn = on_angle(samples, track)
-    highest = min(HIGHEST_LINE, USABLE_RATE * samples.rate)
-    harmonics = min(MOST_HARMONICS, int(highest / (teeth[0] * track.speed)))
 
-    def attenuated(orders):
-        return [(signal.values, spline_response(orders / per_turn))]
+    def lines() -> Lines:
+        highest = min(HIGHEST_LINE, USABLE_RATE * samples.rate)
+        keys = mesh_keys(_harmonics(track, rig.teeth, highest, MOST_HARMONICS), SIDEBAND_HARMONICS)
+        keys += [(0, p, 0) for p in (1, 2, 3)]
+        return read_lines(signal, keys, rig.teeth, "m/s²", _attenuated(signal, per_turn))
 
-    keys = mesh_keys(harmonics, SIDEBAND_HARMONICS) + [(0, p, 0) for p in (1, 2, 3)]
-    out.add("acceleration", lambda: read_lines(signal, keys, teeth, "m/s²", attenuated))
-    out.add(
-        "mesh_bands", lambda: tuple(None if np.isnan(b) else float(b) for b in mesh_bands(signal, teeth[0]))
-    )
+    def bands() -> tuple[float | None, ...]:
+        return tuple(None if np.isnan(b) else float(b) for b in mesh_bands(signal, rig.teeth[0]))
+
+    out.add("acceleration", lines)
+    out.add("mesh_bands", bands)
     out.add("noise_rms", lambda: noise_rms(signal, track.speed, rig.band))
 
 
 def _torque(out: _Collector, rig: Rig, samples: Samples, track: AngleTrack) -> None:
-    teeth = rig.teeth
-    signal, per_turn = on_angle(samples, track)
-    harmonics = min(TE_HARMONICS, int(USABLE_RATE * samples.rate / (teeth[0] * track.speed)))
+    def lines() -> Lines:
+        signal, per_turn = on_angle(samples, track)
+        keys = [(0, 0, 0)]
+        keys += mesh_keys(_harmonics(track, rig.teeth, USABLE_RATE * samples.rate, TE_HARMONICS), 1)
+        keys += [(0, p, 0) for p in range(1, 11) if p < USABLE_RATE * per_turn] + [(0, 0, 1), (0, 0, 2)]
+        return read_lines(signal, keys, rig.teeth, "N·m", _attenuated(signal, per_turn))
 
-    def attenuated(orders):
-        return [(signal.values, spline_response(orders / per_turn))]
-
-    keys = [(0, 0, 0), *mesh_keys(harmonics, 1)]
-    keys += [(0, p, 0) for p in range(1, 11) if p < 0.4 * per_turn] + [(0, 0, g) for g in (1, 2)]
-    out.add("torque", lambda: read_lines(signal, keys, teeth, "N·m", attenuated))
+    out.add("torque", lines)
 
 
 def _transmission_error(out: _Collector, rig: Rig, window: Window, track: AngleTrack) -> None:
