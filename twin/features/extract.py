@@ -19,7 +19,7 @@ from twin.features.level import band_level
 from twin.features.mesh_speed import mesh_track
 from twin.features.orders import hann, mesh_bands, order_lines
 from twin.features.resample import AngleSignal, on_angle, spline_response
-from twin.features.transmission_error import transmission_error
+from twin.features.transmission_error import pinion_motion, transmission_error
 from twin.features.window_features import Key, Lines, WindowFeatures
 from twin.rig import Rig
 from twin.windows import Samples, Window
@@ -208,6 +208,16 @@ def _transmission_error(out: _Collector, rig: Rig, window: Window, track: AngleT
         return read_lines(te.signal, keys, teeth, te.unit, attenuated)
 
     out.add("transmission_error", compute)
+    if "pinion" not in window.encoders or "gear" in window.encoders:
+        return
+
+    def alone() -> Lines:
+        edges, teeth = window.encoders["pinion"], rig.teeth
+        signal, unit = pinion_motion(edges, _base_radius(rig), track)
+        harmonics = min(TE_HARMONICS, int(USABLE_RATE * edges.per_rev / teeth[0]))
+        return read_lines(signal, mesh_keys(harmonics, 1), teeth, unit, _attenuated(signal, edges.per_rev))
+
+    out.add("pinion_motion", alone)
 
 
 def extract(rig: Rig, window: Window) -> WindowFeatures:

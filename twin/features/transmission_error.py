@@ -90,6 +90,19 @@ def departure(
     return at(coefficients(Δ), position), usable[near] & (position > -0.5) & (position < times.size - 0.5)
 
 
+def pinion_motion(pinion: Edges, base_radius: float | None, track: AngleTrack) -> tuple[AngleSignal, str]:
+    """r_b1·Δ1, the pinion's own motion about its smoothed rotation, and its unit; from the pinion's encoder alone.
+
+    At mesh orders the mesh force turns the light pinion by most of what transmission error shows, so that one
+    encoder tells nearly as much as two; the mean and the slow rest are taken up by the smoothed rotation.
+    """
+    step = 2 * pi / pinion.per_rev
+    grid = np.arange(track.start + step, track.stop - step, step)
+    Δ, usable = departure(pinion, 1.0, track, 0.0, grid)
+    scale, unit = (1.0, "rad") if base_radius is None else (base_radius, "m")
+    return AngleSignal(start=float(grid[0]), step=step, values=scale * Δ, usable=usable), unit
+
+
 def transmission_error(
     pinion: Edges,
     gear: Edges,

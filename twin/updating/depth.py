@@ -127,12 +127,12 @@ def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest:
     noise = float((np.abs(slope) ** 2 * noise2 / σ2**2).sum())
     if gauge.mean is not None:
         information += mean_slope**2 / gauge.mean_std**2
-    std = 1 / np.sqrt(information)
+    std = float(1 / np.sqrt(information)) if information > 0 else float("inf")
     lines, mean = HARMONICS * 2, gauge.mean is not None
     return DepthEstimate(
         depth=depth,
         std=std,
-        noise_std=float(np.sqrt(noise) * std**2),
+        noise_std=float(np.sqrt(noise) / information) if information > 0 else float("inf"),
         phase=ψ,
         from_lines=from_lines,
         misfit=(J - float(np.log(σ2).sum())) / (lines + mean - 2),

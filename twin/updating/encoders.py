@@ -10,13 +10,14 @@ from twin.features.window_features import Lines, WindowFeatures
 from twin.model import Condition, Model
 from twin.updating.depth import FLOOR, HARMONICS, MODEL_SCATTER, DepthEstimate, Gauge
 from twin.updating.memory import Line, MeanOffset, Memory
-from twin.updating.prediction import Expectation
+from twin.updating.prediction import MESH, Expectation
 from twin.wear.curve import LINES
 
 OFFSET_DRIFT = 1.5e-6  # of the discs' zeros from window to window: heat, creep of a mounting [m]
 COMPLIANCE_TOLERANCE = 0.05  # of the mean transmission error per torque
 MEAN_NOISE = 0.3e-6  # [m]
 PHASE_SCATTER = 0.015  # of the mesh phase, from window to window [rad]
+GRADUATION = 0.03e-6  # of a disc's graduation and of real teeth at one mesh line [m]
 LEARN_SIGNAL = 8.0  # amplitude over its std from which a line is learned from
 LEARN_SCATTER = 0.02  # of a learned factor, beyond noise
 
@@ -103,7 +104,12 @@ def learn(
 def factors(
     features: WindowFeatures, expectation: Expectation, depth: float, phase: float, index: int, teeth: int
 ) -> tuple[list[Line], list[Line]]:
-    """Measured over predicted, line by line, at a depth [m]: the path to the accelerometer, and the mesh lines."""
+    """Measured over predicted, line by line, at a depth [m]: the path to the accelerometer, and the mesh lines.
+
+    A weak line of transmission error is mostly the discs' own graduation. So what goes through the path is the mean of
+    the measured and the predicted line, weighted by what each is worth; the product of both factors is that of the
+    measured and the predicted acceleration in any case.
+    """
     lines = expectation.lines(depth)
     pinion_only = features.transmission_error is None
     model = lines.pinion_motion if pinion_only else lines.transmission_error
@@ -112,14 +118,16 @@ def factors(
     mesh: list[Line] = []
     for k in range(1, LINES + 1):
         f = k * teeth * features.speed_hz
-        x = seen.get(k)
-        if x is None or abs(x) < LEARN_SIGNAL * seen.get_std(k):
-            continue
-        scatter = float(np.hypot(seen.get_std(k) / abs(x), np.hypot(LEARN_SCATTER, 0.2 * FLOOR / abs(x))))
-        mesh.append((float(index), f, complex(x / (model[k - 1] * np.exp(1j * k * phase))), scatter))
+        predicted = model[k - 1] * np.exp(1j * k * phase)
+        x, var = predicted, (MESH.spread * abs(predicted)) ** 2
+        if seen.get(k) is not None:
+            var_seen = GRADUATION**2 + seen.get_std(k) ** 2
+            x = (predicted / var + seen.get(k) / var_seen) / (1 / var + 1 / var_seen)
+            var = 1 / (1 / var + 1 / var_seen)
+            mesh.append((float(index), f, complex(x / predicted), float(np.hypot(np.sqrt(var) / abs(x), LEARN_SCATTER))))
         y = None if heard is None else heard.get(k)
         if y is not None and abs(y) > LEARN_SIGNAL * heard.get_std(k):
             ρ = complex((y / x) / (lines.acceleration[k - 1] / model[k - 1]))
-            noise = float(np.hypot(scatter, heard.get_std(k) / abs(y)))
+            noise = float(np.hypot(LEARN_SCATTER, heard.get_std(k) / abs(y)))
             path.append((float(index), f, ρ, noise * max(abs(ρ), 0.1)))
     return path, mesh

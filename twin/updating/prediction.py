@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.model import Condition, Model
+from twin.updating.depth import HARMONICS
 from twin.updating.frequency_correction import FrequencyCorrection
 from twin.updating.memory import Memory
 from twin.wear.curve import LINES, Lines, MasterCurve
@@ -74,7 +75,8 @@ class Expectation:
     def gauge(self, depth: float, pinion_only: bool) -> tuple[np.ndarray, float]:
         """The lines that the encoders see, and the mean of the transmission error, at a depth [m]."""
         lines = self.lines(depth)
-        return (lines.pinion_motion if pinion_only else lines.transmission_error), lines.mean
+        seen = lines.pinion_motion if pinion_only else lines.transmission_error
+        return seen[:HARMONICS], lines.mean
 
 
 def band_rms(lines: np.ndarray, frequencies: np.ndarray, band: tuple[float, float], noise: float) -> float:

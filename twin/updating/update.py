@@ -227,7 +227,8 @@ def _take_measurement(
 
     if estimate is not None and allowed:
         if features.revolutions >= UNWORN_REVOLUTIONS:
-            track = track.corrected(
+            track = memory.track.followed(
+                revolutions,
                 base + curve.work_at(estimate.depth),
                 float(np.hypot(estimate.noise_std, np.hypot(DEPTH_SCATTER * estimate.depth, DEPTH_FLOOR)))
                 * curve.work_per_depth(estimate.depth),
