@@ -142,7 +142,7 @@ def rival_spacing(
     """
     z1 = teeth[0]
     spacings = np.arange(8, 101)
-    k, m, n = np.ix_((1, 2, 3), (-3, -2, -1, 1, 2, 3), spacings)
+    k, m, n = np.ix_(np.arange(1, 4), np.array([-3, -2, -1, 1, 2, 3]), spacings)
     place = (k + m / n).reshape(-1, spacings.size)
     score = np.zeros(spacings.size)
     counted = 0
@@ -203,8 +203,8 @@ def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nom
             break
     else:
         raise NotAvailable(
-            f"the speed is not available: the mesh lines near {coarse:.2f} Hz do not agree on one speed; does "
-            f"it change by more than {100 * half_width / coarse:.2g} % within the window?"
+            f"the speed is not available: the mesh lines near {coarse:.2f} Hz do not agree on one speed; "
+            f"does it change by more than {100 * half_width / coarse:.2g} % within the window?"
         )
     times, phase, names, std = agreed
     angle = (2 * np.pi * coarse * times + phase) / z1

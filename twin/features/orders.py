@@ -79,9 +79,9 @@ class _Transform:
 
     def forward(self, x) -> np.ndarray:
         """(n,) real → (orders,) complex."""
-        block = np.zeros(self.rows * self.columns)
-        block[: self.n] = x
-        block = block.reshape(self.rows, self.columns)
+        padded = np.zeros(self.rows * self.columns)
+        padded[: self.n] = x
+        block = padded.reshape(self.rows, self.columns)
         inner = block @ self.fast.real - 1j * (block @ self.fast.imag)
         return np.einsum("ro,ro->o", inner, self.slow.conj())
 
