@@ -11,7 +11,7 @@ No threads, no clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -100,14 +100,14 @@ class Pipeline:
         """Takes one frame in."""
         asset = frame.channel.asset
         line = self._line(asset)
-        for window, assembly in line.assembler.assemble(frame):
+        for window, assembly in list(line.assembler.assemble(frame)):
             self._take(asset, line, window, assembly)
 
     def flush(self, asset: str | None = None) -> None:
         """Closes the windows in progress, of one asset or of all: at the end of a file, or after silence."""
         for name in [asset] if asset is not None else self.assets:
             line = self._line(name)
-            for window, assembly in line.assembler.finish():
+            for window, assembly in list(line.assembler.finish()):
                 self._take(name, line, window, assembly)
 
     def reject(self, channel: Channel, error: FrameError) -> None:
@@ -115,6 +115,10 @@ class Pipeline:
         line = self._line(channel.asset)
         line.assembler.count(channel.label, "invalid")
         line.quality.note("invalid", channel.label, 1, "refused", str(error))
+
+    def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
+        """Lets an asset's windows close without the channels that have fallen silent."""
+        self._line(asset).assembler.wait_only_for(labels)
 
     def waiting(self, asset: str) -> bool:
         """Whether frames of an asset wait for their window's end."""

@@ -1,0 +1,57 @@
+"""The HTTP side: REST, server-sent events, metrics, the OpenAPI page and the dashboard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from fastapi import FastAPI
+
+from service.api import assets, events, metrics, models, pages, problems
+from service.board import Board
+from service.store import Store
+
+
+def create_app(
+    board: Board,
+    store: Store,
+    *,
+    not_ready: Callable[[], str | None] = lambda: None,
+    gauges: Callable[[], Mapping[str, float]] = dict,
+) -> FastAPI:
+    """The app over a board and its store.
+
+    not_ready  why the service takes no frames yet, or None
+    gauges     figures of the process for /metrics, by name: `queue_frames`, …
+    """
+    app = FastAPI(
+        title="gear-twin",
+        version=_version(),
+        summary="Digital twin of gear wear: vibration in, wear depth and remaining life out",
+        docs_url=None,
+        redoc_url=None,
+    )
+    app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
+    app.state.registry = metrics.registry(board, gauges)
+    problems.install(app)
+    for module in (assets, events, metrics, pages):
+        app.include_router(module.router)
+    pages.mount_static(app)
+    generate = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        schema = generate()
+        problem = models.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+        schema["components"]["schemas"].setdefault("Problem", problem)
+        return schema
+
+    app.openapi = openapi  # type: ignore[method-assign]
+    return app
+
+
+def _version() -> str:
+    try:
+        return version("gear-twin")
+    except PackageNotFoundError:  # run from the source tree
+        return "0+source"

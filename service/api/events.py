@@ -1,0 +1,68 @@
+"""Server-sent events of one asset: read from the store by id, so that a reader that was away misses none."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request
+from sse_starlette import EventSourceResponse, ServerSentEvent
+from starlette.concurrency import run_in_threadpool
+
+from service.api.assets import snapshot_of
+from service.api.problems import responses
+from service.board import Board
+from service.store import Store
+
+router = APIRouter(prefix="/v1/assets", tags=["assets"])
+
+PAGE = 500  # events read from the store at once
+PING_S = 15
+RETRY_MS = 1000
+LARGEST_ID = 2**63 - 1
+
+STREAM: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "`window`, `update`, `effect`, `rul` and `data_fault`, each with an id",
+        "content": {"text/event-stream": {"schema": {"type": "string"}}},
+    }
+}
+
+
+@router.get(
+    "/{asset}/events",
+    response_class=EventSourceResponse,
+    responses={**STREAM, **responses(404, 422)},
+)
+async def events(
+    request: Request,
+    asset: str,
+    after: Annotated[
+        int | None, Query(ge=0, le=LARGEST_ID, description="start behind this event; 0 for all there were")
+    ] = None,
+    last_event_id: Annotated[int | None, Header(ge=0, le=LARGEST_ID)] = None,
+) -> EventSourceResponse:
+    """What happens, as it happens: from now on, or from behind `Last-Event-ID`."""
+    snapshot = snapshot_of(request, asset)
+    start = last_event_id if last_event_id is not None else after
+    stream = _stream(
+        request.app.state.board,
+        request.app.state.store,
+        asset,
+        snapshot.last_event_id if start is None else start,
+    )
+    return EventSourceResponse(stream, ping=PING_S, headers={"Cache-Control": "no-store"})
+
+
+async def _stream(board: Board, store: Store, asset: str, after: int) -> AsyncIterator[ServerSentEvent]:
+    with board.changes() as changed:
+        yield ServerSentEvent(comment=f"events of {asset} after {after}", retry=RETRY_MS)
+        while not board.closed:
+            changed.clear()  # before reading: what comes while reading sets it again
+            page = await run_in_threadpool(store.events, asset, after, PAGE)
+            for event in page:
+                yield ServerSentEvent(json.dumps(event.data), event=event.kind, id=str(event.id))
+                after = event.id
+            if len(page) < PAGE and not board.closed:
+                await changed.wait()

@@ -1,0 +1,115 @@
+"""Health and metrics: what a machine watches the service by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse, Response
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from service.api import models
+from service.api.problems import problem, responses
+from service.board import Board, Snapshot
+
+router = APIRouter(tags=["operation"])
+
+TEXT: dict[int | str, dict[str, Any]] = {
+    200: {"description": "Prometheus text", "content": {"text/plain": {"schema": {"type": "string"}}}}
+}
+
+
+@router.get("/healthz", response_model=models.Health)
+async def healthz() -> Any:
+    """The process answers."""
+    return JSONResponse({"status": "ok"})
+
+
+@router.get("/readyz", response_model=models.Health, responses=responses(503))
+async def readyz(request: Request) -> Any:
+    """The service is subscribed and takes frames."""
+    reason = request.app.state.not_ready()
+    if reason:
+        return problem(request, 503, reason)
+    return JSONResponse({"status": "ready"})
+
+
+@router.get("/metrics", response_class=Response, responses=TEXT)
+async def metrics(request: Request) -> Response:
+    """Counters and gauges as Prometheus text."""
+    return Response(generate_latest(request.app.state.registry), media_type=CONTENT_TYPE_LATEST)
+
+
+def registry(board: Board, gauges: Callable[[], Mapping[str, float]]) -> CollectorRegistry:
+    """A registry of this app alone, that reads the board when it is scraped."""
+    own = CollectorRegistry()
+    own.register(BoardCollector(board, gauges))
+    return own
+
+
+class BoardCollector(Collector):
+    """The board as Prometheus metrics."""
+
+    def __init__(self, board: Board, gauges: Callable[[], Mapping[str, float]]) -> None:
+        self._board, self._gauges = board, gauges
+
+    def collect(self) -> Iterator[Metric]:
+        snapshots = [s for name in self._board.assets() if (s := self._board.get(name))]
+        frames = CounterMetricFamily("gear_twin_frames", "Frames taken in", labels=("asset", "channel"))
+        stream = CounterMetricFamily(
+            "gear_twin_frame_faults",
+            "Frames that were lost, late, double, out of order or refused",
+            labels=("asset", "channel", "kind"),
+        )
+        windows = CounterMetricFamily("gear_twin_windows", "Windows by quality", labels=("asset", "quality"))
+        faults = CounterMetricFamily(
+            "gear_twin_data_faults",
+            "Frames, samples or edges with a fault",
+            labels=("asset", "kind", "channel"),
+        )
+        updates = CounterMetricFamily("gear_twin_updates", "Windows that updated the twin", labels=("asset",))
+        depth = GaugeMetricFamily(
+            "gear_twin_wear_depth_micrometres", "Largest depth", labels=("asset", "flank", "quantile")
+        )
+        life = GaugeMetricFamily(
+            "gear_twin_remaining_life_hours", "Remaining useful life", labels=("asset", "quantile")
+        )
+        for snapshot in snapshots:
+            name = snapshot.asset
+            for channel, kinds in snapshot.counters.items():
+                for kind, count in kinds.items():
+                    if kind == "frames":
+                        frames.add_metric((name, channel), count)
+                    else:
+                        stream.add_metric((name, channel, kind), count)
+            for quality, count in snapshot.quality.windows.items():
+                windows.add_metric((name, quality), count)
+            for (kind, channel), count in _fault_counts(snapshot).items():
+                faults.add_metric((name, kind, channel), count)
+            updates.add_metric((name,), snapshot.updates)
+            latest = snapshot.trend[-1] if snapshot.trend else {}
+            for flank, band in (latest.get("depth_um") or {}).items():
+                for quantile, value in _quantiles(band):
+                    depth.add_metric((name, flank, quantile), value)
+            for quantile, value in _quantiles(latest.get("rul_hours") or {}):
+                life.add_metric((name, quantile), value)
+        yield from (frames, stream, windows, faults, updates, depth, life)
+        for key, value in self._gauges().items():
+            yield GaugeMetricFamily(f"gear_twin_{key}", key.replace("_", " "), value=value)
+
+
+def _fault_counts(snapshot: Snapshot) -> dict[tuple[str, str], int]:
+    counts: dict[tuple[str, str], int] = {}
+    for (kind, channel, _), (count, _) in snapshot.quality.faults.items():
+        counts[kind, channel] = counts.get((kind, channel), 0) + count
+    return counts
+
+
+def _quantiles(band: Mapping[str, float | None]) -> Iterator[tuple[str, float]]:
+    for quantile, key in (("0.05", "p05"), ("0.5", "median"), ("0.95", "p95")):
+        value = band.get(key)
+        if value is not None:
+            yield quantile, value

@@ -1,0 +1,214 @@
+"""The shapes of the REST answers, for the OpenAPI page and for what is posted.
+
+Reports are written by the twin and passed on as they are; these models describe them. Every part may be
+`not available` with its reason where too little is known of the machine, and parts may carry more than
+is named here.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
+
+Flank = Literal["combined", "pinion", "gear"]
+
+
+class _Open(BaseModel):
+    model_config = ConfigDict(extra="allow")
+
+
+class Problem(BaseModel):
+    """An error (RFC 9457)."""
+
+    type: str = Field(description="URI of the kind of problem; `about:blank` where the status says it all")
+    title: str
+    status: int
+    detail: str = Field(description="what was wrong here, with the value and what would be right")
+    instance: str = Field(description="the path that was asked for")
+    errors: list[dict[str, JsonValue]] | None = Field(
+        None, description="on 422: the place and fault of each value that cannot be"
+    )
+    known: list[str] | None = Field(None, description="on 404 of an asset: the assets that are known")
+
+
+class NotAvailable(BaseModel):
+    """Stands for a part that cannot be computed from what is known."""
+
+    status: Literal["not available"]
+    reason: str
+
+
+class Band(_Open):
+    """Median and 5–95 % band."""
+
+    median: float | None
+    p05: float | None
+    p95: float | None
+
+
+class WindowRecord(_Open):
+    """One measurement window."""
+
+    index: int
+    kind: str = Field(description="`measurement` or `calibration`")
+    start_time: JsonValue = Field(None, description="start of the window")
+    revolutions: float | None = Field(None, description="of the pinion since new, at the window's middle")
+    speed_hz: float | None = Field(None, description="pinion speed [Hz]")
+    torque_nm: float | None = Field(None, description="input torque [N·m]")
+    rms_measured: float | None = Field(None, description="reference accelerometer, in the rig's band [m/s²]")
+    rms_predicted: float | None = Field(None, description="before any update in this window [m/s²]")
+    error_percent: float | None = Field(None, description="100·(predicted − measured)/measured")
+    updated: bool | None = Field(None, description="true where the error passed the threshold")
+    rms_after: float | None = Field(None, description="predicted again after the update [m/s²]")
+    k_wear_per_n: float | None = Field(None, description="Archard coefficient K [1/N]")
+    wear_depth_um: float | None = Field(None, description="largest combined depth [µm]")
+
+
+class Depths(_Open):
+    """Largest depth along the profile, by flank [µm]."""
+
+    combined: Band | NotAvailable | None = None
+    pinion: Band | NotAvailable | None = None
+    gear: Band | NotAvailable | None = None
+
+
+class Wear(_Open):
+    """Wear now."""
+
+    k_wear_per_n: float | None = Field(None, description="Archard coefficient K [1/N]")
+    specific_wear_rate_m2_per_n: float | None = Field(None, description="dimensional coefficient k [m²/N]")
+    max_depth_um: Depths | NotAvailable | None = None
+    profile: JsonValue = Field(None, description="depth along both flanks")
+
+
+class Rul(_Open):
+    """Remaining useful life at the present operating condition."""
+
+    criterion: JsonValue = None
+    revolutions: Band | NotAvailable | None = None
+    hours: Band | NotAvailable | None = None
+
+
+class Residual(_Open):
+    """What the twin does not explain, over the latest windows."""
+
+    rms_error_percent: float | NotAvailable | None = None
+    waveform_error_percent: float | NotAvailable | None = None
+    bands: JsonValue = Field(None, description="per gear-mesh harmonic: measured and predicted RMS")
+    orders: JsonValue = Field(None, description="the strongest unexplained lines, strongest first")
+
+
+class Effect(_Open):
+    """An effect that the model lacked and that was added."""
+
+    name: str
+
+
+class Unexplained(_Open):
+    """What is left beyond the model and its effects."""
+
+    share_percent: float | NotAvailable | None = None
+    verdict: str | None = Field(None, description="`explained`, `unknown_effect` or `insufficient_data`")
+
+
+class Asset(_Open):
+    """The whole state of one asset, the same as `gear-twin assess` writes."""
+
+    asset: str
+    windows: list[WindowRecord]
+    wear: Wear | NotAvailable
+    rul: Rul | NotAvailable
+    residual: Residual | NotAvailable
+    effects: list[Effect] | NotAvailable
+    unexplained: Unexplained | NotAvailable
+
+
+class AssetSummary(BaseModel):
+    """One asset in the list."""
+
+    asset: str
+    status: Literal["waiting", "ok", "degraded"]
+    reason: str
+    windows: int
+    updates: int
+    revolutions: float | None
+    last_window: JsonValue = Field(description="start of the latest window")
+    rig: str | None = Field(description="name of the rig file in use")
+    last_event_id: int
+
+
+class TrendPoint(_Open):
+    """Depth and remaining life with their bands, as of one window."""
+
+    index: int | None
+    kind: str | None
+    revolutions: float | None
+    updated: bool | None
+    depth_um: dict[Flank, Band] | None = None
+    rul_hours: Band | None = None
+    rul_revolutions: Band | None = None
+
+
+class QualityFault(BaseModel):
+    """A kind of fault in the data, counted over all windows."""
+
+    kind: str
+    channel: str
+    action: str = Field(description="what was done: `repaired`, `degraded`, `refused` or `none`")
+    count: int = Field(description="frames, samples or edges concerned")
+    windows: int = Field(description="windows concerned")
+
+
+class Quality(BaseModel):
+    """Quality of the data so far."""
+
+    windows: dict[str, int] = Field(description="windows by `good`, `repaired`, `degraded`, `refused`")
+    faults: list[QualityFault]
+    latest: list[dict[str, Any]] = Field(description="the latest faults, newest first")
+
+
+class InspectionIn(BaseModel):
+    """A wear depth that was measured on the flanks."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+
+    revolutions: float = Field(ge=0, le=1e15, description="of the pinion since new")
+    max_depth_um: float = Field(ge=0, le=1e5, description="largest depth along the profile [µm]")
+    flank: Flank = "combined"
+    std_um: float = Field(gt=0, le=1e5, description="standard deviation of the measurement [µm]")
+
+
+class Inspection(InspectionIn):
+    """A measured depth as it was kept."""
+
+    id: int
+    received_ns: int = Field(description="Unix time [ns]")
+
+
+class TwinDepth(BaseModel):
+    """The twin's own depth at the inspection's revolutions."""
+
+    max_depth_um: Band
+    extrapolated: bool = Field(description="true where the revolutions lie outside the windows")
+    from_revolutions: float
+    to_revolutions: float
+
+
+class InspectionAnswer(BaseModel):
+    """A measured depth with the twin's own figure beside it."""
+
+    inspection: Inspection
+    twin: TwinDepth | NotAvailable
+    difference_um: float | None = Field(None, description="twin minus measured [µm]")
+    difference_percent: float | None = Field(None, description="of the measured depth")
+    within_band: bool | None = Field(None, description="whether the measured depth lies in the 5–95 % band")
+    difference_in_std: float | None = Field(
+        None, description="difference over the joint standard deviation of inspection and twin"
+    )
+
+
+class Health(BaseModel):
+    """State of the process."""
+
+    status: Literal["ok", "ready"]

@@ -1,0 +1,62 @@
+"""The dashboard at `/` and the OpenAPI page at `/docs`, both without a network.
+
+Charts are drawn by plotly.js and the OpenAPI page by Swagger UI, each served from the installed Python
+package that carries it (`plotly`, `fastapi-offline`).
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.openapi.docs import get_swagger_ui_html
+from fastapi.responses import FileResponse, HTMLResponse
+from starlette.exceptions import HTTPException
+from starlette.staticfiles import StaticFiles
+
+router = APIRouter(include_in_schema=False)
+
+PAGE = Path(__file__).parent.parent / "page"
+BORROWED = {
+    "plotly.min.js": ("plotly", "package_data/plotly.min.js", "text/javascript"),
+    "swagger-ui-bundle.js": ("fastapi_offline", "static/swagger-ui-bundle.js", "text/javascript"),
+    "swagger-ui.css": ("fastapi_offline", "static/swagger-ui.css", "text/css"),
+}
+
+
+def borrowed(name: str) -> Path:
+    """Where the installed package keeps the asset; the package is found without importing it."""
+    package, path, _ = BORROWED[name]
+    spec = find_spec(package)
+    if spec is None or spec.origin is None:
+        raise FileNotFoundError(f"the package {package} is not installed: it carries {name}")
+    return Path(spec.origin).parent / path
+
+
+@router.get("/")
+async def dashboard() -> FileResponse:
+    return FileResponse(PAGE / "index.html", media_type="text/html", headers={"Cache-Control": "no-cache"})
+
+
+@router.get("/docs")
+async def docs(request: Request) -> HTMLResponse:
+    return get_swagger_ui_html(
+        openapi_url=request.app.openapi_url,
+        title="gear-twin: REST",
+        swagger_js_url="/assets/swagger-ui-bundle.js",
+        swagger_css_url="/assets/swagger-ui.css",
+        swagger_favicon_url="/static/favicon.svg",
+    )
+
+
+@router.get("/assets/{name}")
+async def asset_of_package(name: str) -> FileResponse:
+    if name not in BORROWED:
+        raise HTTPException(404)
+    headers = {"Cache-Control": "max-age=86400"}
+    return FileResponse(borrowed(name), media_type=BORROWED[name][2], headers=headers)
+
+
+def mount_static(app: FastAPI) -> None:
+    app.mount("/static", StaticFiles(directory=PAGE), name="static")

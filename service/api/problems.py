@@ -1,0 +1,79 @@
+"""Errors as `application/problem+json` (RFC 9457): one shape for every status."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+MEDIA_TYPE = "application/problem+json"
+log = logging.getLogger(__name__)
+
+
+class UnknownAsset(Exception):
+    """An asset that no frame has come from."""
+
+    def __init__(self, asset: str, known: tuple[str, ...]) -> None:
+        super().__init__(asset)
+        self.asset, self.known = asset, known
+
+
+def problem(
+    request: Request, status: int, detail: str, headers: Mapping[str, str] | None = None, **extra: Any
+) -> JSONResponse:
+    """The answer for one error."""
+    content = {
+        "type": "about:blank",
+        "title": HTTPStatus(status).phrase,
+        "status": status,
+        "detail": detail,
+        "instance": request.url.path,
+        **extra,
+    }
+    return JSONResponse(content, status, dict(headers or {}), media_type=MEDIA_TYPE)
+
+
+def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI's description of the errors of one route."""
+    schema = {"$ref": "#/components/schemas/Problem"}
+    return {
+        status: {"description": HTTPStatus(status).phrase, "content": {MEDIA_TYPE: {"schema": schema}}}
+        for status in statuses
+    }
+
+
+def install(app: FastAPI) -> None:
+    """Makes every error of the app a problem document."""
+
+    @app.exception_handler(UnknownAsset)
+    async def unknown_asset(request: Request, error: UnknownAsset) -> JSONResponse:
+        known = ", ".join(error.known) or "none yet"
+        detail = f"no asset {error.asset!r} has been seen; known assets: {known}"
+        return problem(request, 404, detail, known=list(error.known))
+
+    @app.exception_handler(RequestValidationError)
+    async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
+        faults = [{"at": [str(p) for p in e["loc"]], "fault": e["msg"]} for e in error.errors()]
+        detail = "; ".join(f"{'.'.join(f['at'])}: {f['fault']}" for f in faults)
+        return problem(request, 422, detail, errors=faults)
+
+    @app.exception_handler(HTTPException)
+    async def http_error(request: Request, error: HTTPException) -> JSONResponse:
+        detail = error.detail
+        if error.status_code == 404 and detail == "Not Found":
+            detail = f"nothing is served at {request.url.path}; /docs lists what is"
+        elif error.status_code == 405:
+            allowed = (error.headers or {}).get("Allow", "another method")
+            detail = f"{request.method} is not served at {request.url.path}; {allowed} is"
+        return problem(request, error.status_code, detail, error.headers)
+
+    @app.exception_handler(Exception)
+    async def fault(request: Request, error: Exception) -> JSONResponse:
+        log.error("%s %s failed", request.method, request.url.path, exc_info=error)
+        return problem(request, 500, "a fault of the program; its log has the details")

@@ -1,0 +1,291 @@
+"""What the service remembers: one SQLite file in WAL mode under the data directory.
+
+One window is one transaction: its record, the twin's state, its report, the place to resume the stream
+from, the counters and the events are there together or not at all. The window's start is its name: a
+window that is committed already is not committed again, so nothing is counted twice. `synchronous=FULL`
+makes a committed window outlive the process and the machine's power.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import threading
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from service.records import figures, plain
+
+MIGRATIONS = (
+    """
+    CREATE TABLE assets (
+        asset TEXT PRIMARY KEY,
+        rig TEXT,
+        state TEXT,
+        report TEXT,
+        resume TEXT,
+        counters TEXT NOT NULL DEFAULT '{}'
+    );
+    CREATE TABLE windows (
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        start_ns INTEGER NOT NULL,
+        quality TEXT NOT NULL,
+        faults TEXT NOT NULL,
+        record TEXT,
+        figures TEXT NOT NULL,
+        PRIMARY KEY (asset, start_ns)
+    ) WITHOUT ROWID;
+    CREATE TABLE events (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        kind TEXT NOT NULL,
+        data TEXT NOT NULL
+    );
+    CREATE INDEX events_of_asset ON events (asset, id);
+    CREATE TABLE inspections (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        received_ns INTEGER NOT NULL,
+        inspection TEXT NOT NULL,
+        answer TEXT NOT NULL
+    );
+    """,
+)
+"""The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""
+
+
+class StoreError(Exception):
+    """The database cannot be used: which file, and why."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """One thing that happened, in the order of `id`."""
+
+    id: int
+    asset: str
+    kind: str  # window, update, effect, rul, data_fault
+    data: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredWindow:
+    """One window as committed. `record` is None where the window was refused."""
+
+    start_ns: int
+    quality: str  # good, repaired, degraded, refused
+    faults: tuple[Mapping[str, Any], ...]
+    record: Mapping[str, Any] | None
+    figures: Mapping[str, Any]  # depth and remaining life with their bands as of this window
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredAsset:
+    """All that is known of one asset, as committed; None where nothing has been committed yet."""
+
+    asset: str
+    rig: Mapping[str, Any] | None = None
+    state: Mapping[str, Any] | None = None
+    report: Mapping[str, Any] | None = None
+    resume: Mapping[str, Any] | None = None
+    counters: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+
+
+class Store:
+    """The database of one data directory. Safe to use from several threads of one process."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self._lock = threading.RLock()
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._db = sqlite3.connect(self.path, isolation_level=None, check_same_thread=False, timeout=10)
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = FULL")
+            self._db.execute("PRAGMA foreign_keys = ON")
+            self._migrate()
+        except (sqlite3.Error, OSError) as error:
+            raise StoreError(f"{self.path} cannot be used as the service's database: {error}") from error
+
+    def close(self) -> None:
+        with self._lock:
+            self._db.close()
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # -- writing -------------------------------------------------------------------------------------
+
+    def commit(
+        self,
+        asset: str,
+        start_ns: int,
+        *,
+        record: Mapping[str, Any] | None,
+        state: Mapping[str, Any] | None = None,
+        report: Mapping[str, Any] | None = None,
+        events: Iterable[tuple[str, Mapping[str, Any]]] = (),
+        faults: Iterable[Any] = (),
+        quality: str = "good",
+        resume: Mapping[str, Any] | None = None,
+        counters: Mapping[str, Mapping[str, int]] | None = None,
+    ) -> tuple[Event, ...] | None:
+        """Takes in one window, whole; None (and nothing changed) where it is there already.
+
+        What is given as None keeps its committed value: a refused window has no record, state or report.
+        """
+        shown = plain(figures(report)) if report is not None else {}
+        with self._transaction() as db:
+            self._ensure(db, asset)
+            inserted = db.execute(
+                "INSERT OR IGNORE INTO windows VALUES (?, ?, ?, ?, ?, ?)",
+                (asset, start_ns, quality, _dump(list(faults)), _dump(record), _dump(shown)),
+            )
+            if inserted.rowcount == 0:
+                return None
+            self._keep(db, asset, state=state, report=report, resume=resume, counters=counters)
+            return self._add_events(db, asset, events)
+
+    def note(
+        self,
+        asset: str,
+        *,
+        events: Iterable[tuple[str, Mapping[str, Any]]] = (),
+        resume: Mapping[str, Any] | None = None,
+        counters: Mapping[str, Mapping[str, int]] | None = None,
+    ) -> tuple[Event, ...]:
+        """Takes in what happened outside a window: faults of the stream, counters, where to resume."""
+        with self._transaction() as db:
+            self._ensure(db, asset)
+            self._keep(db, asset, resume=resume, counters=counters)
+            return self._add_events(db, asset, events)
+
+    def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:
+        """Keeps the rig file's mapping for the asset, in place of an earlier one."""
+        with self._transaction() as db:
+            self._ensure(db, asset)
+            self._keep(db, asset, rig=rig)
+
+    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
+        """Keeps one measured depth with the twin's answer; both, the inspection with its id and time."""
+        received = time.time_ns()
+        with self._transaction() as db:
+            row = db.execute(
+                "INSERT INTO inspections (asset, received_ns, inspection, answer) VALUES (?, ?, ?, ?)",
+                (asset, received, _dump(inspection), _dump(answer)),
+            )
+            return {"inspection": {"id": row.lastrowid, "received_ns": received, **inspection}, **answer}
+
+    # -- reading -------------------------------------------------------------------------------------
+
+    def assets(self) -> tuple[str, ...]:
+        return tuple(row[0] for row in self._rows("SELECT asset FROM assets ORDER BY asset"))
+
+    def asset(self, asset: str) -> StoredAsset:
+        """What is committed of the asset; empty where it has never been seen."""
+        rows = self._rows("SELECT rig, state, report, resume, counters FROM assets WHERE asset = ?", (asset,))
+        if not rows:
+            return StoredAsset(asset=asset)
+        rig, state, report, resume, counters = (_load(text) for text in rows[0])
+        return StoredAsset(asset=asset, rig=rig, state=state, report=report, resume=resume, counters=counters or {})
+
+    def windows(self, asset: str) -> tuple[StoredWindow, ...]:
+        """Every window of the asset in time order, refused ones too."""
+        rows = self._rows(
+            "SELECT start_ns, quality, faults, record, figures FROM windows WHERE asset = ? ORDER BY start_ns",
+            (asset,),
+        )
+        return tuple(
+            StoredWindow(
+                start_ns=start, quality=quality, faults=tuple(_load(faults)), record=_load(record),
+                figures=_load(shown),
+            )
+            for start, quality, faults, record, shown in rows
+        )  # fmt: skip
+
+    def has_window(self, asset: str, start_ns: int) -> bool:
+        return bool(self._rows("SELECT 1 FROM windows WHERE asset = ? AND start_ns = ?", (asset, start_ns)))
+
+    def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:
+        """The asset's events with an id above `after`, oldest first."""
+        rows = self._rows(
+            "SELECT id, kind, data FROM events WHERE asset = ? AND id > ? ORDER BY id LIMIT ?",
+            (asset, after, limit),
+        )
+        return tuple(Event(id=i, asset=asset, kind=kind, data=_load(data)) for i, kind, data in rows)
+
+    def last_event_id(self, asset: str) -> int:
+        return self._rows("SELECT COALESCE(MAX(id), 0) FROM events WHERE asset = ?", (asset,))[0][0]
+
+    def inspections(self, asset: str) -> tuple[Mapping[str, Any], ...]:
+        rows = self._rows(
+            "SELECT id, received_ns, inspection, answer FROM inspections WHERE asset = ? ORDER BY id",
+            (asset,),
+        )
+        return tuple(
+            {"inspection": {"id": i, "received_ns": received, **_load(given)}, **_load(answer)}
+            for i, received, given, answer in rows
+        )
+
+    # -- within --------------------------------------------------------------------------------------
+
+    def _migrate(self) -> None:
+        (version,) = self._db.execute("PRAGMA user_version").fetchone()
+        if version > len(MIGRATIONS):
+            raise StoreError(
+                f"{self.path} has schema version {version}, this program knows up to {len(MIGRATIONS)}: "
+                "it was written by a newer gear-twin"
+            )
+        for number, script in enumerate(MIGRATIONS[version:], start=version + 1):
+            self._db.executescript(f"BEGIN IMMEDIATE; {script} PRAGMA user_version = {number}; COMMIT;")
+
+    @contextmanager
+    def _transaction(self):
+        with self._lock:
+            self._db.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._db
+            except BaseException:
+                self._db.execute("ROLLBACK")
+                raise
+            self._db.execute("COMMIT")
+
+    def _rows(self, query: str, values: Sequence[Any] = ()) -> list[tuple]:
+        with self._lock:
+            return self._db.execute(query, values).fetchall()
+
+    @staticmethod
+    def _ensure(db: sqlite3.Connection, asset: str) -> None:
+        db.execute("INSERT OR IGNORE INTO assets (asset) VALUES (?)", (asset,))
+
+    @staticmethod
+    def _keep(db: sqlite3.Connection, asset: str, **columns: Mapping[str, Any] | None) -> None:
+        for column, value in columns.items():
+            if value is not None:
+                db.execute(f"UPDATE assets SET {column} = ? WHERE asset = ?", (_dump(value), asset))
+
+    @staticmethod
+    def _add_events(
+        db: sqlite3.Connection, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]
+    ) -> tuple[Event, ...]:
+        added = []
+        for kind, data in events:
+            safe = plain(data)
+            row = db.execute("INSERT INTO events (asset, kind, data) VALUES (?, ?, ?)", (asset, kind, _dump(safe)))
+            added.append(Event(id=row.lastrowid or 0, asset=asset, kind=kind, data=safe))
+        return tuple(added)
+
+
+def _dump(value: Any) -> str | None:
+    return None if value is None else json.dumps(plain(value), allow_nan=False, separators=(",", ":"))
+
+
+def _load(text: str | None) -> Any:
+    return None if text is None else json.loads(text)

@@ -1,0 +1,149 @@
+"""A made-up campaign in the shapes of the contract: what the answering side is tested and looked at with.
+
+The curves have the paper's look (156 µm at 6000 revolutions, RMS growing with depth) and no physics.
+"""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+
+from service.board import Board
+from service.store import Store
+
+START_NS = 1_700_000_000_000_000_000
+SHARE = {"combined": 1.0, "pinion": 0.7324, "gear": 0.2676}
+END_OF_LIFE_UM = 500.0
+
+
+def depth_um(revolutions: float) -> float:
+    return 156.0 * (revolutions / 6000.0) ** 0.93
+
+
+def band(value: float, spread: float) -> dict[str, float]:
+    return {"median": value, "p05": value * (1 - spread), "p95": value * (1 + spread)}
+
+
+def profile() -> dict:
+    """Depth along both flanks, zero near the pitch point."""
+    out = {}
+    for flank, share in (("pinion", 0.7324), ("gear", 0.2676)):
+        s = [-5.2 + 9.75 * i / 80 for i in range(81)]
+        shape = [share * abs(math.sin(0.42 * v)) ** 1.2 * (1 - (v / 7.5) ** 4) for v in s]
+        out[flank] = {"roll_angle_deg": [20.9 + 3.2 * v for v in s], "depth_um": [150 * v for v in shape]}
+    return out
+
+
+def record(index: int, revolutions: float, *, updated: bool = False, kind: str = "measurement") -> dict:
+    measured = 14.0 + 0.55 * depth_um(revolutions) ** 0.95 + 1.5 * math.sin(2.1 * index)
+    predicted = measured * (1.18 if updated else 1.02 - 0.01 * (index % 3))
+    return {
+        "index": index,
+        "kind": kind,
+        "start_time": datetime.fromtimestamp(START_NS / 1e9 + 600 * index, UTC).isoformat(),
+        "revolutions": revolutions,
+        "speed_hz": 2.0 if kind == "calibration" else 10.0,
+        "torque_nm": 10.0,
+        "rms_measured": measured,
+        "rms_predicted": predicted,
+        "error_percent": 100 * (predicted - measured) / measured,
+        "updated": updated,
+        "rms_after": measured * 1.012 if updated else predicted,
+        "k_wear_per_n": 2.7e-6 * (1 + 0.02 * math.sin(index)),
+        "wear_depth_um": depth_um(revolutions),
+    }
+
+
+def report(revolutions: float, windows: int) -> dict:
+    depth = depth_um(revolutions)
+    spread = 0.03 + 0.3 / (1 + windows)
+    left = max(6000.0 * (END_OF_LIFE_UM / 156.0) ** (1 / 0.93) - revolutions, 0.0)
+    return {
+        "wear": {
+            "k_wear_per_n": 2.7e-6,
+            "dwell_time_s": 9.6e-5,
+            "specific_wear_rate_m2_per_n": 2.1e-12,
+            "max_depth_um": {flank: band(depth * share, spread) for flank, share in SHARE.items()},
+            "profile": profile(),
+        },
+        "rul": {
+            "criterion": "largest combined depth 500 µm",
+            "revolutions": band(left, 2 * spread),
+            "hours": band(left / 36000.0, 2 * spread),
+        },
+        "residual": {
+            "rms_error_percent": 1.4,
+            "waveform_error_percent": 12.5,
+            "bands": [
+                {"harmonic": h, "measured": 20.0 / h, "predicted": 19.0 / h + 0.3} for h in range(1, 6)
+            ],
+            "orders": [{"order": 37.64, "frequency_hz": 376.4, "share_percent": 1.9}],
+        },
+        "effects": [],
+        "unexplained": {"share_percent": 3.1, "orders": [], "verdict": "explained"},
+        "calibration": {
+            "status": "fitted",
+            "stiffness_scale": {"value": 1.012, "std": 0.02, "unit": ""},
+            "modal_ratio": {"value": 0.048, "std": 0.004, "unit": ""},
+            "contact_half_width": {"value": 2.05e-4, "std": 1.1e-5, "unit": "m"},
+        },
+    }
+
+
+def little_known_report() -> dict:
+    """What the twin says of a machine with tooth counts and speed only."""
+    reason = "the rig file does not give gears.module, gears.face_width"
+    missing = {"status": "not available", "reason": reason}
+    return {"wear": missing, "rul": missing, "residual": missing, "effects": [], "unexplained": missing}
+
+
+FAULT = {"kind": "gap", "channel": "accel/y6", "count": 3, "action": "degraded", "detail": "frames 12 to 14"}
+
+
+def take(store: Store, board: Board | None, asset: str, index: int, revolutions: float, **changes) -> bool:
+    """One window into store and board, as the pipeline does; False where it was there already."""
+    quality, faults = changes.pop("quality", "good"), changes.pop("faults", ())
+    given = changes.pop("report", None) or report(revolutions, index + 1)
+    entry = record(index, revolutions, **changes)
+    if "status" in given["wear"]:
+        unknown = ("rms_predicted", "error_percent", "rms_after", "wear_depth_um", "k_wear_per_n")
+        entry.update(dict.fromkeys(unknown))
+    start = START_NS + index * 600_000_000_000
+    happened = [("window", entry), ("rul", given["rul"])]
+    if entry["updated"]:
+        happened.append(("update", {"revolutions": revolutions, "k_wear_per_n": entry["k_wear_per_n"]}))
+    happened += [("data_fault", fault) for fault in faults]
+    counters = {"accel/y6": {"frames": 40 * (index + 1), "duplicate": index}}
+    events = store.commit(
+        asset, start, record=entry, state={"windows_seen": index + 1, "memory": {}}, report=given,
+        events=happened, faults=faults, quality=quality, resume={"taken_to_ns": start}, counters=counters,
+    )  # fmt: skip
+    if events is None:
+        return False
+    if board is not None:
+        window = next(w for w in store.windows(asset) if w.start_ns == start)
+        board.add_window(
+            asset, window, report=given, counters=counters, last_event_id=events[-1].id if events else 0
+        )
+    return True
+
+
+def campaign(store: Store, board: Board | None, asset: str = "unsw", windows: int = 14) -> None:
+    """A campaign of calibration and measurement windows with one update and one degraded window."""
+    rig = {"schema": "gear-rig/1", "name": "unsw", "gears": {"pinion": {"teeth": 19}, "gear": {"teeth": 52}}}
+    store.keep_rig(asset, rig)
+    if board is not None:
+        board.update(asset, rig=rig)
+    for index in range(windows):
+        if index < 2:
+            take(store, board, asset, index, 10.0 * (index + 1), kind="calibration")
+        else:
+            n = 18000.0 * (index - 1) / (windows - 2)
+            bad = index == 6
+            take(
+                store, board, asset, index, n, updated=index == 5,
+                quality="degraded" if bad else "good", faults=(FAULT,) if bad else (),
+            )  # fmt: skip
+
+
+__all__ = ["FAULT", "campaign", "depth_um", "little_known_report", "record", "report", "take"]

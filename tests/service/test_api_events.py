@@ -1,0 +1,96 @@
+"""Server-sent events over a real socket: in order, from where the reader left off."""
+
+from __future__ import annotations
+
+import json
+import threading
+
+import httpx
+import pytest
+import service_fakes as fakes
+
+
+def read_events(address, asset, count, headers=None, query="", ready=None):
+    """The next `count` events as (id, kind, data)."""
+    events, current = [], {}
+    url = f"{address}/v1/assets/{asset}/events{query}"
+    with httpx.Client(timeout=10) as client, client.stream("GET", url, headers=headers) as answer:
+        assert answer.status_code == 200
+        assert answer.headers["content-type"].startswith("text/event-stream")
+        for line in answer.iter_lines():
+            if ready is not None:
+                ready.set()
+            key, _, value = line.partition(": ")
+            if line == "" and "data" in current:
+                events.append((int(current["id"]), current["event"], json.loads(current["data"])))
+                current = {}
+                if len(events) == count:
+                    return events
+            elif key in ("id", "event", "data"):
+                current[key] = value
+    return events
+
+
+def test_reader_from_the_start_gets_every_event_in_order(address, store, board):
+    fakes.campaign(store, board)
+    kept = [(e.id, e.kind, e.data) for e in store.events("unsw", 0)]
+    assert {kind for _, kind, _ in kept} == {"window", "rul", "update", "data_fault"}
+    assert read_events(address, "unsw", len(kept), query="?after=0") == kept
+
+
+def test_reader_that_comes_back_goes_on_behind_its_last_event(address, store, board):
+    fakes.campaign(store, board)
+    kept = [(e.id, e.kind, e.data) for e in store.events("unsw", 0)]
+    first = read_events(address, "unsw", 5, headers={"Last-Event-ID": "0"})
+    rest = read_events(address, "unsw", len(kept) - 5, headers={"Last-Event-ID": str(first[-1][0])})
+    assert first + rest == kept
+
+
+def test_reader_without_an_id_gets_what_happens_from_now_on(address, store, board):
+    fakes.campaign(store, board)
+    ready, got = threading.Event(), []
+    reader = threading.Thread(
+        target=lambda: got.extend(read_events(address, "unsw", 4, ready=ready)), daemon=True
+    )
+    reader.start()
+    assert ready.wait(5)
+    fakes.take(store, board, "other", 0, 5.0)  # another asset's events are none of this reader's
+    fakes.take(store, board, "unsw", 90, 18500.0)
+    fakes.take(store, board, "unsw", 91, 18600.0)
+    reader.join(10)
+    assert [(kind, data.get("revolutions")) for _, kind, data in got if kind == "window"] == [
+        ("window", 18500.0),
+        ("window", 18600.0),
+    ]
+    assert len(got) == 4
+
+
+def test_more_events_than_one_page_are_all_told(address, store, board):
+    for index in range(260):
+        store.commit("unsw", index, record={"index": index}, events=[("window", {"n": index}), ("rul", {})])
+    board.update("unsw", last_event_id=store.last_event_id("unsw"))
+    told = read_events(address, "unsw", 520, query="?after=0")
+    assert [data["n"] for _, kind, data in told if kind == "window"] == list(range(260))
+
+
+@pytest.mark.parametrize("bad", ["-1", "last", str(2**63)])
+def test_last_event_id_that_cannot_be_is_a_problem(address, store, board, bad):
+    fakes.take(store, board, "unsw", 0, 10.0)
+    answer = httpx.get(f"{address}/v1/assets/unsw/events", headers={"Last-Event-ID": bad})
+    assert answer.status_code == 422
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_open_reader_does_not_hold_the_service_up(store, board):
+    from conftest import serving
+
+    fakes.take(store, board, "unsw", 0, 10.0)
+    ready, got = threading.Event(), []
+    with serving(board, store) as address:
+        reader = threading.Thread(
+            target=lambda: got.append(read_events(address, "unsw", 9, ready=ready)), daemon=True
+        )
+        reader.start()
+        assert ready.wait(5)
+    reader.join(5)
+    assert got == [[]]

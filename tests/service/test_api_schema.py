@@ -1,0 +1,62 @@
+"""Requests made up from the OpenAPI description: no answer outside it, and never a fault of the program."""
+
+from __future__ import annotations
+
+import pytest
+import schemathesis
+import service_fakes as fakes
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from schemathesis.generation import GenerationMode
+
+from service.api import create_app
+from service.board import Board
+from service.store import Store
+
+EXAMPLES = 20
+BASE = "/v1/assets/{asset}"
+PARTS = ("wear", "rul", "residual", "effects", "rig", "windows", "trend", "quality", "inspections")
+# The stream of events never ends by itself: test_api_events.py reads it.
+OPERATIONS = [
+    *(("GET", route) for route in ("/v1/assets", BASE, "/healthz", "/readyz", "/metrics")),
+    *(("GET", f"{BASE}/{part}") for part in PARTS),
+    ("POST", f"{BASE}/inspections"),
+]
+
+
+@pytest.fixture(scope="module")
+def described(tmp_path_factory):
+    board, store = Board(), Store(tmp_path_factory.mktemp("schema") / "twin.sqlite")
+    fakes.campaign(store, board, asset="unsw", windows=6)
+    fakes.take(store, board, "0", 0, 1.0, report=fakes.little_known_report())
+    yield schemathesis.openapi.from_asgi("/openapi.json", create_app(board, store))
+    store.close()
+
+
+def test_every_operation_of_the_description_is_called_here(described):
+    found = {(o.ok().method.upper(), o.ok().path) for o in described.get_all_operations()}
+    assert found == {*OPERATIONS, ("GET", f"{BASE}/events")}
+
+
+def answers_as_described(operation, mode):
+    @settings(
+        max_examples=EXAMPLES, deadline=None, derandomize=True, database=None,
+        suppress_health_check=list(HealthCheck),
+    )  # fmt: skip
+    @given(case=operation.as_strategy(generation_mode=mode), known=st.booleans())
+    def answered(case, known):
+        if known and mode is GenerationMode.POSITIVE and "asset" in case.path_parameters:
+            case.path_parameters["asset"] = "unsw"
+        case.call_and_validate()
+
+    answered()
+
+
+@pytest.mark.parametrize(("method", "path"), OPERATIONS)
+def test_request_by_the_description_is_answered_by_it(described, method, path):
+    answers_as_described(described[path][method], GenerationMode.POSITIVE)
+
+
+@pytest.mark.parametrize(("method", "path"), [("GET", f"{BASE}/windows"), ("POST", f"{BASE}/inspections")])
+def test_request_against_the_description_is_refused_by_it(described, method, path):
+    answers_as_described(described[path][method], GenerationMode.NEGATIVE)

@@ -1,0 +1,149 @@
+"""The dashboard in a real browser: charts with the data in them, live and offline."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+import service_fakes as fakes
+
+CHROMIUM = Path(os.environ.get("GEAR_TWIN_CHROMIUM", "/usr/bin/chromium"))
+FLAGS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+CHARTS = ("rms", "depth", "profile", "rul")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if not CHROMIUM.exists():
+        reason = f"{CHROMIUM} is not installed (Debian's package chromium; GEAR_TWIN_CHROMIUM names another)"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def open_page(browser, address):
+    """Opens the page at a path; every message of an error and every request elsewhere fails the test."""
+    opened, wrong = [], []
+
+    def open_at(path="/", width=1440, height=900, **given):
+        page = browser.new_page(viewport={"width": width, "height": height}, **given)
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda m: wrong.append(m.text) if m.type == "error" else None)
+        page.on("request", lambda r: None if _own(r.url, address) else wrong.append(f"left for {r.url}"))
+        page.goto(address + path)
+        opened.append(page)
+        return page
+
+    yield open_at
+    for page in opened:
+        page.close()
+    assert wrong == []
+
+
+def _own(url, address):
+    return url.startswith((address, "data:", "blob:"))
+
+
+def points(page, chart):
+    """How many points the chart holds, and how many its drawing shows."""
+    drawn = page.locator(f"#{chart} .scatterlayer .trace path").count()
+    return int(page.get_attribute(f"#{chart}", "data-points")), drawn
+
+
+def wait_for_windows(page, count):
+    page.wait_for_selector(f"body[data-windows='{count}']", timeout=15_000)
+
+
+def test_charts_show_the_campaign(open_page, store, board):
+    fakes.campaign(store, board)
+    page = open_page()
+    wait_for_windows(page, 14)
+    for chart in CHARTS:
+        held, drawn = points(page, chart)
+        assert held >= 12 and drawn >= 2, chart
+    titles = page.locator(".xtitle, .ytitle").all_text_contents()
+    assert {"RMS [m/s²]", "maximum depth [µm]", "roll angle [°]", "remaining life [h]"} <= set(titles)
+    assert "1 update;" in page.inner_text("#rms figcaption")
+    assert page.inner_text("#cards .card >> nth=0").split("\n")[1] == "433 µm"
+    assert "gap" in page.inner_text("#tables")
+
+
+def test_new_window_appears_without_a_reload(open_page, store, board):
+    fakes.campaign(store, board)
+    page = open_page()
+    wait_for_windows(page, 14)
+    page.wait_for_selector("#link.live")
+    before = points(page, "rms")[0]
+    fakes.take(store, board, "unsw", 90, 19500.0, updated=True)
+    wait_for_windows(page, 15)
+    assert points(page, "rms")[0] > before
+    assert "2 updates" in page.inner_text("#rms figcaption")
+
+
+def test_what_is_not_known_is_said_with_its_reason(open_page, store, board):
+    fakes.take(store, board, "spectraquest", 0, 10.0, report=fakes.little_known_report())
+    page = open_page()
+    wait_for_windows(page, 1)
+    for chart in ("depth", "profile", "rul"):
+        text = page.inner_text(f"#{chart} .chart")
+        assert "not available" in text and "gears.module" in text
+    assert points(page, "rms")[0] == 1
+
+
+def test_assets_are_chosen_by_the_selector_and_new_ones_join(open_page, store, board):
+    page = open_page()
+    page.wait_for_selector("#empty:not([hidden])")
+    fakes.campaign(store, board)
+    fakes.take(store, board, "another", 0, 10.0)
+    wait_for_windows(page, 1)
+    page.select_option("#asset", "unsw")
+    wait_for_windows(page, 14)
+    assert page.inner_text("#status") == "ok"
+
+
+def test_inspections_are_drawn_beside_the_twin(open_page, store, board):
+    fakes.campaign(store, board)
+    page = open_page()
+    wait_for_windows(page, 14)
+    before = points(page, "depth")[0]
+    page.request.post(
+        f"{page.url}v1/assets/unsw/inspections",
+        data={"revolutions": 12500, "max_depth_um": 265, "flank": "pinion", "std_um": 12},
+    )
+    page.reload()
+    wait_for_windows(page, 14)
+    assert points(page, "depth")[0] == before + 1
+    assert "265 ± 12" in page.inner_text("#lists")
+
+
+@pytest.mark.parametrize("width", [1440, 800])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_page_fits_its_width_and_follows_the_theme(open_page, store, board, width, scheme):
+    fakes.campaign(store, board)
+    page = open_page(width=width, color_scheme=scheme)
+    wait_for_windows(page, 14)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    light = page.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
+    assert (sum(light) > 600) == (scheme == "light")
+
+
+def test_openapi_page_is_drawn_offline(open_page):
+    page = open_page("/docs")
+    page.wait_for_selector(".opblock")
+    assert page.locator(".opblock").count() >= 15

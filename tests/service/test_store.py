@@ -1,0 +1,150 @@
+"""The store: whole windows or nothing, each once, and none lost when the process is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import service_fakes as fakes
+
+from service.board import Board
+from service.store import MIGRATIONS, Store, StoreError
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_committed_window_is_read_back_whole(store):
+    assert fakes.take(store, None, "unsw", 0, 1500.0, quality="degraded", faults=(fakes.FAULT,))
+    (window,) = store.windows("unsw")
+    assert window.record == fakes.record(0, 1500.0)
+    assert window.quality == "degraded" and window.faults == (fakes.FAULT,)
+    assert (
+        window.figures["depth_um"]["combined"] == fakes.report(1500.0, 1)["wear"]["max_depth_um"]["combined"]
+    )
+    asset = store.asset("unsw")
+    assert asset.report == fakes.report(1500.0, 1)
+    assert asset.state == {"windows_seen": 1, "memory": {}}
+    assert asset.resume == {"taken_to_ns": fakes.START_NS}
+    assert asset.counters == {"accel/y6": {"frames": 40, "duplicate": 0}}
+    assert [e.kind for e in store.events("unsw", 0)] == ["window", "rul", "data_fault"]
+
+
+def test_window_committed_twice_counts_once_and_changes_nothing(store):
+    assert fakes.take(store, None, "unsw", 0, 1500.0)
+    before = (store.asset("unsw"), store.windows("unsw"), store.events("unsw", 0))
+    assert not fakes.take(store, None, "unsw", 0, 1700.0, updated=True)
+    assert (store.asset("unsw"), store.windows("unsw"), store.events("unsw", 0)) == before
+
+
+def test_refused_window_is_kept_once_and_leaves_twin_and_report_alone(store):
+    fakes.take(store, None, "unsw", 0, 1500.0)
+    events = store.commit(
+        "unsw", fakes.START_NS + 1, record=None, quality="refused", faults=[fakes.FAULT],
+        events=[("data_fault", {"reason": "no samples"})], resume={"taken_to_ns": 1},
+    )  # fmt: skip
+    assert [e.data for e in events] == [{"reason": "no samples"}]
+    assert [w.quality for w in store.windows("unsw")] == ["good", "refused"]
+    asset = store.asset("unsw")
+    assert asset.report == fakes.report(1500.0, 1) and asset.resume == {"taken_to_ns": 1}
+
+
+def test_assets_do_not_mix(store):
+    fakes.take(store, None, "a", 0, 100.0)
+    fakes.take(store, None, "b", 0, 200.0)
+    fakes.take(store, None, "a", 1, 300.0)
+    assert [w.record["revolutions"] for w in store.windows("a")] == [100.0, 300.0]
+    assert [w.record["revolutions"] for w in store.windows("b")] == [200.0]
+    ids = [e.id for e in store.events("a", 0)]
+    assert ids == sorted(ids) and not set(ids) & {e.id for e in store.events("b", 0)}
+
+
+def test_window_that_cannot_be_written_leaves_no_part_behind(store):
+    fakes.take(store, None, "unsw", 0, 1500.0)
+    before = (store.asset("unsw"), store.windows("unsw"), store.events("unsw", 0))
+    with pytest.raises(TypeError, match="not JSON"):
+        store.commit(
+            "unsw", 7, record={"index": 1}, report={"wear": {}}, events=[("window", {"x": object()})]
+        )
+    assert (store.asset("unsw"), store.windows("unsw"), store.events("unsw", 0)) == before
+
+
+def test_numbers_that_are_not_finite_become_null(store):
+    store.commit("unsw", 1, record={"index": 0, "rms_predicted": float("nan"), "error_percent": float("inf")})
+    assert store.windows("unsw")[0].record == {"index": 0, "rms_predicted": None, "error_percent": None}
+
+
+def test_database_is_in_wal_mode_and_carries_its_schema_version(store):
+    with sqlite3.connect(store.path) as peek:
+        assert peek.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+        assert peek.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS),)
+    peek.close()
+
+
+def test_database_of_a_newer_program_is_refused(tmp_path):
+    path = tmp_path / "twin.sqlite"
+    Store(path).close()
+    with sqlite3.connect(path) as peek:
+        peek.execute(f"PRAGMA user_version = {len(MIGRATIONS) + 5}")
+    peek.close()
+    with pytest.raises(StoreError, match=f"schema version {len(MIGRATIONS) + 5}.*newer"):
+        Store(path)
+
+
+def test_file_that_is_no_database_is_refused_by_name(tmp_path):
+    path = tmp_path / "twin.sqlite"
+    path.write_bytes(b"not a database at all, but long enough to be read as one" * 40)
+    with pytest.raises(StoreError, match=r"twin\.sqlite cannot be used.*not a database"):
+        Store(path)
+
+
+def test_board_from_the_store_equals_the_board_that_was_published(store):
+    board = Board()
+    fakes.campaign(store, board)
+    again = Board.from_store(store)
+    assert again.assets() == board.assets()
+    assert again.get("unsw").whole == board.get("unsw").whole
+    for part in ("status", "reason", "records", "trend", "rig", "quality", "counters", "last_event_id"):
+        assert getattr(again.get("unsw"), part) == getattr(board.get("unsw"), part), part
+
+
+WRITER = """
+import sys
+from pathlib import Path
+sys.path[:0] = sys.argv[2:4]
+import service_fakes as fakes
+from service.store import Store
+store = Store(Path(sys.argv[1]))
+index = len(store.windows("unsw"))
+while True:
+    assert fakes.take(store, None, "unsw", index, 100.0 * index)
+    print(index, flush=True)
+    index += 1
+"""
+
+
+def test_killed_process_loses_no_acknowledged_window_and_counts_none_twice(tmp_path):
+    path, acknowledged = tmp_path / "twin.sqlite", -1
+    for stop_after in (3, 7, 20, 55):
+        writer = subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(path), str(ROOT), str(Path(__file__).parent)],
+            stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        with writer:
+            for _, line in zip(range(stop_after), writer.stdout, strict=False):
+                acknowledged = int(line)
+            os.kill(writer.pid, signal.SIGKILL)  # between commits or within one
+            acknowledged = int([str(acknowledged), *writer.stdout.read().split()][-1])
+        assert writer.returncode == -signal.SIGKILL
+        with Store(path) as store:
+            indices = [w.record["index"] for w in store.windows("unsw")]
+            assert indices == list(range(len(indices)))
+            assert len(indices) in (acknowledged + 1, acknowledged + 2)  # the last may be in, not yet said
+            assert store.asset("unsw").state["windows_seen"] == len(indices)
+            told = [e.data["index"] for e in store.events("unsw", 0, 10_000) if e.kind == "window"]
+            assert told == indices
+            acknowledged = len(indices) - 1
