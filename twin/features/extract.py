@@ -147,15 +147,11 @@ def _transmission_error(out: _Collector, rig: Rig, window: Window, track: AngleT
     def compute() -> Lines:
         missing = [s for s in ("pinion", "gear") if s not in window.encoders]
         if missing:
-            raise NotAvailable(
-                f"transmission error is not available: no encoder on the {' and the '.join(missing)}"
-            )
+            raise NotAvailable(f"transmission error is not available: no encoder on the {' and the '.join(missing)}")
         teeth = rig.teeth
         if track.source != "encoder/pinion":
             angle_track(window.encoders["pinion"])  # says what is wrong with it
-        te = transmission_error(
-            window.encoders["pinion"], window.encoders["gear"], teeth, _base_radius(rig), track
-        )
+        te = transmission_error(window.encoders["pinion"], window.encoders["gear"], teeth, _base_radius(rig), track)
         harmonics = min(TE_HARMONICS, int(USABLE_RATE * min(te.edges_per_turn) / teeth[0]))
         keys = [(0, 0, 0), *mesh_keys(harmonics, 4), *shaft_keys(teeth, SHAFT_ORDERS)]
 

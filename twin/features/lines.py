@@ -36,9 +36,7 @@ def shaft_keys(teeth: tuple[int, int], below: float) -> list[Key]:
     return keys + [(0, 0, g) for g in range(1, int(limit * z2 / z1) + 1)]
 
 
-def read_lines(
-    signal: AngleSignal, keys: list[Key], teeth: tuple[int, int], unit: str, parts: Callable
-) -> Lines:
+def read_lines(signal: AngleSignal, keys: list[Key], teeth: tuple[int, int], unit: str, parts: Callable) -> Lines:
     """Lines of a signal on even angle at the orders of the keys, most wanted first.
 
     parts   gives, for the orders, what `order_lines` takes: the signal's parts and how each was attenuated
@@ -73,8 +71,6 @@ def noise_rms(signal: AngleSignal, speed: float, band: tuple[float, float]) -> f
     power = 2 * np.abs(inside) ** 2 / (length * (weight @ weight))
     blocks = power[: power.size // 64 * 64].reshape(-1, 64)
     if blocks.size == 0:
-        raise NotAvailable(
-            f"the noise floor is not available: {power.size} spectral bins in the band are too few"
-        )
+        raise NotAvailable(f"the noise floor is not available: {power.size} spectral bins in the band are too few")
     floor = np.quantile(blocks, 0.1, axis=1) / -np.log(0.9)
     return float(np.sqrt(floor.mean() * power.size))

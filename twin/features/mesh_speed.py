@@ -186,13 +186,9 @@ def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nom
     wanted = f"{z1 * nominal_hz:.5g} Hz"
     usable = {k: s for k, s in accelerations.items() if np.isfinite(s.values).mean() > 0.9}
     if not usable:
-        raise NotAvailable(
-            "the speed is not available: no encoder, and no accelerometer with 90 % valid samples"
-        )
+        raise NotAvailable("the speed is not available: no encoder, and no accelerometer with 90 % valid samples")
     if max(s.rate for s in usable.values()) < 2 * 1.1 * z1 * nominal_hz:
-        raise NotAvailable(
-            f"the speed is not available: no sampling rate shows the mesh frequency near {wanted}"
-        )
+        raise NotAvailable(f"the speed is not available: no sampling rate shows the mesh frequency near {wanted}")
     comb = comb_search(usable, z1 * nominal_hz, teeth)
     check_comb(comb, wanted)
     coarse = comb.frequency

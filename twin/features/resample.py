@@ -91,9 +91,7 @@ def on_angle(samples, track, longest_gap: int = 2) -> tuple[AngleSignal, float]:
     low = track.start if begin >= first else track.angle_at(first)
     high = track.stop if end <= last else track.angle_at(last)
     if not high - low > 2 * np.pi:
-        raise WindowError(
-            f"the channel and the angle have {max(high - low, 0) / (2 * np.pi):.2f} turns in common"
-        )
+        raise WindowError(f"the channel and the angle have {max(high - low, 0) / (2 * np.pi):.2f} turns in common")
     grid = low + step * np.arange(int((high - low) / step))
     position = (track.time(grid) - samples.start) * samples.rate
     values, usable = interpolate(samples.values, position, longest_gap)

@@ -64,9 +64,7 @@ class TransmissionError:
         return spline_response(np.asarray(orders) / p1), spline_response(np.asarray(orders) / p2)
 
 
-def departure(
-    edges: Edges, ratio: float, track: AngleTrack, shift: float, grid
-) -> tuple[np.ndarray, np.ndarray]:
+def departure(edges: Edges, ratio: float, track: AngleTrack, shift: float, grid) -> tuple[np.ndarray, np.ndarray]:
     """Δ of one encoder at each angle of an even grid, and where it may be used.
 
     ratio   pinion turns per turn of the encoder's shaft
@@ -125,9 +123,7 @@ def transmission_error(
     low = max(track.start, counted + shift) + spacing
     high = min(track.stop, counted + shift + (gear.times.size - 1) * spacing) - spacing
     if not high - low > 3 * 2 * pi:
-        raise WindowError(
-            f"transmission error: both encoders cover only {max(0, high - low) / (2 * pi):.2f} turns"
-        )
+        raise WindowError(f"transmission error: both encoders cover only {max(0, high - low) / (2 * pi):.2f} turns")
     step = 2 * pi / max(per_turn)
     grid = low + step * np.arange(int((high - low) / step))
     Δ1, good1 = departure(pinion, 1.0, track, 0.0, grid)
