@@ -221,9 +221,7 @@ def _with_window(snapshot: Snapshot, window: StoredWindow) -> Snapshot:
     changed = replace(snapshot, status=status, reason=reason, quality=snapshot.quality.with_window(window))
     if window.record is None:
         return changed
-    return replace(
-        changed, records=(*snapshot.records, window.record), trend=(*snapshot.trend, _point(window))
-    )
+    return replace(changed, records=(*snapshot.records, window.record), trend=(*snapshot.trend, _point(window)))
 
 
 def _point(window: StoredWindow) -> dict[str, Any]:

@@ -173,9 +173,7 @@ class Store:
             self._ensure(db, asset)
             self._keep(db, asset, rig=rig)
 
-    def add_inspection(
-        self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]
-    ) -> dict[str, Any]:
+    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
         """Keeps one measured depth with the twin's answer; both, the inspection with its id and time."""
         received = time.time_ns()
         with self._transaction() as db:
@@ -196,15 +194,12 @@ class Store:
         if not rows:
             return StoredAsset(asset=asset)
         rig, state, report, resume, counters = (_load(text) for text in rows[0])
-        return StoredAsset(
-            asset=asset, rig=rig, state=state, report=report, resume=resume, counters=counters or {}
-        )
+        return StoredAsset(asset=asset, rig=rig, state=state, report=report, resume=resume, counters=counters or {})
 
     def windows(self, asset: str) -> tuple[StoredWindow, ...]:
         """Every window of the asset in time order, refused ones too."""
         rows = self._rows(
-            "SELECT start_ns, quality, faults, record, figures FROM windows"
-            " WHERE asset = ? ORDER BY start_ns",
+            "SELECT start_ns, quality, faults, record, figures FROM windows WHERE asset = ? ORDER BY start_ns",
             (asset,),
         )
         return tuple(
@@ -283,9 +278,7 @@ class Store:
         added = []
         for kind, data in events:
             safe = plain(data)
-            row = db.execute(
-                "INSERT INTO events (asset, kind, data) VALUES (?, ?, ?)", (asset, kind, _dump(safe))
-            )
+            row = db.execute("INSERT INTO events (asset, kind, data) VALUES (?, ?, ?)", (asset, kind, _dump(safe)))
             added.append(Event(id=row.lastrowid or 0, asset=asset, kind=kind, data=safe))
         return tuple(added)
 

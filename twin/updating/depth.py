@@ -4,10 +4,12 @@ Worn flanks let the gear lag: the mesh lines of the transmission error grow almo
 at the first harmonic of the reference rig) and hardly depend on damping, stiffness or contact width, and its mean
 grows by about two thirds of the depth. The depth is the one that explains both best,
 
-    J(d, ψ) = Σ_k |e^{ikψ}·m_k(d) − y_k|²/σ_k² + (m_0(d) + c − y_0)²/σ_0² + (ψ − ψ̄)²/σ_ψ²
+    J(d, ψ) = Σ_k |e^{ikψ}·(m_k(d) − m_k(0)) − (y_k − y_k⁰)|²/σ_k² + (m_0(d) + c − y_0)²/σ_0² + (ψ − ψ̄)²/σ_ψ²
 
 y_k   measured line of mesh harmonic k                           [m]
 m_k   the twin's line at a depth                                 [m]
+y_k⁰  the same line when the teeth were unworn, under the same condition: what graduation, pitch and friction
+      make of it from the start drops out; where no such window is there, y_k⁰ and m_k(0) are left out  [m]
 y_0   measured mean, absolute because edge counts are            [m]
 c     where the two discs' zeros stand, learned from windows     [m]
 ψ     mesh phase against the pinion encoder's zero, ψ̄ from earlier windows  [rad]
@@ -34,7 +36,8 @@ FLOOR = 0.05e-6  # unworn deviations of real teeth that the twin does not know [
 class Gauge:
     """What a window says of the depth."""
 
-    lines: np.ndarray  # y_k complex (HARMONICS,) [m]
+    lines: np.ndarray  # y_k, less y_k⁰ where `from_unworn`, complex (HARMONICS,) [m]
+    from_unworn: bool  # whether lines are what wear changed
     lines_std: np.ndarray  # noise of the real and imaginary part (HARMONICS,) [m]
     mean: float | None  # y_0 − c [m], None where it is not known
     mean_std: float  # [m]
@@ -54,7 +57,7 @@ class DepthEstimate:
     misfit: float  # J at the minimum over its degrees of freedom
 
 
-Response = Callable[[float], tuple[np.ndarray, float]]  # depth → m_k (HARMONICS,), m_0
+Response = Callable[[float], tuple[np.ndarray, float]]  # depth → m_k, less m_k(0) if from unworn, (HARMONICS,); m_0
 
 
 def _best_phase(model: np.ndarray, gauge: Gauge, weight: np.ndarray) -> float:

@@ -16,7 +16,10 @@ from twin.wear.curve import LINES
 OFFSET_DRIFT = 1.5e-6  # of the discs' zeros from window to window: heat, creep of a mounting [m]
 COMPLIANCE_TOLERANCE = 0.05  # of the mean transmission error per torque
 MEAN_NOISE = 0.3e-6  # [m]
+SAME_SPEED, SAME_TORQUE = 0.05, 0.10  # relative: conditions whose lines may be compared directly
+UNWORN_PHASE_STD = 0.6  # of the mesh phase from unworn teeth: friction and pitch errors turn their lines [rad]
 PHASE_SCATTER = 0.015  # of the mesh phase, from window to window [rad]
+WORN_ENOUGH = 3e-6  # depth from which wear sets the phase of the mesh lines [m]
 GRADUATION = 0.03e-6  # of a disc's graduation and of real teeth at one mesh line [m]
 LEARN_SIGNAL = 8.0  # amplitude over its std from which a line is learned from
 LEARN_SCATTER = 0.02  # of a learned factor, beyond noise
@@ -42,14 +45,37 @@ def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: 
         strain = COMPLIANCE_TOLERANCE * model.compliance_outside_mesh * (condition.torque - memory.offset.torque)
         mean = raw - memory.offset.value
         mean_std = float(np.sqrt(memory.offset.var + OFFSET_DRIFT**2 + MEAN_NOISE**2 + strain**2))
+    lines = np.array(values)
+    std = np.array([seen.get_std(k) for k in range(1, HARMONICS + 1)])
+    unworn = _unworn_like(features, memory)
+    if unworn is not None:
+        start = encoder_lines(unworn)
+        lines = lines - np.array([start.get(k) for k in range(1, HARMONICS + 1)])
+        std = np.hypot(std, [start.get_std(k) for k in range(1, HARMONICS + 1)])
     return Gauge(
-        lines=np.array(values),
-        lines_std=np.array([seen.get_std(k) for k in range(1, HARMONICS + 1)]),
+        lines=lines,
+        from_unworn=unworn is not None,
+        lines_std=std,
         mean=mean,
         mean_std=mean_std,
         phase=memory.phase,
         phase_std=memory.phase_std,
     )
+
+
+def _unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | None:
+    """An unworn window of the same condition, recorded earlier on the present discs; None where there is none."""
+    if len(memory.segments) > 1:
+        return None
+    for unworn in memory.unworn:
+        start = encoder_lines(unworn)
+        if unworn.start_time_ns >= features.start_time_ns or start is None or unworn.torque_nm is None:
+            continue
+        same = abs(unworn.speed_hz / features.speed_hz - 1) < SAME_SPEED
+        loaded = features.torque_nm is None or abs(unworn.torque_nm / features.torque_nm - 1) < SAME_TORQUE
+        if same and loaded and all(start.get(k) is not None for k in range(1, HARMONICS + 1)):
+            return unworn
+    return None
 
 
 def _mean_less_load(features: WindowFeatures, memory: Memory, model: Model, condition: Condition) -> float | None:
@@ -70,8 +96,9 @@ def learn(
     depth_std: float | None,
 ) -> Memory:
     """Mesh phase and disc offset after a window whose depth [m] the lines gave, or which is known with a std [m]."""
-    amplitude = abs(encoder_lines(features).get(1))
-    std = float(np.hypot(PHASE_SCATTER, 2 * FLOOR / amplitude))
+    std = UNWORN_PHASE_STD
+    if estimate.depth > WORN_ENOUGH:
+        std = float(np.hypot(PHASE_SCATTER, 2 * FLOOR / abs(encoder_lines(features).get(1))))
     phase = estimate.phase
     if memory.phase is not None:
         w_old, w_new = 1 / memory.phase_std**2, 1 / std**2

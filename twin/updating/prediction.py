@@ -72,10 +72,13 @@ class Expectation:
             acceleration=base.acceleration * ratio.acceleration,
         )
 
-    def gauge(self, depth: float, pinion_only: bool) -> tuple[np.ndarray, float]:
-        """The lines that the encoders see, and the mean of the transmission error, at a depth [m]."""
+    def gauge(self, depth: float, pinion_only: bool, from_unworn: bool) -> tuple[np.ndarray, float]:
+        """The lines that the encoders see at a depth [m], or what wear changed of them, and the mean [m]."""
         lines = self.lines(depth)
         seen = lines.pinion_motion if pinion_only else lines.transmission_error
+        if from_unworn:
+            start = self.lines(0.0)
+            seen = seen - (start.pinion_motion if pinion_only else start.transmission_error)
         return seen[:HARMONICS], lines.mean
 
 

@@ -179,7 +179,7 @@ def _take_calibration(
         low = max(depth - width, float(curve.depth[0]))
         pinion_only = features.transmission_error is None
         estimate = estimate_depth(
-            replace(gauge, mean=None), lambda d: expectation.gauge(d, pinion_only), low, low + width
+            replace(gauge, mean=None), lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), low, low + width
         )
         memory = encoders.learn(memory, features, model, expectation, estimate, depth, DEPTH_FLOOR)
     return Outcome(
@@ -279,7 +279,7 @@ def _depth_from(gauge, model, curve, expectation, projected, limit, pinion_only)
     deep = max(deep, shallow + 1e-6)
 
     def found(near: Expectation) -> DepthEstimate:
-        return estimate_depth(gauge, lambda d: near.gauge(d, pinion_only), shallow, deep)
+        return estimate_depth(gauge, lambda d: near.gauge(d, pinion_only, gauge.from_unworn), shallow, deep)
 
     estimate = found(expectation)
     if not expectation.solved or abs(estimate.depth - projected) > 0.1 * max(projected, 5e-6):
