@@ -45,7 +45,15 @@ def assess(
     prefix: Prefix = "gearbox",
 ) -> None:
     """Run a whole recording through the twin, as the service would."""
-    answer = _assess(recording, rig, update, asset, prefix)
+    from service.assess import Unassessable
+    from service.jsontext import json_text, write_text
+
+    try:
+        answer = _assess(recording, rig, update, asset, prefix)
+    except Unassessable as error:
+        if json is not None:
+            write_text(json, json_text(error.answer))
+        raise
     _give(answer, json)
 
 
