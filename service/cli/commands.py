@@ -175,6 +175,7 @@ def simulate(
 def import_(
     mapping: Annotated[Path, typer.Argument(metavar="MAPPING", help="Mapping file (TOML) of columns to channels.")],
     out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
+    source: Annotated[Path | None, typer.Option(help="Data file (CSV, NPZ), instead of the mapping's.")] = None,
     json: JsonFlag = False,
 ) -> None:
     """Bring measured columns (CSV, NPZ) into a recording."""
@@ -183,8 +184,8 @@ def import_(
     from service.jsontext import json_text
 
     with progress_bar("importing") as bar:
-        found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"))
-    print(json_text({"recording": str(out), "import": found}) if json else f"imported: {out}")
+        found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source)
+    print(json_text(found) if json else f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
 
 
 @app.command()

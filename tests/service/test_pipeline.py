@@ -87,6 +87,7 @@ def test_faults_of_the_data_become_events_and_counts():
     outcomes, pipeline = run(frames, Count())
     kinds = [kind for kind, _ in outcomes[0].events]
     assert kinds == ["window", "data_fault"]
+    assert outcomes[0].events[0][1] is outcomes[0].record
     fault = outcomes[0].record["faults"][0]
     assert (fault["window"], fault["kind"], fault["channel"], fault["action"]) == (0, "gap", "accel/y6", "repaired")
     assert pipeline.quality(ASSET)["channels"]["accel/y6"] == {"frames": 11, "lost": 1}
