@@ -157,9 +157,7 @@ def take(
     )
 
 
-def _take_calibration(
-    rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, index: int
-) -> Outcome:
+def _take_calibration(rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, index: int) -> Outcome:
     """A low-speed window: it calibrates, and shows how the calibrated twin meets it; it wears nothing."""
     track = memory.track
     if not memory.segments:
@@ -312,5 +310,3 @@ def _why_not(features: WindowFeatures, lines: np.ndarray, frequencies: np.ndarra
         f"after the update the twin's mesh lines make {mesh:.3g} m/s² against {heard:.3g} m/s² in the measured "
         f"ones, of {features.rms:.3g} m/s² measured in the band"
     )
-
-
