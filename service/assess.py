@@ -41,8 +41,15 @@ def assess(
     with Recording(path, prefix) as recording:
         asset = choose_asset(recording, asset)
         rig = rig_of(recording, rig_path)
-        outcomes: list[Outcome] = []
-        pipeline = Pipeline(lambda name: rig, options, outcomes.append, assembly=assembly, step=step)
+        records: list[Mapping[str, Any]] = []
+        report: Mapping[str, Any] | None = None
+
+        def keep(outcome: Outcome) -> None:
+            nonlocal report
+            records.append(outcome.record)
+            report = outcome.report
+
+        pipeline = Pipeline(lambda name: rig, options, keep, assembly=assembly, step=step)
 
         def reject(channel: Channel, error: FrameError) -> None:
             if channel.asset == asset:
@@ -51,15 +58,15 @@ def assess(
         for frame in recording.frames(reject):
             if frame.channel.asset == asset:
                 pipeline.feed(frame)
-                progress(recording.bytes_read / recording.size, len(outcomes))
-                if enough([o.record for o in outcomes]):
+                progress(recording.bytes_read / recording.size, len(records))
+                if enough(records):
                     break
         else:
             pipeline.flush(asset)
-        progress(1.0, len(outcomes))
+        progress(1.0, len(records))
         quality = pipeline.quality(asset) | {"recording": list(recording.faults)}
-        _demand_windows(recording, asset, rig, outcomes, quality)
-        return assemble(asset, [o.record for o in outcomes], outcomes[-1].report, quality)
+        _demand_windows(recording, asset, rig, records, quality)
+        return assemble(asset, records, report, quality)
 
 
 def choose_asset(recording: Recording, asset: str | None) -> str:
@@ -85,17 +92,17 @@ def rig_of(recording: Recording, rig_path: str | Path | None) -> Rig:
 
 
 def _demand_windows(
-    recording: Recording, asset: str, rig: Rig, outcomes: list[Outcome], quality: dict[str, Any]
+    recording: Recording, asset: str, rig: Rig, records: list[Mapping[str, Any]], quality: dict[str, Any]
 ) -> None:
     """At least one window must have been used."""
     present = {channel.label for channel in recording.channels.values() if channel.asset == asset}
-    if any(outcome.record["quality"] != "refused" for outcome in outcomes):
+    if any(record["quality"] != "refused" for record in records):
         return
     missing = [label for label in expected_channels(rig) if label not in present]
     parts = [topic_of(Channel(asset, *label.split("/"))) for label in missing]
     absent = f"; the rig file names {', '.join(parts)}, which the recording does not have" if parts else ""
-    if outcomes:
-        reason = f"no window of {len(outcomes)} can be used: {outcomes[0].record['reason']}"
+    if records:
+        reason = f"no window of {len(records)} can be used: {records[0]['reason']}"
     else:
         newest = quality["faults"][-1]["detail"] if quality["faults"] else "it has no frames"
         reason = f"no whole window: {newest}"
