@@ -1,0 +1,114 @@
+"""A whole recording through the twin, without a server: `gear-twin assess`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from service.assembly import DEFAULT, AssemblySettings
+from service.errors import FrameError, InputError
+from service.pipeline import Outcome, Pipeline
+from service.results import assemble
+from service.rigfile import checked_rig, expected_channels, load_rig
+from service.sources.mcap import Recording
+from service.wire.topics import PREFIX, Channel, topic_of
+from twin.rig import Rig
+
+Progress = Callable[[float, int], None]  # share of the file read, windows done
+
+
+def assess(
+    path: str | Path,
+    rig_path: str | Path | None = None,
+    options: Any = None,
+    progress: Progress = lambda share, windows: None,
+    *,
+    asset: str | None = None,
+    prefix: str = PREFIX,
+    assembly: AssemblySettings = DEFAULT,
+    step: Callable[..., tuple[Any, Any]] | None = None,
+) -> dict[str, Any]:
+    """The answer of section 4 about a recording's asset; InputError where it cannot be used."""
+    if options is None:
+        from twin.step import Options
+
+        options = Options()
+    with Recording(path, prefix) as recording:
+        asset = choose_asset(recording, asset)
+        rig = rig_of(recording, rig_path)
+        outcomes: list[Outcome] = []
+        pipeline = Pipeline(lambda name: rig, options, outcomes.append, assembly=assembly, step=step)
+
+        def reject(channel: Channel, error: FrameError) -> None:
+            if channel.asset == asset:
+                pipeline.reject(channel, error)
+
+        for frame in recording.frames(reject):
+            if frame.channel.asset == asset:
+                pipeline.feed(frame)
+                progress(recording.bytes_read / recording.size, len(outcomes))
+        pipeline.flush(asset)
+        progress(1.0, len(outcomes))
+        quality = pipeline.quality(asset) | {"recording": list(recording.faults)}
+        _demand_windows(recording, asset, rig, outcomes, quality)
+        return assemble(asset, [o.record for o in outcomes], outcomes[-1].report, quality)
+
+
+def choose_asset(recording: Recording, asset: str | None) -> str:
+    """The asset asked for, or the only one."""
+    assets = recording.assets
+    if asset is None and len(assets) == 1:
+        return assets[0]
+    if asset in assets:
+        return asset
+    what = f"has no asset {asset!r}" if asset else "holds more than one asset"
+    raise InputError(f"{recording.path}: {what}; choose one of {', '.join(assets)}")
+
+
+def rig_of(recording: Recording, rig_path: str | Path | None) -> Rig:
+    """The rig of a file, or the recording's attachment."""
+    if rig_path is not None:
+        return load_rig(rig_path)
+    mapping = recording.rig()
+    if mapping is None:
+        why = f" ({'; '.join(recording.faults)})" if recording.faults else ""
+        raise InputError(f"{recording.path}: no rig.toml is attached{why}: give a rig file")
+    return checked_rig(mapping, f"{recording.path}: attached rig.toml")
+
+
+def _demand_windows(
+    recording: Recording, asset: str, rig: Rig, outcomes: list[Outcome], quality: dict[str, Any]
+) -> None:
+    """At least one window must have been used."""
+    present = {channel.label for channel in recording.channels.values() if channel.asset == asset}
+    if any(outcome.record["quality"] != "refused" for outcome in outcomes):
+        return
+    missing = [label for label in expected_channels(rig) if label not in present]
+    parts = [topic_of(Channel(asset, *label.split("/"))) for label in missing]
+    absent = f"; the rig file names {', '.join(parts)}, which the recording does not have" if parts else ""
+    if outcomes:
+        reason = f"no window of {len(outcomes)} can be used: {outcomes[0].record['reason']}"
+    else:
+        newest = quality["faults"][-1]["detail"] if quality["faults"] else "it has no frames"
+        reason = f"no whole window: {newest}"
+    raise InputError(f"{recording.path}: {reason}{absent}")
+
+
+def warnings(recording: str | Path, answer: dict[str, Any]) -> list[str]:
+    """One line each for what was wrong with a recording that could be used all the same."""
+    quality, lines = answer["data_quality"], []
+    if quality.get("recording"):
+        lines.append(f"{recording}: {'; '.join(quality['recording'])}")
+    for label in quality["missing_channels"]:
+        lines.append(f"{recording}: channel {label}, which the rig file names, is missing")
+    grouped: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for fault in quality["faults"]:
+        if fault["action"] in ("degraded", "refused"):
+            grouped.setdefault((fault["channel"], fault["kind"]), []).append(fault)
+    for (label, kind), faults in grouped.items():
+        lines.append(f"{recording}: {label}: {kind}, {len(faults)} times: {faults[0]['detail']}")
+    refused = [w for w in answer["windows"] if w["quality"] == "refused"]
+    if refused:
+        lines.append(f"{recording}: {len(refused)} windows refused: {refused[0]['reason']}")
+    return lines

@@ -1,0 +1,182 @@
+"""What an MCAP file holds, found by walking its records, so that damage costs only what it hit.
+
+Neither the summary nor the order of things is relied on: chunks are found one after the other by their
+record headers, and behind a damaged header by the next compression mark. A chunk's own CRC says
+whether it may be used.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import BinaryIO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError, breakup_chunk
+
+from service.errors import InputError
+
+MAGIC = b"\x89MCAP0\r\n"
+_HEADER = 9  # opcode and length of a record [bytes]
+_CHUNK_HEAD = struct.Struct(
+    "<QQQII"
+)  # first and last time, uncompressed size, CRC, length of the compression's name
+_LARGEST_CHUNK = 2**30
+_MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
+_MARK_OFFSET = _HEADER + _CHUNK_HEAD.size - 4  # of the mark from the start of a chunk record
+_IMMENSE = (MemoryError, OverflowError)  # lengths that a flipped bit made so
+_UNREADABLE = (McapError, zstandard.ZstdError, struct.error, ValueError, RuntimeError, OSError, *_IMMENSE)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A chunk, or a message that stands outside of any."""
+
+    offset: int
+    start_ns: int
+    end_ns: int
+
+
+@dataclass(slots=True)
+class Contents:
+    """What was found in a file."""
+
+    size: int
+    blocks: list[Block] = field(default_factory=list)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+
+    def learn(self, records: list[McapRecord]) -> None:
+        """Takes the definitions among a chunk's records over."""
+        for record in records:
+            if isinstance(record, Schema):
+                self.schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self.channels[record.id] = record
+
+
+def scan(file: BinaryIO, name: str) -> Contents:
+    """Walks the records of an open file; raises InputError where it is no MCAP file at all."""
+    file.seek(0, 2)
+    contents = Contents(size=file.tell())
+    file.seek(0)
+    if contents.size == 0:
+        raise InputError(f"{name}: the file is empty; an MCAP recording was expected")
+    if file.read(len(MAGIC)) != MAGIC:
+        raise InputError(f"{name}: not an MCAP recording: it does not begin with the MCAP magic bytes")
+    at, complete = len(MAGIC), False
+    while at + _HEADER <= contents.size:
+        file.seek(at)
+        opcode, length = struct.unpack("<BQ", file.read(_HEADER))
+        behind = at + _HEADER + length
+        if not 0 < opcode < 0x80 or behind > contents.size:
+            found = _next_chunk(file, at + 1)
+            if found is None:
+                break
+            contents.faults.append(f"damaged record at byte {at}, reading on at byte {found}")
+            at = found
+            continue
+        try:
+            _take(file, opcode, at, length, contents)
+        except _UNREADABLE:
+            contents.faults.append(f"damaged record at byte {at} left out")
+        at = behind
+        if opcode == Opcode.FOOTER:
+            complete = True
+            break
+    if not complete:
+        contents.faults.append(f"truncated: nothing whole after byte {at} of {contents.size}")
+    return contents
+
+
+def _take(file: BinaryIO, opcode: int, at: int, length: int, contents: Contents) -> None:
+    """Notes one record."""
+    if opcode == Opcode.CHUNK:
+        head = file.read(_CHUNK_HEAD.size)
+        start, end, *_ = _CHUNK_HEAD.unpack(head)
+        contents.blocks.append(Block(at, start, end))
+        return
+    if opcode not in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT, Opcode.METADATA):
+        return
+    body = file.read(length)
+    stream = ReadDataStream(BytesIO(body))
+    if opcode == Opcode.MESSAGE:
+        time = Message.read(stream, length).log_time
+        contents.blocks.append(Block(at, time, time))
+    elif opcode == Opcode.SCHEMA:
+        schema = Schema.read(stream)
+        contents.schemas.setdefault(schema.id, schema)
+    elif opcode == Opcode.CHANNEL:
+        channel = Channel.read(stream)
+        contents.channels.setdefault(channel.id, channel)
+    elif opcode == Opcode.METADATA:
+        metadata = Metadata.read(stream)
+        contents.metadata[metadata.name] = dict(metadata.metadata)
+    else:
+        crc = int.from_bytes(body[-4:], "little")
+        if crc and zlib.crc32(body[:-4]) != crc:
+            contents.faults.append(f"attachment at byte {at} damaged (CRC) and left out")
+            return
+        attachment = Attachment.read(stream)
+        contents.attachments[attachment.name] = attachment.data
+
+
+def _next_chunk(file: BinaryIO, start: int) -> int | None:
+    """Offset of the next thing after `start` that looks like a chunk, by its compression's name."""
+    file.seek(start)
+    base, tail = start, b""
+    while block := file.read(1 << 20):
+        data = tail + block
+        places = [i for mark in _MARKS for i in _find_all(data, mark)]
+        for place in sorted(places):
+            at = base - len(tail) + place - _MARK_OFFSET
+            if at >= start and _looks_like_chunk(file, at):
+                return at
+        base += len(block)
+        file.seek(base)
+        tail = data[-8:]
+    return None
+
+
+def _find_all(data: bytes, mark: bytes) -> Iterator[int]:
+    place = data.find(mark)
+    while place >= 0:
+        yield place
+        place = data.find(mark, place + 1)
+
+
+def _looks_like_chunk(file: BinaryIO, at: int) -> bool:
+    file.seek(at)
+    head = file.read(_HEADER + _CHUNK_HEAD.size)
+    if len(head) < _HEADER + _CHUNK_HEAD.size or head[0] != Opcode.CHUNK:
+        return False
+    start, end, size, _, _ = _CHUNK_HEAD.unpack(head[_HEADER:])
+    return start <= end and size <= _LARGEST_CHUNK
+
+
+def read_block(file: BinaryIO, block: Block) -> list[McapRecord] | str:
+    """The records of a block, or why it cannot be used."""
+    file.seek(block.offset)
+    try:
+        opcode, length = struct.unpack("<BQ", file.read(_HEADER))
+        stream = ReadDataStream(BytesIO(file.read(length)))
+        if opcode == Opcode.MESSAGE:
+            return [Message.read(stream, length)]
+        chunk = Chunk.read(stream)
+        if chunk.uncompressed_size > _LARGEST_CHUNK:
+            return f"claims {chunk.uncompressed_size} bytes"
+        return breakup_chunk(chunk, validate_crc=True)
+    except CRCValidationError:
+        return "CRC does not match"
+    except _UNREADABLE as error:
+        return f"cannot be unpacked ({type(error).__name__})"

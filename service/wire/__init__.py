@@ -1,0 +1,1 @@
+"""The wire: topics and protobuf messages of the contract, section 1."""
