@@ -1,4 +1,4 @@
-"""The JSON that the twin answers with: one document an asset, the same from every source of frames."""
+"""Reports as strict JSON data, and what is kept of each for every window."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-
-NO_WINDOW = "no whole measurement window has been received yet"
-PARTS = ("wear", "rul", "residual", "unexplained")
 
 
 def plain(value: Any) -> Any:
@@ -30,29 +27,9 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} is not JSON data")
 
 
-def not_available(reason: str) -> dict[str, str]:
-    """What stands in a report where a part of it cannot be computed."""
-    return {"status": "not available", "reason": reason}
-
-
 def is_available(part: Any) -> bool:
     """Whether a part of a report holds figures."""
     return bool(part) and not (isinstance(part, Mapping) and part.get("status") == "not available")
-
-
-def document(asset: str, windows: Iterable[Mapping], report: Mapping[str, Any] | None) -> dict[str, Any]:
-    """The whole state of one asset, with the names of the contract's section 4."""
-    report = report or {}
-    parts = {name: report.get(name) or not_available(NO_WINDOW) for name in PARTS}
-    effects = report.get("effects")
-    rest = {k: v for k, v in report.items() if k not in (*PARTS, "effects", "asset", "windows")}
-    return {
-        "asset": asset,
-        "windows": list(windows),
-        **parts,
-        "effects": [] if effects is None else effects,
-        **rest,
-    }
 
 
 def figures(report: Mapping[str, Any]) -> dict[str, Any]:

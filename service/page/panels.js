@@ -2,7 +2,8 @@
 
 import { anything, fixed, isAvailable, number, range, reasonOf, revolutions, words } from "./format.js";
 
-const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration"]);
+const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration",
+  "data_quality"]);
 
 function element(tag, attributes = {}, ...children) {
   const made = Object.assign(document.createElement(tag), attributes);
@@ -67,11 +68,22 @@ function panel(title, ...children) {
 }
 
 function qualityPanel(quality) {
-  const windows = Object.entries(quality.windows).map(([kind, n]) => `${n} ${kind}`).join(", ") || "none yet";
-  const rows = quality.faults.map((f) => [words(f.kind), f.channel, f.action, String(f.count), String(f.windows)]);
-  const found = rows.length ? table(["fault", "channel", "done about it", "count#", "windows#"], rows)
-    : element("p", { className: "none" }, "No fault in the data so far.");
-  return panel("Data quality", element("p", { className: "none" }, `Windows: ${windows}`), found);
+  const windows = Object.entries(quality.windows ?? {}).filter(([, n]) => n)
+    .map(([grade, n]) => `${n} ${grade}`).join(", ") || "none yet";
+  const rows = quality.totals.map((f) => [words(f.kind), f.channel, f.action, String(f.count), String(f.windows)]);
+  const made = panel("Data quality", element("p", { className: "none" }, `Windows: ${windows}`));
+  if (quality.missing_channels?.length) {
+    made.append(element("p", { className: "none" }, `Never seen: ${quality.missing_channels.join(", ")}`));
+  }
+  const channels = Object.entries(quality.channels ?? {}).map(([label, kinds]) => {
+    const { frames = 0, ...wrong } = kinds;
+    const what = Object.entries(wrong).filter(([, n]) => n).map(([kind, n]) => `${n} ${words(kind)}`).join(", ");
+    return [label, revolutions(frames), what || "–"];
+  });
+  if (channels.length) made.append(table(["channel", "frames#", "of them, or beside them"], channels));
+  made.append(rows.length ? table(["fault", "channel", "done about it", "count#", "windows#"], rows)
+    : element("p", { className: "none" }, "No fault in any window so far."));
+  return made;
 }
 
 function effectsPanel(effects, unexplained) {
@@ -108,12 +120,12 @@ function windowsPanel(windows) {
     cells: [
       String(w.index), w.kind, revolutions(w.revolutions), fixed(w.speed_hz), fixed(w.torque_nm),
       fixed(w.rms_measured, 4), fixed(w.rms_predicted, 4),
-      Number.isFinite(w.error_percent) ? signed(w.error_percent) : "–", w.updated ? "yes" : "",
+      Number.isFinite(w.error_percent) ? signed(w.error_percent) : "–", w.updated ? "yes" : "", w.quality ?? "",
       fixed(w.wear_depth_um), fixed(w.k_wear_per_n),
     ],
   }));
   const heads = ["window#", "kind", "revolutions#", "speed [Hz]#", "torque [N·m]#", "RMS [m/s²]#", "twin [m/s²]#",
-    "error [%]#", "updated", "depth [µm]#", "K [1/N]#"];
+    "error [%]#", "updated", "data", "depth [µm]#", "K [1/N]#"];
   return panel("Latest windows", table(heads, rows));
 }
 

@@ -100,31 +100,37 @@ def little_known_report() -> dict:
 FAULT = {"kind": "gap", "channel": "accel/y6", "count": 3, "action": "degraded", "detail": "frames 12 to 14"}
 
 
+def quality_of(store: Store, asset: str, grade: str, index: int) -> dict:
+    """The section `data_quality` with one more window of a grade."""
+    stored = store.asset(asset).quality or {"windows": dict.fromkeys(("good", "degraded", "refused"), 0)}
+    windows = {**stored["windows"], grade: stored["windows"][grade] + 1}
+    channels = {"accel/y6": {"frames": 40 * (index + 1), "duplicate": index}}
+    return {"windows": windows, "channels": channels, "missing_channels": [], "faults": []}
+
+
 def take(store: Store, board: Board | None, asset: str, index: int, revolutions: float, **changes) -> bool:
-    """One window into store and board, as the pipeline does; False where it was there already."""
-    quality, faults = changes.pop("quality", "good"), changes.pop("faults", ())
+    """One window into store and board, as the service does; False where it was there already."""
+    grade, faults = changes.pop("quality", "good"), list(changes.pop("faults", ()))
     given = changes.pop("report", None) or report(revolutions, index + 1)
-    entry = record(index, revolutions, **changes)
+    entry = {**record(index, revolutions, **changes), "quality": grade, "faults": faults}
     if "status" in given["wear"]:
         unknown = ("rms_predicted", "error_percent", "rms_after", "wear_depth_um", "k_wear_per_n")
         entry.update(dict.fromkeys(unknown))
-    start = START_NS + index * 600_000_000_000
     happened = [("window", entry), ("rul", given["rul"])]
     if entry["updated"]:
         happened.append(("update", {"revolutions": revolutions, "k_wear_per_n": entry["k_wear_per_n"]}))
     happened += [("data_fault", fault) for fault in faults]
-    counters = {"accel/y6": {"frames": 40 * (index + 1), "duplicate": index}}
-    events = store.commit(
+    start = START_NS + index * 600_000_000_000
+    quality = quality_of(store, asset, grade, index)
+    window = store.commit(
         asset, start, record=entry, state={"windows_seen": index + 1, "memory": {}}, report=given,
-        events=happened, faults=faults, quality=quality, resume={"taken_to_ns": start}, counters=counters,
+        assembly={"closed_until_ns": start}, quality=quality, events=happened,
     )  # fmt: skip
-    if events is None:
+    if window is None:
         return False
     if board is not None:
-        window = next(w for w in store.windows(asset) if w.start_ns == start)
-        board.add_window(
-            asset, window, report=given, counters=counters, last_event_id=events[-1].id if events else 0
-        )
+        last = store.last_event_id(asset)
+        board.add_window(asset, window, report=given, quality=quality, last_event_id=last)
     return True
 
 

@@ -67,7 +67,7 @@ def test_reader_without_an_id_gets_what_happens_from_now_on(address, store, boar
 
 def test_more_events_than_one_page_are_all_told(address, store, board):
     for index in range(260):
-        store.commit("unsw", index, record={"index": index}, events=[("window", {"n": index}), ("rul", {})])
+        store.note("unsw", [("window", {"n": index}), ("rul", {})])
     board.update("unsw", last_event_id=store.last_event_id("unsw"))
     told = read_events(address, "unsw", 520, query="?after=0")
     assert [data["n"] for _, kind, data in told if kind == "window"] == list(range(260))
