@@ -181,9 +181,8 @@ class Store:
 
     def asset(self, asset: str) -> StoredAsset:
         """What is committed of the asset; empty where it has never been seen."""
-        rows = self._rows(
-            "SELECT rig, state, report, assembly, quality FROM assets WHERE asset = ?", (asset,)
-        )
+        columns = "rig, state, report, assembly, quality"
+        rows = self._rows(f"SELECT {columns} FROM assets WHERE asset = ?", (asset,))
         if not rows:
             return StoredAsset(asset=asset)
         rig, state, report, assembly, quality = (_load(text) for text in rows[0])

@@ -169,9 +169,7 @@ class Quality(_Open):
     windows: dict[str, int] | None = Field(
         None, description="windows by `good`, `repaired`, `degraded`, `refused`"
     )
-    channels: dict[str, dict[str, int]] | None = Field(
-        None, description="frames by channel and what they were"
-    )
+    channels: dict[str, dict[str, int]] | None = Field(None, description="frames by channel")
     missing_channels: list[str] | None = Field(None, description="named in the rig file, never seen")
     faults: list[dict[str, Any]] | None = Field(None, description="the latest faults, oldest first")
     totals: list[FaultTotal]

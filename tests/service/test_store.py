@@ -72,9 +72,7 @@ def test_window_that_cannot_be_written_leaves_no_part_behind(store):
     fakes.take(store, None, "unsw", 0, 1500.0)
     before = (store.asset("unsw"), store.windows("unsw"), store.events("unsw", 0))
     with pytest.raises(TypeError, match="not JSON"):
-        store.commit(
-            "unsw", 7, record={"index": 1}, report={"wear": {}}, events=[("window", {"x": object()})]
-        )
+        commit(store, 7, {"index": 1}, events=[("window", {"x": object()})])
     assert (store.asset("unsw"), store.windows("unsw"), store.events("unsw", 0)) == before
 
 
@@ -112,19 +110,7 @@ def test_board_from_the_store_equals_the_board_that_was_published(store):
     fakes.campaign(store, board)
     again = Board.from_store(store)
     assert again.assets() == board.assets()
-    assert again.get("unsw").whole == board.get("unsw").whole
-    for part in (
-        "status",
-        "reason",
-        "records",
-        "trend",
-        "rig",
-        "quality",
-        "fault_totals",
-        "updates",
-        "last_event_id",
-    ):
-        assert getattr(again.get("unsw"), part) == getattr(board.get("unsw"), part), part
+    assert again.get("unsw") == board.get("unsw")
 
 
 WRITER = """

@@ -1,0 +1,344 @@
+"""The service: one process from frames to answers.
+
+Zenoh's callbacks fill the inbox; one worker thread takes the frames through the pipeline to store, board and
+Zenoh; HTTP is served in the main thread. A termination signal ends all of it within seconds: what is
+committed stays, and what was in progress is taken up from the store by the next start.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+
+from service.api import create_app
+from service.board import Board
+from service.errors import InputError
+from service.frames import Frame
+from service.inbox import Inbox, pump
+from service.live import LiveState, OfferedRigs
+from service.pipeline import Checkpoint, Outcome, Pipeline, assembly_settings
+from service.rigfile import checked_rig, load_mapping
+from service.settings import Settings
+from service.sources.zenoh import ZenohSource, open_session
+from service.store import Store
+from service.wire.topics import Channel
+from twin.rig import Rig
+
+log = logging.getLogger(__name__)
+
+DATABASE = "gear-twin.sqlite"
+QUALITY_EVERY = 1.0  # how often counters are shown while frames come [s]
+STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
+HTTP_WAIT = 2  # how long open requests are waited for at the end [s]
+
+Step = Callable[..., tuple[Any, Any]]
+
+
+def run(
+    settings: Settings,
+    *,
+    step: Step | None = None,
+    announce: Callable[[str], None] = lambda address: print(f"gear-twin serves {address}", flush=True),
+    stop: threading.Event | None = None,
+) -> int:
+    """Serves until a signal, or `stop`, ends it; the exit status.
+
+    step      the twin's step; None for the twin itself
+    announce  called once with the page's address, when HTTP is served
+    """
+    rig = load_mapping(settings.rig) if settings.rig else None
+    if rig is not None:
+        checked_rig(rig, str(settings.rig))
+    with ExitStack() as stack:
+        stack.enter_context(_only_service_of(settings.data))
+        store = stack.enter_context(Store(settings.data / DATABASE))
+        board = Board.from_store(store)
+        listening = stack.enter_context(_listen(settings.http_host, settings.http_port))
+        worker = Worker(settings, store, board, rig, step)
+        app = create_app(board, store, not_ready=worker.not_ready, gauges=worker.gauges)
+        server = _Server(app, board, worker, lambda: announce(_address(listening)), stop)
+        worker.on_end = server.end
+        worker.start()
+        try:
+            server.run(sockets=[listening])
+        finally:
+            worker.end()
+    if worker.failure is not None:
+        raise worker.failure
+    return 0
+
+
+class Worker(threading.Thread):
+    """The thread that owns the Zenoh session and the pipeline."""
+
+    def __init__(
+        self, settings: Settings, store: Store, board: Board, rig: Mapping[str, Any] | None, step: Step | None
+    ) -> None:
+        super().__init__(name="twin", daemon=True)
+        self._settings, self._store, self._board, self._rig, self._step = settings, store, board, rig, step
+        self._inbox = Inbox(frames=settings.queue_frames, wait=settings.queue_wait, prefix=settings.prefix)
+        self._stopping = threading.Event()
+        self._reason: str | None = "not yet subscribed to the stream"
+        self._source: ZenohSource | None = None
+        self._faults = 0
+        self.on_end: Callable[[], None] = lambda: None
+        self.failure: Exception | None = None
+
+    def run(self) -> None:
+        try:
+            with open_session(self._settings.listen, self._settings.connect) as session:
+                self._serve(session)
+        except Exception as error:
+            self.failure = error
+        finally:
+            self._reason = "the stream's subscription has ended"
+            self.on_end()
+
+    def end(self) -> None:
+        """Ends the thread, at the latest after a few seconds."""
+        self._stopping.set()
+        self._inbox.close()
+        self.join(STOP_WAIT)
+
+    def not_ready(self) -> str | None:
+        """Why no frames are taken, or None."""
+        return self._reason
+
+    def gauges(self) -> dict[str, float]:
+        """Figures of the process for /metrics."""
+        return {
+            "queue_frames": self._inbox.depth,
+            "received_frames": self._inbox.received,
+            "dropped_frames": self._inbox.dropped_frames,
+            "missed_frames": self._source.missed if self._source else 0,
+            "callback_errors": self._inbox.errors,
+            "program_faults": self._faults,
+        }
+
+    def _serve(self, session: Any) -> None:
+        from twin.step import Options
+
+        prefix = self._settings.prefix
+        options = Options(update=self._settings.update, error_threshold=self._settings.error_threshold)
+        with OfferedRigs(session, prefix) as offered, LiveState(session, self._board, prefix) as live:
+            pipeline = ServedPipeline(
+                self._store,
+                self._board,
+                live,
+                lambda asset: self._rig_of(asset, offered),
+                options,
+                assembly=assembly_settings(self._settings),
+                step=self._step,
+            )
+            pipeline.restore_all()
+            self._source = ZenohSource(session, prefix)
+            with self._source.subscribe(self._inbox):
+                self._reason = None
+                while not self._stopping.is_set():
+                    self._pump(pipeline)
+                self._reason = "shutting down"
+
+    def _pump(self, pipeline: ServedPipeline) -> None:
+        """Runs the loop; a fault of the program costs the window it was in and ends nothing else."""
+        try:
+            pump(self._inbox, pipeline, self._stopping, self._settings.idle_timeout)
+        except Exception as error:
+            self._faults += 1
+            log.exception("a window was lost to a fault of the program")
+            pipeline.tell_fault(error)
+
+    def _rig_of(self, asset: str, offered: OfferedRigs) -> Rig:
+        """The rig of an asset: as set, as stored, as offered on Zenoh, else one of which nothing is known."""
+        stored = self._store.asset(asset).rig
+        rig = self._rig or stored or offered.find(asset)
+        if rig is None:
+            log.warning("no rig file is known for %s: only what needs none will be available", asset)
+            return Rig.from_mapping({})
+        checked = checked_rig(rig, f"rig of {asset}")
+        if rig != stored:
+            self._store.keep_rig(asset, rig)
+        self._board.update(asset, rig=rig)
+        return checked
+
+
+class ServedPipeline(Pipeline):
+    """The pipeline over store, board and Zenoh, with counters shown between windows."""
+
+    def __init__(
+        self,
+        store: Store,
+        board: Board,
+        live: LiveState,
+        rig_lookup: Callable[[str], Rig],
+        options: Any,
+        **given: Any,
+    ) -> None:
+        super().__init__(rig_lookup, options, self._keep, self._show, **given)
+        self._store, self._board, self._live = store, board, live
+        self._shown: dict[str, float] = {}
+        self._asset = ""
+
+    def restore_all(self) -> None:
+        """Goes on where the store's assets ended."""
+        from twin.step import State
+
+        for asset in self._store.assets():
+            stored = self._store.asset(asset)
+            if stored.state is None or stored.assembly is None or stored.quality is None:
+                continue
+            last = self._store.windows(asset)[-1].record
+            self.restore(
+                asset,
+                Checkpoint(
+                    index=last["index"],
+                    state=State.from_dict(stored.state),
+                    report=stored.report,
+                    assembly=stored.assembly,
+                    quality=stored.quality,
+                ),
+            )
+
+    def feed(self, frame: Frame) -> None:
+        self._asset = frame.channel.asset
+        super().feed(frame)
+        if time.monotonic() - self._shown.get(self._asset, 0.0) > QUALITY_EVERY:
+            self._show_quality(self._asset)
+
+    def reject(self, channel: Channel, error: Any) -> None:
+        super().reject(channel, error)
+        self._show_quality(channel.asset)
+
+    def waiting(self, asset: str) -> bool:
+        # Asked when a stream is silent: the last frames' counters are due.
+        if asset in self._shown and self._shown[asset] > 0 and not super().waiting(asset):
+            self._show_quality(asset)
+            self._shown[asset] = 0.0
+        return super().waiting(asset)
+
+    def tell_fault(self, error: Exception) -> None:
+        """Records that a window of the asset in work was lost to a fault of the program."""
+        fault = {"kind": "program_fault", "detail": f"{type(error).__name__}: {error}", "action": "refused"}
+        self._store.note(self._asset, [("data_fault", fault)])
+        self._board.update(self._asset, last_event_id=self._store.last_event_id(self._asset))
+
+    def _keep(self, outcome: Outcome) -> None:
+        self._committed = self._store.commit(
+            outcome.asset,
+            outcome.window.start_time_ns,
+            record=outcome.record,
+            state=outcome.state.to_dict(),
+            report=outcome.report,
+            assembly=outcome.assembly,
+            quality=outcome.quality,
+            events=outcome.events,
+        )
+
+    def _show(self, outcome: Outcome) -> None:
+        if self._committed is None:
+            log.error("%s: window %s was committed before", outcome.asset, outcome.record["start_time"])
+            return
+        self._board.add_window(
+            outcome.asset,
+            self._committed,
+            report=outcome.report,
+            quality=outcome.quality,
+            last_event_id=self._store.last_event_id(outcome.asset),
+        )
+        self._live.publish(outcome.asset)
+
+    def _show_quality(self, asset: str) -> None:
+        self._shown[asset] = time.monotonic()
+        self._board.update(asset, quality=self.quality(asset))
+
+
+class _Server(uvicorn.Server):
+    """Uvicorn that ends on SIGINT and SIGTERM without raising them again, open event streams included."""
+
+    def __init__(
+        self,
+        app: Any,
+        board: Board,
+        worker: Worker,
+        started: Callable[[], None],
+        stop: threading.Event | None,
+    ) -> None:
+        config = uvicorn.Config(
+            app, log_level="warning", access_log=False, timeout_graceful_shutdown=HTTP_WAIT, lifespan="off"
+        )
+        super().__init__(config)
+        self._board, self._worker, self._announce, self._stop = board, worker, started, stop
+
+    def end(self) -> None:
+        self.should_exit = True
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if not self.should_exit:
+            self._announce()
+
+    async def on_tick(self, counter: int) -> bool:
+        if self._stop is not None and self._stop.is_set():
+            self.should_exit = True
+        return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._board.close()
+        await super().shutdown(sockets)
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {s: signal.signal(s, self.handle_exit) for s in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+@contextmanager
+def _only_service_of(data: Path) -> Iterator[None]:
+    """Holds the data directory; InputError where another service has it."""
+    try:
+        data.mkdir(parents=True, exist_ok=True)
+        held = (data / "service.lock").open("w")
+    except OSError as error:
+        raise InputError(f"{data}: cannot be the data directory: {error.strerror}") from None
+    with held:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(f"{data}: another service has this data directory; give another") from None
+        yield
+
+
+@contextmanager
+def _listen(host: str, port: int) -> Iterator[socket.socket]:
+    """A bound socket; InputError where the address cannot be had. Port 0 takes any that is free."""
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        listening = socket.socket(family, socket.SOCK_STREAM)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((host, port))
+    except (OSError, OverflowError) as error:
+        what = (getattr(error, "strerror", None) or str(error)).lower()
+        raise InputError(f"HTTP cannot be served at {host}:{port}: {what}") from None
+    with listening:
+        yield listening
+
+
+def _address(listening: socket.socket) -> str:
+    host, port = listening.getsockname()[:2]
+    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
