@@ -13,7 +13,7 @@ every key is known to be complete, and laid out as windows (assembly_window).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,10 @@ from service import assembly_order as order
 from service.assembly_window import Piece, build_window, split_index, totals
 from service.frames import NS, Frame, SampleFrame
 from twin.windows import Window
+
+_SILENT_AFTER = (
+    4  # times the patience: frames of other keys after which one that sends nothing is not waited for
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,6 +99,13 @@ class Assembler:
                 lane.silent = label not in self._open.pieces
             yield self._close(self._open.end, cut=False)
 
+    def wait_only_for(self, labels: Iterable[str]) -> None:
+        """Stops waiting for all other keys, of which nothing has come, until they are heard again."""
+        heard = set(labels)
+        for label, lane in self._lanes.items():
+            if label not in heard and not lane.queue and not lane.released:
+                lane.silent = True
+
     def count(self, label: str, kind: str, by: int = 1) -> None:
         """Counts something seen on a channel."""
         kinds = self.counters.setdefault(label, {})
@@ -151,18 +162,10 @@ class Assembler:
         yield from self._merge(known=float("inf"))
 
     def _forget_silent(self) -> None:
-        """Stops waiting for keys of which nothing has come while another went on in good order for long."""
-        longest = max((_length(lane.last) for lane in self._lanes.values()), default=0)
-        gone_on = 0
-        for lane in self._lanes.values():
-            backlog = len(lane.released)
-            if backlog >= self.settings.settle and (
-                lane.run >= self.settings.settle or backlog >= self.settings.patience
-            ):
-                gone_on = max(gone_on, backlog * _length(lane.last))
-        for lane in self._lanes.values():
-            if not lane.queue and not lane.released and gone_on > 2 * (_length(lane.last) or longest):
-                lane.silent = True
+        """Stops waiting for keys of which nothing has come while another has gone on for very long."""
+        backlog = max(len(lane.released) for lane in self._lanes.values())
+        if backlog >= _SILENT_AFTER * self.settings.patience:
+            self.wait_only_for(label for label, lane in self._lanes.items() if lane.released)
 
     def _merge(self, known: float | None = None) -> Iterator[tuple[Window, dict[str, Any]]]:
         """Takes released frames in time order as far as every key is complete, or as far as told [ns]."""
@@ -229,8 +232,3 @@ class Assembler:
 
 def _size(frame: Frame) -> int:
     return frame.values.size if isinstance(frame, SampleFrame) else frame.edge_offsets_ns.size
-
-
-def _length(last: tuple[int, int, int] | None) -> int:
-    """Length of the newest frame of a key [ns]."""
-    return last[2] - last[1] if last else 0

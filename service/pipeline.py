@@ -11,7 +11,7 @@ No threads, no clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -115,6 +115,10 @@ class Pipeline:
         line = self._line(channel.asset)
         line.assembler.count(channel.label, "invalid")
         line.quality.note("invalid", channel.label, 1, "refused", str(error))
+
+    def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
+        """Lets an asset's windows close without the channels that have fallen silent."""
+        self._line(asset).assembler.wait_only_for(labels)
 
     def waiting(self, asset: str) -> bool:
         """Whether frames of an asset wait for their window's end."""
