@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from math import cos, pi, sin, sqrt, tan
 
 from twin.errors import ParameterError
+from twin.geometry.tooth_form import ToothForm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,18 +73,42 @@ class GearPair:
         return pi * self.module * cos(self.pressure_angle)
 
     @property
+    def tooth_thickness(self) -> float:
+        """t = π·m/2 − j/(2·cos α) on the pitch circles: each gear gives half of the backlash j [m]."""
+        return pi * self.module / 2 - self.backlash / (2 * cos(self.pressure_angle))
+
+    def tooth(self, wheel: int) -> ToothForm:
+        """The tooth of the pinion (0) or the gear (1)."""
+        return ToothForm(
+            teeth=self.teeth[wheel],
+            module=self.module,
+            pressure_angle=self.pressure_angle,
+            addendum=self.addendum,
+            dedendum=self.dedendum,
+            thickness=self.tooth_thickness,
+        )
+
+    @property
     def path_start(self) -> float:
         """s at which the gear's tip meets the pinion's flank (negative) [m]."""
         a, r, rb = self.tip_radius[1], self.pitch_radius[1], self.base_radius[1]
         start = -(sqrt(a**2 - rb**2) - r * sin(self.pressure_angle))
-        return max(start, -self.pitch_radius[0] * sin(self.pressure_angle))
+        return max(start, self._flank_foot(0))
 
     @property
     def path_end(self) -> float:
         """s at which the pinion's tip leaves the gear's flank (positive) [m]."""
         a, r, rb = self.tip_radius[0], self.pitch_radius[0], self.base_radius[0]
         end = sqrt(a**2 - rb**2) - r * sin(self.pressure_angle)
-        return min(end, self.pitch_radius[1] * sin(self.pressure_angle))
+        return min(end, -self._flank_foot(1))
+
+    def _flank_foot(self, wheel: int) -> float:
+        """Path position of the lowest involute point of a gear's flank, negative [m].
+
+        Where the mating tip would reach below it, the contact starts there.
+        """
+        ρ = self.tooth(wheel).form_roll_angle * self.base_radius[wheel]
+        return ρ - self.pitch_radius[wheel] * sin(self.pressure_angle)
 
     @property
     def contact_ratio(self) -> float:

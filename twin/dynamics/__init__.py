@@ -1,0 +1,1 @@
+"""The 21-degree-of-freedom model of the gearbox and its two solvers."""

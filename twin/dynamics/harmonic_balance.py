@@ -1,0 +1,285 @@
+"""Steady response of a linear structure closed by unilateral contacts, without time-stepping.
+
+The contacts are the only non-linear and time-varying part, and they see the structure through the single
+coordinate d along the line of action. With G = gᵀH(ω)g of the structure without its contacts, the steady
+state over one period is a scalar problem, harmonic by harmonic:
+
+    F̂_k + Σ_c Â_ck·G_c/G + (d̂_k − Σ_l f̂_lk·G_l)/G = 0   (k ≠ 0),        F̂_0 = F_mean
+
+    F = Σ_p σ_p·k_p·max(0, δ_p + τ·δ_p'),        δ_p = σ_p·d + e_p
+
+d      deflection along the line of action, positive in compression                       [m]
+e_p    separation of contact p from the perfect surfaces, negative where material is missing [m]
+σ_p    +1 where compression closes the contact (drive flanks), −1 where it opens (back flanks)
+k_p, τ stiffness of a contact [N/m] and its relative damping time [s]
+A_c    further actions of the same contacts on the structure, Σ_p w_cp·σ_p·F_p along a direction of
+       their own (friction is one); G_c = gᵀH(ω)a_c
+f_l    loads that do not depend on the motion (unbalance, torque ripple), along a direction of their own
+
+Newton's method with GMRES, contact forces in the time domain, the structure in the frequency domain,
+FFT between; preconditioner 1/(k̄(1 + iωτ) + 1/G). Starts from the quasi-static solution.
+
+Source   alternating frequency/time harmonic balance: T. M. Cameron, J. H. Griffin, J. Appl. Mech. 56
+         (1989) 149–154; Newton–Krylov: C. T. Kelley, Solving Nonlinear Equations with Newton's Method,
+         SIAM 2003, ch. 3
+Holds    responses that repeat with the period; others do not converge and say so
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from math import pi, sqrt
+
+import numpy as np
+from scipy.fft import irfft, rfft
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from twin.dynamics.structure import Structure
+from twin.errors import NotConverged, ParameterError
+
+MAX_NEWTON = 40
+MAX_STALLED = 12  # Newton steps that hardly help, on the way through contacts that open and close
+MAX_HALVINGS = 8
+TOLERANCE = 1e-9  # of the mean force
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Action:
+    """A further action of the contact forces on the structure."""
+
+    direction: np.ndarray  # a_c (21,)
+    weight: np.ndarray  # w_cp (p, n)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Load:
+    """A periodic force on the structure that does not depend on its motion."""
+
+    direction: np.ndarray  # a_l (21,)
+    lines: np.ndarray  # f̂_lk (n//2 + 1,) two-sided coefficients of the period's harmonics; f̂_l0 = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Contacts:
+    """All contacts that can close during one period, sampled evenly in time."""
+
+    stiffness: np.ndarray  # k_p (p, n) [N/m]
+    separation: np.ndarray  # e_p (p, n) [m]
+    separation_rate: np.ndarray  # de_p/dt (p, n) [m/s]
+    side: np.ndarray  # σ_p (p,) +1 or −1
+    damping_time: float  # τ [s]
+    period: float  # [s]
+    actions: tuple[Action, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        return self.stiffness.shape[1]
+
+    @property
+    def omega(self) -> np.ndarray:
+        """Angular frequency of each harmonic (n//2 + 1,) [rad/s]."""
+        return 2 * pi / self.period * np.arange(self.samples // 2 + 1)
+
+    def penetration(self, d: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """δ_p + τ·δ_p' of every contact (p, n) [m] for the deflection (n,) and its rate (n,)."""
+        closing = d + self.damping_time * rate
+        return self.side[:, None] * closing + self.separation + self.damping_time * self.separation_rate
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SteadyState:
+    """A steady state over one period."""
+
+    deflection: np.ndarray  # d (n,) [m]
+    contact_forces: np.ndarray  # k_p·max(0, …) ≥ 0 (p, n) [N]
+    mesh_force: np.ndarray  # F (n,) [N]
+    force_lines: np.ndarray  # F̂_k (n//2 + 1,) two-sided coefficients [N]
+    action_lines: tuple[np.ndarray, ...]  # Â_ck, as many as actions
+    omega: np.ndarray  # (n//2 + 1,) [rad/s]
+    residual: float  # largest residual, of the mean force
+    iterations: int
+    converged: bool
+    directions: tuple[np.ndarray, ...] = field(default=(), repr=False)
+    loads: tuple[Load, ...] = field(default=(), repr=False)
+
+    @property
+    def contact_loss(self) -> float:
+        """Share of the period in which no contact carries load."""
+        return float(np.mean(self.contact_forces.sum(axis=0) == 0))
+
+    def require_converged(self) -> SteadyState:
+        """Itself; raises NotConverged where it is no answer."""
+        if not self.converged:
+            raise NotConverged(
+                f"harmonic balance stopped at a residual of {self.residual:.2e} of the mean force after "
+                f"{self.iterations} iterations (tolerance {TOLERANCE:g}): the response may not repeat with the period"
+            )
+        return self
+
+    def lines(self, structure: Structure, response: np.ndarray) -> np.ndarray:
+        """Complex amplitudes of a response direction for k ≥ 1 (n//2,): x(t) = Re Σ X_k e^{iω_k t}."""
+        ω = self.omega[1:]
+        x = -structure.receptance(ω, structure.mesh, response) * self.force_lines[1:]
+        for a, A in zip(self.directions, self.action_lines, strict=True):
+            x = x - structure.receptance(ω, a, response) * A[1:]
+        for load in self.loads:
+            x = x + structure.receptance(ω, load.direction, response) * load.lines[1:]
+        return 2 * x
+
+
+def quasi_static_deflection(contacts: Contacts, mean_force: float) -> np.ndarray:
+    """d (n,) [m] at which the drive flanks carry the mean force at every instant, without dynamics.
+
+    Newton's method on a convex, piecewise linear function: monotone from above, exact after as many
+    steps as there are contacts.
+    """
+    drive = contacts.side > 0
+    k, e = contacts.stiffness[drive], contacts.separation[drive]
+    d = (mean_force / k).max(axis=0) + np.max(-e, axis=0)
+    for _ in range(k.shape[0] + 1):
+        closed = k * (d + e > 0)
+        d = d - ((closed * (d + e)).sum(axis=0) - mean_force) / closed.sum(axis=0)
+    return d
+
+
+def solve_through_contact_loss(
+    structure: Structure,
+    contacts: Contacts,
+    mean_force: float,
+    *,
+    start: np.ndarray | None = None,
+    tolerance: float = TOLERANCE,
+) -> SteadyState:
+    """As `solve`; where that fails, follows the solution down from twice the contact damping.
+
+    Each stage starts from the one before; a stage that fails is tried with half the change, a few times.
+    """
+    steady = solve(structure, contacts, mean_force, start=start, tolerance=tolerance)
+    if steady.converged or contacts.damping_time == 0:
+        return steady
+    factor, ratio = 2.0, 1.15
+    reached = start
+    for _ in range(40):
+        damped = replace(contacts, damping_time=factor * contacts.damping_time)
+        stage = solve(structure, damped, mean_force, start=reached, tolerance=tolerance)
+        if stage.converged:
+            reached = stage.deflection
+            if factor == 1:
+                return stage
+            factor = max(1.0, factor / ratio)
+        elif reached is start:  # nothing found yet: damp more
+            factor *= 1.5
+            if factor > 12:
+                break
+        else:
+            factor *= sqrt(ratio)
+            ratio = sqrt(ratio)
+            if ratio < 1.005:
+                break
+    return steady
+
+
+def solve(
+    structure: Structure,
+    contacts: Contacts,
+    mean_force: float,
+    *,
+    loads: tuple[Load, ...] = (),
+    start: np.ndarray | None = None,
+    tolerance: float = TOLERANCE,
+) -> SteadyState:
+    """The steady state over one period.
+
+    mean_force  mean mesh force T/r_b1 [N], > 0
+    loads       forces that do not depend on the motion
+    start       deflection to start from (n,) [m]; the quasi-static one where None
+    Returns a SteadyState whose `converged` says whether it may be used.
+    """
+    if not mean_force > 0:
+        raise ParameterError(f"mean_force = {mean_force:g} N must be positive: the gears are driven forward")
+    n, ω, τ = contacts.samples, contacts.omega, contacts.damping_time
+    iω = 1j * ω
+    if n % 2 == 0:
+        iω[-1] = 0  # the derivative of the Nyquist line is not real
+
+    def spectrum(values: np.ndarray) -> np.ndarray:
+        """Lines (n//2 + 1,) from those of k ≥ 1; the Nyquist line of a real signal is real."""
+        lines = np.concatenate(([0], values))
+        if n % 2 == 0:
+            lines[-1] = lines[-1].real
+        return lines
+
+    def to_mesh(a: np.ndarray) -> np.ndarray:
+        return structure.receptance(ω[1:], a, structure.mesh)
+
+    G = to_mesh(structure.mesh)
+    inverse = spectrum(1 / G)
+    ratios = [spectrum(to_mesh(action.direction) / G) for action in contacts.actions]
+    driven = spectrum(sum((to_mesh(load.direction) * load.lines[1:] for load in loads), np.zeros_like(G)))
+    side = contacts.side[:, None]
+
+    def evaluate(d: np.ndarray):
+        """Residual in time (n,), contact forces (p, n) and which contacts are closed (p, n)."""
+        d_hat = rfft(d) / n
+        penetration = contacts.penetration(d, irfft(iω * d_hat * n, n))
+        closed = penetration > 0
+        forces = contacts.stiffness * np.where(closed, penetration, 0.0)
+        residual = rfft((side * forces).sum(axis=0)) / n + inverse * (d_hat - driven)
+        for action, ratio in zip(contacts.actions, ratios, strict=True):
+            residual += ratio * rfft((action.weight * side * forces).sum(axis=0)) / n
+        residual[0] -= mean_force
+        return residual, forces, closed
+
+    d = quasi_static_deflection(contacts, mean_force) if start is None else np.array(start, dtype=float)
+    residual, forces, closed = evaluate(d)
+    size = float(np.abs(residual).max()) / mean_force
+    iterations = 0
+    stuck = 0
+    while size > tolerance and iterations < MAX_NEWTON and stuck < MAX_STALLED:
+        active = contacts.stiffness * closed
+        tangent = active.sum(axis=0)
+        weighted = [(action.weight * active).sum(axis=0) for action in contacts.actions]
+        k_mean = float(tangent.mean())
+        precondition = np.empty(ω.size, dtype=complex)
+        precondition[:] = k_mean * (1 + iω * τ) + inverse
+        precondition = 1 / precondition
+
+        def jacobian(u, tangent=tangent, weighted=weighted, precondition=precondition):
+            v_hat = precondition * rfft(u)
+            closing = irfft(v_hat * (1 + iω * τ), n)
+            out = rfft(tangent * closing) + inverse * v_hat
+            for w, ratio in zip(weighted, ratios, strict=True):
+                out += ratio * rfft(w * closing)
+            return irfft(out, n)
+
+        forcing = min(1e-2, max(0.1 * size, 0.1 * tolerance / size))
+        right = -irfft(residual * n, n)
+        u, _ = gmres(LinearOperator((n, n), matvec=jacobian), right, rtol=forcing, restart=60, maxiter=4)
+        correction = irfft(precondition * rfft(u), n)
+        step = 1.0
+        for _ in range(MAX_HALVINGS):
+            trial = evaluate(d + step * correction)
+            trial_size = float(np.abs(trial[0]).max()) / mean_force
+            if trial_size < size:
+                break
+            step /= 2
+        stuck = stuck + 1 if trial_size >= 0.9 * size else 0
+        d = d + step * correction
+        residual, forces, closed = trial
+        size = trial_size
+        iterations += 1
+
+    mesh_force = (side * forces).sum(axis=0)
+    return SteadyState(
+        deflection=d,
+        contact_forces=forces,
+        mesh_force=mesh_force,
+        force_lines=rfft(mesh_force) / n,
+        action_lines=tuple(rfft((a.weight * side * forces).sum(axis=0)) / n for a in contacts.actions),
+        omega=ω,
+        residual=size,
+        iterations=iterations,
+        converged=size <= tolerance,
+        directions=tuple(a.direction for a in contacts.actions),
+        loads=loads,
+    )

@@ -1,0 +1,140 @@
+"""The mesh of one pair as the contacts that a solver sees.
+
+Contact p of the drive side stands at s_p(t) = s(t) + p·p_b on the path of contact, s' = ω1·r_b1. Its separation
+is e_p = −h(s_p) − gap(s_p), with h the material worn off both flanks (positive) and gap the corner contact
+outside the nominal path. On the back side a tooth of the other flank closes the mesh where the drive side
+opens by the backlash.
+
+Source   physics of the loaded spur mesh as in the paper's eqs 3–5, with e_t of the paper written per tooth pair
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import pi
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from twin.dynamics.harmonic_balance import Contacts
+from twin.errors import ParameterError
+from twin.geometry import GearPair
+from twin.mesh.back_flank import back_flank_position
+from twin.mesh.corner_contact import corner_gap
+from twin.mesh.stiffness import PairStiffness
+from twin.wear.profile import WornProfile
+
+ROWS = (-1, 0, 1)  # tooth pairs that can touch at one instant, counted from the one nearest the pitch point
+APART = 1.0  # gap of a pair that is out of reach [m]
+REACH = 1e-3  # corner contact farther apart than this never closes [m]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CornerContact:
+    """Gap of the corner contact outside the nominal path, and its slope, from C2 splines of its square root.
+
+    The gap starts with zero slope at the path's ends and grows about as the square of the overshoot.
+    """
+
+    pair: GearPair
+    sides: tuple[CubicSpline, CubicSpline]  # sqrt(gap) against the overshoot, before and after the path [m]
+
+    @classmethod
+    def of(cls, pair: GearPair) -> CornerContact:
+        x = np.linspace(0, 0.8 * pair.base_pitch, 801)
+        sides = []
+        for s in (pair.path_start - x, pair.path_end + x):
+            gap = corner_gap(pair, s)
+            usable = np.isfinite(gap) & (gap <= 1.1 * REACH)
+            last = usable.size if usable.all() else int(np.argmin(usable))
+            sides.append(CubicSpline(x[:last], np.sqrt(gap[:last])))
+        return cls(pair=pair, sides=(sides[0], sides[1]))
+
+    def __call__(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gap [m] and d(gap)/ds at path positions; a pair out of reach is `APART`, with no slope."""
+        gap, slope = np.zeros_like(s), np.zeros_like(s)
+        overshoots = (self.pair.path_start - s, s - self.pair.path_end)
+        for sign, overshoot, side in zip((-1, 1), overshoots, self.sides, strict=True):
+            outside = overshoot > 0
+            x = np.minimum(overshoot[outside], side.x[-1])
+            root = side(x)
+            reached = (overshoot[outside] <= side.x[-1]) & (root**2 <= REACH)
+            gap[outside] = np.where(reached, root**2, APART)
+            slope[outside] = np.where(reached, sign * 2 * root * side(x, 1), 0.0)
+        return gap, slope
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PairMesh:
+    """Stiffness and separation of every tooth pair along one mesh period."""
+
+    pair: GearPair
+    stiffness: PairStiffness
+    corner: CornerContact
+    samples: int  # a mesh period
+
+    def __post_init__(self) -> None:
+        if self.samples < 64 or self.samples % 2:
+            raise ParameterError(f"samples = {self.samples} a mesh period must be even and at least 64")
+
+    @classmethod
+    def of(cls, pair: GearPair, samples: int = 1024) -> PairMesh:
+        return cls(
+            pair=pair, stiffness=PairStiffness.of(pair), corner=CornerContact.of(pair), samples=samples
+        )
+
+    @cached_property
+    def phase(self) -> np.ndarray:
+        """Position of the pair nearest the pitch point (n,) [m], −p_b/2 ≤ s < p_b/2, pitch point at t = 0."""
+        x = np.arange(self.samples) / self.samples
+        return self.pair.base_pitch * (x - (x >= 0.5))
+
+    @cached_property
+    def positions(self) -> np.ndarray:
+        """s_p of every drive contact (3, n) [m]."""
+        return self.phase + self.pair.base_pitch * np.array(ROWS)[:, None]
+
+    @cached_property
+    def back_positions(self) -> np.ndarray:
+        """s_b of every back contact (3, n) [m]; moves against s."""
+        p = self.pair.base_pitch
+        nearest = (back_flank_position(self.pair, self.phase) + p / 2) % p - p / 2
+        return nearest + p * np.array(ROWS)[:, None]
+
+    @cached_property
+    def _drive(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stiffness [N/m], corner gap [m] and its slope of every drive contact, each (3, n)."""
+        return self.stiffness(self.positions), *self.corner(self.positions)
+
+    @cached_property
+    def _back(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same for the back flanks."""
+        return self.stiffness(self.back_positions), *self.corner(self.back_positions)
+
+    def contacts(
+        self,
+        profile: WornProfile,
+        pinion_speed_hz: float,
+        *,
+        stiffness_scale: float = 1.0,
+        damping_time: float = 0.0,
+    ) -> Contacts:
+        """All contacts of one mesh period, worn as the profile says.
+
+        pinion_speed_hz [Hz], stiffness_scale on every pair, damping_time τ [s].
+        """
+        if not pinion_speed_hz > 0:
+            raise ParameterError(f"pinion_speed_hz = {pinion_speed_hz:g} Hz must be positive")
+        speed = 2 * pi * pinion_speed_hz * self.pair.base_radius[0]  # s' [m/s]
+        k, gap, slope = self._drive
+        worn, worn_slope = profile.at(self.positions)
+        k_b, gap_b, slope_b = self._back
+        return Contacts(
+            stiffness=stiffness_scale * np.concatenate((k, k_b)),
+            separation=-np.concatenate((gap + worn, gap_b + self.pair.backlash)),
+            separation_rate=-speed * np.concatenate((slope + worn_slope, -slope_b)),
+            side=np.array([1.0] * len(ROWS) + [-1.0] * len(ROWS)),
+            damping_time=damping_time,
+            period=self.pair.base_pitch / speed,
+        )

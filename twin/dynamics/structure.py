@@ -1,0 +1,179 @@
+"""The linear part of the 21-degree-of-freedom model: M, C, K, modes, frequency response.
+
+    M q'' + C q' + K q = f_ext − g·F,        d = gᵀq
+
+    d = r_b1·θ5 − r_b2·θ10 − (y5 − y10)·cos α + (x5 − x10)·sin α
+
+q   coordinates in the order of the paper's eq. 2                              [rad, m]
+F   mesh force, positive when the teeth press together                         [N]
+d   deflection of the mesh along the line of action, positive in compression   [m]
+C   modal damping M Φ diag(2ζω) Φᵀ M with the mass-normalised modes of the system without the mesh,
+    rigid rotations undamped
+
+Source   K. Feng et al., Wear 426–427 (2019) 1410–1415, eqs 1–5 and Fig. 3; the signs, which are partly
+         lost in print, are those with which the mesh force does equal and opposite work on both gears
+Holds    small motions about a steady rotation
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import cos, pi, sin
+
+import numpy as np
+from scipy.linalg import eigh
+
+from twin.errors import ParameterError
+from twin.rig import DEGREES_OF_FREEDOM, Rig
+
+INDEX = {name: i for i, name in enumerate(DEGREES_OF_FREEDOM)}
+TORSION_NODES = (1, 2, 3, 5, 7, 8, 10, 12, 13)
+LATERAL_NODES = (4, 5, 6, 9, 10, 11)
+TORSION_LINKS = ((1, 2), (2, 3), (3, 5), (5, 7), (8, 10), (10, 12), (12, 13))
+
+RIGID_HZ = 1.0  # a mode below this is a rotation of the whole, not a vibration
+
+
+def _link(stiffness: np.ndarray, k: float, combination: Mapping[str, float]) -> None:
+    """Adds a spring k that acts on a linear combination of coordinates."""
+    for a, wa in combination.items():
+        for b, wb in combination.items():
+            stiffness[INDEX[a], INDEX[b]] += k * wa * wb
+
+
+def mass_matrix(rig: Rig) -> np.ndarray:
+    """M of the rig (21, 21) [kg, kg·m²]."""
+    inertia = [f"inertias.J{n}" for n in TORSION_NODES]
+    mass = [f"masses.m{n}" for n in LATERAL_NODES]
+    values = rig.require("the mass matrix", *inertia, *mass)
+    diagonal = dict(zip([f"th{n}" for n in TORSION_NODES], values, strict=False))
+    for n, m in zip(LATERAL_NODES, values[len(inertia) :], strict=True):
+        diagonal[f"x{n}"] = diagonal[f"y{n}"] = m
+    return np.diag([diagonal[name] for name in DEGREES_OF_FREEDOM])
+
+
+def stiffness_matrix(rig: Rig) -> np.ndarray:
+    """K of the rig without the mesh (21, 21) [N/m, N·m/rad]."""
+    K = np.zeros((21, 21))
+    names = [f"torsional_stiffness.k_{a}_{b}" for a, b in TORSION_LINKS]
+    for (a, b), k in zip(TORSION_LINKS, rig.require("the torsion chains", *names), strict=True):
+        _link(K, k, {f"th{a}": 1.0, f"th{b}": -1.0})
+    f, k_in, k_out = rig.require(
+        "the lateral stiffness",
+        "shafts.gear_position_fraction",
+        "shafts.bending_stiffness_input",
+        "shafts.bending_stiffness_output",
+    )
+    for axis in "xy":
+        _link(K, k_in, {f"{axis}5": 1.0, f"{axis}4": -(1 - f), f"{axis}6": -f})
+        _link(K, k_out, {f"{axis}10": 1.0, f"{axis}9": -f, f"{axis}11": -(1 - f)})
+        bearings = rig.require("the bearings", f"bearings.k{axis}_input", f"bearings.k{axis}_output")
+        for nodes, k in zip(((4, 6), (9, 11)), bearings, strict=True):
+            for n in nodes:
+                _link(K, k, {f"{axis}{n}": 1.0})
+    return K
+
+
+def mesh_direction(rig: Rig) -> np.ndarray:
+    """g = ∂d/∂q (21,) [m/rad, 1]."""
+    pair = rig.gear_pair()
+    α, (rb1, rb2) = pair.pressure_angle, pair.base_radius
+    return direction({"th5": rb1, "th10": -rb2, "y5": -cos(α), "y10": cos(α), "x5": sin(α), "x10": -sin(α)})
+
+
+def direction(weights: Mapping[str, float]) -> np.ndarray:
+    """A vector over the coordinates from weights by name; (21,)."""
+    unknown = set(weights) - set(INDEX)
+    if unknown:
+        raise ParameterError(
+            f"{', '.join(sorted(unknown))} is no coordinate of the model; {DEGREES_OF_FREEDOM}"
+        )
+    v = np.zeros(21)
+    for name, w in weights.items():
+        v[INDEX[name]] = w
+    return v
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Structure:
+    """The gearbox without its mesh, in modal form."""
+
+    mass: np.ndarray  # M (21, 21)
+    stiffness: np.ndarray  # K (21, 21)
+    mesh: np.ndarray  # g (21,)
+    modal_damping: float  # ζ of every vibrating mode
+    transmission_error: np.ndarray  # direction r_b1·θ7 − r_b2·θ8 of the encoders (21,) [m/rad]
+
+    @classmethod
+    def from_rig(cls, rig: Rig, *, modal_damping: float | None = None) -> Structure:
+        """The structure of a rig file; NotAvailable where tables are missing."""
+        ζ = modal_damping
+        if ζ is None:
+            (ζ,) = rig.require("modal damping", "damping.modal_ratio")
+        if not 0 <= ζ < 1:
+            raise ParameterError(f"modal_damping = {ζ} is outside [0, 1); percent?")
+        rb1, rb2 = rig.gear_pair().base_radius
+        return cls(
+            mass=mass_matrix(rig),
+            stiffness=stiffness_matrix(rig),
+            mesh=mesh_direction(rig),
+            modal_damping=ζ,
+            transmission_error=direction({"th7": rb1, "th8": -rb2}),
+        )
+
+    @cached_property
+    def modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Angular frequencies (21,) [rad/s] and mass-normalised modes (21, 21), without the mesh."""
+        λ, Φ = eigh(self.stiffness, self.mass)
+        return np.sqrt(np.clip(λ, 0, None)), Φ
+
+    @cached_property
+    def modal_damping_terms(self) -> np.ndarray:
+        """2ζω of every mode [rad/s], zero for rigid rotations; (21,)."""
+        ω = self.modes[0]
+        return np.where(ω > 2 * pi * RIGID_HZ, 2 * self.modal_damping * ω, 0.0)
+
+    @cached_property
+    def damping(self) -> np.ndarray:
+        """C = M Φ diag(2ζω) Φᵀ M (21, 21)."""
+        MΦ = self.mass @ self.modes[1]
+        return (MΦ * self.modal_damping_terms) @ MΦ.T
+
+    def natural_frequencies(self, mesh_stiffness: float = 0.0) -> np.ndarray:
+        """All natural frequencies with a constant mesh stiffness [N/m]; (21,) [Hz], rigid modes as 0."""
+        return self.coupled_modes(mesh_stiffness)[0]
+
+    def coupled_modes(self, mesh_stiffness: float) -> tuple[np.ndarray, np.ndarray]:
+        """Natural frequencies (21,) [Hz] and mass-normalised modes (21, 21) with the mesh closed."""
+        K = self.stiffness + mesh_stiffness * np.outer(self.mesh, self.mesh)
+        λ, Φ = eigh(K, self.mass)
+        f = np.sqrt(np.clip(λ, 0, None)) / (2 * pi)
+        return np.where(f > RIGID_HZ, f, 0.0), Φ
+
+    def receptance(self, omega: np.ndarray, force: np.ndarray, response: np.ndarray) -> np.ndarray:
+        """Response along one direction to a unit force along another, without the mesh.
+
+        omega (n,) [rad/s], non-zero; force (21,), response (21,) → (n,) complex [m/N].
+        H(ω) = Σ_r (responseᵀφ_r)(φ_rᵀforce) / (ω_r² − ω² + iω·2ζω_r)
+        """
+        ω_r, Φ = self.modes
+        numerator = (response @ Φ) * (Φ.T @ force)
+        ω = np.asarray(omega, dtype=float)[:, None]
+        return (numerator / (ω_r**2 - ω**2 + 1j * ω * self.modal_damping_terms)).sum(axis=1)
+
+    def static_response(self, response: np.ndarray, force: np.ndarray) -> float:
+        """Mean response [m/N] along one direction to a self-balanced set of constant forces.
+
+        The force must do no work on the rigid rotations (torque in equals torque out).
+        """
+        ω_r, Φ = self.modes
+        vibrating = ω_r > 2 * pi * RIGID_HZ
+        excited = Φ.T @ force
+        rigid = np.abs(excited[~vibrating]).max(initial=0.0)
+        if rigid > 1e-6 * np.abs(excited).max(initial=1e-300):
+            raise ParameterError(
+                "the constant forces are not in balance: they would turn the shafts faster and faster"
+            )
+        return float((response @ Φ)[vibrating] @ (excited[vibrating] / ω_r[vibrating] ** 2))

@@ -1,0 +1,156 @@
+"""Shaft angle from encoder edges, smoothed.
+
+    φ_k = 2π·(first_index + k)/per_rev        at the time t_k of edge k
+    t(θ) = Σ c_i B_i(θ)                       cubic spline through (φ_k, t_k), one knot per 1.5 turns
+    θ(t_k) = φ_k + (t_k − t(φ_k))/t'(φ_k)
+
+φ   the encoder's own angle, absolute since the gears were new                              [rad]
+θ   the smoothed angle of the pinion: the angle that all orders refer to                    [rad]
+t   time after the window's start                                                           [s]
+
+The encoder's angle carries the torsional vibration, the transmission error and the disc's graduation
+error; the smoothed angle carries the shaft's slow speed changes only. Edge counts are absolute, so is θ.
+
+Source   P. Borghesani et al., Mech. Syst. Signal Process. 23 (2009) 1–24 (angle from phase);
+         C. de Boor, A Practical Guide to Splines (2001), ch. XIV (least squares)
+Holds    speed changes slower than one in three turns; no reversal within the window
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from scipy.interpolate import BSpline, PPoly, make_lsq_spline
+
+from twin.errors import WindowError
+from twin.windows import Edges
+
+TURNS_PER_KNOT = 1.5
+GROUPS_PER_TURN = 64  # edges are averaged in groups of at most 1/64 turn before the fit
+FEWEST_TURNS = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AngleTrack:
+    """Smoothed absolute pinion angle θ against time t, over one window."""
+
+    start: float  # θ at the first edge [rad]
+    stop: float  # θ at the last edge [rad]
+    spline: PPoly  # t(θ − start) [s]
+    source: str  # which channel the angle comes from
+    speed_std: float = 0.0  # standard deviation of the mean speed [Hz]
+
+    def time(self, angle) -> np.ndarray:
+        """Time [s] at which the pinion is at each smoothed angle [rad]; (n,) → (n,)."""
+        return self.spline(angle - self.start)
+
+    def slowness(self, angle) -> np.ndarray:
+        """dt/dθ [s/rad] at each smoothed angle [rad]; (n,) → (n,)."""
+        return self.spline(angle - self.start, 1)
+
+    def angle(self, time, guess) -> np.ndarray:
+        """Smoothed angle [rad] at each time [s], from a guess within hundredths of a radian; (n,) → (n,)."""
+        return guess + (time - self.time(guess)) / self.slowness(guess)
+
+    def angle_at(self, time: float) -> float:
+        """Smoothed angle [rad] at one time [s] between the first edge and the last."""
+        first, last = self.time(np.array([self.start, self.stop]))
+        angle = self.start + (time - first) / (last - first) * (self.stop - self.start)
+        for _ in range(20):
+            better = float(np.clip(self.angle(time, angle), self.start, self.stop))
+            if abs(better - angle) < 1e-10:
+                break
+            angle = better
+        return better
+
+    @property
+    def turns(self) -> float:
+        """Pinion turns covered."""
+        return (self.stop - self.start) / (2 * pi)
+
+    @property
+    def speed(self) -> float:
+        """Mean pinion speed [Hz]."""
+        first, last = self.time(np.array([self.start, self.stop]))
+        return float(self.turns / (last - first))
+
+    @property
+    def revolutions(self) -> float:
+        """Absolute pinion revolutions half-way between the window's first edge and its last."""
+        return 0.5 * (self.start + self.stop) / (2 * pi)
+
+    @property
+    def speed_variation(self) -> float:
+        """Standard deviation of the smoothed speed over its mean."""
+        grid = np.linspace(self.start, self.stop, 4 * max(8, int(self.turns)))
+        speed = 1 / (2 * pi * self.slowness(grid))
+        return float(speed.std() / speed.mean())
+
+
+def grouped(position, values, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Means of positions and values over groups of `size` neighbours, NaN left out; two of (n,) → of (m,)."""
+    if size <= 1:
+        keep = np.isfinite(values)
+        return position[keep], values[keep]
+    n = values.size // size * size
+    rows = values[:n].reshape(-1, size)
+    good = np.isfinite(rows)
+    count = good.sum(axis=1)
+    keep = count > 0
+    count = count[keep]
+    mean_position = np.where(good, position[:n].reshape(-1, size), 0.0).sum(axis=1)[keep] / count
+    return mean_position, np.where(good, rows, 0.0).sum(axis=1)[keep] / count
+
+
+def fit_track(
+    angle, time, start: float, stop: float, source: str, turns_per_knot: float = TURNS_PER_KNOT
+) -> AngleTrack:
+    """Least-squares spline of time [s] against absolute angle [rad], (n,) each."""
+    span = stop - start
+    pieces = max(1, round(span / (2 * pi * turns_per_knot)))
+    while True:
+        knots = np.linspace(0.0, span, pieces + 1)
+        x = angle - start
+        counts = np.histogram(x, knots)[0]
+        if pieces == 1 or ((counts >= 2).all() and x.size >= pieces + 8):
+            break
+        pieces = max(1, pieces // 2)  # gaps: fewer knots than would stand on nothing
+    if x.size < 5:
+        raise WindowError(f"{source}: {x.size} valid edges are too few for a speed")
+    full = np.concatenate(([0.0] * 3, knots, [span] * 3))
+    slope = (time[-1] - time[0]) / (x[-1] - x[0])
+    spline = make_lsq_spline(x, time - slope * x, full, k=3)
+    line = BSpline(full, slope * np.convolve(full[1:-1], np.ones(3) / 3, "valid"), 3)
+    whole = PPoly.from_spline(BSpline(full, spline.c + line.c, 3))
+    if np.any(whole(np.linspace(0, span, 8 * pieces + 1), 1) <= 0):
+        raise WindowError(
+            f"{source}: the angle does not rise steadily; encoder reversed, or edges out of order?"
+        )
+    return AngleTrack(start=start, stop=stop, spline=whole, source=source)
+
+
+def edge_angles(edges: Edges, ratio: float = 1.0) -> np.ndarray:
+    """The encoder's absolute angle at each edge [rad], times a speed ratio to the pinion; (n,)."""
+    return (edges.first_index + np.arange(edges.times.size)) * (2 * pi * ratio / edges.per_rev)
+
+
+def angle_track(edges: Edges, ratio: float = 1.0, source: str = "encoder/pinion") -> AngleTrack:
+    """The smoothed absolute pinion angle from one shaft's edges.
+
+    ratio   pinion turns per turn of the encoder's shaft (z2/z1 for the gear's encoder); the zero of
+            the angle is then that encoder's edge 0
+    """
+    good = np.flatnonzero(np.isfinite(edges.times))
+    turns = (good[-1] - good[0]) / edges.per_rev * ratio if good.size else 0.0
+    if turns < FEWEST_TURNS:
+        raise WindowError(
+            f"{source}: valid edges cover {turns:.2f} pinion turns; at least {FEWEST_TURNS:g} are needed"
+        )
+    if np.any(np.diff(edges.times[good]) <= 0):
+        raise WindowError(f"{source}: edge times do not rise; encoder reversed, or frames out of order?")
+    angles = edge_angles(edges, ratio)
+    size = int(edges.per_rev / ratio / GROUPS_PER_TURN)
+    mean_angle, mean_time = grouped(angles, edges.times, size)
+    return fit_track(mean_angle, mean_time, float(angles[good[0]]), float(angles[good[-1]]), source)

@@ -1,0 +1,126 @@
+"""What one measurement window says, as plain data.
+
+A line is named by what it belongs to: (k, p, g) is the order k·z1 + p + g·z1/z2 of pinion rotation, that is
+mesh harmonic k with a sideband of p pinion orders and g gear orders; (0, p, 0) are pinion orders and
+(0, 0, g) gear orders. What the channels do not allow is None, and `unavailable` says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+Key = tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lines:
+    """Complex lines of one signal: x(θ) ≈ Re Σ X exp(i·order·θ), θ the absolute pinion angle."""
+
+    unit: str
+    keys: tuple[Key, ...]
+    orders: tuple[float, ...]
+    amplitudes: tuple[complex, ...]  # peak, in `unit`; (0, 0, 0) is the mean
+    std: tuple[float, ...]  # of the real and of the imaginary part
+    unresolved: tuple[Key, ...] = ()  # too close to a line named before them for this many turns
+
+    def get(self, k: int, pinion: int = 0, gear: int = 0) -> complex | None:
+        """The amplitude of one line; None where it was not read."""
+        key = (k, pinion, gear)
+        return self.amplitudes[self.keys.index(key)] if key in self.keys else None
+
+    def get_std(self, k: int, pinion: int = 0, gear: int = 0) -> float | None:
+        """Standard deviation of the real and of the imaginary part of one line."""
+        key = (k, pinion, gear)
+        return self.std[self.keys.index(key)] if key in self.keys else None
+
+    def mesh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The mesh harmonics without sidebands: k, complex amplitudes and std, (n,) each."""
+        chosen = [i for i, (k, p, g) in enumerate(self.keys) if k > 0 and p == g == 0]
+        return (
+            np.array([self.keys[i][0] for i in chosen], dtype=int),
+            np.array([self.amplitudes[i] for i in chosen], dtype=complex),
+            np.array([self.std[i] for i in chosen]),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-safe and exact: complex as [re, im]."""
+        return {
+            "unit": self.unit,
+            "keys": [list(k) for k in self.keys],
+            "orders": list(self.orders),
+            "amplitudes": [[a.real, a.imag] for a in self.amplitudes],
+            "std": list(self.std),
+            "unresolved": [list(k) for k in self.unresolved],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Lines:
+        return cls(
+            unit=data["unit"],
+            keys=tuple((int(k), int(p), int(g)) for k, p, g in data["keys"]),
+            orders=tuple(data["orders"]),
+            amplitudes=tuple(complex(re, im) for re, im in data["amplitudes"]),
+            std=tuple(data["std"]),
+            unresolved=tuple((int(k), int(p), int(g)) for k, p, g in data["unresolved"]),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WindowFeatures:
+    """Features of one window; compact, comparable, JSON-safe."""
+
+    start_time_ns: int
+    duration: float  # [s]
+    quality: str  # the window's own: good, repaired, degraded
+    valid_share: Mapping[str, float] = field(default_factory=dict)  # by channel, 0 … 1
+
+    angle_from: str | None = None  # encoder/pinion, encoder/gear, or "mesh lines of accel/…"
+    speed_hz: float | None = None  # pinion, mean over the window
+    speed_std_hz: float | None = None  # how well it is known
+    speed_variation: float | None = None  # standard deviation over the window, relative
+    revolutions: float | None = None  # pinion, absolute, at the window's middle
+    turns: float | None = None  # pinion turns covered
+
+    torque_nm: float | None = None  # mean at the pinion's shaft
+    torque_std_nm: float | None = None  # over the window
+
+    sensor: str | None = None  # the accelerometer that all of the following come from
+    rms: float | None = None  # in `band`, without the mean [m/s²]
+    noise_rms: float | None = None  # the part of it that lies between the orders [m/s²]
+    band: tuple[float, float] | None = None  # [Hz]
+    mesh_bands: tuple[float | None, ...] | None = None  # RMS of mesh harmonics 1 … 5 ± 2 shaft orders [m/s²]
+
+    acceleration: Lines | None = None  # [m/s²]
+    transmission_error: Lines | None = None  # [m], or [rad] at the pinion where no base radius is known
+    torque: Lines | None = None  # [N·m]
+
+    unavailable: Mapping[str, str] = field(default_factory=dict)  # what is None, and why
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-safe and exact."""
+        out: dict[str, Any] = {}
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if isinstance(value, Lines):
+                value = value.to_dict()
+            elif isinstance(value, tuple):
+                value = list(value)
+            elif isinstance(value, Mapping):
+                value = dict(value)
+            out[f.name] = value
+        return out
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> WindowFeatures:
+        values = dict(data)
+        for name in ("acceleration", "transmission_error", "torque"):
+            if values.get(name) is not None:
+                values[name] = Lines.from_dict(values[name])
+        for name in ("band", "mesh_bands"):
+            if values.get(name) is not None:
+                values[name] = tuple(values[name])
+        return cls(**values)

@@ -1,0 +1,1 @@
+"""What a pair of teeth in mesh does: stiffness, corner contact, shared load, back flank."""

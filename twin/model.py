@@ -1,0 +1,161 @@
+"""The gearbox as the twin sees it: structure, mesh and wear with one set of calibrated values.
+
+model = Model.of(rig, Calibration.prior(rig))
+steady = model.steady(profile, condition)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, lru_cache
+from math import pi
+
+import numpy as np
+
+from twin.dynamics.harmonic_balance import SteadyState, solve_through_contact_loss
+from twin.dynamics.mesh import PairMesh
+from twin.dynamics.structure import Structure, direction
+from twin.errors import ParameterError
+from twin.rig import Rig
+from twin.wear.profile import WornProfile
+
+SAMPLES = 1024  # a mesh period: 1e-4 of the acceleration at ten harmonics
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """An operating condition."""
+
+    speed_hz: float  # pinion speed [Hz]
+    torque: float  # on the pinion [N·m]
+
+    def __post_init__(self) -> None:
+        if not self.speed_hz > 0:
+            raise ParameterError(f"speed_hz = {self.speed_hz:g} Hz must be positive")
+        if not self.torque > 0:
+            raise ParameterError(f"torque = {self.torque:g} N·m must be positive: the pinion drives forward")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """What the paper's section 3.3 calibrates, and the contact half-width."""
+
+    stiffness_scale: float  # on every pair's stiffness
+    modal_damping: float  # ζ
+    damping_time: float  # τ of a contact [s]
+    contact_half_width: float  # a [m]
+
+    @classmethod
+    def prior(cls, rig: Rig) -> Calibration:
+        """What the rig file says before any measurement."""
+        scale, ζ, τ, a = rig.require(
+            "the calibration's prior",
+            "mesh.stiffness_scale",
+            "damping.modal_ratio",
+            "mesh.relative_damping_time",
+            "wear.contact_half_width",
+        )
+        return cls(stiffness_scale=scale, modal_damping=ζ, damping_time=τ, contact_half_width=a)
+
+    def to_dict(self) -> dict[str, float]:
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, float]) -> Calibration:
+        return cls(**values)
+
+
+@lru_cache(maxsize=16)
+def _mesh(pair, samples: int) -> PairMesh:
+    return PairMesh.of(pair, samples)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Model:
+    """One calibrated gearbox."""
+
+    rig: Rig
+    calibration: Calibration
+    structure: Structure
+    mesh: PairMesh
+
+    @classmethod
+    def of(cls, rig: Rig, calibration: Calibration, samples: int = SAMPLES) -> Model:
+        """Builds the model; NotAvailable where the rig file lacks what it needs."""
+        structure = Structure.from_rig(rig, modal_damping=calibration.modal_damping)
+        return cls(
+            rig=rig, calibration=calibration, structure=structure, mesh=_mesh(rig.gear_pair(), samples)
+        )
+
+    def calibrated(self, **changes: float) -> Model:
+        """The same gearbox with other calibrated values."""
+        calibration = replace(self.calibration, **changes)
+        structure = self.structure
+        if calibration.modal_damping != structure.modal_damping:
+            structure = replace(structure, modal_damping=calibration.modal_damping)
+        return replace(self, calibration=calibration, structure=structure)
+
+    @cached_property
+    def unworn(self) -> WornProfile:
+        return WornProfile.unworn(self.mesh.pair)
+
+    def mean_force(self, condition: Condition) -> float:
+        """T/r_b1 [N]."""
+        return condition.torque / self.mesh.pair.base_radius[0]
+
+    def steady(
+        self, profile: WornProfile, condition: Condition, start: SteadyState | None = None
+    ) -> SteadyState:
+        """Steady state over one mesh period; see its `converged`."""
+        contacts = self.mesh.contacts(
+            profile,
+            condition.speed_hz,
+            stiffness_scale=self.calibration.stiffness_scale,
+            damping_time=self.calibration.damping_time,
+        )
+        return solve_through_contact_loss(
+            self.structure,
+            contacts,
+            self.mean_force(condition),
+            start=None if start is None else start.deflection,
+        )
+
+    @cached_property
+    def accelerometer(self) -> np.ndarray:
+        """Direction of the reference accelerometer (21,)."""
+        (name,) = self.rig.require("the accelerometer's place", "sensors.accelerometer")
+        return direction({name: 1.0})
+
+    def acceleration_lines(self, steady: SteadyState) -> np.ndarray:
+        """Complex amplitude of the accelerometer at every mesh harmonic k ≥ 1 [m/s²]."""
+        return -(steady.omega[1:] ** 2) * steady.lines(self.structure, self.accelerometer)
+
+    def transmission_error_lines(self, steady: SteadyState) -> np.ndarray:
+        """Complex amplitude of r_b1·θ7 − r_b2·θ8 at every mesh harmonic k ≥ 1 [m]."""
+        return steady.lines(self.structure, self.structure.transmission_error)
+
+    def torque_lines(self, steady: SteadyState) -> np.ndarray:
+        """Complex amplitude of the torque meter, k_2_3·(θ2 − θ3), at every mesh harmonic k ≥ 1 [N·m]."""
+        (k,) = self.rig.require("the torque meter", "torsional_stiffness.k_2_3")
+        return steady.lines(self.structure, direction({"th2": k, "th3": -k}))
+
+    @cached_property
+    def compliance_outside_mesh(self) -> float:
+        """Mean transmission error beyond that of the mesh, per torque on the pinion [m/(N·m)]."""
+        rb1 = self.mesh.pair.base_radius[0]
+        z1, z2 = self.mesh.pair.teeth
+        balanced = direction({"th1": 1.0, "th13": -z2 / z1}) - self.structure.mesh / rb1
+        beyond = self.structure.transmission_error - self.structure.mesh
+        return self.structure.static_response(beyond, balanced)
+
+    def mean_transmission_error(self, steady: SteadyState, condition: Condition) -> float:
+        """Mean of r_b1·θ7 − r_b2·θ8 [m], zero for rigid perfect gears without load."""
+        return float(steady.deflection.mean()) + self.compliance_outside_mesh * condition.torque
+
+    def acceleration_rms(self, steady: SteadyState, band: tuple[float, float] | None = None) -> float:
+        """RMS of the accelerometer in a band [Hz], the rig's by default [m/s²]."""
+        low, high = self.rig.band if band is None else band
+        f = steady.omega[1:] / (2 * pi)
+        inside = (f >= low) & (f <= high)
+        return float(np.sqrt(0.5 * np.sum(np.abs(self.acceleration_lines(steady)[inside]) ** 2)))

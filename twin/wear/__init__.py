@@ -1,0 +1,1 @@
+"""Wear of the tooth flanks: profiles, Archard's law, and how wear and vibration drive each other."""
