@@ -22,9 +22,7 @@ from service.assembly_window import Piece, build_window, split_index, totals
 from service.frames import NS, Frame, SampleFrame
 from twin.windows import Window
 
-_SILENT_AFTER = (
-    4  # times the patience: frames of other keys after which one that sends nothing is not waited for
-)
+_SILENT_AFTER = 4  # times the patience: frames of other keys after which one that sends nothing is not waited for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,9 +59,7 @@ class Assembler:
         self._open: _Open | None = None
         self._closed_until = 0  # nothing before this time is taken any more [ns]
         self._known: set[str] = set()  # channels of the windows so far
-        self._consumed: dict[
-            str, tuple[int, int, int]
-        ] = {}  # sequence, start, end of the last frame in a window
+        self._consumed: dict[str, tuple[int, int, int]] = {}  # sequence, start, end of the last frame in a window
 
     def add(self, frame: Frame) -> list[Window]:
         """Takes one frame in; answers the windows that it completes, in time order."""
@@ -172,9 +168,7 @@ class Assembler:
         if known is None:
             known = min((x.watermark for x in self._lanes.values() if not x.silent), default=float("inf"))
         while True:
-            heads = [
-                (x.released[0][0].start_time_ns, label) for label, x in self._lanes.items() if x.released
-            ]
+            heads = [(x.released[0][0].start_time_ns, label) for label, x in self._lanes.items() if x.released]
             if not heads or min(heads)[0] > known:
                 return
             label = min(heads)[1]

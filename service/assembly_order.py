@@ -62,9 +62,7 @@ class Lane:
         self.run = self.run + 1 if in_order else 1
         self.newest_arrival = sequence
         disorder = self.highest is not None and sequence < self.highest and at < len(self.queue) - 1
-        self.highest = (
-            sequence if self.highest is None or at == len(self.queue) - 1 else max(self.highest, sequence)
-        )
+        self.highest = sequence if self.highest is None or at == len(self.queue) - 1 else max(self.highest, sequence)
         return QUEUED, disorder
 
     def release(self, force: bool = False) -> int:
@@ -75,9 +73,7 @@ class Lane:
             waiting = len(self.queue) - taken
             newest = self.last[0] if self.last else None
             lost = 0
-            if (
-                newest is None or sequence <= newest
-            ):  # a first frame: of the key, or after its counter restarted
+            if newest is None or sequence <= newest:  # a first frame: of the key, or after its counter restarted
                 if not (force or sequence == 0 or waiting >= self.patience or self.run >= self.settle):
                     break
             elif sequence > newest + 1:

@@ -72,9 +72,7 @@ def build_window(
             groups[kind][name] = channel
     for label in sorted(set(known) - set(pieces)):
         faults.append(
-            Fault(
-                kind="missing_channel", channel=label, count=1, action="degraded", detail="was there before"
-            )
+            Fault(kind="missing_channel", channel=label, count=1, action="degraded", detail="was there before")
         )
     if not groups["accel"] and not groups["encoder"]:
         detail = "neither an accelerometer nor an encoder is left"
@@ -207,9 +205,7 @@ def _edges(
     label: str, parts: Sequence[Piece[EncoderFrame]], start_ns: int, end_ns: int, faults: list[Fault]
 ) -> Edges | None:
     """One encoder; None where its edges cannot be trusted."""
-    parts = [
-        p for p in _majority(label, parts, lambda p: p.frame.edges_per_rev, "edges/rev", faults) if p.size
-    ]
+    parts = [p for p in _majority(label, parts, lambda p: p.frame.edges_per_rev, "edges/rev", faults) if p.size]
     if not parts:
         return None
     first = parts[0].frame.first_edge_index + parts[0].begin

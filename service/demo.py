@@ -77,7 +77,8 @@ def run(
 
 def _on_free_ports(settings: Settings, stack: ExitStack) -> Settings:
     """The settings with free loopback ports and a directory of its own for what was not given."""
-    given, changes = settings.model_fields_set, {}
+    given = settings.model_fields_set
+    changes: dict[str, Any] = {}
     if "http" not in given:
         changes["http"] = f"127.0.0.1:{_free_port()}"
     if "listen" not in given:
@@ -149,22 +150,22 @@ def _replayed(
     with Progress(*columns, console=console) as progress:
         task = progress.add_task(f"Replaying {recording.name}", total=expected)
         delivering.start()
-        newest, since = 0, time.monotonic()
+        newest, since, replayed = 0, time.monotonic(), dict[str, int]()
         while newest < expected:
             time.sleep(POLL)
             if failed:
                 raise DemoFailed(f"the replay failed: {failed[0]}")
             if service.poll() is not None:
                 raise DemoFailed(f"the service ended with status {service.returncode}")
-            assets = _get(f"{address}/v1/assets") or []
-            taken = sum(a["windows"] for a in assets)
+            replayed = {a["asset"]: a["windows"] for a in _get(f"{address}/v1/assets") or []}
+            taken = sum(replayed.values())
             if taken > newest:
                 newest, since = taken, time.monotonic()
                 progress.update(task, completed=newest)
             elif time.monotonic() - since > STALL_WAIT:
                 raise DemoFailed(f"{newest} of {expected} windows after {STALL_WAIT:g} s of waiting")
     delivering.join()
-    asset = metadata.get("asset") or assets[0]["asset"]
+    asset = metadata.get("asset") or sorted(replayed)[0]
     answer = _get(f"{address}/v1/assets/{asset}")
     if answer is None:
         raise DemoFailed(f"the service does not know {asset}")

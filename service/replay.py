@@ -19,6 +19,7 @@ import zenoh.ext
 
 from service.errors import DeliveryError
 from service.frames import NS
+from service.live import offered_rig
 from service.sources.mcap import RawFrame, Recording
 from service.sources.zenoh import open_session
 from service.wire.codec import encoding_of
@@ -60,9 +61,7 @@ class Publisher:
                 reliability=zenoh.Reliability.RELIABLE,
                 congestion_control=zenoh.CongestionControl.BLOCK,
                 cache=zenoh.ext.CacheConfig(max_samples=_CACHE),
-                sample_miss_detection=zenoh.ext.MissDetectionConfig(
-                    heartbeat=_HEARTBEAT, sporadic_heartbeat=None
-                ),
+                sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=_HEARTBEAT, sporadic_heartbeat=None),
                 publisher_detection=True,
             )
             probe = self._session.declare_publisher(topic)  # only this kind tells whether anyone listens
@@ -177,13 +176,21 @@ def replay(
     progress: Progress = lambda delivered: None,
     disturb: Callable[[Iterable[RawFrame]], Iterable[RawFrame]] = lambda frames: frames,
 ) -> int:
-    """Publishes a whole recording; answers how many frames were delivered."""
+    """Publishes a whole recording, its rig file included; answers how many frames were delivered."""
     with (
         Recording(path, prefix) as recording,
         open_session(connect=connect, wait=wait) as session,
+        ExitStack() as offers,
         Publisher(session, prefix, wait) as publisher,
     ):
+        announce = [
+            offers.enter_context(offered_rig(session, prefix, asset, recording.rig_text))
+            for asset in recording.assets
+            if recording.rig_text is not None
+        ]
         publisher.declare(sorted(set(recording.channels.values())))
+        for each in announce:
+            each()
         for frame in paced(disturb(recording.messages()), speed, max_pause):
             publisher.publish(frame)
             progress(publisher.delivered)

@@ -44,6 +44,4 @@ def refused_record(reason: str) -> dict[str, Any]:
 def iso_time(time_ns: int) -> str:
     """Unix time [ns] as ISO 8601 in UTC, to the nanosecond."""
     seconds, rest = divmod(time_ns, 1_000_000_000)
-    return (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)).strftime(
-        f"%Y-%m-%dT%H:%M:%S.{rest:09d}Z"
-    )
+    return (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)).strftime(f"%Y-%m-%dT%H:%M:%S.{rest:09d}Z")

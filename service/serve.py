@@ -19,10 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import uvicorn
+import zenoh
 
 from service.api import create_app
 from service.board import Board
-from service.errors import InputError
+from service.errors import DeliveryError, InputError
 from service.frames import Frame
 from service.inbox import Inbox, pump
 from service.live import LiveState, OfferedRigs
@@ -32,16 +33,22 @@ from service.settings import Settings
 from service.sources.zenoh import ZenohSource, open_session
 from service.store import Store
 from service.wire.topics import Channel
+from twin.errors import TwinError
 from twin.rig import Rig
 
 log = logging.getLogger(__name__)
 
 DATABASE = "gear-twin.sqlite"
+CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
 QUALITY_EVERY = 1.0  # how often counters are shown while frames come [s]
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
 HTTP_WAIT = 2  # how long open requests are waited for at the end [s]
 
 Step = Callable[..., tuple[Any, Any]]
+
+
+class _Ended(Exception):
+    """The service ends: the windows that are whole but not taken in yet are left to the next start."""
 
 
 def run(
@@ -96,18 +103,24 @@ class Worker(threading.Thread):
 
     def run(self) -> None:
         try:
-            with open_session(self._settings.listen, self._settings.connect) as session:
+            with self._session() as session:
                 self._serve(session)
+        except _Ended:
+            pass
         except Exception as error:
             self.failure = error
         finally:
             self._reason = "the stream's subscription has ended"
             self.on_end()
 
-    def end(self) -> None:
-        """Ends the thread, at the latest after a few seconds."""
+    def stop(self) -> None:
+        """Tells the thread to end after the window in work."""
         self._stopping.set()
         self._inbox.close()
+
+    def end(self) -> None:
+        """Ends the thread, at the latest after a few seconds."""
+        self.stop()
         self.join(STOP_WAIT)
 
     def not_ready(self) -> str | None:
@@ -125,7 +138,24 @@ class Worker(threading.Thread):
             "program_faults": self._faults,
         }
 
-    def _serve(self, session: Any) -> None:
+    @contextmanager
+    def _session(self) -> Iterator[zenoh.Session]:
+        """An open session; an external router is waited for as long as it takes."""
+        listen, connect = self._settings.listen, self._settings.connect
+        with ExitStack() as stack:
+            while True:
+                try:
+                    session = stack.enter_context(open_session(listen, connect, CONNECT_WAIT))
+                    break
+                except DeliveryError as error:
+                    if not connect:
+                        raise
+                    self._reason = str(error)
+                if self._stopping.is_set():
+                    raise _Ended
+            yield session
+
+    def _serve(self, session: zenoh.Session) -> None:
         from twin.step import Options
 
         prefix = self._settings.prefix
@@ -135,27 +165,30 @@ class Worker(threading.Thread):
                 self._store,
                 self._board,
                 live,
+                self._stopping,
                 lambda asset: self._rig_of(asset, offered),
                 options,
                 assembly=assembly_settings(self._settings),
-                step=self._step,
+                step=self._guarded_step,
             )
             pipeline.restore_all()
             self._source = ZenohSource(session, prefix)
             with self._source.subscribe(self._inbox):
                 self._reason = None
-                while not self._stopping.is_set():
-                    self._pump(pipeline)
-                self._reason = "shutting down"
+                pump(self._inbox, pipeline, self._stopping, self._settings.idle_timeout)
 
-    def _pump(self, pipeline: ServedPipeline) -> None:
-        """Runs the loop; a fault of the program costs the window it was in and ends nothing else."""
+    def _guarded_step(self, *given: Any) -> tuple[Any, Any]:
+        """The twin's step; a fault of the program costs the window it was in and ends nothing else."""
+        from twin.step import step
+
         try:
-            pump(self._inbox, pipeline, self._stopping, self._settings.idle_timeout)
+            return (self._step or step)(*given)
+        except TwinError:
+            raise
         except Exception as error:
             self._faults += 1
-            log.exception("a window was lost to a fault of the program")
-            pipeline.tell_fault(error)
+            log.exception("a window was refused for a fault of the program")
+            raise TwinError(f"a fault of the program: {type(error).__name__}: {error}") from error
 
     def _rig_of(self, asset: str, offered: OfferedRigs) -> Rig:
         """The rig of an asset: as set, as stored, as offered on Zenoh, else one of which nothing is known."""
@@ -179,14 +212,14 @@ class ServedPipeline(Pipeline):
         store: Store,
         board: Board,
         live: LiveState,
+        ending: threading.Event,
         rig_lookup: Callable[[str], Rig],
         options: Any,
         **given: Any,
     ) -> None:
         super().__init__(rig_lookup, options, self._keep, self._show, **given)
-        self._store, self._board, self._live = store, board, live
+        self._store, self._board, self._live, self._ending = store, board, live, ending
         self._shown: dict[str, float] = {}
-        self._asset = ""
 
     def restore_all(self) -> None:
         """Goes on where the store's assets ended."""
@@ -209,10 +242,10 @@ class ServedPipeline(Pipeline):
             )
 
     def feed(self, frame: Frame) -> None:
-        self._asset = frame.channel.asset
         super().feed(frame)
-        if time.monotonic() - self._shown.get(self._asset, 0.0) > QUALITY_EVERY:
-            self._show_quality(self._asset)
+        asset = frame.channel.asset
+        if time.monotonic() - self._shown.get(asset, 0.0) > QUALITY_EVERY:
+            self._show_quality(asset)
 
     def reject(self, channel: Channel, error: Any) -> None:
         super().reject(channel, error)
@@ -225,11 +258,10 @@ class ServedPipeline(Pipeline):
             self._shown[asset] = 0.0
         return super().waiting(asset)
 
-    def tell_fault(self, error: Exception) -> None:
-        """Records that a window of the asset in work was lost to a fault of the program."""
-        fault = {"kind": "program_fault", "detail": f"{type(error).__name__}: {error}", "action": "refused"}
-        self._store.note(self._asset, [("data_fault", fault)])
-        self._board.update(self._asset, last_event_id=self._store.last_event_id(self._asset))
+    def _take(self, *given: Any) -> None:
+        if self._ending.is_set():
+            raise _Ended
+        super()._take(*given)
 
     def _keep(self, outcome: Outcome) -> None:
         self._committed = self._store.commit(
@@ -292,6 +324,7 @@ class _Server(uvicorn.Server):
         return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._worker.stop()
         self._board.close()
         await super().shutdown(sockets)
 
@@ -327,12 +360,12 @@ def _only_service_of(data: Path) -> Iterator[None]:
 @contextmanager
 def _listen(host: str, port: int) -> Iterator[socket.socket]:
     """A bound socket; InputError where the address cannot be had. Port 0 takes any that is free."""
+    listening = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
     try:
-        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        listening = socket.socket(family, socket.SOCK_STREAM)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((host, port))
     except (OSError, OverflowError) as error:
+        listening.close()
         what = (getattr(error, "strerror", None) or str(error)).lower()
         raise InputError(f"HTTP cannot be served at {host}:{port}: {what}") from None
     with listening:

@@ -162,9 +162,7 @@ class Store:
             self._ensure(db, asset)
             self._keep(db, asset, rig=rig)
 
-    def add_inspection(
-        self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]
-    ) -> dict[str, Any]:
+    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
         """Keeps one measured depth with the twin's answer; both, the inspection with its id and time."""
         received = time.time_ns()
         with self._transaction() as db:
@@ -186,18 +184,13 @@ class Store:
         if not rows:
             return StoredAsset(asset=asset)
         rig, state, report, assembly, quality = (_load(text) for text in rows[0])
-        return StoredAsset(
-            asset=asset, rig=rig, state=state, report=report, assembly=assembly, quality=quality
-        )
+        return StoredAsset(asset=asset, rig=rig, state=state, report=report, assembly=assembly, quality=quality)
 
     def windows(self, asset: str) -> tuple[StoredWindow, ...]:
         """Every window of the asset in time order."""
-        rows = self._rows(
-            "SELECT start_ns, record, figures FROM windows WHERE asset = ? ORDER BY start_ns", (asset,)
-        )
+        rows = self._rows("SELECT start_ns, record, figures FROM windows WHERE asset = ? ORDER BY start_ns", (asset,))
         return tuple(
-            StoredWindow(start_ns=start, record=_load(record), figures=_load(shown))
-            for start, record, shown in rows
+            StoredWindow(start_ns=start, record=_load(record), figures=_load(shown)) for start, record, shown in rows
         )
 
     def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:
@@ -259,9 +252,7 @@ class Store:
                 db.execute(f"UPDATE assets SET {column} = ? WHERE asset = ?", (_dump(value), asset))
 
     @staticmethod
-    def _add_events(
-        db: sqlite3.Connection, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]
-    ) -> None:
+    def _add_events(db: sqlite3.Connection, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
         db.executemany(
             "INSERT INTO events (asset, kind, data) VALUES (?, ?, ?)",
             [(asset, kind, _dump(data)) for kind, data in events],

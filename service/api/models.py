@@ -166,9 +166,7 @@ class FaultTotal(BaseModel):
 class Quality(_Open):
     """Quality of the data so far."""
 
-    windows: dict[str, int] | None = Field(
-        None, description="windows by `good`, `repaired`, `degraded`, `refused`"
-    )
+    windows: dict[str, int] | None = Field(None, description="windows by `good`, `repaired`, `degraded`, `refused`")
     channels: dict[str, dict[str, int]] | None = Field(None, description="frames by channel")
     missing_channels: list[str] | None = Field(None, description="named in the rig file, never seen")
     faults: list[dict[str, Any]] | None = Field(None, description="the latest faults, oldest first")

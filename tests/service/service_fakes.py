@@ -74,9 +74,7 @@ def report(revolutions: float, windows: int) -> dict:
         "residual": {
             "rms_error_percent": 1.4,
             "waveform_error_percent": 12.5,
-            "bands": [
-                {"harmonic": h, "measured": 20.0 / h, "predicted": 19.0 / h + 0.3} for h in range(1, 6)
-            ],
+            "bands": [{"harmonic": h, "measured": 20.0 / h, "predicted": 19.0 / h + 0.3} for h in range(1, 6)],
             "orders": [{"order": 37.64, "frequency_hz": 376.4, "share_percent": 1.9}],
         },
         "effects": [],

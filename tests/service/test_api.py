@@ -51,9 +51,7 @@ class Client:
 
 def _matches(route, url):
     ours, theirs = route.split("/"), url.split("/")
-    return len(ours) == len(theirs) and all(
-        a == b or a.startswith("{") for a, b in zip(ours, theirs, strict=True)
-    )
+    return len(ours) == len(theirs) and all(a == b or a.startswith("{") for a, b in zip(ours, theirs, strict=True))
 
 
 @pytest.fixture
