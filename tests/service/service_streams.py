@@ -120,7 +120,8 @@ def service(data: Path, **given):
     finally:
         if running.process.poll() is None:
             running.process.kill()
-        running.process.communicate()
+        if not running.process.stderr.closed:
+            print(*running.process.communicate(), sep="\n")  # shown where the test failed
 
 
 def wait_until(condition, seconds: float = 30.0) -> None:

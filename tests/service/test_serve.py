@@ -76,7 +76,7 @@ def _ignoring(call, *given):
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_signal_ends_the_service_within_seconds_also_in_mid_window(tmp_path, recording, how):
-    with service(tmp_path, slow=1.0) as running:
+    with service(tmp_path, slow=0.6) as running:
         threading.Thread(target=_ignoring, args=(replay, recording, [running.endpoint], 0), daemon=True).start()
         running.wait_for_windows(1)
         began = time.monotonic()
