@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,12 @@ def assess(
     prefix: str = PREFIX,
     assembly: AssemblySettings = DEFAULT,
     step: Callable[..., tuple[Any, Any]] | None = None,
+    enough: Callable[[Sequence[Mapping[str, Any]]], bool] = lambda records: False,
 ) -> dict[str, Any]:
-    """The answer of section 4 about a recording's asset; InputError where it cannot be used."""
+    """The answer of section 4 about a recording's asset; InputError where it cannot be used.
+
+    `enough` ends the reading early, once it holds for the window records so far.
+    """
     if options is None:
         from twin.step import Options
 
@@ -48,7 +52,10 @@ def assess(
             if frame.channel.asset == asset:
                 pipeline.feed(frame)
                 progress(recording.bytes_read / recording.size, len(outcomes))
-        pipeline.flush(asset)
+                if enough([o.record for o in outcomes]):
+                    break
+        else:
+            pipeline.flush(asset)
         progress(1.0, len(outcomes))
         quality = pipeline.quality(asset) | {"recording": list(recording.faults)}
         _demand_windows(recording, asset, rig, outcomes, quality)

@@ -100,14 +100,14 @@ class Pipeline:
         """Takes one frame in."""
         asset = frame.channel.asset
         line = self._line(asset)
-        for window, assembly in line.assembler.assemble(frame):
+        for window, assembly in list(line.assembler.assemble(frame)):
             self._take(asset, line, window, assembly)
 
     def flush(self, asset: str | None = None) -> None:
         """Closes the windows in progress, of one asset or of all: at the end of a file, or after silence."""
         for name in [asset] if asset is not None else self.assets:
             line = self._line(name)
-            for window, assembly in line.assembler.finish():
+            for window, assembly in list(line.assembler.finish()):
                 self._take(name, line, window, assembly)
 
     def reject(self, channel: Channel, error: FrameError) -> None:

@@ -19,7 +19,6 @@ import zenoh.ext
 
 from service.errors import DeliveryError
 from service.frames import NS
-from service.live import offered_rig
 from service.sources.mcap import RawFrame, Recording
 from service.sources.zenoh import open_session
 from service.wire.codec import encoding_of
@@ -30,7 +29,7 @@ _ANSWER = 60.0  # time for the subscribers to take what was sent [s]
 _CACHE = 512  # frames a key kept for subscribers that join late or were away
 _HEARTBEAT = 0.5  # [s]
 
-Progress = Callable[[int], None]  # frames delivered so far
+Progress = Callable[[float, int], None]  # share of the file read, frames delivered so far
 
 
 class Publisher:
@@ -61,7 +60,9 @@ class Publisher:
                 reliability=zenoh.Reliability.RELIABLE,
                 congestion_control=zenoh.CongestionControl.BLOCK,
                 cache=zenoh.ext.CacheConfig(max_samples=_CACHE),
-                sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=_HEARTBEAT, sporadic_heartbeat=None),
+                sample_miss_detection=zenoh.ext.MissDetectionConfig(
+                    heartbeat=_HEARTBEAT, sporadic_heartbeat=None
+                ),
                 publisher_detection=True,
             )
             probe = self._session.declare_publisher(topic)  # only this kind tells whether anyone listens
@@ -70,6 +71,17 @@ class Publisher:
             self._keys[channel] = (publisher, probe)
         for channel in self._keys:
             self._await_subscriber(channel)
+
+    def offer_rig(self, asset: str, text: bytes) -> None:
+        """Answers whoever asks for the asset's rig file, as long as this publisher is open."""
+        key = f"{self._prefix}/{asset}/rig"
+
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                query.reply(key, text, encoding="application/toml")
+
+        queryable = self._session.declare_queryable(key, answer)
+        self._stack.callback(queryable.undeclare)
 
     def publish(self, frame: RawFrame) -> None:
         """Sends one frame; may block while subscribers are busy."""
@@ -173,27 +185,28 @@ def replay(
     max_pause: float = float("inf"),
     prefix: str = PREFIX,
     wait: float = 30.0,
-    progress: Progress = lambda delivered: None,
+    progress: Progress = lambda share, delivered: None,
+    on_fault: Callable[[str], None] = lambda line: None,
     disturb: Callable[[Iterable[RawFrame]], Iterable[RawFrame]] = lambda frames: frames,
 ) -> int:
-    """Publishes a whole recording, its rig file included; answers how many frames were delivered."""
+    """Publishes a whole recording; answers how many frames were delivered.
+
+    `on_fault` is told, in one line, what of the file was damaged; `disturb` may repeat or reorder frames.
+    """
     with (
         Recording(path, prefix) as recording,
         open_session(connect=connect, wait=wait) as session,
-        ExitStack() as offers,
         Publisher(session, prefix, wait) as publisher,
     ):
-        announce = [
-            offers.enter_context(offered_rig(session, prefix, asset, recording.rig_text))
-            for asset in recording.assets
-            if recording.rig_text is not None
-        ]
+        if recording.rig_text is not None:
+            for asset in recording.assets:
+                publisher.offer_rig(asset, recording.rig_text)
         publisher.declare(sorted(set(recording.channels.values())))
-        for each in announce:
-            each()
         for frame in paced(disturb(recording.messages()), speed, max_pause):
             publisher.publish(frame)
-            progress(publisher.delivered)
+            progress(recording.bytes_read / recording.size, publisher.delivered)
         publisher.confirm()
-        progress(publisher.delivered)
+        progress(1.0, publisher.delivered)
+        if recording.fault_line:
+            on_fault(recording.fault_line)
         return publisher.delivered

@@ -135,6 +135,10 @@ class Model:
         """Complex amplitude of r_b1·θ7 − r_b2·θ8 at every mesh harmonic k ≥ 1 [m]."""
         return steady.lines(self.structure, self.structure.transmission_error)
 
+    def pinion_motion_lines(self, steady: SteadyState) -> np.ndarray:
+        """Complex amplitude of r_b1·θ7, what the pinion's encoder sees, at every mesh harmonic k ≥ 1 [m]."""
+        return steady.lines(self.structure, direction({"th7": self.mesh.pair.base_radius[0]}))
+
     def torque_lines(self, steady: SteadyState) -> np.ndarray:
         """Complex amplitude of the torque meter, k_2_3·(θ2 − θ3), at every mesh harmonic k ≥ 1 [N·m]."""
         (k,) = self.rig.require("the torque meter", "torsional_stiffness.k_2_3")

@@ -130,15 +130,12 @@ class Recording:
                 yield frame
 
     def _peek(self) -> None:
-        """Learns the channels where no summary names them: from the first chunk that can be read."""
-        contents = self._contents
-        if contents.channels:
-            return
+        """Learns the channels from the first chunk that can be read: its CRC vouches for them."""
         for block in self._blocks:
             records = read_block(self._file, block)
             if not isinstance(records, str):
-                contents.learn(records)
-                if contents.channels:
+                self._contents.learn(records)
+                if self._contents.channels:
                     return
 
     def _measurement_channels(self, prefix: str) -> dict[int, Channel]:

@@ -92,7 +92,8 @@ def scan(file: BinaryIO, name: str) -> Contents:
             contents.faults.append(f"damaged record at byte {at} left out")
         at = behind
         if opcode == Opcode.FOOTER:
-            complete = True
+            file.seek(behind)
+            complete = file.read(len(MAGIC)) == MAGIC
             break
     if not complete:
         contents.faults.append(f"truncated: nothing whole after byte {at} of {contents.size}")

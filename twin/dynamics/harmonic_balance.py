@@ -27,13 +27,13 @@ Holds    responses that repeat with the period; others do not converge and say s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from math import pi, sqrt
+from dataclasses import dataclass, field
+from math import pi
 
 import numpy as np
 from scipy.fft import irfft, rfft
-from scipy.sparse.linalg import LinearOperator, gmres
 
+from twin.dynamics.gmres import gmres
 from twin.dynamics.structure import Structure
 from twin.errors import NotConverged, ParameterError
 
@@ -41,6 +41,9 @@ MAX_NEWTON = 40
 MAX_STALLED = 12  # Newton steps that hardly help, on the way through contacts that open and close
 MAX_HALVINGS = 8
 TOLERANCE = 1e-9  # of the mean force
+ROUNDING = 10**-0.5  # from one stage of the way through contact loss to the next
+ROUNDED_STAGES = 8
+NEAR = 1e-3  # residual, of the mean force, from which the next stage may start
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -142,6 +145,11 @@ def quasi_static_deflection(contacts: Contacts, mean_force: float) -> np.ndarray
     return d
 
 
+def _lines(values: np.ndarray) -> np.ndarray:
+    """Two-sided Fourier coefficients of a record, k ≥ 0; (n,) → (n//2 + 1,)."""
+    return rfft(values, norm="forward")
+
+
 def solve_through_contact_loss(
     structure: Structure,
     contacts: Contacts,
@@ -150,33 +158,20 @@ def solve_through_contact_loss(
     start: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
 ) -> SteadyState:
-    """As `solve`; where that fails, follows the solution down from twice the contact damping.
+    """As `solve`; where that fails, rounds the corner at which contacts open and sharpens it step by step.
 
-    Each stage starts from the one before; a stage that fails is tried with half the change, a few times.
+    Each stage starts from the one before, the first from F/k̄·0.3 wide, the last is the sharp corner itself.
     """
     steady = solve(structure, contacts, mean_force, start=start, tolerance=tolerance)
-    if steady.converged or contacts.damping_time == 0:
+    if steady.converged:
         return steady
-    factor, ratio = 2.0, 1.15
+    widest = 0.3 * mean_force / float(contacts.stiffness.mean())
     reached = start
-    for _ in range(40):
-        damped = replace(contacts, damping_time=factor * contacts.damping_time)
-        stage = solve(structure, damped, mean_force, start=reached, tolerance=tolerance)
-        if stage.converged:
+    for rounding in (*(widest * ROUNDING ** np.arange(ROUNDED_STAGES)), 0.0):
+        stage = solve(structure, contacts, mean_force, start=reached, tolerance=tolerance, rounding=rounding)
+        if stage.converged or stage.residual < NEAR:
             reached = stage.deflection
-            if factor == 1:
-                return stage
-            factor = max(1.0, factor / ratio)
-        elif reached is start:  # nothing found yet: damp more
-            factor *= 1.5
-            if factor > 12:
-                break
-        else:
-            factor *= sqrt(ratio)
-            ratio = sqrt(ratio)
-            if ratio < 1.005:
-                break
-    return steady
+    return stage if stage.converged else steady
 
 
 def solve(
@@ -187,12 +182,14 @@ def solve(
     loads: tuple[Load, ...] = (),
     start: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
+    rounding: float = 0.0,
 ) -> SteadyState:
     """The steady state over one period.
 
     mean_force  mean mesh force T/r_b1 [N], > 0
     loads       forces that do not depend on the motion
     start       deflection to start from (n,) [m]; the quasi-static one where None
+    rounding    ε [m] of contacts that open gradually, (x + sqrt(x² + ε²))/2 for max(0, x); an aid on the way
     Returns a SteadyState whose `converged` says whether it may be used.
     """
     if not mean_force > 0:
@@ -201,6 +198,7 @@ def solve(
     iω = 1j * ω
     if n % 2 == 0:
         iω[-1] = 0  # the derivative of the Nyquist line is not real
+    closing = 1 + iω * τ  # from the lines of d to those of d + τ·d'
 
     def spectrum(values: np.ndarray) -> np.ndarray:
         """Lines (n//2 + 1,) from those of k ≥ 1; the Nyquist line of a real signal is real."""
@@ -217,65 +215,68 @@ def solve(
     ratios = [spectrum(to_mesh(action.direction) / G) for action in contacts.actions]
     driven = spectrum(sum((to_mesh(load.direction) * load.lines[1:] for load in loads), np.zeros_like(G)))
     side = contacts.side[:, None]
+    open_by = contacts.separation + τ * contacts.separation_rate
+    signed_stiffness = side * contacts.stiffness
+    weighted_stiffness = [action.weight * signed_stiffness for action in contacts.actions]
 
-    def evaluate(d: np.ndarray):
-        """Residual in time (n,), contact forces (p, n) and which contacts are closed (p, n)."""
-        d_hat = rfft(d) / n
-        penetration = contacts.penetration(d, irfft(iω * d_hat * n, n))
-        closed = penetration > 0
-        forces = contacts.stiffness * np.where(closed, penetration, 0.0)
-        residual = rfft((side * forces).sum(axis=0)) / n + inverse * (d_hat - driven)
-        for action, ratio in zip(contacts.actions, ratios, strict=True):
-            residual += ratio * rfft((action.weight * side * forces).sum(axis=0)) / n
+    def evaluate(d_hat: np.ndarray):
+        """Residual lines (n//2 + 1,), penetrations ≥ 0 and their slopes 0 … 1 (p, n), for the lines of d."""
+        x = side * irfft(closing * d_hat, n, norm="forward") + open_by
+        if rounding:
+            root = np.sqrt(x**2 + rounding**2)
+            penetration, closed = (x + root) / 2, (1 + x / root) / 2
+        else:
+            penetration, closed = np.maximum(x, 0.0), x > 0
+        residual = _lines((signed_stiffness * penetration).sum(axis=0)) + inverse * (d_hat - driven)
+        for weighted, ratio in zip(weighted_stiffness, ratios, strict=True):
+            residual += ratio * _lines((weighted * penetration).sum(axis=0))
         residual[0] -= mean_force
-        return residual, forces, closed
+        return residual, penetration, closed
 
-    d = quasi_static_deflection(contacts, mean_force) if start is None else np.array(start, dtype=float)
-    residual, forces, closed = evaluate(d)
+    d = quasi_static_deflection(contacts, mean_force) if start is None else start
+    d_hat = _lines(np.asarray(d, dtype=float))
+    residual, penetration, closed = evaluate(d_hat)
     size = float(np.abs(residual).max()) / mean_force
-    iterations = 0
-    stuck = 0
+    iterations = stuck = 0
     while size > tolerance and iterations < MAX_NEWTON and stuck < MAX_STALLED:
-        active = contacts.stiffness * closed
-        tangent = active.sum(axis=0)
-        weighted = [(action.weight * active).sum(axis=0) for action in contacts.actions]
-        k_mean = float(tangent.mean())
-        precondition = np.empty(ω.size, dtype=complex)
-        precondition[:] = k_mean * (1 + iω * τ) + inverse
-        precondition = 1 / precondition
+        tangent = (contacts.stiffness * closed).sum(axis=0)
+        tangents = [(side * weighted * closed).sum(axis=0) for weighted in weighted_stiffness]
+        k_mean = float(tangent.mean()) or float(contacts.stiffness.mean())
+        precondition = 1 / (k_mean * closing + inverse)
+        to_closing = closing * precondition
 
-        def jacobian(u, tangent=tangent, weighted=weighted, precondition=precondition):
-            v_hat = precondition * rfft(u)
-            closing = irfft(v_hat * (1 + iω * τ), n)
-            out = rfft(tangent * closing) + inverse * v_hat
-            for w, ratio in zip(weighted, ratios, strict=True):
-                out += ratio * rfft(w * closing)
-            return irfft(out, n)
+        def jacobian(u, to_closing=to_closing, varying=tangent - k_mean, tangents=tangents):
+            """The residual's change for the change P·u of d; u itself where the stiffness is k̄ throughout."""
+            change = irfft(to_closing * u, n, norm="forward")
+            out = u + _lines(varying * change)
+            for weighted, ratio in zip(tangents, ratios, strict=True):
+                out += ratio * _lines(weighted * change)
+            return out
 
         forcing = min(1e-2, max(0.1 * size, 0.1 * tolerance / size))
-        right = -irfft(residual * n, n)
-        u, _ = gmres(LinearOperator((n, n), matvec=jacobian), right, rtol=forcing, restart=60, maxiter=4)
-        correction = irfft(precondition * rfft(u), n)
+        correction = precondition * gmres(jacobian, -residual, forcing)
         step = 1.0
         for _ in range(MAX_HALVINGS):
-            trial = evaluate(d + step * correction)
-            trial_size = float(np.abs(trial[0]).max()) / mean_force
-            if trial_size < size:
+            trial = evaluate(d_hat + step * correction)
+            gain = np.linalg.norm(trial[0]) / np.linalg.norm(residual)
+            if gain < 1:
                 break
             step /= 2
-        stuck = stuck + 1 if trial_size >= 0.9 * size else 0
-        d = d + step * correction
-        residual, forces, closed = trial
-        size = trial_size
+        stuck = stuck + 1 if gain >= 0.9 else 0
+        d_hat = d_hat + step * correction
+        residual, penetration, closed = trial
+        size = float(np.abs(residual).max()) / mean_force
         iterations += 1
 
+    forces = contacts.stiffness * penetration
+    d = irfft(d_hat, n, norm="forward")
     mesh_force = (side * forces).sum(axis=0)
     return SteadyState(
         deflection=d,
         contact_forces=forces,
         mesh_force=mesh_force,
-        force_lines=rfft(mesh_force) / n,
-        action_lines=tuple(rfft((a.weight * side * forces).sum(axis=0)) / n for a in contacts.actions),
+        force_lines=_lines(mesh_force),
+        action_lines=tuple(_lines((a.weight * side * forces).sum(axis=0)) for a in contacts.actions),
         omega=ω,
         residual=size,
         iterations=iterations,

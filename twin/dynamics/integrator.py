@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from twin.dynamics.harmonic_balance import Contacts
-from twin.dynamics.structure import Structure
+from twin.dynamics.harmonic_balance import Contacts, SteadyState
+from twin.dynamics.structure import RIGID_HZ, Structure
 from twin.errors import ParameterError
 
 STABILITY = 2.78  # limit of ω·step of the method on the imaginary axis
@@ -127,6 +127,29 @@ def modal_start(structure: Structure, deflection: float) -> tuple[np.ndarray, np
     g = Φ.T @ structure.mesh
     η = np.where(rigid, g, 0.0)
     return η * deflection / (g @ η), np.zeros_like(η)
+
+
+def steady_start(
+    structure: Structure, steady: SteadyState, load: np.ndarray, sample: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Modal coordinates and rates (21,) of a steady state at one of its samples, under the loads that keep it up.
+
+    A transient goes on from there. The rotation of the whole is left at 0; that of the mesh follows d.
+    """
+    ω_r, Φ = structure.modes
+    ω = steady.omega[1:]
+    phase = np.exp(1j * ω * (2 * np.pi / steady.omega[1]) * sample / steady.deflection.size)
+    η, rate = np.zeros(ω_r.size), np.zeros(ω_r.size)
+    for r in range(ω_r.size):
+        lines = steady.lines(structure, structure.mass @ Φ[:, r]) * phase  # η_r = φ_rᵀ M q
+        η[r], rate[r] = lines.real.sum(), (1j * ω * lines).real.sum()
+    vibrating = ω_r > 2 * np.pi * RIGID_HZ
+    constant = Φ.T @ (load - structure.mesh * steady.force_lines[0].real)
+    for a, lines in zip(steady.directions, steady.action_lines, strict=True):
+        constant -= Φ.T @ (a * lines[0].real)
+    η[vibrating] += constant[vibrating] / ω_r[vibrating] ** 2
+    closing = modal_start(structure, float(steady.deflection[sample]) - float(structure.mesh @ Φ @ η))[0]
+    return η + closing, rate
 
 
 def integrate(

@@ -80,9 +80,7 @@ class PairMesh:
 
     @classmethod
     def of(cls, pair: GearPair, samples: int = 1024) -> PairMesh:
-        return cls(
-            pair=pair, stiffness=PairStiffness.of(pair), corner=CornerContact.of(pair), samples=samples
-        )
+        return cls(pair=pair, stiffness=PairStiffness.of(pair), corner=CornerContact.of(pair), samples=samples)
 
     @cached_property
     def phase(self) -> np.ndarray:

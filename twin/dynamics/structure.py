@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import cos, pi, sin
 
 import numpy as np
@@ -87,9 +87,7 @@ def direction(weights: Mapping[str, float]) -> np.ndarray:
     """A vector over the coordinates from weights by name; (21,)."""
     unknown = set(weights) - set(INDEX)
     if unknown:
-        raise ParameterError(
-            f"{', '.join(sorted(unknown))} is no coordinate of the model; {DEGREES_OF_FREEDOM}"
-        )
+        raise ParameterError(f"{', '.join(sorted(unknown))} is no coordinate of the model; {DEGREES_OF_FREEDOM}")
     v = np.zeros(21)
     for name, w in weights.items():
         v[INDEX[name]] = w
@@ -158,10 +156,9 @@ class Structure:
         omega (n,) [rad/s], non-zero; force (21,), response (21,) → (n,) complex [m/N].
         H(ω) = Σ_r (responseᵀφ_r)(φ_rᵀforce) / (ω_r² − ω² + iω·2ζω_r)
         """
-        ω_r, Φ = self.modes
-        numerator = (response @ Φ) * (Φ.T @ force)
-        ω = np.asarray(omega, dtype=float)[:, None]
-        return (numerator / (ω_r**2 - ω**2 + 1j * ω * self.modal_damping_terms)).sum(axis=1)
+        Φ = self.modes[1]
+        modal = _modal_receptances(self, np.asarray(omega, dtype=float).tobytes())
+        return (modal * ((response @ Φ) * (Φ.T @ force))).sum(axis=1)
 
     def static_response(self, response: np.ndarray, force: np.ndarray) -> float:
         """Mean response [m/N] along one direction to a self-balanced set of constant forces.
@@ -173,7 +170,15 @@ class Structure:
         excited = Φ.T @ force
         rigid = np.abs(excited[~vibrating]).max(initial=0.0)
         if rigid > 1e-6 * np.abs(excited).max(initial=1e-300):
-            raise ParameterError(
-                "the constant forces are not in balance: they would turn the shafts faster and faster"
-            )
+            raise ParameterError("the constant forces are not in balance: they would turn the shafts faster and faster")
         return float((response @ Φ)[vibrating] @ (excited[vibrating] / ω_r[vibrating] ** 2))
+
+
+@lru_cache(maxsize=4)
+def _modal_receptances(structure: Structure, omega: bytes) -> np.ndarray:
+    """1/(ω_r² − ω² + iω·2ζω_r) of every mode (n, 21) complex, at the frequencies packed in `omega`.
+
+    Kept, because one steady state asks for several receptances at the same harmonics.
+    """
+    ω = np.frombuffer(omega)[:, None]
+    return 1 / (structure.modes[0] ** 2 - ω**2 + 1j * ω * structure.modal_damping_terms)

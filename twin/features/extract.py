@@ -14,9 +14,10 @@ from scipy import fft
 
 from twin.errors import NotAvailable, TwinError
 from twin.features.angle import AngleTrack, angle_track
+from twin.features.gaps import runs
 from twin.features.level import band_level
 from twin.features.mesh_speed import mesh_track
-from twin.features.orders import mesh_bands, order_lines, window_weight
+from twin.features.orders import hann, mesh_bands, order_lines
 from twin.features.resample import AngleSignal, on_angle, spline_response
 from twin.features.transmission_error import transmission_error
 from twin.features.window_features import Key, Lines, WindowFeatures
@@ -72,15 +73,17 @@ def noise_rms(signal: AngleSignal, speed: float, band: tuple[float, float]) -> f
     """RMS in the band [Hz] of what lies between the orders: a low quantile of the spectrum, block by block.
 
     In a block of 64 bins the power of noise is exponentially distributed: its 10 % quantile is 0.105 of its
-    mean, and lines, which do not fill all bins, hardly move it.
+    mean, and lines, which do not fill all bins, hardly move it. Taken from the longest stretch without a gap.
+    Where every tooth differs (pitch errors), lines fill the bins between the orders: then an upper bound.
     """
-    n = signal.values.size
-    weight = window_weight(signal)
-    x = weight * (signal.values - (weight @ signal.values) / weight.sum())
-    length = fft.next_fast_len(n, real=True)
-    power = 2 * np.abs(fft.rfft(x, length)) ** 2 / (length * (weight @ weight))
-    frequency = np.arange(power.size) * 2 * np.pi / (length * signal.step) * speed
-    power = power[(frequency >= band[0]) & (frequency <= band[1])][3:]
+    start, stop = max(runs(signal.usable), key=lambda r: r[1] - r[0])
+    values = signal.values[start:stop]
+    weight = hann(values.size)
+    length = fft.next_fast_len(values.size, real=True)
+    spectrum = fft.rfft(weight * (values - (weight @ values) / weight.sum()), length)
+    frequency = np.arange(spectrum.size) * 2 * np.pi / (length * signal.step) * speed
+    inside = spectrum[(frequency >= band[0]) & (frequency <= band[1])][3:]
+    power = 2 * np.abs(inside) ** 2 / (length * (weight @ weight))
     blocks = power[: power.size // 64 * 64].reshape(-1, 64)
     if blocks.size == 0:
         raise NotAvailable(
@@ -146,34 +149,42 @@ def _base_radius(rig: Rig) -> float | None:
     return None if radius is None else float(radius)
 
 
+def _harmonics(track: AngleTrack, teeth: tuple[int, int], highest: float, most: int) -> int:
+    """How many mesh harmonics lie below a frequency [Hz], at most so many."""
+    return min(most, int(highest / (teeth[0] * track.speed)))
+
+
+def _attenuated(signal: AngleSignal, per_turn: float):
+    """What `order_lines` takes: the signal and what interpolation left of each order."""
+    return lambda orders: [(signal.values, spline_response(orders / per_turn))]
+
+
 def _acceleration(out: _Collector, rig: Rig, samples: Samples, track: AngleTrack) -> None:
-    teeth = rig.teeth
     signal, per_turn = on_angle(samples, track)
-    highest = min(HIGHEST_LINE, USABLE_RATE * samples.rate)
-    harmonics = min(MOST_HARMONICS, int(highest / (teeth[0] * track.speed)))
 
-    def attenuated(orders):
-        return [(signal.values, spline_response(orders / per_turn))]
+    def lines() -> Lines:
+        highest = min(HIGHEST_LINE, USABLE_RATE * samples.rate)
+        keys = mesh_keys(_harmonics(track, rig.teeth, highest, MOST_HARMONICS), SIDEBAND_HARMONICS)
+        keys += [(0, p, 0) for p in (1, 2, 3)]
+        return read_lines(signal, keys, rig.teeth, "m/s²", _attenuated(signal, per_turn))
 
-    keys = mesh_keys(harmonics, SIDEBAND_HARMONICS) + [(0, p, 0) for p in (1, 2, 3)]
-    out.add("acceleration", lambda: read_lines(signal, keys, teeth, "m/s²", attenuated))
-    out.add(
-        "mesh_bands", lambda: tuple(None if np.isnan(b) else float(b) for b in mesh_bands(signal, teeth[0]))
-    )
+    def bands() -> tuple[float | None, ...]:
+        return tuple(None if np.isnan(b) else float(b) for b in mesh_bands(signal, rig.teeth[0]))
+
+    out.add("acceleration", lines)
+    out.add("mesh_bands", bands)
     out.add("noise_rms", lambda: noise_rms(signal, track.speed, rig.band))
 
 
 def _torque(out: _Collector, rig: Rig, samples: Samples, track: AngleTrack) -> None:
-    teeth = rig.teeth
-    signal, per_turn = on_angle(samples, track)
-    harmonics = min(TE_HARMONICS, int(USABLE_RATE * samples.rate / (teeth[0] * track.speed)))
+    def lines() -> Lines:
+        signal, per_turn = on_angle(samples, track)
+        keys = [(0, 0, 0)]
+        keys += mesh_keys(_harmonics(track, rig.teeth, USABLE_RATE * samples.rate, TE_HARMONICS), 1)
+        keys += [(0, p, 0) for p in range(1, 11) if p < USABLE_RATE * per_turn] + [(0, 0, 1), (0, 0, 2)]
+        return read_lines(signal, keys, rig.teeth, "N·m", _attenuated(signal, per_turn))
 
-    def attenuated(orders):
-        return [(signal.values, spline_response(orders / per_turn))]
-
-    keys = [(0, 0, 0), *mesh_keys(harmonics, 1)]
-    keys += [(0, p, 0) for p in range(1, 11) if p < 0.4 * per_turn] + [(0, 0, g) for g in (1, 2)]
-    out.add("torque", lambda: read_lines(signal, keys, teeth, "N·m", attenuated))
+    out.add("torque", lines)
 
 
 def _transmission_error(out: _Collector, rig: Rig, window: Window, track: AngleTrack) -> None:

@@ -93,8 +93,6 @@ def wear_per_revolution(mesh: PairMesh, contact_forces: np.ndarray, half_width: 
     worn = np.convolve(np.convolve(force * np.abs(s), weights, mode="same"), weights, mode="same")
     stride, rest = divmod(n, POINTS_PER_PITCH)
     if rest:
-        raise ParameterError(
-            f"{n} samples a mesh period must be a multiple of {POINTS_PER_PITCH} profile points"
-        )
+        raise ParameterError(f"{n} samples a mesh period must be a multiple of {POINTS_PER_PITCH} profile points")
     ratio = 1 + mesh.pair.teeth[0] / mesh.pair.teeth[1]
     return ratio**2 * np.append(worn, 0.0)[::stride]

@@ -39,9 +39,7 @@ class WornProfile:
 
     def __post_init__(self) -> None:
         if self.positions.shape != self.depth.shape:
-            raise ParameterError(
-                f"depth has shape {self.depth.shape}, positions {self.positions.shape}: one each"
-            )
+            raise ParameterError(f"depth has shape {self.depth.shape}, positions {self.positions.shape}: one each")
 
     @classmethod
     def unworn(cls, pair: GearPair, points_per_pitch: int = POINTS_PER_PITCH) -> WornProfile:
