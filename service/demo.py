@@ -17,7 +17,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,7 @@ def run(
     exit_after: bool = False,
     recording: Path = RECORDING,
     console: Console | None = None,
+    command: Sequence[str] = (sys.executable, "-m", "service", "serve"),
 ) -> int:
     """Runs the demo; 0 where all went well. Without `exit_after` it serves on until interrupted."""
     console = console or Console()
@@ -56,7 +57,7 @@ def run(
     with ExitStack() as stack:
         settings = _on_free_ports(settings, stack)
         try:
-            service = stack.enter_context(_service(settings))
+            service = stack.enter_context(_service(settings, command))
             address = f"http://{settings.http}"
             asset, answer = _replayed(settings, address, recording, service, console)
             quality = answer.get("data_quality", {}).get("windows", {})
@@ -97,7 +98,7 @@ def _free_port() -> int:
 
 
 @contextmanager
-def _service(settings: Settings) -> Iterator[subprocess.Popen]:
+def _service(settings: Settings, command: Sequence[str]) -> Iterator[subprocess.Popen]:
     """`gear-twin serve` with the settings, ready, until left."""
     environment = os.environ | {
         f"GEAR_TWIN_{name.upper()}": value if isinstance(value, str) else json.dumps(value)
@@ -105,9 +106,7 @@ def _service(settings: Settings) -> Iterator[subprocess.Popen]:
         if value is not None
     }
     with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "service", "serve"], env=environment, stdout=said, stderr=said
-        )
+        process = subprocess.Popen(list(command), env=environment, stdout=said, stderr=said)
         try:
             deadline = time.monotonic() + START_WAIT
             while _get(f"http://{settings.http}/readyz") is None:
@@ -204,7 +203,7 @@ def _summary(asset: str, answer: Mapping[str, Any]) -> Table:
 
 def _band(part: Mapping[str, Any], name: str, unit: str) -> str:
     band = part.get(name)
-    if not is_available(band):
+    if band is None or not is_available(band):
         return "not available"
     return f"{_number(band['median'])} {unit} (5–95 %: {_number(band['p05'])} to {_number(band['p95'])})"
 

@@ -19,9 +19,7 @@ LEAST_PRESENT = 0.5  # share of a column that must be there
 def read_columns(mapping: ImportMapping, path: Path) -> dict[str, np.ndarray]:
     """The mapped columns of a CSV, CSV.gz or NPZ file by channel label, each (n,) float64."""
     if not path.is_file():
-        raise InputError(
-            f"{mapping.where}: file.path = {path} does not exist; it is relative to the mapping file"
-        )
+        raise InputError(f"{mapping.where}: file.path = {path} does not exist; it is relative to the mapping file")
     read = _read_npz if path.suffix == ".npz" else _read_csv
     found = read(mapping, path)
     out = {}
@@ -40,15 +38,11 @@ def _checked_column(mapping: ImportMapping, channel: ChannelMapping, values: Any
     key = f"{mapping.where}: channels.{channel.name}.column = {channel.column!r}"
     array = np.asarray(values)
     if array.dtype.kind not in "fiu" or array.ndim != 1:
-        raise InputError(
-            f"{key} holds {array.dtype} of shape {array.shape} in {file}, must be a row of numbers"
-        )
+        raise InputError(f"{key} holds {array.dtype} of shape {array.shape} in {file}, must be a row of numbers")
     array = array.astype(float) * channel.factor
     good = np.isfinite(array)
     if array.size < 2 or good.mean() < LEAST_PRESENT:
-        raise InputError(
-            f"{key} has {int(good.sum())} finite values of {array.size} in {file}; the right column?"
-        )
+        raise InputError(f"{key} has {int(good.sum())} finite values of {array.size} in {file}; the right column?")
     if channel.kind == "encoder":
         if not good.all() or np.any(np.diff(array) <= 0):
             raise InputError(f"{key} must hold rising edge times [s]; levels, or counts?")

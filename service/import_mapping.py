@@ -92,9 +92,7 @@ def load_import_mapping(path: str | Path) -> ImportMapping:
     try:
         data = tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
-        raise InputError(
-            f"{path}: mapping file cannot be read: {(error.strerror or 'fault').lower()}"
-        ) from None
+        raise InputError(f"{path}: mapping file cannot be read: {(error.strerror or 'fault').lower()}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: mapping file is not TOML: {error}") from None
     return checked_mapping(data, path)
@@ -162,19 +160,13 @@ def _channel(where: str, name: str, table: Any) -> ChannelMapping:
         per = "m/s²" if kind == "accel" else "N·m"
         factor = 1 / _number(where, f"{key}.sensitivity", sensitivity, (1e-9, 1e9), f"V per {per}", "mV?")
     elif sensitivity is not None:
-        raise InputError(
-            f"{where}: {key}.sensitivity = {sensitivity!r} goes with unit 'V' only, not {unit!r}"
-        )
+        raise InputError(f"{where}: {key}.sensitivity = {sensitivity!r} goes with unit 'V' only, not {unit!r}")
     elif unit == "g":
         factor = STANDARD_GRAVITY
     edges, first = 0, 0
     if kind == "encoder":
-        edges = int(
-            _number(where, f"{key}.edges_per_rev", table.get("edges_per_rev"), (1, 1e7), "edges", "?")
-        )
-        first = int(
-            _number(where, f"{key}.first_edge_index", table.get("first_edge_index", 0), (0, 2**53), "")
-        )
+        edges = int(_number(where, f"{key}.edges_per_rev", table.get("edges_per_rev"), (1, 1e7), "edges", "?"))
+        first = int(_number(where, f"{key}.first_edge_index", table.get("first_edge_index", 0), (0, 2**53), ""))
     return ChannelMapping(
         kind=kind,
         name=name,
@@ -190,9 +182,7 @@ def _channel(where: str, name: str, table: Any) -> ChannelMapping:
 def _known(where: str, path: str, table: dict[str, Any], shown: str | None = None) -> None:
     for key in table:
         if key not in _KEYS[path]:
-            raise InputError(
-                f"{where}: {shown or path}{key} is not known; known here: {', '.join(_KEYS[path])}"
-            )
+            raise InputError(f"{where}: {shown or path}{key} is not known; known here: {', '.join(_KEYS[path])}")
 
 
 def _table(where: str, data: dict[str, Any], key: str) -> dict[str, Any]:
@@ -202,9 +192,7 @@ def _table(where: str, data: dict[str, Any], key: str) -> dict[str, Any]:
     return value
 
 
-def _number(
-    where: str, key: str, value: Any, limits: tuple[float, float], unit: str, hint: str = ""
-) -> float:
+def _number(where: str, key: str, value: Any, limits: tuple[float, float], unit: str, hint: str = "") -> float:
     low, high = limits
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
         raise InputError(f"{where}: {key} = {value!r} must be a number{f' [{unit}]' if unit else ''}")
@@ -218,9 +206,7 @@ def _started(where: str, value: Any) -> datetime | None:
     if value is None:
         return None
     if not isinstance(value, datetime):
-        raise InputError(
-            f"{where}: started = {value!r} must be a date with time, such as 2020-10-28T00:00:00Z"
-        )
+        raise InputError(f"{where}: started = {value!r} must be a date with time, such as 2020-10-28T00:00:00Z")
     moment = value if value.tzinfo else value.replace(tzinfo=UTC)
     if moment.timestamp() <= 0:
         raise InputError(f"{where}: started = {value.isoformat()} must lie after 1970-01-01")

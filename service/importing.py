@@ -48,9 +48,7 @@ def import_recording(
     if not taken:
         raise InputError(f"{mapping.where}: channels: none is an acceleration, a torque or an encoder")
     started = mapping.started or CLOCK_START
-    frames = _all_frames(
-        mapping, columns, taken, round(started.timestamp()) * NS + started.microsecond * 1000
-    )
+    frames = _all_frames(mapping, columns, taken, round(started.timestamp()) * NS + started.microsecond * 1000)
     notes = _notes(mapping, data_file)
     metadata = {"asset": mapping.asset, "description": mapping.description, "started": started.isoformat()}
     write_recording(out_path, frames, metadata, notes, to_toml(mapping.rig), progress)
@@ -103,9 +101,7 @@ def _edge_frames(
     mapping: ImportMapping, channel: ChannelMapping, address: Channel, times: np.ndarray, start_ns: int
 ) -> Iterator[EncoderFrame]:
     if times[0] < 0:
-        raise InputError(
-            f"{mapping.where}: channels.{channel.name}: edge times begin at {times[0]:g} s, before 0"
-        )
+        raise InputError(f"{mapping.where}: channels.{channel.name}: edge times begin at {times[0]:g} s, before 0")
     number = np.floor(times / FRAME_LENGTH).astype(int)
     for sequence, n in enumerate(np.unique(number)):
         inside = np.flatnonzero(number == n)
@@ -198,9 +194,7 @@ def _write_frames(writer: Writer, frames: list[Frame], progress: Progress | None
 
 def to_toml(mapping: Mapping[str, Any], path: str = "") -> str:
     """A mapping of text, numbers, lists and tables as TOML."""
-    own = [
-        f"{key} = {_toml_value(value)}" for key, value in mapping.items() if not isinstance(value, Mapping)
-    ]
+    own = [f"{key} = {_toml_value(value)}" for key, value in mapping.items() if not isinstance(value, Mapping)]
     head = [f"[{path}]"] if path and own else []
     lines = ["\n".join(head + own)] if own else []
     for key, value in mapping.items():

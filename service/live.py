@@ -14,8 +14,8 @@ import json
 import logging
 import threading
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 import zenoh
@@ -28,7 +28,6 @@ from service.wire.topics import NAME
 log = logging.getLogger(__name__)
 
 JSON = zenoh.Encoding.APPLICATION_JSON
-TOML = zenoh.Encoding("application/toml")
 RIG_WAIT = 1.0  # how long a rig file is asked for [s]
 
 
@@ -135,26 +134,6 @@ class OfferedRigs:
         else:
             with self._lock:
                 self._offered[asset] = mapping
-
-
-@contextmanager
-def offered_rig(session: zenoh.Session, prefix: str, asset: str, text: bytes) -> Iterator[Callable[[], None]]:
-    """Offers a rig file to the service that takes the asset's frames: it answers `get` until left.
-
-    Yields a function that publishes it, for when a subscriber is known to be there.
-    """
-    key = f"{prefix}/{asset}/rig"
-    guard = Guard()
-
-    def answer(query: zenoh.Query) -> None:
-        with query:
-            query.reply(key, text, encoding=TOML)
-
-    queryable = session.declare_queryable(key, guard(answer))
-    try:
-        yield lambda: session.put(key, text, encoding=TOML, congestion_control=zenoh.CongestionControl.BLOCK)
-    finally:
-        queryable.undeclare()
 
 
 def _payload(whole: Mapping[str, Any]) -> str:

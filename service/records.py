@@ -1,30 +1,9 @@
-"""Reports as strict JSON data, and what is kept of each for every window."""
+"""What is kept of each report for every window."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, is_dataclass
-from math import isfinite
+from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
-
-
-def plain(value: Any) -> Any:
-    """The value as strict JSON data: numpy unwrapped, tuples as lists, not-finite numbers as null."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
-    if isinstance(value, str) or value is None or isinstance(value, bool | int):
-        return value
-    if isinstance(value, float):
-        return value if isfinite(value) else None
-    if isinstance(value, Iterable):
-        return [plain(v) for v in value]
-    raise TypeError(f"{type(value).__name__} is not JSON data")
 
 
 def is_available(part: Any) -> bool:

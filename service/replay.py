@@ -60,9 +60,7 @@ class Publisher:
                 reliability=zenoh.Reliability.RELIABLE,
                 congestion_control=zenoh.CongestionControl.BLOCK,
                 cache=zenoh.ext.CacheConfig(max_samples=_CACHE),
-                sample_miss_detection=zenoh.ext.MissDetectionConfig(
-                    heartbeat=_HEARTBEAT, sporadic_heartbeat=None
-                ),
+                sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=_HEARTBEAT, sporadic_heartbeat=None),
                 publisher_detection=True,
             )
             probe = self._session.declare_publisher(topic)  # only this kind tells whether anyone listens

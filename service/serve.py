@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,8 @@ log = logging.getLogger(__name__)
 
 DATABASE = "gear-twin.sqlite"
 CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
+LEARN_WAIT = 0.5  # how long a new asset's channels are awaited before its first window [s]
+LEARN_BYTES = 64 * 2**20  # frames of a new asset held meanwhile, at most [bytes]
 QUALITY_EVERY = 1.0  # how often counters are shown while frames come [s]
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
 HTTP_WAIT = 2  # how long open requests are waited for at the end [s]
@@ -204,6 +207,15 @@ class Worker(threading.Thread):
         return checked
 
 
+@dataclass(slots=True)
+class _Held:
+    """A new asset's frames while its channels are learned."""
+
+    since: float
+    frames: list[Frame] = field(default_factory=list)
+    bytes: int = 0
+
+
 class ServedPipeline(Pipeline):
     """The pipeline over store, board and Zenoh, with counters shown between windows."""
 
@@ -220,6 +232,7 @@ class ServedPipeline(Pipeline):
         super().__init__(rig_lookup, options, self._keep, self._show, **given)
         self._store, self._board, self._live, self._ending = store, board, live, ending
         self._shown: dict[str, float] = {}
+        self._held: dict[str, _Held] = {}
 
     def restore_all(self) -> None:
         """Goes on where the store's assets ended."""
@@ -242,8 +255,11 @@ class ServedPipeline(Pipeline):
             )
 
     def feed(self, frame: Frame) -> None:
-        super().feed(frame)
         asset = frame.channel.asset
+        if asset in self._lines:
+            super().feed(frame)
+        elif not self._hold(frame):
+            return
         if time.monotonic() - self._shown.get(asset, 0.0) > QUALITY_EVERY:
             self._show_quality(asset)
 
@@ -251,12 +267,38 @@ class ServedPipeline(Pipeline):
         super().reject(channel, error)
         self._show_quality(channel.asset)
 
+    def flush(self, asset: str | None = None) -> None:
+        for name in list(self._held) if asset is None else [asset]:
+            if name in self._held:
+                self._release(name)
+        super().flush(asset)
+
     def waiting(self, asset: str) -> bool:
+        if asset in self._held:
+            return True
         # Asked when a stream is silent: the last frames' counters are due.
         if asset in self._shown and self._shown[asset] > 0 and not super().waiting(asset):
             self._show_quality(asset)
             self._shown[asset] = 0.0
         return super().waiting(asset)
+
+    def _hold(self, frame: Frame) -> bool:
+        """Holds a new asset's frame, since keys start at different times; whether all held are let go."""
+        asset = frame.channel.asset
+        held = self._held.setdefault(asset, _Held(time.monotonic()))
+        held.frames.append(frame)
+        held.bytes += frame.nbytes
+        if time.monotonic() - held.since < LEARN_WAIT and held.bytes < LEARN_BYTES:
+            return False
+        self._release(asset)
+        return True
+
+    def _release(self, asset: str) -> None:
+        """Takes in the frames held for a new asset, whose channels are known now."""
+        held = self._held.pop(asset)
+        self._line(asset).assembler.expect({frame.channel.label for frame in held.frames})
+        for frame in held.frames:
+            super().feed(frame)
 
     def _take(self, *given: Any) -> None:
         if self._ending.is_set():

@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from service.errors import InputError
-from service.records import figures, plain
+from service.jsontext import plain
+from service.records import figures
 
 MIGRATIONS = (
     """

@@ -25,21 +25,13 @@ class Update(StrEnum):
 
 
 Recording = Annotated[Path, typer.Argument(metavar="RECORDING", help="MCAP recording by the contract.")]
-RigFile = Annotated[
-    Path | None, typer.Option("--rig", help="Rig file; without it, the recording's attachment.")
-]
+RigFile = Annotated[Path | None, typer.Option("--rig", help="Rig file; without it, the recording's attachment.")]
 Asset = Annotated[str | None, typer.Option(help="The asset to look at, where a recording holds several.")]
 Prefix = Annotated[str, typer.Option(help="First part of all keys and topics.", envvar="GEAR_TWIN_PREFIX")]
-UpdateWay = Annotated[
-    Update, typer.Option(help="What sets the depth: transmission error (fused) or the RMS (paper).")
-]
-JsonFile = Annotated[
-    Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - prints it.")
-]
+UpdateWay = Annotated[Update, typer.Option(help="What sets the depth: transmission error (fused) or the RMS (paper).")]
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - prints it.")]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")]
-Connect = Annotated[
-    list[str] | None, typer.Option(help="Endpoint of the service or router: tcp/127.0.0.1:7447.")
-]
+Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of the service or router: tcp/127.0.0.1:7447.")]
 Listen = Annotated[list[str] | None, typer.Option(help="Endpoint at which to open a router of its own.")]
 
 
@@ -62,9 +54,7 @@ def calibrate(
     recording: Recording,
     rig: RigFile = None,
     json: JsonFile = None,
-    unworn: Annotated[
-        int, typer.Option(min=1, help="Measurement windows, from the first, used as unworn.")
-    ] = 3,
+    unworn: Annotated[int, typer.Option(min=1, help="Measurement windows, from the first, used as unworn.")] = 3,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
 ) -> None:
@@ -94,9 +84,7 @@ def replay(
     max_pause: Annotated[
         float, typer.Option(min=0.0, help="Longest pause between frames that is kept [s of the recording].")
     ] = float("inf"),
-    wait: Annotated[
-        float, typer.Option(min=0.1, help="How long to wait for a router and a subscriber [s].")
-    ] = 30.0,
+    wait: Annotated[float, typer.Option(min=0.1, help="How long to wait for a router and a subscriber [s].")] = 30.0,
     prefix: Prefix = "gearbox",
     json: JsonFlag = False,
 ) -> None:
@@ -121,9 +109,7 @@ def replay(
         )
     taken = time.monotonic() - begun
     print(
-        json_text({"frames": delivered, "seconds": taken})
-        if json
-        else f"{delivered} frames delivered in {taken:.2f} s"
+        json_text({"frames": delivered, "seconds": taken}) if json else f"{delivered} frames delivered in {taken:.2f} s"
     )
 
 
@@ -132,9 +118,9 @@ def record(
     out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
     connect: Connect = None,
     listen: Listen = None,
-    duration: Annotated[
-        float, typer.Option(min=0.0, help="Stop after this time [s]; else with Ctrl-C.")
-    ] = float("inf"),
+    duration: Annotated[float, typer.Option(min=0.0, help="Stop after this time [s]; else with Ctrl-C.")] = float(
+        "inf"
+    ),
     rig: RigFile = None,
     description: Annotated[str, typer.Option(help="Text for the recording's metadata.")] = "recorded live",
     prefix: Prefix = "gearbox",
@@ -174,18 +160,12 @@ def simulate(
             raise InputError(str(error)) from None
         except OSError as error:
             raise InputError(f"{error.filename}: {(error.strerror or 'fault').lower()}") from None
-    print(
-        json_text({"recording": str(out), "truth": str(truth) if truth else None})
-        if json
-        else f"simulated: {out}"
-    )
+    print(json_text({"recording": str(out), "truth": str(truth) if truth else None}) if json else f"simulated: {out}")
 
 
 @app.command(name="import")
 def import_(
-    mapping: Annotated[
-        Path, typer.Argument(metavar="MAPPING", help="Mapping file (TOML) of columns to channels.")
-    ],
+    mapping: Annotated[Path, typer.Argument(metavar="MAPPING", help="Mapping file (TOML) of columns to channels.")],
     out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
     json: JsonFlag = False,
 ) -> None:
@@ -195,9 +175,7 @@ def import_(
     from service.jsontext import json_text
 
     with progress_bar("importing") as bar:
-        found = import_recording(
-            mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames")
-        )
+        found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"))
     print(json_text({"recording": str(out), "import": found}) if json else f"imported: {out}")
 
 
@@ -214,9 +192,7 @@ def serve(
     """Run the service: Zenoh in, REST, page and Zenoh out. Every setting also as GEAR_TWIN_... variable."""
     from service.serve import run
 
-    return run(
-        _settings(listen=listen, connect=connect, http=http, rig=rig, data=data, update=update, prefix=prefix)
-    )
+    return run(_settings(listen=listen, connect=connect, http=http, rig=rig, data=data, update=update, prefix=prefix))
 
 
 @app.command()
@@ -245,10 +221,8 @@ def report(
     from service.cli.report import html_report, load_answer, text_report
     from service.jsontext import json_text, write_text
 
-    if source.suffix == ".json":
-        answer = load_answer(source)
-    else:
-        answer = _assess(source, rig, Update.fused, asset, prefix)
+    answered = source.suffix == ".json"
+    answer = load_answer(source) if answered else _assess(source, rig, Update.fused, asset, prefix)
     if out is not None:
         write_text(out, html_report(answer))
     if json:

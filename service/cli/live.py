@@ -31,9 +31,7 @@ def record_live(
     except OSError as error:
         raise InputError(f"{rig}: rig file cannot be read: {(error.strerror or 'fault').lower()}") from None
     stop = threading.Event()
-    before = {
-        number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     inbox = Inbox(prefix=prefix)
     try:
         with (

@@ -48,8 +48,7 @@ def html_report(answer: Mapping[str, Any]) -> str:
     """The answer as one self-contained page."""
     head = "".join(f"<th>{escape(title)}</th>" for title, _ in WINDOW_COLUMNS)
     body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
-        for row in window_rows(answer["windows"])
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in window_rows(answer["windows"])
     )
     summary = "".join(f"<li>{escape(line)}</li>" for line in summary_lines(answer))
     title = f"Gear wear of {escape(answer['asset'])}"
@@ -86,10 +85,7 @@ def _chart(records: Sequence[Mapping[str, Any]], series: Mapping[str, str], unit
     for (name, line), colour in zip(points.items(), ("#1f77b4", "#d62728"), strict=False):
         marks = " ".join(place(x, y) for x, y in line)
         parts.append(f'<polyline points="{marks}" fill="none" stroke="{colour}" stroke-width="2"/>')
-        parts += [
-            '<circle cx="{}" cy="{}" r="3" fill="{}"/>'.format(*place(x, y).split(","), colour)
-            for x, y in line
-        ]
+        parts += ['<circle cx="{}" cy="{}" r="3" fill="{}"/>'.format(*place(x, y).split(","), colour) for x, y in line]
         row = 18 * len([p for p in parts if p.startswith("<polyline")])
         parts.append(f'<text x="{_EDGE + 10}" y="{_EDGE + row}" fill="{colour}">{escape(name)}</text>')
     base = _HEIGHT - _EDGE

@@ -43,9 +43,7 @@ def spread(value: Any, unit: str) -> str:
     """A median with its 5–95 % band, or why there is none."""
     if not isinstance(value, Mapping) or value.get("median") is None:
         return reason(value)
-    return (
-        f"{number(value['median'])} {unit} (5–95 %: {number(value.get('p05'))} … {number(value.get('p95'))})"
-    )
+    return f"{number(value['median'])} {unit} (5–95 %: {number(value.get('p05'))} … {number(value.get('p95'))})"
 
 
 def reason(value: Any) -> str:
@@ -101,9 +99,7 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
         lines.append(f"Wear depth: {reason(wear)}")
     if wear.get("k_wear_per_n") is not None:
         rate = number(wear.get("specific_wear_rate_m2_per_n"))
-        lines.append(
-            f"Wear coefficient K = {number(wear['k_wear_per_n'])} 1/N; specific wear rate k = {rate} m²/N"
-        )
+        lines.append(f"Wear coefficient K = {number(wear['k_wear_per_n'])} 1/N; specific wear rate k = {rate} m²/N")
     if isinstance(rul.get("hours"), Mapping):
         revolutions = spread(rul.get("revolutions"), "revolutions")
         lines.append(f"Remaining life: {spread(rul['hours'], 'h')}; {revolutions}")

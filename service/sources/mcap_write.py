@@ -38,8 +38,7 @@ class RecordingWriter:
             self._writer.add_metadata("recording", metadata)
         data = schema_data()
         self._schemas = {
-            name: self._writer.register_schema(name, "protobuf", data)
-            for name in sorted(set(SCHEMAS.values()))
+            name: self._writer.register_schema(name, "protobuf", data) for name in sorted(set(SCHEMAS.values()))
         }
 
     def __enter__(self) -> RecordingWriter:

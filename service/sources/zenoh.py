@@ -23,9 +23,7 @@ _WAIT_BEFORE_CLOSE_US = 60_000_000  # a subscriber may stall this long before it
 _HISTORY = 4096  # frames a key that a late subscriber asks a publisher's cache for
 
 
-def session_config(
-    listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None
-) -> zenoh.Config:
+def session_config(listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None) -> zenoh.Config:
     """A client of `connect` where given, waiting up to `wait` [s] for it, else a router at `listen`."""
     config = zenoh.Config()
     config.insert_json5("mode", json.dumps("client" if connect else "router"))
@@ -59,9 +57,7 @@ def open_session(
             raise DeliveryError(
                 f"no router answers at {where} within {wait or 0:g} s; is the service running?"
             ) from None
-        raise DeliveryError(
-            f"cannot listen at {where}: {str(error).splitlines()[0]}; is the port taken?"
-        ) from None
+        raise DeliveryError(f"cannot listen at {where}: {str(error).splitlines()[0]}; is the port taken?") from None
     with session:
         yield session
 

@@ -87,9 +87,7 @@ def test_columns_become_a_recording_in_the_units_of_the_contract(bench):
     assert window.quality == "good"
     assert set(window.accelerations) == {"top", "side"}
     assert window.accelerations["top"].rate == RATE
-    assert window.accelerations["top"].values == pytest.approx(
-        9.80665 * bench.table[:, 0], rel=1e-5, abs=1e-4
-    )
+    assert window.accelerations["top"].values == pytest.approx(9.80665 * bench.table[:, 0], rel=1e-5, abs=1e-4)
     assert window.accelerations["side"].values == pytest.approx(bench.table[:, 1], rel=1e-6, abs=1e-6)
     assert (metadata["asset"], metadata["started"]) == ("bench", "2024-05-01T12:00:00+00:00")
     assert Rig.from_mapping(rig).teeth == (20, 37)

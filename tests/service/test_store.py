@@ -71,7 +71,7 @@ def test_assets_do_not_mix(store):
 def test_window_that_cannot_be_written_leaves_no_part_behind(store):
     fakes.take(store, None, "unsw", 0, 1500.0)
     before = (store.asset("unsw"), store.windows("unsw"), store.events("unsw", 0))
-    with pytest.raises(TypeError, match="not JSON"):
+    with pytest.raises(TypeError, match="not JSON serializable"):
         commit(store, 7, {"index": 1}, events=[("window", {"x": object()})])
     assert (store.asset("unsw"), store.windows("unsw"), store.events("unsw", 0)) == before
 
