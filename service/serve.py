@@ -256,7 +256,10 @@ class ServedPipeline(Pipeline):
 
     def feed(self, frame: Frame) -> None:
         asset = frame.channel.asset
-        if asset in self._lines:
+        if asset not in self._lines:
+            self._line(asset)  # asks for the rig file now: who offers it may be gone later
+            self._held[asset] = _Held(time.monotonic())
+        if asset not in self._held:
             super().feed(frame)
         elif not self._hold(frame):
             return
@@ -285,7 +288,7 @@ class ServedPipeline(Pipeline):
     def _hold(self, frame: Frame) -> bool:
         """Holds a new asset's frame, since keys start at different times; whether all held are let go."""
         asset = frame.channel.asset
-        held = self._held.setdefault(asset, _Held(time.monotonic()))
+        held = self._held[asset]
         held.frames.append(frame)
         held.bytes += frame.nbytes
         if time.monotonic() - held.since < LEARN_WAIT and held.bytes < LEARN_BYTES:
