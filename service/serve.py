@@ -47,7 +47,8 @@ QUALITY_EVERY = 1.0  # how often counters are shown while frames come [s]
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
 HTTP_WAIT = 2  # how long open requests are waited for at the end [s]
 
-Step = Callable[..., tuple[Any, Any]]
+Twin = tuple[Callable[..., tuple[Any, Any]], Any]
+"""`step`, and the class of its state with `to_dict` and `from_dict`."""
 
 
 class _Ended(Exception):
@@ -57,13 +58,13 @@ class _Ended(Exception):
 def run(
     settings: Settings,
     *,
-    step: Step | None = None,
+    twin: Twin | None = None,
     announce: Callable[[str], None] = lambda address: print(f"gear-twin serves {address}", flush=True),
     stop: threading.Event | None = None,
 ) -> int:
     """Serves until a signal, or `stop`, ends it; the exit status.
 
-    step      the twin's step; None for the twin itself
+    twin      its step and its state's class; None for the twin itself
     announce  called once with the page's address, when HTTP is served
     """
     rig = load_mapping(settings.rig) if settings.rig else None
@@ -74,7 +75,7 @@ def run(
         store = stack.enter_context(Store(settings.data / DATABASE))
         board = Board.from_store(store)
         listening = stack.enter_context(_listen(settings.http_host, settings.http_port))
-        worker = Worker(settings, store, board, rig, step)
+        worker = Worker(settings, store, board, rig, twin or _twin())
         app = create_app(board, store, not_ready=worker.not_ready, gauges=worker.gauges)
         server = _Server(app, board, worker, lambda: announce(_address(listening)), stop)
         worker.on_end = server.end
@@ -92,10 +93,11 @@ class Worker(threading.Thread):
     """The thread that owns the Zenoh session and the pipeline."""
 
     def __init__(
-        self, settings: Settings, store: Store, board: Board, rig: Mapping[str, Any] | None, step: Step | None
+        self, settings: Settings, store: Store, board: Board, rig: Mapping[str, Any] | None, twin: Twin
     ) -> None:
         super().__init__(name="twin", daemon=True)
-        self._settings, self._store, self._board, self._rig, self._step = settings, store, board, rig, step
+        self._settings, self._store, self._board, self._rig = settings, store, board, rig
+        self._step, self._new_state = twin
         self._inbox = Inbox(frames=settings.queue_frames, wait=settings.queue_wait, prefix=settings.prefix)
         self._stopping = threading.Event()
         self._reason: str | None = "not yet subscribed to the stream"
@@ -173,8 +175,9 @@ class Worker(threading.Thread):
                 options,
                 assembly=assembly_settings(self._settings),
                 step=self._guarded_step,
+                new_state=self._new_state,
             )
-            pipeline.restore_all()
+            pipeline.restore_all(self._new_state.from_dict)
             self._source = ZenohSource(session, prefix)
             with self._source.subscribe(self._inbox):
                 self._reason = None
@@ -182,10 +185,8 @@ class Worker(threading.Thread):
 
     def _guarded_step(self, *given: Any) -> tuple[Any, Any]:
         """The twin's step; a fault of the program costs the window it was in and ends nothing else."""
-        from twin.step import step
-
         try:
-            return (self._step or step)(*given)
+            return self._step(*given)
         except TwinError:
             raise
         except Exception as error:
@@ -234,10 +235,8 @@ class ServedPipeline(Pipeline):
         self._shown: dict[str, float] = {}
         self._held: dict[str, _Held] = {}
 
-    def restore_all(self) -> None:
+    def restore_all(self, state_of: Callable[[Mapping[str, Any]], Any]) -> None:
         """Goes on where the store's assets ended."""
-        from twin.step import State
-
         for asset in self._store.assets():
             stored = self._store.asset(asset)
             if stored.state is None or stored.assembly is None or stored.quality is None:
@@ -247,7 +246,7 @@ class ServedPipeline(Pipeline):
                 asset,
                 Checkpoint(
                     index=last["index"],
-                    state=State.from_dict(stored.state),
+                    state=state_of(stored.state),
                     report=stored.report,
                     assembly=stored.assembly,
                     quality=stored.quality,
@@ -384,6 +383,13 @@ class _Server(uvicorn.Server):
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def _twin() -> Twin:
+    """The twin itself, imported where it is first needed."""
+    from twin.step import State, step
+
+    return step, State
 
 
 @contextmanager

@@ -8,24 +8,41 @@ from __future__ import annotations
 import os
 import sys
 import time
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from service.serve import run
 from service.settings import Settings
-from twin.step import Estimate, State
+from twin.step import Estimate
 
 SLOW = float(os.environ.get("FAKE_TWIN_SECONDS", "0"))  # what one window costs [s]
+
+
+@dataclass(frozen=True)
+class FakeState:
+    """What the fake remembers."""
+
+    windows_seen: int = 0
+    total: float = 0.0
+
+    def to_dict(self):
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data):
+        return cls(**data)
 
 
 def step(rig, state, window, options):
     """Depth grows with revolutions; `total` is wrong if any window is missing, double or out of order."""
     time.sleep(SLOW)
+    state = state if isinstance(state, FakeState) else FakeState()
     edges = window.encoders["pinion"]
     revolutions = (edges.first_index + edges.times.size / 2) / edges.per_rev
     rms = float(np.sqrt(np.nanmean(window.accelerations["y6"].values ** 2)))
     seen = state.windows_seen + 1
-    total = 0.75 * state.memory.get("total", 0.0) + rms * seen
+    total = 0.75 * state.total + rms * seen
     depth = 0.026 * revolutions
     record = {
         "index": seen - 1,
@@ -49,9 +66,10 @@ def step(rig, state, window, options):
         wear = rul = {"status": "not available", "reason": "the rig file does not give gears.module"}
     report = {"wear": wear, "rul": rul, "residual": {"rms_error_percent": 1.0}, "effects": []}
     events = (("window", record), ("rul", rul))
-    memory = {"total": total}
-    return State(windows_seen=seen, memory=memory), Estimate(record=record, report=report, events=events)
+    return FakeState(seen, total), Estimate(record=record, report=report, events=events)
 
+
+TWIN = (step, FakeState)
 
 if __name__ == "__main__":
-    sys.exit(run(Settings(), step=step))
+    sys.exit(run(Settings(), twin=TWIN))

@@ -51,6 +51,7 @@ def record(index: int, revolutions: float, *, updated: bool = False, kind: str =
         "rms_after": measured * 1.012 if updated else predicted,
         "k_wear_per_n": 2.7e-6 * (1 + 0.02 * math.sin(index)),
         "wear_depth_um": depth_um(revolutions),
+        "notes": ["beyond the steady states of the model"] if depth_um(revolutions) > 320 else [],
     }
 
 
@@ -65,9 +66,15 @@ def report(revolutions: float, windows: int) -> dict:
             "specific_wear_rate_m2_per_n": 2.1e-12,
             "max_depth_um": {flank: band(depth * share, spread) for flank, share in SHARE.items()},
             "profile": profile(),
+            "from": "fused",
+            "validity": {"contact_loss_from_um": 320.0, "valid": depth < 320.0},
+            "ways": {
+                "fused": {"k_wear_per_n": 2.7e-6, "wear_depth_um": depth, "std_um": 0.02 * depth},
+                "paper": {"k_wear_per_n": 2.3e-6, "wear_depth_um": 0.84 * depth, "rms_after": 180.2},
+            },
         },
         "rul": {
-            "criterion": "largest combined depth 500 µm",
+            "criterion": {"name": "max_depth", "max_depth_um": END_OF_LIFE_UM, "reached": False},
             "revolutions": band(left, 2 * spread),
             "hours": band(left / 36000.0, 2 * spread),
         },
@@ -80,10 +87,10 @@ def report(revolutions: float, windows: int) -> dict:
         "effects": [],
         "unexplained": {"share_percent": 3.1, "orders": [], "verdict": "explained"},
         "calibration": {
-            "status": "fitted",
-            "stiffness_scale": {"value": 1.012, "std": 0.02, "unit": ""},
-            "modal_ratio": {"value": 0.048, "std": 0.004, "unit": ""},
-            "contact_half_width": {"value": 2.05e-4, "std": 1.1e-5, "unit": "m"},
+            "from": "windows",
+            "values": {"stiffness_scale": 1.012, "modal_ratio": 0.048, "contact_half_width": 2.05e-4},
+            "std_percent": {"stiffness_scale": 2.0, "modal_ratio": 9.1, "contact_half_width": 5.3},
+            "windows": 3,
         },
     }
 
@@ -134,7 +141,12 @@ def take(store: Store, board: Board | None, asset: str, index: int, revolutions:
 
 def campaign(store: Store, board: Board | None, asset: str = "unsw", windows: int = 14) -> None:
     """A campaign of calibration and measurement windows with one update and one degraded window."""
-    rig = {"schema": "gear-rig/1", "name": "unsw", "gears": {"pinion": {"teeth": 19}, "gear": {"teeth": 52}}}
+    rig = {
+        "schema": "gear-rig/1",
+        "name": "unsw",
+        "gears": {"pinion": {"teeth": 19}, "gear": {"teeth": 52}},
+        "end_of_life": {"max_depth": 5e-4},
+    }
     store.keep_rig(asset, rig)
     if board is not None:
         board.update(asset, rig=rig)

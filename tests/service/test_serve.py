@@ -67,6 +67,24 @@ def test_killed_service_goes_on_where_it_was_and_counts_nothing_twice(tmp_path, 
         running.end(signal.SIGKILL)
 
 
+def test_replay_goes_on_through_a_kill_of_the_service_and_nothing_is_missing(tmp_path, recording, assessed):
+    running, delivered = Service(tmp_path).start(), []
+    pace = {"speed": 4.0, "max_pause": 1.5}
+    sending = threading.Thread(
+        target=lambda: delivered.append(replay(recording, [running.endpoint], **pace)), daemon=True
+    )
+    sending.start()
+    try:
+        running.wait_for_windows(2)
+        running.end(signal.SIGKILL)
+        running.start()
+        sending.join(30)
+        assert delivered, "the replay did not end"
+        assert running.wait_for_windows(WINDOWS) == assessed["windows"]
+    finally:
+        running.end(signal.SIGKILL)
+
+
 def _ignoring(call, *given):
     try:
         call(*given)
@@ -190,7 +208,7 @@ def test_fault_of_the_program_costs_its_window_and_ends_nothing_else(tmp_path, r
     failed, stop, addresses = [], threading.Event(), []
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     settings = Settings(http="127.0.0.1:0", listen=[endpoint], data=tmp_path, idle_timeout=0.7)
-    given = {"step": failing, "stop": stop, "announce": addresses.append}
+    given = {"twin": (failing, fake_twin.FakeState), "stop": stop, "announce": addresses.append}
     serving = threading.Thread(target=run, args=(settings,), kwargs=given)
     serving.start()
     try:
