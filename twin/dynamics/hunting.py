@@ -84,7 +84,9 @@ class HuntingPeriod:
         turned = np.arange(self.samples) / n  # mesh periods since pair 0 passed the pitch point
         nearest = np.repeat(np.arange(periods), n) + np.tile(np.arange(n) >= n / 2, periods)
         drive = nearest - np.array(ROWS)[:, None]  # a pair ahead on the path came earlier
-        ahead = (back_flank_position(self.mesh.pair, self.mesh.back_positions) - self.mesh.phase) / self.mesh.pair.base_pitch
+        ahead = (
+            back_flank_position(self.mesh.pair, self.mesh.back_positions) - self.mesh.phase
+        ) / self.mesh.pair.base_pitch
         back = nearest - np.tile(np.rint(ahead).astype(int), periods)
         return Passages(
             position=np.tile(np.concatenate((self.mesh.positions, self.mesh.back_positions)), periods),
@@ -108,9 +110,7 @@ class HuntingPeriod:
 
         pinion_speed_hz [Hz], stiffness_scale on every pair, damping_time τ [s].
         """
-        one = self.mesh.contacts(
-            profile, pinion_speed_hz, stiffness_scale=stiffness_scale, damping_time=damping_time
-        )
+        one = self.mesh.contacts(profile, pinion_speed_hz, stiffness_scale=stiffness_scale, damping_time=damping_time)
         separation = np.tile(one.separation, self.mesh_periods)
         rate = np.tile(one.separation_rate, self.mesh_periods)
         for error in errors:
