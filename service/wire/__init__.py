@@ -1,0 +1,1 @@
+"""The wire format: protobuf messages of the contract."""
