@@ -17,7 +17,8 @@ from recordings.generator.errors import SimulationError, SpecError
 from recordings.generator.flanks import pair_of
 from recordings.generator.machine import Condition, Machine
 from recordings.generator.structure import INDEX, build
-from recordings.generator.wear import Wearing, depths, profile
+from recordings.generator.truth import end_of_life, whole_truth, window_truth
+from recordings.generator.wear import Wearing, depths
 
 SETTLE = 0.6  # the machine runs before a window's record starts [s]
 PAD = 0.1  # recorded beyond both ends of a window, for the filters [s]
@@ -161,7 +162,10 @@ class _Run:
         )
         if min(first for first, _ in told) < 0:
             raise SimulationError("an encoder counted below zero: the first window starts too early")
-        return recorded, self._facts(record[inside], clean, recorded, cycle)
+        facts = window_truth(
+            machine, record[inside], clean, recorded.acceleration, spec["acceleration_rate_hz"], cycle
+        )
+        return recorded, facts
 
     def _acceleration(self, raw: np.ndarray, knobs, seconds: float) -> tuple[np.ndarray, np.ndarray]:
         """The accelerometer's samples, and the housing's true acceleration in its band."""
@@ -179,33 +183,6 @@ class _Run:
             felt, spec["acceleration_noise"], spec["acceleration_range"], spec["bits"], self.rng["noise"]
         )
         return noisy, clean
-
-    def _facts(
-        self, record: np.ndarray, clean: np.ndarray, recorded: Recorded, cycle: float
-    ) -> dict[str, Any]:
-        """What was true during one window."""
-        rb, rate = self.machine.pair.base_radius, self.spec["sensors"]["acceleration_rate_hz"]
-        error = rb[0] * record[:, 2] - rb[1] * record[:, 3]
-        force = record[:, 4]
-        turned = record[:, 2] / (2 * pi) + cycle * self.machine.pair.teeth[1]
-        return {
-            "revolutions": float(turned[len(turned) // 2]),
-            "speed_hz": float((turned[-1] - turned[0]) / (len(turned) - 1) / self.machine.dt),
-            "torque_nm": float(record[:, 1].mean()),
-            "rms_true": float(clean.std()),
-            "rms_true_2k": sensors.rms_below(clean, rate, 2000.0),
-            "rms_recorded": float(recorded.acceleration.std()),
-            "rms_recorded_2k": sensors.rms_below(recorded.acceleration, rate, 2000.0),
-            "mesh_force": {
-                "mean": float(force.mean()),
-                "rms": float(force.std()),
-                "max": float(force.max()),
-                "lost_contact_share": float((force == 0).mean()),
-                "back_contact_share": float((record[:, 5] > 0).mean()),
-            },
-            "transmission_error_mean_um": float(error.mean() * 1e6),
-            "transmission_error_pp_um": float(np.ptp(error) * 1e6),
-        }
 
 
 def _machine(spec: dict[str, Any], rig: Mapping[str, Any], rng: np.random.Generator) -> Machine:
@@ -271,71 +248,17 @@ def simulate(spec: Mapping[str, Any], rig: Mapping[str, Any], progress: Progress
         recorded, truth = run.window(kind, index, target, condition, seconds)
         campaign.windows.append(recorded)
         truths.append(truth)
-    campaign.truth = _truth(run, truths)
+    campaign.truth = whole_truth(checked, run.machine, truths)
     if checked["truth"]["to_end_of_life"]:
         if progress:
             progress(1.0, "on to the end of life")
-        campaign.truth["end_of_life"] = _end_of_life(run)
+        campaign.truth["end_of_life"] = end_of_life(
+            run.machine,
+            run.wear_to,
+            run.revolutions,
+            float(rig["end_of_life"]["max_depth"]),
+            run.operating(run.revolutions),
+        )
     if progress:
         progress(1.0, "done")
     return campaign
-
-
-def _truth(run: _Run, windows: list[dict[str, Any]]) -> dict[str, Any]:
-    spec, machine = run.spec, run.machine
-    meta = ("name", "onset_revolutions")
-    return {
-        "asset": spec["asset"],
-        "seed": spec["seed"],
-        "effects": [
-            {
-                "name": e["name"],
-                "onset_revolutions": e["onset_revolutions"],
-                "parameters": {k: v for k, v in e.items() if k not in meta},
-            }
-            for e in spec["effects"]
-        ],
-        "conditions": [[c["speed_hz"], c["torque_nm"]] for c in spec["conditions"]],
-        "wear": {
-            **spec["wear"],
-            "law": "equal depth per contact on both flanks",
-            "definition": "depth per pass = k * (F/W) * |v_slide| / (omega1*rb1)",
-        },
-        "plant": {
-            "mesh_stiffness_scale": machine.stiffness_scale,
-            "mesh_damping_time": machine.damping_time,
-            "step_rate_hz": 1 / machine.dt,
-            "slices": machine.slices,
-        },
-        "faults": [dict(f) for f in spec["faults"]],
-        "windows": windows,
-        "final": depths(machine),
-        "profile": profile(machine),
-    }
-
-
-def _end_of_life(run: _Run) -> dict[str, Any]:
-    """Runs on until the rig's largest depth is reached: at which revolutions, and which depths on the way."""
-    limit = float(run.rig["end_of_life"]["max_depth"]) * 1e6
-    out: dict[str, Any] = {"criterion": "max_depth", "limit_um": limit, "measure": "combined_um"}
-    out["method"] = "simulated on with the last condition"
-    passed: dict[str, float] = {}
-    depth, age = depths(run.machine)["combined_um"], run.revolutions
-    stride = max(50.0, 5 * age / max(depth, 1.0))
-    for _ in range(2000):
-        if depth >= limit:
-            break
-        run.wear_to(age + stride)
-        new = depths(run.machine)["combined_um"]
-        for mark in np.arange(25.0, limit + 1e-9, 25.0):
-            if depth < mark <= new:
-                passed[f"{mark:g}"] = float(age + stride * (mark - depth) / (new - depth))
-        depth, age = new, age + stride
-    else:
-        raise SimulationError(
-            f"the end of life, {limit:g} µm, is not reached by {age:.0f} revolutions at {depth:.1f} µm"
-        )
-    out["revolutions"] = passed.get(f"{limit:g}", age)
-    out["revolutions_to_depth_um"] = passed
-    out["hours"] = out["revolutions"] / run.operating(age).speed * 2 * pi / 3600
-    return out

@@ -16,7 +16,7 @@ from recordings.generator.faults import FAULTS
 from recordings.generator.schema import REQUIRED, Flag, Named, Number, Numbers, Rows, Text, checked
 
 _SPEED = Number("Hz", 0.1, 100)
-_TORQUE = Number("N·m", 0.0, 1000)
+_TORQUE = Number("N·m", 0.01, 1000)
 _SECONDS = Number("s", 0.25, 600)
 _REVOLUTIONS = Number("rev", 0, 1e9)
 
@@ -62,7 +62,7 @@ SCHEMA: dict[str, Any] = {
     },
     "sensors": {
         "acceleration_rate_hz": Number("Hz", 1000, 102400, 12800.0),
-        "torque_rate_hz": Number("Hz", 50, 102400, 1600.0),
+        "torque_rate_hz": Number("Hz", 400, 102400, 1600.0),
         "frame_seconds": Number("s", 0.01, 10, 0.25),
         "acceleration_noise": Number("m/s²", 0, 100, 0.1),
         "acceleration_range": Number("m/s²", 1, 1e5, 1000.0),
