@@ -79,10 +79,13 @@ class _Run:
         """Wears on to an age, under the campaign's conditions or a forced one; effects set in on the way."""
         turning = [c["until_revolutions"] for c in self.spec["conditions"]]
         turning += [e["onset_revolutions"] for e in self.spec["effects"]]
+        first = self.spec["wear"]["from_revolutions"]
+        turning.append(first)
         while self.revolutions < stop:
             now = self.revolutions
             until = min([stop] + [t for t in turning if now < t])
-            self.wearing.advance(now, until, forced or self.operating(now), self.knobs(now)[0])
+            if now >= first:
+                self.wearing.advance(now, until, forced or self.operating(now), self.knobs(now)[0])
             self.revolutions = until
 
     def window(self, kind: str, index: int, target: float, condition: Condition, seconds: float):
@@ -228,8 +231,13 @@ def simulate(spec: Mapping[str, Any], rig: Mapping[str, Any], progress: Progress
     progress(fraction, what) is called as the work goes on.
     """
     checked = specs.read(spec)
-    run = _Run(checked, rig)
-    campaign = Campaign(checked, run.machine.accelerometer, tuple(d.edges_per_rev for d in run.discs))
+    try:
+        run = _Run(checked, rig)
+        limit = float(rig["end_of_life"]["max_depth"]) if checked["truth"]["to_end_of_life"] else None
+    except KeyError as missing:
+        raise SpecError(f"the rig file does not give {missing}, which this simulation needs") from missing
+    pinion, gear = run.discs
+    campaign = Campaign(checked, run.machine.accelerometer, (pinion.edges_per_rev, gear.edges_per_rev))
     plan = [
         ("calibration", 0.0, Condition(2 * pi * c["speed_hz"], c["torque_nm"]), c["seconds"])
         for c in checked["calibration"]
@@ -249,15 +257,11 @@ def simulate(spec: Mapping[str, Any], rig: Mapping[str, Any], progress: Progress
         campaign.windows.append(recorded)
         truths.append(truth)
     campaign.truth = whole_truth(checked, run.machine, truths)
-    if checked["truth"]["to_end_of_life"]:
+    if limit is not None:
         if progress:
             progress(1.0, "on to the end of life")
         campaign.truth["end_of_life"] = end_of_life(
-            run.machine,
-            run.wear_to,
-            run.revolutions,
-            float(rig["end_of_life"]["max_depth"]),
-            run.operating(run.revolutions),
+            run.machine, run.wear_to, run.revolutions, limit, run.operating(run.revolutions)
         )
     if progress:
         progress(1.0, "done")

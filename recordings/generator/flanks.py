@@ -34,7 +34,6 @@ class Pair:
 
     teeth: tuple[int, int]
     base_radius: tuple[float, float]  # [m]
-    tip_radius: tuple[float, float]  # [m]
     pressure_angle: float  # [rad]
     face_width: float  # [m]
     backlash: float  # along the line of action [m]
@@ -52,8 +51,8 @@ def pair_of(rig: Mapping) -> Pair:
     g = rig["gears"]
     α = radians(g["pressure_angle_deg"])
     m, z = float(g["module"]), (int(g["pinion"]["teeth"]), int(g["gear"]["teeth"]))
-    rb = tuple(m * zi / 2 * cos(α) for zi in z)
-    ra = tuple(m * zi / 2 + float(g["addendum"]) for zi in z)
+    r, ha = (m * z[0] / 2, m * z[1] / 2), float(g["addendum"])
+    rb, ra = (r[0] * cos(α), r[1] * cos(α)), (r[0] + ha, r[1] + ha)
     start = -(sqrt(ra[1] ** 2 - rb[1] ** 2) - rb[1] * tan(α))
     end = sqrt(ra[0] ** 2 - rb[0] ** 2) - rb[0] * tan(α)
     n = int(np.ceil((end - start + sum(MARGIN)) / SPACING)) + 1
@@ -63,7 +62,6 @@ def pair_of(rig: Mapping) -> Pair:
     return Pair(
         teeth=z,
         base_radius=rb,
-        tip_radius=ra,
         pressure_angle=α,
         face_width=float(g["face_width"]),
         backlash=float(g.get("backlash", 0.0)),

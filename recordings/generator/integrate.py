@@ -53,7 +53,6 @@ class Drive(NamedTuple):
     unbalance: np.ndarray  # pinion m·e [kg·m], phase, gear, phase
     sin: float  # of the pressure angle
     cos: float
-    ratio: float  # ω1/ω2
 
 
 @nb.njit(cache=True, inline="always")

@@ -38,9 +38,6 @@ class Motion:
     v: np.ndarray  # (21,)
     control: np.ndarray  # (1,) integral of the speed's error [rad]
 
-    def copy(self) -> Motion:
-        return Motion(self.u.copy(), self.v.copy(), self.control.copy())
-
 
 @dataclass(slots=True, kw_only=True)
 class Machine:
@@ -64,9 +61,7 @@ class Machine:
         teeth = np.ones(z1)
         for tooth, share in knobs.tooth_stiffness.items():
             teeth[tooth] = share
-        form1, form2 = (
-            np.broadcast_to(f, (1, 1)) if np.ndim(f) == 0 else f for f in (knobs.pinion_form, knobs.gear_form)
-        )
+        form1, form2 = (np.atleast_2d(form) for form in (knobs.pinion_form, knobs.gear_form))
         rb, α = pair.base_radius, pair.pressure_angle
         κ = pair.pair_stiffness * self.stiffness_scale * knobs.stiffness
         z = (np.arange(self.slices) + 0.5) / self.slices - 0.5
@@ -138,7 +133,6 @@ class Machine:
             unbalance=np.array(knobs.pinion_unbalance + knobs.gear_unbalance),
             sin=np.sin(self.pair.pressure_angle),
             cos=np.cos(self.pair.pressure_angle),
-            ratio=z2 / z1,
         )
 
     def at_rest(self, condition: Condition, knobs: Knobs, angle: float) -> Motion:

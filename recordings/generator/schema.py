@@ -96,7 +96,7 @@ class Named:
 
     def _row(self, path: str, row: Mapping) -> dict[str, Any]:
         kind = row.get(self.key)
-        if kind not in self.table:
+        if not isinstance(kind, str) or kind not in self.table:
             raise SpecError(f"{path}{self.key} = {kind!r} must be one of {', '.join(self.table)}")
         return checked(row, {self.key: Text(), **self.common, **self.table[kind].parameters}, path)
 

@@ -29,6 +29,7 @@ SCHEMA: dict[str, Any] = {
     "seed": Number("", 0, 2**32, integer=True),
     "wear": {
         "k_m2_per_n": Number("m²/N", 0, 1e-9),
+        "from_revolutions": Number("rev", 0, 1e9, 0.0),
         "contact_half_width_um": Number("µm", 20, 1000, 200.0),
         "step_um": Number("µm", 0.05, 2, 1.0),
         "tooth_scatter": Number("", 0, 0.1, 0.01),

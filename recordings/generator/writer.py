@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.writer import CompressionType, Writer
 
 from service.wire import gearbox_pb2
 
-Frame = tuple[int, object]  # log time [ns], protobuf message
+WIRE: Any = gearbox_pb2  # generated: its messages are made when it is imported
+
+Frame = tuple[int, Any]  # log time [ns], protobuf message
 
 
 def write_mcap(
@@ -63,7 +66,7 @@ def sample_frames(values, rate: float, start_ns: int, frame_seconds: float, sequ
     frames: list[Frame] = []
     for k, i in enumerate(range(0, len(values), size)):
         cut = values[i : i + size]
-        message = gearbox_pb2.SampleFrame(
+        message = WIRE.SampleFrame(
             start_time_ns=start_ns + round(i / rate * 1e9), sample_rate_hz=rate, sequence=sequence + k
         )
         message.values.extend(cut.tolist())
@@ -80,7 +83,7 @@ def encoder_frames(
         low, high = k * frame_seconds, min(seconds, (k + 1) * frame_seconds)
         inside = (times >= low) & (times < high)
         begin = start_ns + round(low * 1e9)
-        message = gearbox_pb2.EncoderFrame(
+        message = WIRE.EncoderFrame(
             start_time_ns=begin,
             edges_per_rev=per_rev,
             sequence=sequence + k,
