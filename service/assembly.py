@@ -103,6 +103,11 @@ class Assembler:
             if label not in heard and not lane.queue and not lane.released:
                 lane.silent = True
 
+    def expect(self, labels: Iterable[str]) -> None:
+        """Waits for these channels too before the first window."""
+        for label in labels:
+            self._lanes.setdefault(label, self._lane())
+
     def count(self, label: str, kind: str, by: int = 1) -> None:
         """Counts something seen on a channel."""
         kinds = self.counters.setdefault(label, {})

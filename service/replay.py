@@ -41,6 +41,7 @@ class Publisher:
         self._keys: dict[Channel, tuple[zenoh.ext.AdvancedPublisher, zenoh.Publisher]] = {}
         self._unconfirmed: list[RawFrame] = []
         self._routers = self._session.info.routers_zid()
+        self._rigs: dict[str, bytes] = {}
         self.delivered = 0
 
     def __enter__(self) -> Publisher:
@@ -69,15 +70,21 @@ class Publisher:
             self._keys[channel] = (publisher, probe)
         for channel in self._keys:
             self._await_subscriber(channel)
+        for key, text in self._rigs.items():
+            self._session.put(key, text, encoding="application/toml", congestion_control=zenoh.CongestionControl.BLOCK)
 
     def offer_rig(self, asset: str, text: bytes) -> None:
-        """Answers whoever asks for the asset's rig file, as long as this publisher is open."""
+        """Answers whoever asks for the asset's rig file while this publisher is open, and publishes it once.
+
+        Published after `declare` has found the subscribers: who is busy now may ask when this has ended.
+        """
         key = f"{self._prefix}/{asset}/rig"
 
         def answer(query: zenoh.Query) -> None:
             with query:
                 query.reply(key, text, encoding="application/toml")
 
+        self._rigs[key] = text
         queryable = self._session.declare_queryable(key, answer)
         self._stack.callback(queryable.undeclare)
 

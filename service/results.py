@@ -15,7 +15,7 @@ RECORD_FIELDS = (
 
 def not_available(reason: str) -> dict[str, Any]:
     """What stands where a quantity cannot be given."""
-    return {"available": False, "reason": reason}
+    return {"status": "not available", "reason": reason}
 
 
 def assemble(

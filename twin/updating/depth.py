@@ -15,7 +15,11 @@ c     where the two discs' zeros stand, learned from windows     [m]
 ψ     mesh phase against the pinion encoder's zero, ψ̄ from earlier windows  [rad]
 σ_k   what a structure that differs from the rig file's by its tolerance does to line k, plus noise
 
-Source   P. Sweeney, R. Randall, Proc. IMechE C 210 (1996) 201–213 (phase demodulation of encoders)
+Where the lines fit worse than their scatter says (misfit above one), the standard deviation is widened by the square
+root of the misfit (Birge's ratio).
+
+Source   P. Sweeney, R. Randall, Proc. IMechE C 210 (1996) 201–213 (phase demodulation of encoders);
+         R. T. Birge, Phys. Rev. 40 (1932) 207–227 (external consistency)
 Holds    where wear is the only thing that grows; the mean also where nothing moves the discs
 """
 
@@ -55,6 +59,7 @@ class DepthEstimate:
     phase: float  # ψ [rad]
     from_lines: float  # depth that the lines alone would give [m]
     misfit: float  # J at the minimum over its degrees of freedom
+    at_limit: bool  # whether the deeper bound of the search stopped it
 
 
 Response = Callable[[float], tuple[np.ndarray, float]]  # depth → m_k, less m_k(0) if from unworn, (HARMONICS,); m_0
@@ -130,13 +135,14 @@ def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest:
     noise = float((np.abs(slope) ** 2 * noise2 / σ2**2).sum())
     if gauge.mean is not None:
         information += mean_slope**2 / gauge.mean_std**2
+    misfit = (J - float(np.log(σ2).sum())) / (2 * HARMONICS + (gauge.mean is not None) - 2)
     std = float(1 / np.sqrt(information)) if information > 0 else float("inf")
-    lines, mean = HARMONICS * 2, gauge.mean is not None
     return DepthEstimate(
         depth=depth,
-        std=std,
+        std=std * float(np.sqrt(max(misfit, 1.0))),
         noise_std=float(np.sqrt(noise) / information) if information > 0 else float("inf"),
         phase=ψ,
         from_lines=from_lines,
-        misfit=(J - float(np.log(σ2).sum())) / (lines + mean - 2),
+        misfit=misfit,
+        at_limit=depth > shallowest + 0.995 * (deepest - shallowest),
     )

@@ -151,7 +151,8 @@ def factors(
             var_seen = GRADUATION**2 + seen.get_std(k) ** 2
             x = (predicted / var + seen.get(k) / var_seen) / (1 / var + 1 / var_seen)
             var = 1 / (1 / var + 1 / var_seen)
-            mesh.append((float(index), f, complex(x / predicted), float(np.hypot(np.sqrt(var) / abs(x), LEARN_SCATTER))))
+            scatter = float(np.hypot(np.sqrt(var) / abs(x), LEARN_SCATTER))
+            mesh.append((float(index), f, complex(x / predicted), scatter))
         y = None if heard is None else heard.get(k)
         if y is not None and abs(y) > LEARN_SIGNAL * heard.get_std(k):
             ρ = complex((y / x) / (lines.acceleration[k - 1] / model[k - 1]))

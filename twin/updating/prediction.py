@@ -36,13 +36,16 @@ class Expectation:
     solved: bool  # whether the steady state at the window's own condition was found
     contact_loss: float  # share of the mesh without contact, at the expected depth
     ratio: Lines  # own condition over the curve's; `mean` is a difference [m]
+    beyond: np.ndarray  # acceleration lines above the LINES-th, at the expected depth [m/s²]
 
     @classmethod
     def at(cls, model: Model, curve: MasterCurve, condition: Condition, depth: float) -> Expectation:
         """Solves the steady state of the curve's profile at a depth [m] under a condition."""
         depth = max(depth, float(curve.depth[0]))
         steady = model.steady(curve.profile(depth), condition)
+        beyond = np.empty(0, dtype=complex)
         if steady.converged:
+            beyond = model.acceleration_lines(steady)[LINES:]
             own, base = Lines.of(model, steady, condition), curve.lines_at(depth)
             ratio = Lines(
                 transmission_error=own.transmission_error / base.transmission_error,
@@ -60,7 +63,14 @@ class Expectation:
             solved=steady.converged,
             contact_loss=steady.contact_loss if steady.converged else float("nan"),
             ratio=ratio,
+            beyond=beyond,
         )
+
+    def rms(self, lines: np.ndarray, teeth: int, band: tuple[float, float], noise: float) -> float:
+        """RMS [m/s²] in a band [Hz] of acceleration lines (LINES,), with those beyond them and a noise floor."""
+        every = np.concatenate((lines, self.beyond))
+        frequencies = np.arange(1, every.size + 1) * teeth * self.condition.speed_hz
+        return band_rms(every, frequencies, band, noise)
 
     def lines(self, depth: float) -> Lines:
         """Lines at a depth [m]."""

@@ -157,9 +157,7 @@ def take(
     )
 
 
-def _take_calibration(
-    rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, index: int
-) -> Outcome:
+def _take_calibration(rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, index: int) -> Outcome:
     """A low-speed window: it calibrates, and shows how the calibrated twin meets it; it wears nothing."""
     track = memory.track
     if not memory.segments:
@@ -170,8 +168,8 @@ def _take_calibration(
     depth = curve.depth_at(track.work - memory.segments[-1].start_work)
     expectation = Expectation.at(model, curve, condition, depth)
     noise = features.noise_rms or 0.0
-    lines, frequencies = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
-    rms = band_rms(lines, frequencies, rig.band, noise)
+    lines, _ = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
+    rms = expectation.rms(lines, rig.teeth[0], rig.band, noise)
     gauge = encoders.gauge_of(features, memory, model, condition)
     estimate = None
     if gauge is not None:
@@ -212,7 +210,7 @@ def _take_measurement(
     projected = max(curve.depth_at(track.work - base), float(curve.depth[0]))
     expectation = Expectation.at(model, curve, condition, projected)
     lines, frequencies = predicted_lines(memory, expectation, projected, index, teeth)
-    rms_predicted = band_rms(lines, frequencies, band, noise)
+    rms_predicted = expectation.rms(lines, teeth, band, noise)
 
     estimate = None
     gauge = encoders.gauge_of(features, memory, model, condition)
@@ -220,13 +218,14 @@ def _take_measurement(
         pinion_only = features.transmission_error is None
         expectation, estimate = _depth_from(gauge, model, curve, expectation, projected, deepest(rig), pinion_only)
     fused = update == "fused" and estimate is not None
-    level = _level(expectation, curve, base, frequencies, band, noise)
-    paper = paper_way.update(memory.paper, revolutions, features.rms, level, threshold, allowed=allowed)
+    level = _level(expectation, curve, base, teeth, band, noise)
+    telling = allowed and features.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
+    paper = paper_way.update(memory.paper, revolutions, features.rms, level, threshold, allowed=telling)
     paper_depth = curve.depth_at(paper.track.work - base)
     memory = replace(memory, paper=paper.track)
 
     if estimate is not None and allowed:
-        if features.revolutions >= UNWORN_REVOLUTIONS:
+        if telling:
             track = memory.track.followed(
                 revolutions,
                 base + curve.work_at(estimate.depth),
@@ -247,7 +246,7 @@ def _take_measurement(
         way = ("pinion encoder" if pinion_only else "transmission error") if allowed else "projection"
         after, _ = predicted_lines(memory, expectation, depth, index, teeth)
         if updated:
-            lines, rms_after = after, band_rms(after, frequencies, band, noise)
+            lines, rms_after = after, expectation.rms(after, teeth, band, noise)
             if abs(rms_after / features.rms - 1) > threshold:
                 notes.append(_why_not(features, after, frequencies, band))
         else:
@@ -259,6 +258,8 @@ def _take_measurement(
         lines = expectation.lines(depth).acceleration
         if updated and not paper.converged:
             notes.append("no wear coefficient brings the twin's RMS within the threshold")
+    if estimate is not None and estimate.at_limit:
+        notes.append("the depth stands at the end of the master curve: beyond, no steady state is known")
     if not expectation.solved:
         notes.append("no steady state was found at this window's condition: its response follows the master curve")
     memory = replace(memory, updates=memory.updates + updated)
@@ -290,12 +291,12 @@ def _depth_from(gauge, model, curve, expectation, projected, limit, pinion_only)
 
 
 def _level(
-    expectation: Expectation, curve: MasterCurve, base: float, frequencies: np.ndarray, band, noise: float
+    expectation: Expectation, curve: MasterCurve, base: float, teeth: int, band, noise: float
 ) -> Callable[[float], float]:
     """RMS [m/s²] at a work by the calibrated twin alone, without what encoders taught."""
 
     def level(work: float) -> float:
-        return band_rms(expectation.lines(curve.depth_at(work - base)).acceleration, frequencies, band, noise)
+        return expectation.rms(expectation.lines(curve.depth_at(work - base)).acceleration, teeth, band, noise)
 
     return level
 
@@ -312,5 +313,3 @@ def _why_not(features: WindowFeatures, lines: np.ndarray, frequencies: np.ndarra
         f"after the update the twin's mesh lines make {mesh:.3g} m/s² against {heard:.3g} m/s² in the measured "
         f"ones, of {features.rms:.3g} m/s² measured in the band"
     )
-
-
