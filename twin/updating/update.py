@@ -60,6 +60,15 @@ class Outcome:
     notes: tuple[str, ...] = ()
 
 
+NEEDED = (
+    "gears.module", "gears.pressure_angle_deg", "gears.face_width", "gears.addendum", "gears.dedendum",
+    "gears.youngs_modulus", "gears.poisson_ratio", "gears.pinion.bore_radius", "gears.gear.bore_radius",
+    "inertias.J5", "masses.m5", "bearings.ky_input", "shafts.bending_stiffness_input", "torsional_stiffness.k_3_5",
+    "damping.modal_ratio", "mesh.relative_damping_time", "mesh.stiffness_scale", "wear.K", "wear.dwell_time",
+    "wear.contact_half_width", "sensors.accelerometer", "operating.pinion_speed_hz",
+)  # fmt: skip
+
+
 def condition_of(features: WindowFeatures, rig: Rig) -> Condition:
     """The window's own speed and torque; torque from the rig's nominal condition where no meter is there."""
     if features.speed_hz is None:
@@ -139,6 +148,7 @@ def take(
     update_until: float,
 ) -> Outcome:
     """Takes one window into the twin; NotAvailable where the rig file or the window does not suffice."""
+    rig.require("wear", *NEEDED)
     condition = condition_of(features, rig)
     if features.revolutions is None:
         raise NotAvailable("wear is not available: the window has no absolute revolution count (no encoder)")
