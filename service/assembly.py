@@ -59,6 +59,7 @@ class Assembler:
         self._open: _Open | None = None
         self._closed_until = 0  # nothing before this time is taken any more [ns]
         self._known: set[str] = set()  # channels of the windows so far
+        self._counted: dict[str, int] = {}  # edges by the end of the last window
         self._consumed: dict[str, tuple[int, int, int]] = {}  # sequence, start, end of the last frame in a window
 
     def add(self, frame: Frame) -> list[Window]:
@@ -122,6 +123,7 @@ class Assembler:
         return {
             "closed_until_ns": self._closed_until,
             "channels": sorted(self._known),
+            "edges_counted": dict(self._counted),
             "last_frames": {
                 label: {
                     "sequence": q,
@@ -140,6 +142,7 @@ class Assembler:
         self = cls(settings)
         self._closed_until = int(data["closed_until_ns"])
         self._known = set(data["channels"])
+        self._counted = {label: int(count) for label, count in data["edges_counted"].items()}
         self.counters = {label: dict(kinds) for label, kinds in data["counters"].items()}
         for label, last in data["last_frames"].items():
             lane = self._lanes.setdefault(label, self._lane())
@@ -152,9 +155,9 @@ class Assembler:
         return order.Lane(patience=self.settings.patience, settle=self.settings.settle)
 
     def _release(self, label: str, lane: order.Lane, force: bool = False) -> None:
-        lost = lane.release(force)
-        if lost:
-            self.count(label, "lost", lost)
+        for kind, number in lane.release(force).items():
+            if number:
+                self.count(label, kind, number)
 
     def _force(self) -> Iterator[tuple[Window, dict[str, Any]]]:
         """Lets everything go that waits, without regard to what may be missing."""
@@ -219,7 +222,9 @@ class Assembler:
                     rest.setdefault(label, []).append(Piece(frame, at, piece.end, piece.lost if after else 0))
                 else:
                     self._consumed[label] = (frame.sequence, frame.start_time_ns, frame.end_time_ns)
-        window = build_window(current.start, end, now, self._known)
+        window = build_window(current.start, end, now, self._known, self._counted)
+        for shaft, edges in window.encoders.items():
+            self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
         for (label, kind), number in totals(window.faults).items():
             if kind != "gap":
                 self.count(label, kind, number)

@@ -120,7 +120,8 @@ class _Rhythm:
         self._ends: dict[str, tuple[int, float]] = {}  # end of the newest frame [ns], and when it came [s]
         self._slowest, self._seen = 0.0, 0
         self.first = self.newest = now
-        self.held: list[Frame] = []  # of a stream just joined: its keys need not begin together
+        self.held: deque[Frame] = deque()  # of a stream just joined: its keys need not begin together
+        self.joined = False
 
     def note(self, frame: Frame, now: float) -> None:
         """A frame has come."""
@@ -143,38 +144,58 @@ class _Rhythm:
         return [label for label, (_, when) in self._ends.items() if now - when <= self.limit]
 
 
+class Pump:
+    """Takes arrivals through a pipeline; silence of an asset ends its window."""
+
+    def __init__(self, inbox: Inbox, pipeline: Pipeline, idle_timeout: float = 3.0):
+        self._inbox, self._pipeline, self._idle_timeout = inbox, pipeline, idle_timeout
+        self._rhythms: dict[str, _Rhythm] = {}
+
+    def run(self, stop: threading.Event) -> None:
+        """Works until told to stop, and then on what has arrived by then.
+
+        An exception of the pipeline ends it; called again, it goes on where it was.
+        """
+        looked = time.monotonic()
+        while not stop.is_set() or self._inbox.depth:
+            arrival = self._inbox.take(_POLL)
+            if arrival is not None:
+                self._take(arrival)
+            self._feed_joined(time.monotonic())
+            if time.monotonic() - looked >= _POLL and not self._inbox.depth:
+                looked = time.monotonic()
+                for asset, rhythm in self._rhythms.items():
+                    self._close_silent(asset, rhythm, looked)
+        self._feed_joined(float("inf"))
+
+    def _take(self, arrival: Arrival) -> None:
+        try:
+            frame = decode(arrival.channel, arrival.payload)
+        except FrameError as error:
+            self._pipeline.reject(arrival.channel, error)
+            return
+        asset = frame.channel.asset
+        rhythm = self._rhythms.setdefault(asset, _Rhythm(self._idle_timeout, arrival.received))
+        rhythm.note(frame, arrival.received)
+        rhythm.held.append(frame)
+
+    def _feed_joined(self, now: float) -> None:
+        """Hands frames on, except of a stream just joined, which is collected first."""
+        for rhythm in self._rhythms.values():
+            rhythm.joined |= now - rhythm.first >= _JOIN or len(rhythm.held) > _JOIN_FRAMES
+            while rhythm.joined and rhythm.held:
+                self._pipeline.feed(rhythm.held.popleft())
+
+    def _close_silent(self, asset: str, rhythm: _Rhythm, now: float) -> None:
+        """Ends the window of a stream that has fallen silent; goes on without keys that have."""
+        if rhythm.held or not self._pipeline.waiting(asset):
+            return
+        if now - rhythm.newest > rhythm.limit:
+            self._pipeline.flush(asset)
+        elif now - rhythm.first > rhythm.limit:
+            self._pipeline.wait_only_for(asset, rhythm.heard(now))
+
+
 def pump(inbox: Inbox, pipeline: Pipeline, stop: threading.Event, idle_timeout: float = 3.0) -> None:
-    """Takes arrivals through the pipeline until told to stop; silence of an asset ends its window."""
-    rhythms: dict[str, _Rhythm] = {}
-    looked = time.monotonic()
-    while not stop.is_set():
-        arrival = inbox.take(_POLL)
-        now = time.monotonic()
-        if arrival is not None:
-            try:
-                frame = decode(arrival.channel, arrival.payload)
-            except FrameError as error:
-                pipeline.reject(arrival.channel, error)
-            else:
-                rhythm = rhythms.setdefault(frame.channel.asset, _Rhythm(idle_timeout, arrival.received))
-                rhythm.note(frame, arrival.received)
-                rhythm.held.append(frame)
-        for rhythm in rhythms.values():
-            if rhythm.held and (now - rhythm.first >= _JOIN or len(rhythm.held) > _JOIN_FRAMES):
-                held, rhythm.held = rhythm.held, []
-                for frame in held:
-                    pipeline.feed(frame)
-        if now - looked >= _POLL and not inbox.depth:
-            looked = time.monotonic()
-            for asset, rhythm in rhythms.items():
-                _close_silent(pipeline, asset, rhythm, looked)
-
-
-def _close_silent(pipeline: Pipeline, asset: str, rhythm: _Rhythm, now: float) -> None:
-    """Ends the window of a stream that has fallen silent; goes on without keys that have."""
-    if rhythm.held or not pipeline.waiting(asset):
-        return
-    if now - rhythm.newest > rhythm.limit:
-        pipeline.flush(asset)
-    elif now - rhythm.first > rhythm.limit:
-        pipeline.wait_only_for(asset, rhythm.heard(now))
+    """Takes arrivals through the pipeline until told to stop."""
+    Pump(inbox, pipeline, idle_timeout).run(stop)

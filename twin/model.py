@@ -84,9 +84,7 @@ class Model:
     def of(cls, rig: Rig, calibration: Calibration, samples: int = SAMPLES) -> Model:
         """Builds the model; NotAvailable where the rig file lacks what it needs."""
         structure = Structure.from_rig(rig, modal_damping=calibration.modal_damping)
-        return cls(
-            rig=rig, calibration=calibration, structure=structure, mesh=_mesh(rig.gear_pair(), samples)
-        )
+        return cls(rig=rig, calibration=calibration, structure=structure, mesh=_mesh(rig.gear_pair(), samples))
 
     def calibrated(self, **changes: float) -> Model:
         """The same gearbox with other calibrated values."""
@@ -104,9 +102,7 @@ class Model:
         """T/r_b1 [N]."""
         return condition.torque / self.mesh.pair.base_radius[0]
 
-    def steady(
-        self, profile: WornProfile, condition: Condition, start: SteadyState | None = None
-    ) -> SteadyState:
+    def steady(self, profile: WornProfile, condition: Condition, start: SteadyState | None = None) -> SteadyState:
         """Steady state over one mesh period; see its `converged`."""
         contacts = self.mesh.contacts(
             profile,

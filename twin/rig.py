@@ -76,14 +76,8 @@ class _Numbers:
         for i, item in enumerate(value):
             if isinstance(item, (list, tuple)):
                 out.append(self.read(f"{name}[{i}]", item))
-            elif (
-                isinstance(item, bool)
-                or not isinstance(item, (int, float))
-                or not self.low <= item <= self.high
-            ):
-                raise ParameterError(
-                    f"{name}[{i}] = {item!r} must be a number in [{self.low:g}, {self.high:g}]"
-                )
+            elif isinstance(item, bool) or not isinstance(item, (int, float)) or not self.low <= item <= self.high:
+                raise ParameterError(f"{name}[{i}] = {item!r} must be a number in [{self.low:g}, {self.high:g}]")
             else:
                 out.append(float(item))
         return tuple(out)
@@ -335,9 +329,7 @@ class Rig:
             )
         s, k = self.get("mesh.pair_s"), self.get("mesh.pair_stiffness")
         if s is not None and k is not None and len(s) != len(k):
-            raise ParameterError(
-                f"mesh.pair_s has {len(s)} values and mesh.pair_stiffness {len(k)}: one each"
-            )
+            raise ParameterError(f"mesh.pair_s has {len(s)} values and mesh.pair_stiffness {len(k)}: one each")
         low, high = self.band
         if not low < high:
             raise ParameterError(f"sensors.band_hz = [{low:g}, {high:g}] Hz must rise")

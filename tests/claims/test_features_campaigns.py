@@ -14,6 +14,7 @@ from service.importing import import_recording
 from service.sources.mcap import read_windows
 from twin.errors import NotAvailable
 from twin.features import extract
+from twin.features.level import band_rms
 from twin.features.mesh_speed import mesh_speed
 from twin.rig import Rig
 
@@ -34,6 +35,14 @@ def test_speed_and_revolutions_are_those_of_the_machine(shared, name):
     for found, true in zip(*campaign(shared, name), strict=True):
         assert found.speed_hz == pytest.approx(true["speed_hz"], abs=1e-3)
         assert found.revolutions == pytest.approx(true["revolutions"], abs=2e-3)
+
+
+def test_rms_up_to_half_the_sampling_rate_is_that_of_the_record(shared):
+    _, _, windows = read_windows(shared / "campaigns" / "D00.mcap")
+    truth = json.loads((shared / "campaigns" / "truth" / "D00.json").read_text())["windows"]
+    for window, true in zip(windows, truth, strict=True):
+        rms = band_rms(window.accelerations["y6"], (0.0, 6400.0))
+        assert rms == pytest.approx(true["rms_recorded"], rel=0.01)  # the ends are tapered
 
 
 def worn(features, truth):
@@ -96,6 +105,9 @@ def test_measured_rig_of_28_channels_turns_as_its_readme_says(shared, tmp_path):
     # README: 7.2 and 16.4 m/s² by a plain Hann spectrum over the whole record, which smears and reads low
     lines = np.abs(found.acceleration.mesh()[1])
     assert lines[0] == pytest.approx(7.2, rel=0.15) and lines[1] > 16.4
+    # and 0.49, 0.41, 0.93, 0.37 for the sidebands at -1, +1 pinion order and -1, +1 gear order
+    sides = [found.acceleration.get(1, p, g) for p, g in ((-1, 0), (1, 0), (0, -1), (0, 1))]
+    assert np.abs(sides) == pytest.approx([0.49, 0.41, 0.93, 0.37], rel=0.25)
     assert all(found.mesh_bands) and found.rms > 0
     assert found.revolutions is None and found.transmission_error is None
 

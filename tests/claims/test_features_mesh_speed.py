@@ -21,10 +21,7 @@ def machine(speed, seconds=5.0, seed=0, noise=0.3, wander=0.001, sidebands=0.3, 
             np.cos(θ + rng.uniform(0, 6)) + np.cos(2 * θ) + np.cos(θ * Z1 / Z2 + rng.uniform(0, 6))
         )
         levels = rng.uniform(0.3, 1.5, 5)
-        x = (
-            sum(a * np.cos(k * Z1 * θ + rng.uniform(0, 6)) for k, a in enumerate(levels, start=1))
-            * modulation
-        )
+        x = sum(a * np.cos(k * Z1 * θ + rng.uniform(0, 6)) for k, a in enumerate(levels, start=1)) * modulation
         x = x + foreign * np.cos(2 * np.pi * 713.7 * t) + noise * rng.standard_normal(t.size)
         out[name] = Samples(rate=RATE, start=0.0, values=x)
     middle = θ[(t > 0.1 * seconds) & (t < 0.9 * seconds)]

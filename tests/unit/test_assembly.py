@@ -171,6 +171,18 @@ def test_an_encoder_that_runs_backwards_is_not_used(how):
     assert assembler.counters["encoder/gear"]["reversed"] >= 1
 
 
+def test_an_edge_count_that_falls_between_windows_is_seen_once():
+    frames = [
+        dataclasses.replace(f, first_edge_index=f.first_edge_index - 3500)
+        if f.channel == PINION and f.start_time_ns > T0 + 6 * NS
+        else f
+        for f in bursts(3)
+    ]
+    windows, assembler = assembled(frames)
+    assert faults(windows) == [(1, "counter_reset", "encoder/pinion", 1, "degraded")]
+    assert assembler.counters["encoder/pinion"]["counter_reset"] == 1
+
+
 def test_an_edge_out_of_order_by_noise_is_left_out():
     offsets = [f for f in bursts(1) if f.channel == PINION][2].edge_offsets_ns.copy()
     offsets[7] = offsets[6]
@@ -225,6 +237,15 @@ def test_a_clock_that_jumps_years_ahead_costs_one_frame():
     windows, assembler = assembled(wild, AssemblySettings(settle=2))
     assert len(windows) == 4
     assert assembler.counters["accel/y6"]["time_jump"] == 1
+
+
+def test_a_machine_that_is_taken_up_again_after_years_goes_on():
+    later = [dataclasses.replace(f, start_time_ns=f.start_time_ns + 10**17) for f in bursts(2)]
+    windows, assembler = assembled(bursts(2) + later)
+    assert [w.start_time_ns for w in windows[2:]] == [T0 + 10**17, T0 + 10**17 + round(6.5 * NS)]
+    reset = [(2, "counter_reset", f"encoder/{shaft}", 1, "degraded") for shaft in ("gear", "pinion")]
+    assert faults(windows) == reset  # its encoders, unlike the clock, began again
+    assert "time_jump" not in assembler.counters["accel/y6"]
 
 
 @pytest.mark.parametrize("stop", range(0, 96, 7))

@@ -101,6 +101,23 @@ def test_without_any_encoder_the_speed_comes_from_the_mesh_lines_and_revolutions
     assert abs(found.acceleration.get(4)) == pytest.approx(5, rel=0.01)
 
 
+def test_an_encoder_that_runs_backwards_is_named_and_the_other_one_serves(rig):
+    good = window().encoders
+    for shaft, source in (("pinion", "encoder/gear"), ("gear", "encoder/pinion")):
+        bad = Edges(per_rev=good[shaft].per_rev, first_index=0, times=good[shaft].times[::-1])
+        found = extract(rig, window(encoders=good | {shaft: bad}))
+        assert found.angle_from == source
+        assert f"encoder/{shaft}" in found.unavailable["transmission_error"]
+        assert "reversed" in found.unavailable["transmission_error"]
+
+
+def test_a_dead_accelerometer_is_named_and_the_rest_goes_on(rig):
+    dead = Samples(rate=RATE, start=0.0, values=np.full(32000, np.nan))
+    found = extract(rig, window(accelerations={"y6": dead}))
+    assert found.rms is None and found.acceleration is None and found.transmission_error is not None
+    assert "not one of" in found.unavailable["rms"]
+
+
 def test_each_missing_channel_is_named(rig):
     found = extract(rig, window(accelerations={}, torques={}))
     for name in ("rms", "acceleration", "mesh_bands", "noise_rms", "torque_nm", "torque"):
@@ -108,6 +125,25 @@ def test_each_missing_channel_is_named(rig):
         assert found.unavailable[name]
     other = extract(rig, window(accelerations={"x9": window().accelerations["y6"]}))
     assert "y6 is not in this window, which has x9" in other.unavailable["rms"]
+
+
+def test_a_tachometer_gives_speed_and_absolute_lines_but_no_transmission_error(rig):
+    first = 1001
+    edges = (first - 1000.25 + np.arange(24)) / SPEED
+    found = extract(rig, window(encoders={"pinion": Edges(per_rev=1, first_index=first, times=edges)}))
+    assert found.speed_hz == pytest.approx(SPEED, rel=1e-5)
+    assert found.acceleration.get(4) == pytest.approx(5, abs=0.03)
+    both = {"pinion": Edges(per_rev=1, first_index=first, times=edges), "gear": window().encoders["gear"]}
+    found = extract(rig, window(encoders=both))
+    assert "do not resolve the mesh order 19" in found.unavailable["transmission_error"]
+
+
+def test_orders_of_equal_gears_are_read_once():
+    equal = Rig.from_mapping({"gears": {"pinion": {"teeth": 52}, "gear": {"teeth": 52}}})
+    gear = window().encoders["gear"]
+    twins = {"pinion": gear, "gear": gear}
+    found = extract(equal, window(encoders=twins)).transmission_error
+    assert (0, 1, 0) in found.keys and (0, 0, 1) in found.unresolved
 
 
 def test_a_rig_of_tooth_counts_alone_gives_transmission_error_as_an_angle():

@@ -41,9 +41,9 @@ MAX_NEWTON = 40
 MAX_STALLED = 12  # Newton steps that hardly help, on the way through contacts that open and close
 MAX_HALVINGS = 8
 TOLERANCE = 1e-9  # of the mean force
-ROUNDING = 10**-0.5  # from one stage of the way through contact loss to the next
-ROUNDED_STAGES = 8
-NEAR = 1e-3  # residual, of the mean force, from which the next stage may start
+WIDEST = 30.0  # rounding of the contacts' corner at the start of the way through contact loss, of F/k̄
+SHARP = 3e-3  # rounding from which the corner itself is tried, of F/k̄
+MAX_STAGES = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -160,18 +160,29 @@ def solve_through_contact_loss(
 ) -> SteadyState:
     """As `solve`; where that fails, rounds the corner at which contacts open and sharpens it step by step.
 
-    Each stage starts from the one before, the first from F/k̄·0.3 wide, the last is the sharp corner itself.
+    Rounded over 30 F/k̄ hardly any contact is ever lost and the solution is easily found; each stage starts from
+    the one before, and one that fails is tried again with a smaller change. The last is the sharp corner itself.
     """
     steady = solve(structure, contacts, mean_force, start=start, tolerance=tolerance)
     if steady.converged:
         return steady
-    widest = 0.3 * mean_force / float(contacts.stiffness.mean())
-    reached = start
-    for rounding in (*(widest * ROUNDING ** np.arange(ROUNDED_STAGES)), 0.0):
-        stage = solve(structure, contacts, mean_force, start=reached, tolerance=tolerance, rounding=rounding)
-        if stage.converged or stage.residual < NEAR:
-            reached = stage.deflection
-    return stage if stage.converged else steady
+    deflection = mean_force / float(contacts.stiffness.mean())
+    rounding, ratio = WIDEST * deflection, 0.5
+    reached: tuple[float, np.ndarray | None] = (rounding, None)
+    for _ in range(MAX_STAGES):
+        stage = solve(structure, contacts, mean_force, start=reached[1], tolerance=tolerance, rounding=rounding)
+        if stage.converged:
+            if rounding == 0:
+                return stage
+            reached = rounding, stage.deflection
+            if stage.iterations < 10:
+                ratio = max(0.1, ratio**1.5)
+        elif reached[1] is None or ratio > 0.9:
+            break
+        else:
+            ratio **= 0.5
+        rounding = ratio * reached[0] if ratio * reached[0] > SHARP * deflection else 0.0
+    return steady
 
 
 def solve(

@@ -40,7 +40,7 @@ def _link(stiffness: np.ndarray, k: float, combination: Mapping[str, float]) -> 
     """Adds a spring k that acts on a linear combination of coordinates."""
     for a, wa in combination.items():
         for b, wb in combination.items():
-            stiffness[INDEX[a], INDEX[b]] += k * wa * wb
+            stiffness[INDEX[a], INDEX[b]] += k * (wa * wb)
 
 
 def mass_matrix(rig: Rig) -> np.ndarray:

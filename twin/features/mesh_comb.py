@@ -61,22 +61,20 @@ def comb_search(accelerations: Mapping[str, Samples], nominal: float, teeth: tup
     Sidebands make combs of their own, one pinion order apart, but weaker ones than the mesh lines do: hence
     the look beyond the range. "Elsewhere" begins half a sideband spacing away.
     """
-    total, frequency = None, None
-    for samples in accelerations.values():
-        power, width = averaged_power(samples)
-        if frequency is None:
-            reach = nominal * (SEARCH + 3.5 / teeth[0])
-            frequency = np.arange(nominal - reach, nominal + reach, width / (2 * HARMONICS))
-            total = np.zeros(frequency.size)
-            apart = max(4 * width, 0.5 * nominal / max(teeth))
+    spectra = [(samples.rate, *averaged_power(samples)) for samples in accelerations.values()]
+    finest = min(width for _, _, width in spectra)
+    reach = nominal * (SEARCH + 3.5 / teeth[0])
+    frequency = np.arange(nominal - reach, nominal + reach, finest / (2 * HARMONICS))
+    total = np.zeros(frequency.size)
+    for rate, power, width in spectra:
         level = over_floor(power, 201)
         for k in range(1, HARMONICS + 1):
-            if k * nominal * (1 + SEARCH) < samples.rate / 2:
+            if k * nominal * (1 + SEARCH) < rate / 2:
                 total += np.interp(k * frequency / width, np.arange(level.size), level, right=0.0)
     total /= len(accelerations)
     inside = np.abs(frequency - nominal) <= SEARCH * nominal
     best = int(np.argmax(np.where(inside, total, -1.0)))
-    elsewhere = np.abs(frequency - frequency[best]) > apart
+    elsewhere = np.abs(frequency - frequency[best]) > max(4 * finest, 0.5 * nominal / max(teeth))
     beyond = int(np.argmax(np.where(elsewhere & ~inside, total, -1.0)))
     return Comb(
         frequency=float(frequency[best]),

@@ -142,7 +142,7 @@ def rival_spacing(
     """
     z1 = teeth[0]
     spacings = np.arange(8, 101)
-    k, m, n = np.ix_((1, 2, 3), (-3, -2, -1, 1, 2, 3), spacings)
+    k, m, n = np.ix_(np.arange(1, 4), np.array([-3, -2, -1, 1, 2, 3]), spacings)
     place = (k + m / n).reshape(-1, spacings.size)
     score = np.zeros(spacings.size)
     counted = 0
@@ -186,13 +186,9 @@ def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nom
     wanted = f"{z1 * nominal_hz:.5g} Hz"
     usable = {k: s for k, s in accelerations.items() if np.isfinite(s.values).mean() > 0.9}
     if not usable:
-        raise NotAvailable(
-            "the speed is not available: no encoder, and no accelerometer with 90 % valid samples"
-        )
+        raise NotAvailable("the speed is not available: no encoder, and no accelerometer with 90 % valid samples")
     if max(s.rate for s in usable.values()) < 2 * 1.1 * z1 * nominal_hz:
-        raise NotAvailable(
-            f"the speed is not available: no sampling rate shows the mesh frequency near {wanted}"
-        )
+        raise NotAvailable(f"the speed is not available: no sampling rate shows the mesh frequency near {wanted}")
     comb = comb_search(usable, z1 * nominal_hz, teeth)
     check_comb(comb, wanted)
     coarse = comb.frequency
@@ -203,8 +199,8 @@ def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nom
             break
     else:
         raise NotAvailable(
-            f"the speed is not available: the mesh lines near {coarse:.2f} Hz do not agree on one speed; does "
-            f"it change by more than {100 * half_width / coarse:.2g} % within the window?"
+            f"the speed is not available: the mesh lines near {coarse:.2f} Hz do not agree on one speed; "
+            f"does it change by more than {100 * half_width / coarse:.2g} % within the window?"
         )
     times, phase, names, std = agreed
     angle = (2 * np.pi * coarse * times + phase) / z1

@@ -63,9 +63,7 @@ def foundation_compliance(
 ) -> np.ndarray:
     """1/k_f [m/N] for contact at each roll angle ξ = ρ/r_b [rad] of the flank; (n,) → (n,)."""
     if not 0 < bore_radius < tooth.root_radius:
-        raise ParameterError(
-            f"bore_radius = {bore_radius:g} m is outside (0, {tooth.root_radius:g}) m; a diameter?"
-        )
+        raise ParameterError(f"bore_radius = {bore_radius:g} m is outside (0, {tooth.root_radius:g}) m; a diameter?")
     β = np.atleast_1d(np.asarray(contact_roll_angle, float)) - tooth.base_half_angle
     x, y = tooth.flank_point(β)
     body = body_factor(

@@ -84,9 +84,7 @@ class PairStiffness:
         object.__setattr__(self, "_spline", CubicSpline(self.s, self.values))
 
     @classmethod
-    def of(
-        cls, pair: GearPair, *, scale: float = 1.0, root_section: str = DEFAULT_ROOT_SECTION
-    ) -> PairStiffness:
+    def of(cls, pair: GearPair, *, scale: float = 1.0, root_section: str = DEFAULT_ROOT_SECTION) -> PairStiffness:
         """The spline of a gear pair; `scale` multiplies it (the rig's or a calibrated stiffness_scale)."""
         beyond = _LEVELLING * pair.base_pitch
         levels = np.linspace(pair.path_start - beyond, pair.path_end + beyond, _KNOTS)

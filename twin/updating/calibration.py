@@ -25,6 +25,7 @@ from twin.model import Calibration, Condition, Model
 
 NAMES = ("stiffness_scale", "modal_damping", "damping_time")
 PRIOR_SPREAD = np.array([0.10, 0.25, 0.5])  # of the logarithms
+WIDEST = 3.0  # prior spreads that a value may move: beyond, something else is at work
 LINE_SCATTER = 0.06  # relative, of unworn transmission error: real teeth deviate by a few hundredths of a micrometre
 LINE_FLOOR = 0.03e-6  # [m]
 LEVEL_SCATTER = 0.35  # of the logarithm of one acceleration line: structure within ±3 % near resonances
@@ -78,7 +79,10 @@ def calibrate(model: Model, windows: Sequence[WindowFeatures]) -> Fit:
     def residuals(θ: np.ndarray) -> np.ndarray:
         return np.concatenate((_residuals(at(θ), windows), (θ - centre) / PRIOR_SPREAD))
 
-    found = least_squares(residuals, centre, x_scale=PRIOR_SPREAD, diff_step=1e-3, max_nfev=8, xtol=1e-3, ftol=1e-3)
+    limits = centre - WIDEST * PRIOR_SPREAD, centre + WIDEST * PRIOR_SPREAD
+    found = least_squares(
+        residuals, centre, bounds=limits, x_scale=PRIOR_SPREAD, diff_step=1e-3, max_nfev=8, xtol=1e-3, ftol=1e-3
+    )
     covariance = np.linalg.inv(found.jac.T @ found.jac)
     std = dict(zip(NAMES, np.sqrt(np.diag(covariance)).tolist(), strict=True))
     std["contact_half_width"] = HALF_WIDTH_SPREAD

@@ -4,16 +4,22 @@ Worn flanks let the gear lag: the mesh lines of the transmission error grow almo
 at the first harmonic of the reference rig) and hardly depend on damping, stiffness or contact width, and its mean
 grows by about two thirds of the depth. The depth is the one that explains both best,
 
-    J(d, ψ) = Σ_k |e^{ikψ}·m_k(d) − y_k|²/σ_k² + (m_0(d) + c − y_0)²/σ_0² + (ψ − ψ̄)²/σ_ψ²
+    J(d, ψ) = Σ_k |e^{ikψ}·(m_k(d) − m_k(0)) − (y_k − y_k⁰)|²/σ_k² + (m_0(d) + c − y_0)²/σ_0² + (ψ − ψ̄)²/σ_ψ²
 
 y_k   measured line of mesh harmonic k                           [m]
 m_k   the twin's line at a depth                                 [m]
+y_k⁰  the same line when the teeth were unworn, under the same condition: what graduation, pitch and friction
+      make of it from the start drops out; where no such window is there, y_k⁰ and m_k(0) are left out  [m]
 y_0   measured mean, absolute because edge counts are            [m]
 c     where the two discs' zeros stand, learned from windows     [m]
 ψ     mesh phase against the pinion encoder's zero, ψ̄ from earlier windows  [rad]
 σ_k   what a structure that differs from the rig file's by its tolerance does to line k, plus noise
 
-Source   P. Sweeney, R. Randall, Proc. IMechE C 210 (1996) 201–213 (phase demodulation of encoders)
+Where the lines fit worse than their scatter says (misfit above one), the standard deviation is widened by the square
+root of the misfit (Birge's ratio).
+
+Source   P. Sweeney, R. Randall, Proc. IMechE C 210 (1996) 201–213 (phase demodulation of encoders);
+         R. T. Birge, Phys. Rev. 40 (1932) 207–227 (external consistency)
 Holds    where wear is the only thing that grows; the mean also where nothing moves the discs
 """
 
@@ -34,7 +40,8 @@ FLOOR = 0.05e-6  # unworn deviations of real teeth that the twin does not know [
 class Gauge:
     """What a window says of the depth."""
 
-    lines: np.ndarray  # y_k complex (HARMONICS,) [m]
+    lines: np.ndarray  # y_k, less y_k⁰ where `from_unworn`, complex (HARMONICS,) [m]
+    from_unworn: bool  # whether lines are what wear changed
     lines_std: np.ndarray  # noise of the real and imaginary part (HARMONICS,) [m]
     mean: float | None  # y_0 − c [m], None where it is not known
     mean_std: float  # [m]
@@ -52,9 +59,10 @@ class DepthEstimate:
     phase: float  # ψ [rad]
     from_lines: float  # depth that the lines alone would give [m]
     misfit: float  # J at the minimum over its degrees of freedom
+    at_limit: bool  # whether the deeper bound of the search stopped it
 
 
-Response = Callable[[float], tuple[np.ndarray, float]]  # depth → m_k (HARMONICS,), m_0
+Response = Callable[[float], tuple[np.ndarray, float]]  # depth → m_k, less m_k(0) if from unworn, (HARMONICS,); m_0
 
 
 def _best_phase(model: np.ndarray, gauge: Gauge, weight: np.ndarray) -> float:
@@ -127,13 +135,14 @@ def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest:
     noise = float((np.abs(slope) ** 2 * noise2 / σ2**2).sum())
     if gauge.mean is not None:
         information += mean_slope**2 / gauge.mean_std**2
-    std = 1 / np.sqrt(information)
-    lines, mean = HARMONICS * 2, gauge.mean is not None
+    misfit = (J - float(np.log(σ2).sum())) / (2 * HARMONICS + (gauge.mean is not None) - 2)
+    std = float(1 / np.sqrt(information)) if information > 0 else float("inf")
     return DepthEstimate(
         depth=depth,
-        std=std,
-        noise_std=float(np.sqrt(noise) * std**2),
+        std=std * float(np.sqrt(max(misfit, 1.0))),
+        noise_std=float(np.sqrt(noise) / information) if information > 0 else float("inf"),
         phase=ψ,
         from_lines=from_lines,
-        misfit=(J - float(np.log(σ2).sum())) / (lines + mean - 2),
+        misfit=misfit,
+        at_limit=depth > shallowest + 0.995 * (deepest - shallowest),
     )

@@ -35,7 +35,9 @@ def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Cond
         model, curve = model_of(rig, trial), curve_of(rig, trial, 1.2 * depth)
         gauge = encoders.gauge_of(features, trial, model, condition)
         expectation = Expectation.at(model, curve, condition, depth)
-        found = estimate_depth(gauge, lambda d: expectation.gauge(d, pinion_only), 0.85 * depth, 1.15 * depth)
+        found = estimate_depth(
+            gauge, lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), 0.85 * depth, 1.15 * depth
+        )
         return found.misfit * (2 * HARMONICS - 2)
 
     memory = replace(memory, half_width_from=due[-1], fit=fit_half_width(fit, misfit))

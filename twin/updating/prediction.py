@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.model import Condition, Model
+from twin.updating.depth import HARMONICS
 from twin.updating.frequency_correction import FrequencyCorrection
 from twin.updating.memory import Memory
 from twin.wear.curve import LINES, Lines, MasterCurve
@@ -35,13 +36,16 @@ class Expectation:
     solved: bool  # whether the steady state at the window's own condition was found
     contact_loss: float  # share of the mesh without contact, at the expected depth
     ratio: Lines  # own condition over the curve's; `mean` is a difference [m]
+    beyond: np.ndarray  # acceleration lines above the LINES-th, at the expected depth [m/s²]
 
     @classmethod
     def at(cls, model: Model, curve: MasterCurve, condition: Condition, depth: float) -> Expectation:
         """Solves the steady state of the curve's profile at a depth [m] under a condition."""
         depth = max(depth, float(curve.depth[0]))
         steady = model.steady(curve.profile(depth), condition)
+        beyond = np.empty(0, dtype=complex)
         if steady.converged:
+            beyond = model.acceleration_lines(steady)[LINES:]
             own, base = Lines.of(model, steady, condition), curve.lines_at(depth)
             ratio = Lines(
                 transmission_error=own.transmission_error / base.transmission_error,
@@ -59,7 +63,14 @@ class Expectation:
             solved=steady.converged,
             contact_loss=steady.contact_loss if steady.converged else float("nan"),
             ratio=ratio,
+            beyond=beyond,
         )
+
+    def rms(self, lines: np.ndarray, teeth: int, band: tuple[float, float], noise: float) -> float:
+        """RMS [m/s²] in a band [Hz] of acceleration lines (LINES,), with those beyond them and a noise floor."""
+        every = np.concatenate((lines, self.beyond))
+        frequencies = np.arange(1, every.size + 1) * teeth * self.condition.speed_hz
+        return band_rms(every, frequencies, band, noise)
 
     def lines(self, depth: float) -> Lines:
         """Lines at a depth [m]."""
@@ -71,10 +82,14 @@ class Expectation:
             acceleration=base.acceleration * ratio.acceleration,
         )
 
-    def gauge(self, depth: float, pinion_only: bool) -> tuple[np.ndarray, float]:
-        """The lines that the encoders see, and the mean of the transmission error, at a depth [m]."""
+    def gauge(self, depth: float, pinion_only: bool, from_unworn: bool) -> tuple[np.ndarray, float]:
+        """The lines that the encoders see at a depth [m], or what wear changed of them, and the mean [m]."""
         lines = self.lines(depth)
-        return (lines.pinion_motion if pinion_only else lines.transmission_error), lines.mean
+        seen = lines.pinion_motion if pinion_only else lines.transmission_error
+        if from_unworn:
+            start = self.lines(0.0)
+            seen = seen - (start.pinion_motion if pinion_only else start.transmission_error)
+        return seen[:HARMONICS], lines.mean
 
 
 def band_rms(lines: np.ndarray, frequencies: np.ndarray, band: tuple[float, float], noise: float) -> float:

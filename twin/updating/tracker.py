@@ -4,8 +4,9 @@ Depth becomes work x = x(d) of the master curve, which is linear in revolutions 
 
     x_{j+1} = x_j + κ_j·ΔN + w_x,      κ_{j+1} = κ_j·(1 + w_κ),      z_j = x_j + v_j,      κ = K·τ·ω1
 
-A Kalman filter over the windows gives κ with its uncertainty. How fast κ wanders is not known beforehand: running-in
-takes it down by half within thousands of revolutions, and so the filter allows DRIFT a window.
+A Kalman filter over the windows gives κ with its uncertainty. It allows κ to wander by DRIFT from window to window;
+where a window lies beyond SURPRISE standard deviations of what that allows (running-in takes κ down by half within
+thousands of revolutions), the interval is taken again with RUNNING_IN instead.
 
 Source   R. E. Kalman, J. Basic Eng. 82 (1960) 35–45
 """
@@ -17,7 +18,9 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-DRIFT = 0.08  # relative change of κ from one window to the next, one standard deviation
+DRIFT = 0.04  # relative change of κ from one window to the next, one standard deviation
+RUNNING_IN = 0.25  # the same where the wear rate is seen to change
+SURPRISE = 3.0
 PRIOR_SPREAD = 1.0  # of ln κ around the rig file's K
 
 
@@ -49,21 +52,22 @@ class WearTrack:
     def work_std(self) -> float:
         return float(np.sqrt(self.var_work))
 
-    def predicted(self, revolutions: float) -> WearTrack:
-        """The track carried on to a later revolution count."""
+    def predicted(self, revolutions: float, drift: float = DRIFT) -> WearTrack:
+        """The track carried on to a later revolution count; κ changes by `drift`, relative, on the way."""
         n = revolutions - self.revolutions
-        drift = (DRIFT * self.rate) ** 2 if self.windows else 0.0
+        wander = (drift * self.rate) ** 2 if self.windows else 0.0
+        var_rate = self.var_rate + wander
         return replace(
             self,
             revolutions=revolutions,
             work=self.work + self.rate * n,
-            var_work=self.var_work + 2 * n * self.cov + n**2 * (self.var_rate + drift / 3),
-            cov=self.cov + n * (self.var_rate + drift / 2),
-            var_rate=self.var_rate + drift,
+            var_work=self.var_work + 2 * n * self.cov + n**2 * var_rate,
+            cov=self.cov + n * var_rate,
+            var_rate=var_rate,
         )
 
     def corrected(self, work: float, std: float) -> WearTrack:
-        """The track after a measured work x [rad/N]."""
+        """The track after a measured work x [rad/N] with its standard deviation."""
         s = self.var_work + std**2
         gain_x, gain_κ = self.var_work / s, self.cov / s
         surprise = work - self.work
@@ -77,6 +81,13 @@ class WearTrack:
             var_rate=self.var_rate - gain_κ * self.cov,
             windows=self.windows + 1,
         )
+
+    def followed(self, revolutions: float, work: float, std: float) -> WearTrack:
+        """The track after a window at which a work x [rad/N] was measured."""
+        ahead = self.predicted(revolutions)
+        if self.windows and abs(work - ahead.work) > SURPRISE * float(np.hypot(ahead.work_std, std)):
+            ahead = self.predicted(revolutions, RUNNING_IN)
+        return ahead.corrected(work, std)
 
     def rescaled(self, factor: float) -> WearTrack:
         """The same depth history on another curve, whose work at the present depth is `factor` times this one's."""

@@ -48,9 +48,12 @@ def _curve(key: _Key, calibration: Calibration, segments: tuple[Segment, ...], u
     return MasterCurve.build(model, Condition(speed_hz=last.speed_hz, torque=last.torque), start, until)
 
 
+BEYOND = 1.2  # curves go on beyond the end of life, so that a machine run past it is still measured
+
+
 def deepest(rig: Rig) -> float:
     """Depth to which a rig's curves are made [m]."""
-    return rig.get("end_of_life.max_depth", DEEPEST)
+    return BEYOND * rig.get("end_of_life.max_depth", DEEPEST)
 
 
 def model_of(rig: Rig, memory: Memory) -> Model:
@@ -60,6 +63,6 @@ def model_of(rig: Rig, memory: Memory) -> Model:
 
 
 def curve_of(rig: Rig, memory: Memory, until: float | None = None) -> MasterCurve:
-    """The master curve of the present segment, to the rig's end of life or to a lesser depth [m]."""
+    """The master curve of the present segment, beyond the rig's end of life or to a lesser depth [m]."""
     calibration = model_of(rig, memory).calibration
     return _curve(_Key(rig), calibration, memory.segments, deepest(rig) if until is None else until)

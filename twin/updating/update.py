@@ -60,6 +60,15 @@ class Outcome:
     notes: tuple[str, ...] = ()
 
 
+NEEDED = (
+    "gears.module", "gears.pressure_angle_deg", "gears.face_width", "gears.addendum", "gears.dedendum",
+    "gears.youngs_modulus", "gears.poisson_ratio", "gears.pinion.bore_radius", "gears.gear.bore_radius",
+    "inertias.J5", "masses.m5", "bearings.ky_input", "shafts.bending_stiffness_input", "torsional_stiffness.k_3_5",
+    "damping.modal_ratio", "mesh.relative_damping_time", "mesh.stiffness_scale", "wear.K", "wear.dwell_time",
+    "wear.contact_half_width", "sensors.accelerometer", "operating.pinion_speed_hz",
+)  # fmt: skip
+
+
 def condition_of(features: WindowFeatures, rig: Rig) -> Condition:
     """The window's own speed and torque; torque from the rig's nominal condition where no meter is there."""
     if features.speed_hz is None:
@@ -139,6 +148,7 @@ def take(
     update_until: float,
 ) -> Outcome:
     """Takes one window into the twin; NotAvailable where the rig file or the window does not suffice."""
+    rig.require("wear", *NEEDED)
     condition = condition_of(features, rig)
     if features.revolutions is None:
         raise NotAvailable("wear is not available: the window has no absolute revolution count (no encoder)")
@@ -157,9 +167,7 @@ def take(
     )
 
 
-def _take_calibration(
-    rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, index: int
-) -> Outcome:
+def _take_calibration(rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, index: int) -> Outcome:
     """A low-speed window: it calibrates, and shows how the calibrated twin meets it; it wears nothing."""
     track = memory.track
     if not memory.segments:
@@ -170,8 +178,8 @@ def _take_calibration(
     depth = curve.depth_at(track.work - memory.segments[-1].start_work)
     expectation = Expectation.at(model, curve, condition, depth)
     noise = features.noise_rms or 0.0
-    lines, frequencies = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
-    rms = band_rms(lines, frequencies, rig.band, noise)
+    lines, _ = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
+    rms = expectation.rms(lines, rig.teeth[0], rig.band, noise)
     gauge = encoders.gauge_of(features, memory, model, condition)
     estimate = None
     if gauge is not None:
@@ -179,7 +187,7 @@ def _take_calibration(
         low = max(depth - width, float(curve.depth[0]))
         pinion_only = features.transmission_error is None
         estimate = estimate_depth(
-            replace(gauge, mean=None), lambda d: expectation.gauge(d, pinion_only), low, low + width
+            replace(gauge, mean=None), lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), low, low + width
         )
         memory = encoders.learn(memory, features, model, expectation, estimate, depth, DEPTH_FLOOR)
     return Outcome(
@@ -212,7 +220,7 @@ def _take_measurement(
     projected = max(curve.depth_at(track.work - base), float(curve.depth[0]))
     expectation = Expectation.at(model, curve, condition, projected)
     lines, frequencies = predicted_lines(memory, expectation, projected, index, teeth)
-    rms_predicted = band_rms(lines, frequencies, band, noise)
+    rms_predicted = expectation.rms(lines, teeth, band, noise)
 
     estimate = None
     gauge = encoders.gauge_of(features, memory, model, condition)
@@ -220,14 +228,16 @@ def _take_measurement(
         pinion_only = features.transmission_error is None
         expectation, estimate = _depth_from(gauge, model, curve, expectation, projected, deepest(rig), pinion_only)
     fused = update == "fused" and estimate is not None
-    level = _level(expectation, curve, base, frequencies, band, noise)
-    paper = paper_way.update(memory.paper, revolutions, features.rms, level, threshold, allowed=allowed)
+    level = _level(expectation, curve, base, teeth, band, noise)
+    telling = allowed and features.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
+    paper = paper_way.update(memory.paper, revolutions, features.rms, level, threshold, allowed=telling)
     paper_depth = curve.depth_at(paper.track.work - base)
     memory = replace(memory, paper=paper.track)
 
     if estimate is not None and allowed:
-        if features.revolutions >= UNWORN_REVOLUTIONS:
-            track = track.corrected(
+        if telling:
+            track = memory.track.followed(
+                revolutions,
                 base + curve.work_at(estimate.depth),
                 float(np.hypot(estimate.noise_std, np.hypot(DEPTH_SCATTER * estimate.depth, DEPTH_FLOOR)))
                 * curve.work_per_depth(estimate.depth),
@@ -246,7 +256,7 @@ def _take_measurement(
         way = ("pinion encoder" if pinion_only else "transmission error") if allowed else "projection"
         after, _ = predicted_lines(memory, expectation, depth, index, teeth)
         if updated:
-            lines, rms_after = after, band_rms(after, frequencies, band, noise)
+            lines, rms_after = after, expectation.rms(after, teeth, band, noise)
             if abs(rms_after / features.rms - 1) > threshold:
                 notes.append(_why_not(features, after, frequencies, band))
         else:
@@ -258,6 +268,8 @@ def _take_measurement(
         lines = expectation.lines(depth).acceleration
         if updated and not paper.converged:
             notes.append("no wear coefficient brings the twin's RMS within the threshold")
+    if estimate is not None and estimate.at_limit:
+        notes.append("the depth stands at the end of the master curve: beyond, no steady state is known")
     if not expectation.solved:
         notes.append("no steady state was found at this window's condition: its response follows the master curve")
     memory = replace(memory, updates=memory.updates + updated)
@@ -278,7 +290,7 @@ def _depth_from(gauge, model, curve, expectation, projected, limit, pinion_only)
     deep = max(deep, shallow + 1e-6)
 
     def found(near: Expectation) -> DepthEstimate:
-        return estimate_depth(gauge, lambda d: near.gauge(d, pinion_only), shallow, deep)
+        return estimate_depth(gauge, lambda d: near.gauge(d, pinion_only, gauge.from_unworn), shallow, deep)
 
     estimate = found(expectation)
     if not expectation.solved or abs(estimate.depth - projected) > 0.1 * max(projected, 5e-6):
@@ -289,12 +301,12 @@ def _depth_from(gauge, model, curve, expectation, projected, limit, pinion_only)
 
 
 def _level(
-    expectation: Expectation, curve: MasterCurve, base: float, frequencies: np.ndarray, band, noise: float
+    expectation: Expectation, curve: MasterCurve, base: float, teeth: int, band, noise: float
 ) -> Callable[[float], float]:
     """RMS [m/s²] at a work by the calibrated twin alone, without what encoders taught."""
 
     def level(work: float) -> float:
-        return band_rms(expectation.lines(curve.depth_at(work - base)).acceleration, frequencies, band, noise)
+        return expectation.rms(expectation.lines(curve.depth_at(work - base)).acceleration, teeth, band, noise)
 
     return level
 
@@ -311,5 +323,3 @@ def _why_not(features: WindowFeatures, lines: np.ndarray, frequencies: np.ndarra
         f"after the update the twin's mesh lines make {mesh:.3g} m/s² against {heard:.3g} m/s² in the measured "
         f"ones, of {features.rms:.3g} m/s² measured in the band"
     )
-
-

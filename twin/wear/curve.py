@@ -66,9 +66,7 @@ class MasterCurve:
         half_width = model.calibration.contact_half_width
         points, complete = [], True
         try:
-            for point in evolve(
-                model.mesh, lambda p, s: model.steady(p, condition, s), start, half_width, until_depth
-            ):
+            for point in evolve(model.mesh, lambda p, s: model.steady(p, condition, s), start, half_width, until_depth):
                 if not points or point.profile.max_depth > points[-1].profile.max_depth:
                     points.append(point)
         except NotConverged:
