@@ -166,7 +166,7 @@ class Pipeline:
             "quality": grade,
             "faults": faults,
         }
-        events = [("window", record)]  # as it is kept, with its number and faults
+        events: list[tuple[str, Mapping[str, Any]]] = [("window", record)]  # as it is kept, with its number and faults
         events += [(kind, data) for kind, data in told if kind not in ("window", "data_fault")]
         events += [("data_fault", fault) for fault in faults]
         outcome = Outcome(

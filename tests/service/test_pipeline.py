@@ -10,7 +10,7 @@ from streams import ACCEL, ASSET, CHANNELS, TORQUE, bursts
 
 from service.errors import FrameError
 from service.pipeline import Checkpoint, Pipeline
-from service.results import RECORD_FIELDS, assemble, iso_time, refused_record
+from service.results import RECORD_FIELDS, assemble, iso_time, not_available, refused_record
 from twin.errors import NotConverged, WindowError
 from twin.rig import Rig
 
@@ -146,7 +146,7 @@ def test_the_answer_has_every_part_even_before_the_first_window():
     answer = assemble("a", [], None, {})
     assert answer["windows"] == [] and answer["effects"] == []
     for part in ("wear", "rul", "residual", "unexplained", "calibration"):
-        assert answer[part] == {"available": False, "reason": "no window has been taken into the twin yet"}
+        assert answer[part] == not_available("no window has been taken into the twin yet")
     assert assemble("a", [refused_record("x")], {"wear": 1}, {})["wear"] == 1
 
 
