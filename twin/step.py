@@ -17,8 +17,9 @@ from twin.errors import NotAvailable, NotConverged, ParameterError, WindowError
 from twin.features.extract import extract
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
+from twin.updating.conditions import kind_of
 from twin.updating.memory import Memory
-from twin.updating.update import Outcome, kind_of, take
+from twin.updating.update import Outcome, take
 from twin.windows import Window
 
 UPDATES = ("fused", "paper")
