@@ -103,6 +103,7 @@ class Worker(threading.Thread):
         self._stopping = threading.Event()
         self._reason: str | None = "not yet subscribed to the stream"
         self._source: ZenohSource | None = None
+        self._open: zenoh.Session | None = None
         self._faults = 0
         self.on_end: Callable[[], None] = lambda: None
         self.failure: Exception | None = None
@@ -110,6 +111,7 @@ class Worker(threading.Thread):
     def run(self) -> None:
         try:
             with self._session() as session:
+                self._open = session
                 self._serve(session)
         except _Ended:
             pass
@@ -125,9 +127,11 @@ class Worker(threading.Thread):
         self._inbox.close()
 
     def end(self) -> None:
-        """Ends the thread, at the latest after a few seconds."""
+        """Ends the thread; a window that takes longer than a few seconds is left to the next start."""
         self.stop()
         self.join(STOP_WAIT)
+        if self.is_alive() and self._open is not None:
+            self._open.close()  # or the process would hang at its end
 
     def not_ready(self) -> str | None:
         """Why no frames are taken, or None."""
