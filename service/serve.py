@@ -28,7 +28,7 @@ from service.errors import DeliveryError, InputError
 from service.frames import Frame
 from service.inbox import Inbox, pump
 from service.jsontext import plain
-from service.live import LiveState, OfferedRigs
+from service.live import Guard, LiveState, OfferedRigs
 from service.pipeline import Checkpoint, Outcome, Pipeline, assembly_settings
 from service.rigfile import checked_rig, load_mapping
 from service.settings import Settings
@@ -105,6 +105,7 @@ class Worker(threading.Thread):
         self._source: ZenohSource | None = None
         self._open: zenoh.Session | None = None
         self._faults = 0
+        self._guard = Guard()
         self.on_end: Callable[[], None] = lambda: None
         self.failure: Exception | None = None
 
@@ -144,7 +145,7 @@ class Worker(threading.Thread):
             "received_frames": self._inbox.received,
             "dropped_frames": self._inbox.dropped_frames,
             "missed_frames": self._source.missed if self._source else 0,
-            "callback_errors": self._inbox.errors,
+            "callback_errors": self._inbox.errors + self._guard.errors,
             "program_faults": self._faults,
         }
 
@@ -170,7 +171,10 @@ class Worker(threading.Thread):
 
         prefix = self._settings.prefix
         options = Options(update=self._settings.update, error_threshold=self._settings.error_threshold)
-        with OfferedRigs(session, prefix) as offered, LiveState(session, self._board, prefix) as live:
+        with (
+            OfferedRigs(session, prefix, self._guard) as offered,
+            LiveState(session, self._board, prefix, self._guard) as live,
+        ):
             pipeline = ServedPipeline(
                 self._store,
                 self._board,
