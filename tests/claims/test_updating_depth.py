@@ -13,6 +13,7 @@ from twin.updating.prediction import Expectation
 
 CURVE = curve()
 DEEPEST = 60e-6
+BLANK = Memory()
 TRUE = 31.3e-6  # between the curve's own points
 SEGMENT = Segment(speed_hz=10.0, torque=10.0, start_depth=0.0, start_work=0.0)
 OFF = np.array([0.3 + 0.1j, -0.2 + 0.2j, 0.1 - 0.1j]) * 1e-6  # graduation, pitch, friction: there from the start [m]
@@ -22,7 +23,7 @@ def window(depth, **options):
     return seen(CURVE.profile(depth), revolutions=5000.0, **options)
 
 
-def estimated(features, memory=Memory(), near=TRUE, deepest=DEEPEST, **changes):
+def estimated(features, memory=BLANK, near=TRUE, deepest=DEEPEST, **changes):
     gauge = replace(gauge_of(features, memory, model(), TEN), **changes)
     expectation = Expectation.at(model(), CURVE, TEN, near)
     pinion_only = features.transmission_error is None
