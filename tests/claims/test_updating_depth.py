@@ -108,7 +108,13 @@ def test_depth_at_the_end_of_the_search_says_so():
 
 def test_pinion_encoder_alone_recovers_the_depth_of_the_model():
     features = window(TRUE, gear_encoder=False)
-    assert estimated(features).depth == pytest.approx(TRUE, rel=5e-3)
+    assert estimated(features).depth == pytest.approx(TRUE, rel=0.01)
+
+
+def test_pinion_encoder_alone_is_less_certain():
+    both = estimated(window(TRUE))
+    alone = estimated(window(TRUE, gear_encoder=False))
+    assert alone.std > 2 * both.std
 
 
 def test_window_without_encoders_has_no_gauge():
