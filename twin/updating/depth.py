@@ -33,6 +33,7 @@ from scipy.optimize import minimize_scalar
 
 HARMONICS = 3  # mesh harmonics that carry the depth
 MODEL_SCATTER = np.array([0.02, 0.05, 0.12])  # σ_k/|m_k| of a structure within ±3 % of the rig file's
+PINION_SCATTER = np.array([0.06, 0.08, 0.14])  # the same of the pinion's motion: its inertias and shaft join in (4–6 %)
 FLOOR = 0.05e-6  # unworn deviations of real teeth that the twin does not know [m]
 
 
@@ -47,6 +48,12 @@ class Gauge:
     mean_std: float  # [m]
     phase: float | None  # ψ̄ [rad], None at first
     phase_std: float  # [rad]
+    pinion_only: bool = False  # whether the lines are the pinion's motion, without the gear's
+
+    @property
+    def scatter(self) -> np.ndarray:
+        """σ_k/|m_k| (HARMONICS,)."""
+        return PINION_SCATTER if self.pinion_only else MODEL_SCATTER
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +102,7 @@ def _wrap(angle):
 def _misfit(depth: float, gauge: Gauge, response: Response) -> tuple[float, float, float]:
     """2·J of the lines, what the mean adds to it, and the phase, at a depth [m]."""
     model, mean = response(depth)
-    σ2 = (MODEL_SCATTER * np.abs(model)) ** 2 + gauge.lines_std**2 + FLOOR**2
+    σ2 = (gauge.scatter * np.abs(model)) ** 2 + gauge.lines_std**2 + FLOOR**2
     ψ = _best_phase(model, gauge, 1 / σ2)
     k = np.arange(1, model.size + 1)
     J = float((np.abs(np.exp(1j * k * ψ) * model - gauge.lines) ** 2 / σ2).sum() + np.log(σ2).sum())
@@ -131,7 +138,7 @@ def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest:
     slope, mean_slope = (up - down) / width, (mean_up - mean_down) / width
     model, _ = response(depth)
     noise2 = gauge.lines_std**2
-    σ2 = (MODEL_SCATTER * np.abs(model)) ** 2 + noise2 + FLOOR**2
+    σ2 = (gauge.scatter * np.abs(model)) ** 2 + noise2 + FLOOR**2
     information = float((np.abs(slope) ** 2 / σ2).sum())
     noise = float((np.abs(slope) ** 2 * noise2 / σ2**2).sum())
     if gauge.mean is not None:

@@ -60,6 +60,7 @@ def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: 
         mean_std=mean_std,
         phase=memory.phase,
         phase_std=memory.phase_std,
+        pinion_only=features.transmission_error is None,
     )
 
 

@@ -1,0 +1,1 @@
+"""Timed runs and evaluations: commands, not tests."""

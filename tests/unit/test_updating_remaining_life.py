@@ -1,0 +1,65 @@
+"""Remaining life on the master curve."""
+
+from dataclasses import replace
+
+import pytest
+
+from tests.updating_cases import curve
+from twin.updating.remaining_life import remaining_life
+from twin.updating.tracker import WearTrack
+
+CURVE = curve()
+RATE = 2e-3 * float(CURVE.work[-1])  # the curve's end in 500 revolutions
+
+
+def track(share=0.5, rate=RATE, spread=0.02):
+    """A track at a share of the curve's work."""
+    work = share * float(CURVE.work[-1])
+    return WearTrack(
+        revolutions=work / rate, work=work, rate=rate, var_work=(spread * work) ** 2, cov=0.0,
+        var_rate=(spread * rate) ** 2, windows=4,
+    )  # fmt: skip
+
+
+def life(of, end=55e-6, base=0.0):
+    return remaining_life(of, CURVE, base, end)
+
+
+def test_life_is_work_to_go_over_rate_and_the_band_holds_it():
+    found = life(track())
+    assert found.median == pytest.approx((CURVE.work_at(55e-6) - track().work) / RATE)
+    assert found.p05 < found.median < found.p95
+    assert not found.reached
+
+
+def test_half_the_wear_coefficient_doubles_the_life_of_the_same_flanks():
+    assert life(track(rate=RATE / 2)).median == pytest.approx(2 * life(track()).median)
+
+
+def test_life_is_nothing_once_the_criterion_is_reached():
+    found = life(track(share=1.0))
+    assert (found.median, found.p05, found.p95, found.reached) == (0.0, 0.0, 0.0, True)
+
+
+def test_uncertain_rate_widens_the_band_and_leaves_the_median():
+    sure, unsure = life(track()), life(track(spread=0.3))
+    assert unsure.median == pytest.approx(sure.median)
+    assert unsure.p95 - unsure.p05 > 1.5 * (sure.p95 - sure.p05)
+
+
+def test_life_beyond_the_curve_is_less_certain():
+    within, beyond = life(track(), 59e-6), life(track(), 120e-6)
+    assert beyond.p95 / beyond.median > within.p95 / within.median
+
+
+def test_uncertain_present_depth_matters_most_near_the_end():
+    near_end = track(share=0.88)
+    sure = life(replace(near_end, var_work=0.0))
+    unsure = life(near_end)
+    assert unsure.p95 / unsure.median > 1.1 * sure.p95 / sure.median
+
+
+def test_work_of_earlier_conditions_is_counted_once():
+    base = 3.0 * float(CURVE.work[-1])
+    later = replace(track(), work=track().work + base)
+    assert life(later, base=base).median == pytest.approx(life(track()).median)
