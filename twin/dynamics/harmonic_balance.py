@@ -94,6 +94,7 @@ class SteadyState:
     """A steady state over one period."""
 
     deflection: np.ndarray  # d (n,) [m]
+    quasi_static: np.ndarray  # d of the same contacts without inertia (n,) [m]
     contact_forces: np.ndarray  # k_p·max(0, …) ≥ 0 (p, n) [N]
     mesh_force: np.ndarray  # F (n,) [N]
     force_lines: np.ndarray  # F̂_k (n//2 + 1,) two-sided coefficients [N]
@@ -155,7 +156,7 @@ def solve_through_contact_loss(
     contacts: Contacts,
     mean_force: float,
     *,
-    start: np.ndarray | None = None,
+    start: np.ndarray | SteadyState | None = None,
     tolerance: float = TOLERANCE,
 ) -> SteadyState:
     """As `solve`; where that fails, rounds the corner at which contacts open and sharpens it step by step.
@@ -191,7 +192,7 @@ def solve(
     mean_force: float,
     *,
     loads: tuple[Load, ...] = (),
-    start: np.ndarray | None = None,
+    start: np.ndarray | SteadyState | None = None,
     tolerance: float = TOLERANCE,
     rounding: float = 0.0,
 ) -> SteadyState:
@@ -199,7 +200,8 @@ def solve(
 
     mean_force  mean mesh force T/r_b1 [N], > 0
     loads       forces that do not depend on the motion
-    start       deflection to start from (n,) [m]; the quasi-static one where None
+    start       deflection to start from (n,) [m]; or a steady state of similar contacts, whose departure from its
+                quasi-static deflection is added to that of these; the quasi-static one where None
     rounding    ε [m] of contacts that open gradually, (x + sqrt(x² + ε²))/2 for max(0, x); an aid on the way
     Returns a SteadyState whose `converged` says whether it may be used.
     """
@@ -244,8 +246,12 @@ def solve(
         residual[0] -= mean_force
         return residual, penetration, closed
 
-    d = quasi_static_deflection(contacts, mean_force) if start is None else start
-    d_hat = _lines(np.asarray(d, dtype=float))
+    static = quasi_static_deflection(contacts, mean_force)
+    if start is None:
+        start = static
+    elif isinstance(start, SteadyState):
+        start = static + (start.deflection - start.quasi_static)
+    d_hat = _lines(np.asarray(start, dtype=float))
     residual, penetration, closed = evaluate(d_hat)
     size = float(np.abs(residual).max()) / mean_force
     iterations = stuck = 0
@@ -284,6 +290,7 @@ def solve(
     mesh_force = (side * forces).sum(axis=0)
     return SteadyState(
         deflection=d,
+        quasi_static=static,
         contact_forces=forces,
         mesh_force=mesh_force,
         force_lines=_lines(mesh_force),
