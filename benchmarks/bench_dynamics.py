@@ -125,21 +125,27 @@ def compiled_integration(profile: WornProfile, reference: np.ndarray) -> dict[st
 
 
 @njit(cache=True)
-def _derivative(state, per_state, mesh, push, driven, k, separation, rate, τ):
-    """q' and q'' (42,) of the state (42,) in physical coordinates, with the contacts' tables at one instant (p,).
+def _derivative(t, state, per_state, mesh, push, driven, k, separation, rate, period, τ):
+    """q' and q'' (42,) of the state (42,) in physical coordinates; everything that can be is compiled.
 
-    per_state −M⁻¹[K C] (21, 42), mesh g, push M⁻¹g, driven M⁻¹f_ext (21,)
+    per_state −M⁻¹[K C] (21, 42), mesh g, push M⁻¹g, driven M⁻¹f_ext (21,); fine tables of the contacts (p, n)
     """
-    half = mesh.size
+    half, n = mesh.size, k.shape[1]
     d, d_rate = 0.0, 0.0
     for i in range(half):
         d += mesh[i] * state[i]
         d_rate += mesh[i] * state[half + i]
+    u = t / period * n
+    part = u - np.floor(u)
+    i0 = int(np.floor(u)) % n
+    i1 = (i0 + 1) % n
     force = 0.0
-    for p in range(k.size):
-        x = d + separation[p] + τ * (d_rate + rate[p])
+    for p in range(k.shape[0]):
+        w = part if abs(separation[p, i1] - separation[p, i0]) < 1e-6 else 0.0  # a row passes on to the next pair
+        e = separation[p, i0] + w * (separation[p, i1] - separation[p, i0])
+        x = d + e + τ * (d_rate + rate[p, i0] + w * (rate[p, i1] - rate[p, i0]))
         if x > 0.0:
-            force += k[p] * x
+            force += (k[p, i0] + w * (k[p, i1] - k[p, i0])) * x
     out = np.empty_like(state)
     for i in range(half):
         out[i] = state[half + i]
@@ -154,23 +160,21 @@ def lsoda(profile: WornProfile, machine_seconds: float, periods: int = 10) -> di
     """Time for a stretch from rest at the loosest tolerance that reaches the accuracy in its last mesh period, and
     what the way to the steady state would take at that pace."""
     model = reference_model(8192)
-    structure, mesh, τ = model.structure, model.mesh, model.calibration.damping_time
-    table = contacts(model, profile)
-    p_b, speed = mesh.pair.base_pitch, mesh.pair.base_pitch / table.period
+    structure, τ = model.structure, model.calibration.damping_time
+    table, fine = contacts(model, profile), contacts(reference_model(65536), profile)
     inverse = 1 / np.diag(structure.mass)
-    per_state = -inverse[:, None] * np.hstack((structure.stiffness, structure.damping))
     load = torques(model)
-    along = p_b * np.array([-1.0, 0.0, 1.0])
-
-    def derivative(t, state):
-        s = (speed * t + p_b / 2) % p_b - p_b / 2 + along
-        gap, gap_slope = mesh.corner(s)
-        depth, depth_slope = profile.at(s)
-        rate = -speed * (gap_slope + depth_slope)
-        return _derivative(
-            state, per_state, structure.mesh, inverse * structure.mesh, inverse * load, mesh.stiffness(s),
-            -gap - depth, rate, τ,
-        )  # fmt: skip
+    fixed = (
+        -inverse[:, None] * np.hstack((structure.stiffness, structure.damping)),
+        structure.mesh,
+        inverse * structure.mesh,
+        inverse * load,
+        fine.stiffness[:3].copy(),
+        fine.separation[:3].copy(),
+        fine.separation_rate[:3].copy(),
+        table.period,
+        τ,
+    )
 
     rest = modal_start(structure, 2e-6)
     start = np.concatenate((structure.modes[1] @ rest[0], structure.modes[1] @ rest[1]))
@@ -180,13 +184,16 @@ def lsoda(profile: WornProfile, machine_seconds: float, periods: int = 10) -> di
     times, expected = exact.time[:-1][-256:], last_lines(exact.acceleration[:, 0], 256)
 
     def run(tolerance: float):
-        return solve_ivp(derivative, (0, stretch), start, "LSODA", times, rtol=tolerance, atol=tolerance * 1e-6)
+        return solve_ivp(
+            _derivative, (0, stretch), start, "LSODA", times, args=fixed, rtol=tolerance, atol=tolerance * 1e-6
+        )
 
+    _derivative(0.0, start, *fixed)  # compiles
     for tolerance in (1e-4, 1e-5, 1e-6, 1e-7, 1e-8):
         began = process_time()
         states = run(tolerance).y
         pace = (process_time() - began) / stretch
-        acceleration = np.array([y6 @ derivative(t, x)[21:] for t, x in zip(times, states.T, strict=True)])
+        acceleration = np.array([y6 @ _derivative(t, x, *fixed)[21:] for t, x in zip(times, states.T, strict=True)])
         achieved = error(last_lines(np.append(acceleration, 0.0), 256), expected)
         if achieved <= ACCURACY:
             break
