@@ -13,7 +13,7 @@ every key is known to be complete, and laid out as windows (assembly_window).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,8 @@ from service import assembly_order as order
 from service.assembly_window import Piece, build_window, split_index, totals
 from service.frames import NS, Frame, SampleFrame
 from twin.windows import Window
+
+_SILENT_AFTER = 4  # times the patience: frames of other keys after which one that sends nothing is not waited for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,9 +59,8 @@ class Assembler:
         self._open: _Open | None = None
         self._closed_until = 0  # nothing before this time is taken any more [ns]
         self._known: set[str] = set()  # channels of the windows so far
-        self._consumed: dict[
-            str, tuple[int, int, int]
-        ] = {}  # sequence, start, end of the last frame in a window
+        self._counted: dict[str, int] = {}  # edges by the end of the last window
+        self._consumed: dict[str, tuple[int, int, int]] = {}  # sequence, start, end of the last frame in a window
 
     def add(self, frame: Frame) -> list[Window]:
         """Takes one frame in; answers the windows that it completes, in time order."""
@@ -95,6 +96,18 @@ class Assembler:
                 lane.silent = label not in self._open.pieces
             yield self._close(self._open.end, cut=False)
 
+    def wait_only_for(self, labels: Iterable[str]) -> None:
+        """Stops waiting for all other keys, of which nothing has come, until they are heard again."""
+        heard = set(labels)
+        for label, lane in self._lanes.items():
+            if label not in heard and not lane.queue and not lane.released:
+                lane.silent = True
+
+    def expect(self, labels: Iterable[str]) -> None:
+        """Waits for these channels too before the first window."""
+        for label in labels:
+            self._lanes.setdefault(label, self._lane())
+
     def count(self, label: str, kind: str, by: int = 1) -> None:
         """Counts something seen on a channel."""
         kinds = self.counters.setdefault(label, {})
@@ -110,6 +123,7 @@ class Assembler:
         return {
             "closed_until_ns": self._closed_until,
             "channels": sorted(self._known),
+            "edges_counted": dict(self._counted),
             "last_frames": {
                 label: {
                     "sequence": q,
@@ -128,6 +142,7 @@ class Assembler:
         self = cls(settings)
         self._closed_until = int(data["closed_until_ns"])
         self._known = set(data["channels"])
+        self._counted = {label: int(count) for label, count in data["edges_counted"].items()}
         self.counters = {label: dict(kinds) for label, kinds in data["counters"].items()}
         for label, last in data["last_frames"].items():
             lane = self._lanes.setdefault(label, self._lane())
@@ -140,9 +155,9 @@ class Assembler:
         return order.Lane(patience=self.settings.patience, settle=self.settings.settle)
 
     def _release(self, label: str, lane: order.Lane, force: bool = False) -> None:
-        lost = lane.release(force)
-        if lost:
-            self.count(label, "lost", lost)
+        for kind, number in lane.release(force).items():
+            if number:
+                self.count(label, kind, number)
 
     def _force(self) -> Iterator[tuple[Window, dict[str, Any]]]:
         """Lets everything go that waits, without regard to what may be missing."""
@@ -151,27 +166,17 @@ class Assembler:
         yield from self._merge(known=float("inf"))
 
     def _forget_silent(self) -> None:
-        """Stops waiting for keys of which nothing has come while another went on in good order for long."""
-        longest = max((_length(lane.last) for lane in self._lanes.values()), default=0)
-        gone_on = 0
-        for lane in self._lanes.values():
-            backlog = len(lane.released)
-            if backlog >= self.settings.settle and (
-                lane.run >= self.settings.settle or backlog >= self.settings.patience
-            ):
-                gone_on = max(gone_on, backlog * _length(lane.last))
-        for lane in self._lanes.values():
-            if not lane.queue and not lane.released and gone_on > 2 * (_length(lane.last) or longest):
-                lane.silent = True
+        """Stops waiting for keys of which nothing has come while another has gone on for very long."""
+        backlog = max(len(lane.released) for lane in self._lanes.values())
+        if backlog >= _SILENT_AFTER * self.settings.patience:
+            self.wait_only_for(label for label, lane in self._lanes.items() if lane.released)
 
     def _merge(self, known: float | None = None) -> Iterator[tuple[Window, dict[str, Any]]]:
         """Takes released frames in time order as far as every key is complete, or as far as told [ns]."""
         if known is None:
             known = min((x.watermark for x in self._lanes.values() if not x.silent), default=float("inf"))
         while True:
-            heads = [
-                (x.released[0][0].start_time_ns, label) for label, x in self._lanes.items() if x.released
-            ]
+            heads = [(x.released[0][0].start_time_ns, label) for label, x in self._lanes.items() if x.released]
             if not heads or min(heads)[0] > known:
                 return
             label = min(heads)[1]
@@ -217,7 +222,9 @@ class Assembler:
                     rest.setdefault(label, []).append(Piece(frame, at, piece.end, piece.lost if after else 0))
                 else:
                     self._consumed[label] = (frame.sequence, frame.start_time_ns, frame.end_time_ns)
-        window = build_window(current.start, end, now, self._known)
+        window = build_window(current.start, end, now, self._known, self._counted)
+        for shaft, edges in window.encoders.items():
+            self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
         for (label, kind), number in totals(window.faults).items():
             if kind != "gap":
                 self.count(label, kind, number)
@@ -229,8 +236,3 @@ class Assembler:
 
 def _size(frame: Frame) -> int:
     return frame.values.size if isinstance(frame, SampleFrame) else frame.edge_offsets_ns.size
-
-
-def _length(last: tuple[int, int, int] | None) -> int:
-    """Length of the newest frame of a key [ns]."""
-    return last[2] - last[1] if last else 0

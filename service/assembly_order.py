@@ -13,8 +13,10 @@ from dataclasses import dataclass, field
 
 from service.frames import NS, Frame
 
-QUEUED, DUPLICATE, LATE, OVERLAP, TIME_JUMP = "queued", "duplicate", "late", "overlap", "time_jump"
-_LONGEST_PAUSE_NS = 400 * 86400 * NS
+QUEUED, DUPLICATE, LATE, OVERLAP = "queued", "duplicate", "late", "overlap"
+LOST, TIME_JUMP = "lost", "time_jump"
+_LONGEST_PAUSE_NS = 400 * 86400 * NS  # beyond it, a lone frame is a clock's fault ...
+_BELIEVED = 3  # ... and so many frames are a machine that was taken up again
 _LOST_RANGES = 64  # gaps remembered, so that a frame that comes after all is called late
 
 
@@ -50,8 +52,6 @@ class Lane:
                 return DUPLICATE, False
             if start < last_start:
                 return OVERLAP, False
-            if start - last_end > _LONGEST_PAUSE_NS:
-                return TIME_JUMP, False
         key = (start, sequence)
         at = bisect.bisect_left(self.queue, key, key=lambda item: item[:2])
         if at < len(self.queue) and self.queue[at][:2] == key:
@@ -62,29 +62,32 @@ class Lane:
         self.run = self.run + 1 if in_order else 1
         self.newest_arrival = sequence
         disorder = self.highest is not None and sequence < self.highest and at < len(self.queue) - 1
-        self.highest = (
-            sequence if self.highest is None or at == len(self.queue) - 1 else max(self.highest, sequence)
-        )
+        self.highest = sequence if self.highest is None or at == len(self.queue) - 1 else max(self.highest, sequence)
         return QUEUED, disorder
 
-    def release(self, force: bool = False) -> int:
-        """Lets go what is contiguous or has waited long enough; answers how many frames were given up."""
-        given_up, taken = 0, 0
+    def release(self, force: bool = False) -> dict[str, int]:
+        """Lets go what is contiguous or has waited long enough; answers what was given up, by kind."""
+        given_up, taken = {LOST: 0, TIME_JUMP: 0}, 0
         while taken < len(self.queue):
             start, sequence, frame = self.queue[taken]
             waiting = len(self.queue) - taken
             newest = self.last[0] if self.last else None
             lost = 0
-            if (
-                newest is None or sequence <= newest
-            ):  # a first frame: of the key, or after its counter restarted
+            if self.last and start - self.last[2] > _LONGEST_PAUSE_NS and waiting < _BELIEVED:
+                if not force:
+                    break
+                given_up[TIME_JUMP] += waiting
+                self.pending_bytes -= sum(frame.nbytes for _, _, frame in self.queue[taken:])
+                taken = len(self.queue)
+                break
+            if newest is None or sequence <= newest:  # a first frame: of the key, or after its counter restarted
                 if not (force or sequence == 0 or waiting >= self.patience or self.run >= self.settle):
                     break
             elif sequence > newest + 1:
                 if not (force or waiting >= self.patience or self.run >= self.settle):
                     break
                 lost = sequence - newest - 1
-                given_up += lost
+                given_up[LOST] += lost
                 self.lost = [*self.lost[1 - _LOST_RANGES :], (newest + 1, sequence - 1)]
             self.last = (sequence, start, frame.end_time_ns)
             self.released.append((frame, lost))

@@ -23,6 +23,7 @@ _TIME_SLACK_NS = 20_000  # of a frame's start, beyond one sample [ns]
 _EDGE_SLACK = 0.02  # share of edges that may come out of order by noise; more, and the shaft ran backwards
 _FLAT_RUN = 4  # equal extreme samples in a row that no vibration gives: clipped
 _MARGIN = 0.05  # [s] by which channels may start and end apart
+_SAME_RATE = 1e-5  # relative: a rate measured frame by frame is not a change of rate
 
 
 F = TypeVar("F", SampleFrame, EncoderFrame, Frame)
@@ -58,9 +59,17 @@ def split_index(frame: Frame, time_ns: int) -> int:
 
 
 def build_window(
-    start_ns: int, end_ns: int, pieces: Mapping[str, Sequence[Piece]], known: Collection[str] = ()
+    start_ns: int,
+    end_ns: int,
+    pieces: Mapping[str, Sequence[Piece]],
+    known: Collection[str] = (),
+    counted: Mapping[str, int] | None = None,
 ) -> Window:
-    """The window of pieces by channel label; `known` are the channels that earlier windows had."""
+    """The window of pieces by channel label.
+
+    known    channels that earlier windows had
+    counted  edges that each encoder had counted by their end
+    """
     groups: dict[str, dict] = {"accel": {}, "torque": {}, "encoder": {}}
     faults: list[Fault] = []
     for label in sorted(pieces):
@@ -68,13 +77,14 @@ def build_window(
         parts = sorted(pieces[label], key=lambda p: (p.start_ns, p.frame.sequence))
         build: Any = _edges if kind == "encoder" else _samples
         channel = build(label, parts, start_ns, end_ns, faults)
-        if channel is not None:
-            groups[kind][name] = channel
+        if channel is None:
+            continue
+        groups[kind][name] = channel
+        if kind == "encoder":
+            _note_reset(label, channel.first_index, (counted or {}).get(label, 0), faults)
     for label in sorted(set(known) - set(pieces)):
         faults.append(
-            Fault(
-                kind="missing_channel", channel=label, count=1, action="degraded", detail="was there before"
-            )
+            Fault(kind="missing_channel", channel=label, count=1, action="degraded", detail="was there before")
         )
     if not groups["accel"] and not groups["encoder"]:
         detail = "neither an accelerometer nor an encoder is left"
@@ -102,7 +112,7 @@ def _majority(
     for part in parts:
         sizes[value(part)] = sizes.get(value(part), 0) + part.size + 1
     rate = max(sizes, key=lambda r: (sizes[r], r))
-    keep = [p for p in parts if abs(value(p) - rate) <= 1e-9 * rate]
+    keep = [p for p in parts if abs(value(p) - rate) <= _SAME_RATE * rate]
     if len(keep) < len(parts):
         others = ", ".join(f"{r:g}" for r in sorted(sizes) if r != rate)
         detail = f"{others} {unit} among {rate:g} {unit}: those frames were left out"
@@ -198,18 +208,16 @@ def _note_clipping(label: str, values: np.ndarray, faults: list[Fault]) -> None:
 
 def _in_runs(flags: np.ndarray) -> int:
     """How many of the flags lie in runs of at least _FLAT_RUN."""
-    change = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
-    runs = change[1::2] - change[::2]
-    return int(runs[runs >= _FLAT_RUN].sum())
+    places = np.flatnonzero(flags)
+    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    return sum(run.size for run in runs if run.size >= _FLAT_RUN)
 
 
 def _edges(
     label: str, parts: Sequence[Piece[EncoderFrame]], start_ns: int, end_ns: int, faults: list[Fault]
 ) -> Edges | None:
     """One encoder; None where its edges cannot be trusted."""
-    parts = [
-        p for p in _majority(label, parts, lambda p: p.frame.edges_per_rev, "edges/rev", faults) if p.size
-    ]
+    parts = [p for p in _majority(label, parts, lambda p: p.frame.edges_per_rev, "edges/rev", faults) if p.size]
     if not parts:
         return None
     first = parts[0].frame.first_edge_index + parts[0].begin
@@ -260,6 +268,13 @@ def _edges(
 def _note_reversed(label: str, count: int, why: str, faults: list[Fault]) -> None:
     detail = f"encoder runs backwards ({why}); channels swapped, or turning the wrong way?"
     faults.append(Fault(kind="reversed", channel=label, count=count, action="degraded", detail=detail))
+
+
+def _note_reset(label: str, first: int, counted: int, faults: list[Fault]) -> None:
+    """A count that has fallen since the window before: revolutions can no longer be told from it."""
+    if first < counted:
+        detail = f"edge count falls from {counted} to {first} between windows; counter reset?"
+        faults.append(Fault(kind="counter_reset", channel=label, count=1, action="degraded", detail=detail))
 
 
 def totals(faults: Iterable[Fault]) -> dict[tuple[str, str], int]:

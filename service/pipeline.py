@@ -11,7 +11,7 @@ No threads, no clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -100,14 +100,14 @@ class Pipeline:
         """Takes one frame in."""
         asset = frame.channel.asset
         line = self._line(asset)
-        for window, assembly in line.assembler.assemble(frame):
+        for window, assembly in list(line.assembler.assemble(frame)):
             self._take(asset, line, window, assembly)
 
     def flush(self, asset: str | None = None) -> None:
         """Closes the windows in progress, of one asset or of all: at the end of a file, or after silence."""
         for name in [asset] if asset is not None else self.assets:
             line = self._line(name)
-            for window, assembly in line.assembler.finish():
+            for window, assembly in list(line.assembler.finish()):
                 self._take(name, line, window, assembly)
 
     def reject(self, channel: Channel, error: FrameError) -> None:
@@ -115,6 +115,10 @@ class Pipeline:
         line = self._line(channel.asset)
         line.assembler.count(channel.label, "invalid")
         line.quality.note("invalid", channel.label, 1, "refused", str(error))
+
+    def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
+        """Lets an asset's windows close without the channels that have fallen silent."""
+        self._line(asset).assembler.wait_only_for(labels)
 
     def waiting(self, asset: str) -> bool:
         """Whether frames of an asset wait for their window's end."""
@@ -143,7 +147,7 @@ class Pipeline:
 
     def _take(self, asset: str, line: _Line, window: Window, assembly: Mapping[str, Any]) -> None:
         """One window through the twin, the store and the board."""
-        events: list[tuple[str, Mapping[str, Any]]] = []
+        told: tuple[tuple[str, Mapping[str, Any]], ...] = ()
         grade = window.quality
         if grade == "refused":
             record = refused_record("; ".join(f.detail for f in window.faults if f.action == "refused"))
@@ -153,8 +157,7 @@ class Pipeline:
             except TwinError as error:
                 grade, record = "refused", refused_record(str(error))
             else:
-                record, line.report = dict(estimate.record), estimate.report
-                events += estimate.events
+                record, line.report, told = dict(estimate.record), estimate.report, estimate.events
         index, line.index = line.index, line.index + 1
         faults = line.quality.note_window(index, window, grade)
         record |= {
@@ -163,10 +166,9 @@ class Pipeline:
             "quality": grade,
             "faults": faults,
         }
-        if not any(kind == "data_fault" for kind, _ in events):
-            events += [("data_fault", fault) for fault in faults]
-        if grade == "refused":
-            events.append(("window", record))
+        events: list[tuple[str, Mapping[str, Any]]] = [("window", record)]  # as it is kept, with its number and faults
+        events += [(kind, data) for kind, data in told if kind not in ("window", "data_fault")]
+        events += [("data_fault", fault) for fault in faults]
         outcome = Outcome(
             asset=asset,
             index=index,

@@ -32,16 +32,12 @@ class Quality:
         fault = Fault(kind=kind, channel=channel, count=count, action=action, detail=detail)
         self.faults = [*self.faults, {"window": None, **fault_json(fault)}][-_RECENT:]
 
-    def to_dict(
-        self, counters: Mapping[str, Mapping[str, int]], expected: Iterable[str] = ()
-    ) -> dict[str, Any]:
+    def to_dict(self, counters: Mapping[str, Mapping[str, int]], expected: Iterable[str] = ()) -> dict[str, Any]:
         """The section `data_quality` of the answer."""
         return {
             "windows": dict(self.windows),
             "channels": {label: dict(kinds) for label, kinds in sorted(counters.items())},
-            "missing_channels": sorted(
-                label for label in expected if not counters.get(label, {}).get("frames")
-            ),
+            "missing_channels": sorted(label for label in expected if not counters.get(label, {}).get("frames")),
             "faults": [dict(fault) for fault in self.faults],
         }
 

@@ -1,58 +1,14 @@
-"""The JSON that the twin answers with: one document an asset, the same from every source of frames."""
+"""What is kept of each report for every window."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, is_dataclass
-from math import isfinite
+from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
-
-NO_WINDOW = "no whole measurement window has been received yet"
-PARTS = ("wear", "rul", "residual", "unexplained")
-
-
-def plain(value: Any) -> Any:
-    """The value as strict JSON data: numpy unwrapped, tuples as lists, not-finite numbers as null."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
-    if isinstance(value, str) or value is None or isinstance(value, bool | int):
-        return value
-    if isinstance(value, float):
-        return value if isfinite(value) else None
-    if isinstance(value, Iterable):
-        return [plain(v) for v in value]
-    raise TypeError(f"{type(value).__name__} is not JSON data")
-
-
-def not_available(reason: str) -> dict[str, str]:
-    """What stands in a report where a part of it cannot be computed."""
-    return {"status": "not available", "reason": reason}
 
 
 def is_available(part: Any) -> bool:
     """Whether a part of a report holds figures."""
     return bool(part) and not (isinstance(part, Mapping) and part.get("status") == "not available")
-
-
-def document(asset: str, windows: Iterable[Mapping], report: Mapping[str, Any] | None) -> dict[str, Any]:
-    """The whole state of one asset, with the names of the contract's section 4."""
-    report = report or {}
-    parts = {name: report.get(name) or not_available(NO_WINDOW) for name in PARTS}
-    effects = report.get("effects")
-    rest = {k: v for k, v in report.items() if k not in (*PARTS, "effects", "asset", "windows")}
-    return {
-        "asset": asset,
-        "windows": list(windows),
-        **parts,
-        "effects": [] if effects is None else effects,
-        **rest,
-    }
 
 
 def figures(report: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ RECORD_FIELDS = (
 
 def not_available(reason: str) -> dict[str, Any]:
     """What stands where a quantity cannot be given."""
-    return {"available": False, "reason": reason}
+    return {"status": "not available", "reason": reason}
 
 
 def assemble(
@@ -44,6 +44,4 @@ def refused_record(reason: str) -> dict[str, Any]:
 def iso_time(time_ns: int) -> str:
     """Unix time [ns] as ISO 8601 in UTC, to the nanosecond."""
     seconds, rest = divmod(time_ns, 1_000_000_000)
-    return (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)).strftime(
-        f"%Y-%m-%dT%H:%M:%S.{rest:09d}Z"
-    )
+    return (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)).strftime(f"%Y-%m-%dT%H:%M:%S.{rest:09d}Z")

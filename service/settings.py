@@ -20,33 +20,20 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="GEAR_TWIN_", extra="ignore", validate_default=True)
 
     # the stream
-    listen: list[str] = Field(
-        default=["tcp/127.0.0.1:7447"], description="endpoints of the embedded Zenoh router"
-    )
-    connect: list[str] = Field(
-        default=[], description="endpoints of an external router; the embedded one is then off"
-    )
+    listen: list[str] = Field(default=["tcp/127.0.0.1:7447"], description="endpoints of the embedded Zenoh router")
+    connect: list[str] = Field(default=[], description="endpoints of an external router; the embedded one is then off")
     prefix: str = Field(default="gearbox", pattern=r"^[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*$")
-    queue_frames: int = Field(
-        default=4096, ge=16, le=1_000_000, description="frames held before back-pressure"
-    )
-    queue_wait: float = Field(
-        default=2.0, ge=0, le=30, description="how long a full queue holds the stream up [s]"
-    )
-    idle_timeout: float = Field(
-        default=3.0, gt=0, le=3600, description="silence that ends a window in progress [s]"
-    )
+    queue_frames: int = Field(default=4096, ge=16, le=1_000_000, description="frames held before back-pressure")
+    queue_bytes: int = Field(default=256 * 2**20, ge=2**20, description="bytes held before back-pressure")
+    queue_wait: float = Field(default=20.0, ge=0, le=50, description="how long a full queue holds the stream up [s]")
+    idle_timeout: float = Field(default=3.0, gt=0, le=3600, description="silence that ends a window in progress [s]")
 
     # windows
     window_length: float = Field(default=10.0, gt=0.05, le=600, description="cut of an unbroken stream [s]")
     window_gap: float = Field(default=1.0, gt=0, le=600, description="pause that ends a burst [s]")
     patience: int = Field(default=256, ge=2, le=100_000, description="frames a key waits for a missing one")
-    settle: int = Field(
-        default=24, ge=1, le=100_000, description="frames in good order that prove a gap real"
-    )
-    buffer_bytes: int = Field(
-        default=128 * 2**20, ge=2**20, description="frames held while waiting, an asset [bytes]"
-    )
+    settle: int = Field(default=24, ge=1, le=100_000, description="frames in good order that prove a gap real")
+    buffer_bytes: int = Field(default=128 * 2**20, ge=2**20, description="frames held while waiting, an asset [bytes]")
 
     # the twin
     rig: Path | None = Field(default=None, description="rig file of all assets that no other names")
@@ -55,9 +42,7 @@ class Settings(BaseSettings):
 
     # results
     data: Path = Field(default=Path(".gear-twin"), description="directory of the database")
-    http: str = Field(
-        default="127.0.0.1:8080", pattern=_HOST_PORT, description="HOST:PORT of REST and the page"
-    )
+    http: str = Field(default="127.0.0.1:8080", pattern=_HOST_PORT, description="HOST:PORT of REST and the page")
 
     @field_validator("listen", "connect")
     @classmethod
@@ -65,9 +50,7 @@ class Settings(BaseSettings):
         for endpoint in endpoints:
             protocol, slash, address = endpoint.partition("/")
             if not (protocol and slash and address):
-                raise ValueError(
-                    f"endpoint {endpoint!r} must read protocol/address, such as tcp/127.0.0.1:7447"
-                )
+                raise ValueError(f"endpoint {endpoint!r} must read protocol/address, such as tcp/127.0.0.1:7447")
         return endpoints
 
     @property

@@ -1,7 +1,7 @@
 """What the service remembers: one SQLite file in WAL mode under the data directory.
 
 One window is one transaction: its record, the twin's state, its report, the place to resume the stream
-from, the counters and the events are there together or not at all. The window's start is its name: a
+from, the data quality and the events are there together or not at all. The window's start is its name: a
 window that is committed already is not committed again, so nothing is counted twice. `synchronous=FULL`
 makes a committed window outlive the process and the machine's power.
 """
@@ -14,11 +14,13 @@ import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from service.records import figures, plain
+from service.errors import InputError
+from service.jsontext import plain
+from service.records import figures
 
 MIGRATIONS = (
     """
@@ -27,15 +29,13 @@ MIGRATIONS = (
         rig TEXT,
         state TEXT,
         report TEXT,
-        resume TEXT,
-        counters TEXT NOT NULL DEFAULT '{}'
+        assembly TEXT,
+        quality TEXT
     );
     CREATE TABLE windows (
         asset TEXT NOT NULL REFERENCES assets(asset),
         start_ns INTEGER NOT NULL,
-        quality TEXT NOT NULL,
-        faults TEXT NOT NULL,
-        record TEXT,
+        record TEXT NOT NULL,
         figures TEXT NOT NULL,
         PRIMARY KEY (asset, start_ns)
     ) WITHOUT ROWID;
@@ -58,7 +58,7 @@ MIGRATIONS = (
 """The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""
 
 
-class StoreError(Exception):
+class StoreError(InputError):
     """The database cannot be used: which file, and why."""
 
 
@@ -74,12 +74,10 @@ class Event:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredWindow:
-    """One window as committed. `record` is None where the window was refused."""
+    """One window as committed, a refused one too."""
 
     start_ns: int
-    quality: str  # good, repaired, degraded, refused
-    faults: tuple[Mapping[str, Any], ...]
-    record: Mapping[str, Any] | None
+    record: Mapping[str, Any]
     figures: Mapping[str, Any]  # depth and remaining life with their bands as of this window
 
 
@@ -89,10 +87,10 @@ class StoredAsset:
 
     asset: str
     rig: Mapping[str, Any] | None = None
-    state: Mapping[str, Any] | None = None
+    state: Mapping[str, Any] | None = None  # of the twin
     report: Mapping[str, Any] | None = None
-    resume: Mapping[str, Any] | None = None
-    counters: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    assembly: Mapping[str, Any] | None = None  # where the stream's windows end
+    quality: Mapping[str, Any] | None = None
 
 
 class Store:
@@ -128,44 +126,36 @@ class Store:
         asset: str,
         start_ns: int,
         *,
-        record: Mapping[str, Any] | None,
-        state: Mapping[str, Any] | None = None,
-        report: Mapping[str, Any] | None = None,
+        record: Mapping[str, Any],
+        state: Mapping[str, Any],
+        report: Mapping[str, Any] | None,
+        assembly: Mapping[str, Any],
+        quality: Mapping[str, Any],
         events: Iterable[tuple[str, Mapping[str, Any]]] = (),
-        faults: Iterable[Any] = (),
-        quality: str = "good",
-        resume: Mapping[str, Any] | None = None,
-        counters: Mapping[str, Mapping[str, int]] | None = None,
-    ) -> tuple[Event, ...] | None:
+    ) -> StoredWindow | None:
         """Takes in one window, whole; None (and nothing changed) where it is there already.
 
-        What is given as None keeps its committed value: a refused window has no record, state or report.
+        A `report` of None, before the twin's first, leaves what is committed.
         """
-        shown = plain(figures(report)) if report is not None else {}
+        told = report is not None and record.get("quality") != "refused"
+        shown = plain(figures(report)) if told and report is not None else {}
         with self._transaction() as db:
             self._ensure(db, asset)
             inserted = db.execute(
-                "INSERT OR IGNORE INTO windows VALUES (?, ?, ?, ?, ?, ?)",
-                (asset, start_ns, quality, _dump(list(faults)), _dump(record), _dump(shown)),
+                "INSERT OR IGNORE INTO windows VALUES (?, ?, ?, ?)",
+                (asset, start_ns, _dump(record), _dump(shown)),
             )
             if inserted.rowcount == 0:
                 return None
-            self._keep(db, asset, state=state, report=report, resume=resume, counters=counters)
-            return self._add_events(db, asset, events)
+            self._keep(db, asset, state=state, report=report, assembly=assembly, quality=quality)
+            self._add_events(db, asset, events)
+        return StoredWindow(start_ns=start_ns, record=plain(record), figures=shown)
 
-    def note(
-        self,
-        asset: str,
-        *,
-        events: Iterable[tuple[str, Mapping[str, Any]]] = (),
-        resume: Mapping[str, Any] | None = None,
-        counters: Mapping[str, Mapping[str, int]] | None = None,
-    ) -> tuple[Event, ...]:
-        """Takes in what happened outside a window: faults of the stream, counters, where to resume."""
+    def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
+        """Takes in what happened outside a window."""
         with self._transaction() as db:
             self._ensure(db, asset)
-            self._keep(db, asset, resume=resume, counters=counters)
-            return self._add_events(db, asset, events)
+            self._add_events(db, asset, events)
 
     def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:
         """Keeps the rig file's mapping for the asset, in place of an earlier one."""
@@ -173,9 +163,7 @@ class Store:
             self._ensure(db, asset)
             self._keep(db, asset, rig=rig)
 
-    def add_inspection(
-        self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]
-    ) -> dict[str, Any]:
+    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
         """Keeps one measured depth with the twin's answer; both, the inspection with its id and time."""
         received = time.time_ns()
         with self._transaction() as db:
@@ -192,31 +180,19 @@ class Store:
 
     def asset(self, asset: str) -> StoredAsset:
         """What is committed of the asset; empty where it has never been seen."""
-        rows = self._rows("SELECT rig, state, report, resume, counters FROM assets WHERE asset = ?", (asset,))
+        columns = "rig, state, report, assembly, quality"
+        rows = self._rows(f"SELECT {columns} FROM assets WHERE asset = ?", (asset,))
         if not rows:
             return StoredAsset(asset=asset)
-        rig, state, report, resume, counters = (_load(text) for text in rows[0])
-        return StoredAsset(
-            asset=asset, rig=rig, state=state, report=report, resume=resume, counters=counters or {}
-        )
+        rig, state, report, assembly, quality = (_load(text) for text in rows[0])
+        return StoredAsset(asset=asset, rig=rig, state=state, report=report, assembly=assembly, quality=quality)
 
     def windows(self, asset: str) -> tuple[StoredWindow, ...]:
-        """Every window of the asset in time order, refused ones too."""
-        rows = self._rows(
-            "SELECT start_ns, quality, faults, record, figures FROM windows"
-            " WHERE asset = ? ORDER BY start_ns",
-            (asset,),
-        )
+        """Every window of the asset in time order."""
+        rows = self._rows("SELECT start_ns, record, figures FROM windows WHERE asset = ? ORDER BY start_ns", (asset,))
         return tuple(
-            StoredWindow(
-                start_ns=start, quality=quality, faults=tuple(_load(faults)), record=_load(record),
-                figures=_load(shown),
-            )
-            for start, quality, faults, record, shown in rows
-        )  # fmt: skip
-
-    def has_window(self, asset: str, start_ns: int) -> bool:
-        return bool(self._rows("SELECT 1 FROM windows WHERE asset = ? AND start_ns = ?", (asset, start_ns)))
+            StoredWindow(start_ns=start, record=_load(record), figures=_load(shown)) for start, record, shown in rows
+        )
 
     def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:
         """The asset's events with an id above `after`, oldest first."""
@@ -277,17 +253,11 @@ class Store:
                 db.execute(f"UPDATE assets SET {column} = ? WHERE asset = ?", (_dump(value), asset))
 
     @staticmethod
-    def _add_events(
-        db: sqlite3.Connection, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]
-    ) -> tuple[Event, ...]:
-        added = []
-        for kind, data in events:
-            safe = plain(data)
-            row = db.execute(
-                "INSERT INTO events (asset, kind, data) VALUES (?, ?, ?)", (asset, kind, _dump(safe))
-            )
-            added.append(Event(id=row.lastrowid or 0, asset=asset, kind=kind, data=safe))
-        return tuple(added)
+    def _add_events(db: sqlite3.Connection, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
+        db.executemany(
+            "INSERT INTO events (asset, kind, data) VALUES (?, ?, ?)",
+            [(asset, kind, _dump(data)) for kind, data in events],
+        )
 
 
 def _dump(value: Any) -> str | None:

@@ -14,7 +14,5 @@ def shared() -> Path:
     beside = Path(__file__).resolve().parents[1].parent / "shared"
     folder = Path(os.environ.get("GEAR_TWIN_SHARED", beside))
     if not (folder / "campaigns").is_dir():
-        pytest.skip(
-            f"the reference data are not here: no folder {folder / 'campaigns'} (GEAR_TWIN_SHARED sets it)"
-        )
+        pytest.skip(f"the reference data are not here: no folder {folder / 'campaigns'} (GEAR_TWIN_SHARED sets it)")
     return folder

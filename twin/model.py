@@ -84,9 +84,7 @@ class Model:
     def of(cls, rig: Rig, calibration: Calibration, samples: int = SAMPLES) -> Model:
         """Builds the model; NotAvailable where the rig file lacks what it needs."""
         structure = Structure.from_rig(rig, modal_damping=calibration.modal_damping)
-        return cls(
-            rig=rig, calibration=calibration, structure=structure, mesh=_mesh(rig.gear_pair(), samples)
-        )
+        return cls(rig=rig, calibration=calibration, structure=structure, mesh=_mesh(rig.gear_pair(), samples))
 
     def calibrated(self, **changes: float) -> Model:
         """The same gearbox with other calibrated values."""
@@ -104,9 +102,7 @@ class Model:
         """T/r_b1 [N]."""
         return condition.torque / self.mesh.pair.base_radius[0]
 
-    def steady(
-        self, profile: WornProfile, condition: Condition, start: SteadyState | None = None
-    ) -> SteadyState:
+    def steady(self, profile: WornProfile, condition: Condition, start: SteadyState | None = None) -> SteadyState:
         """Steady state over one mesh period; see its `converged`."""
         contacts = self.mesh.contacts(
             profile,
@@ -134,6 +130,10 @@ class Model:
     def transmission_error_lines(self, steady: SteadyState) -> np.ndarray:
         """Complex amplitude of r_b1·θ7 − r_b2·θ8 at every mesh harmonic k ≥ 1 [m]."""
         return steady.lines(self.structure, self.structure.transmission_error)
+
+    def pinion_motion_lines(self, steady: SteadyState) -> np.ndarray:
+        """Complex amplitude of r_b1·θ7, what the pinion's encoder sees, at every mesh harmonic k ≥ 1 [m]."""
+        return steady.lines(self.structure, direction({"th7": self.mesh.pair.base_radius[0]}))
 
     def torque_lines(self, steady: SteadyState) -> np.ndarray:
         """Complex amplitude of the torque meter, k_2_3·(θ2 − θ3), at every mesh harmonic k ≥ 1 [N·m]."""

@@ -76,14 +76,8 @@ class _Numbers:
         for i, item in enumerate(value):
             if isinstance(item, (list, tuple)):
                 out.append(self.read(f"{name}[{i}]", item))
-            elif (
-                isinstance(item, bool)
-                or not isinstance(item, (int, float))
-                or not self.low <= item <= self.high
-            ):
-                raise ParameterError(
-                    f"{name}[{i}] = {item!r} must be a number in [{self.low:g}, {self.high:g}]"
-                )
+            elif isinstance(item, bool) or not isinstance(item, (int, float)) or not self.low <= item <= self.high:
+                raise ParameterError(f"{name}[{i}] = {item!r} must be a number in [{self.low:g}, {self.high:g}]")
             else:
                 out.append(float(item))
         return tuple(out)
@@ -256,8 +250,22 @@ class Rig:
         """The values at the dotted paths; NotAvailable names what cannot be computed and what is missing."""
         missing = [p for p in paths if self.get(p) is None]
         if missing:
-            raise NotAvailable(f"{what} is not available: the rig file does not give {', '.join(missing)}")
+            raise NotAvailable(f"{what} is not available: the rig file does not give {self._listed(missing)}")
         return tuple(self.get(p) for p in paths)
+
+    def _listed(self, missing: list[str]) -> str:
+        """Missing keys in few words: a table that is not there at all by its name."""
+        tables: dict[str, list[str]] = {}
+        for path in missing:
+            tables.setdefault(path.split(".")[0], []).append(path)
+        parts = []
+        for table, paths in tables.items():
+            if self.get(table) is None and len(missing) > 1:
+                parts.append(table)
+            else:
+                parts += paths[:2]
+                parts += [f"{len(paths) - 2} more of {table}"] if len(paths) > 2 else []
+        return ", ".join(parts)
 
     def has(self, *paths: str) -> bool:
         return all(self.get(p) is not None for p in paths)
@@ -335,9 +343,7 @@ class Rig:
             )
         s, k = self.get("mesh.pair_s"), self.get("mesh.pair_stiffness")
         if s is not None and k is not None and len(s) != len(k):
-            raise ParameterError(
-                f"mesh.pair_s has {len(s)} values and mesh.pair_stiffness {len(k)}: one each"
-            )
+            raise ParameterError(f"mesh.pair_s has {len(s)} values and mesh.pair_stiffness {len(k)}: one each")
         low, high = self.band
         if not low < high:
             raise ParameterError(f"sensors.band_hz = [{low:g}, {high:g}] Hz must rise")

@@ -11,7 +11,7 @@ from service.api import models
 from service.api.problems import UnknownAsset, responses
 from service.board import Snapshot
 from service.inspections import compare
-from service.records import not_available
+from service.results import not_available
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"])
 
@@ -93,7 +93,7 @@ async def trend(request: Request, asset: str) -> Any:
 @router.get("/{asset}/quality", response_model=models.Quality, responses=ERRORS)
 async def quality(request: Request, asset: str) -> Any:
     """Faults found in the data, and how many windows they touched."""
-    return JSONResponse(snapshot_of(request, asset).quality.to_dict())
+    return JSONResponse(snapshot_of(request, asset).data_quality())
 
 
 @router.get("/{asset}/inspections", response_model=list[models.InspectionAnswer], responses=ERRORS)

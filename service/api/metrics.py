@@ -79,14 +79,14 @@ class BoardCollector(Collector):
         )
         for snapshot in snapshots:
             name = snapshot.asset
-            for channel, kinds in snapshot.counters.items():
+            for channel, kinds in snapshot.quality.get("channels", {}).items():
                 for kind, count in kinds.items():
                     if kind == "frames":
                         frames.add_metric((name, channel), count)
                     else:
                         stream.add_metric((name, channel, kind), count)
-            for quality, count in snapshot.quality.windows.items():
-                windows.add_metric((name, quality), count)
+            for grade, count in snapshot.quality.get("windows", {}).items():
+                windows.add_metric((name, grade), count)
             for (kind, channel), count in _fault_counts(snapshot).items():
                 faults.add_metric((name, kind, channel), count)
             updates.add_metric((name,), snapshot.updates)
@@ -103,7 +103,7 @@ class BoardCollector(Collector):
 
 def _fault_counts(snapshot: Snapshot) -> dict[tuple[str, str], int]:
     counts: dict[tuple[str, str], int] = {}
-    for (kind, channel, _), (count, _) in snapshot.quality.faults.items():
+    for (kind, channel, _), (count, _) in snapshot.fault_totals.items():
         counts[kind, channel] = counts.get((kind, channel), 0) + count
     return counts
 

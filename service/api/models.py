@@ -63,6 +63,8 @@ class WindowRecord(_Open):
     rms_after: float | None = Field(None, description="predicted again after the update [m/s²]")
     k_wear_per_n: float | None = Field(None, description="Archard coefficient K [1/N]")
     wear_depth_um: float | None = Field(None, description="largest combined depth [µm]")
+    quality: str | None = Field(None, description="`good`, `repaired`, `degraded` or `refused`")
+    faults: list[dict[str, Any]] | None = Field(None, description="what was wrong with the window's data")
 
 
 class Depths(_Open):
@@ -122,6 +124,7 @@ class Asset(_Open):
     residual: Residual | NotAvailable
     effects: list[Effect] | NotAvailable
     unexplained: Unexplained | NotAvailable
+    data_quality: dict[str, Any]
 
 
 class AssetSummary(BaseModel):
@@ -150,8 +153,8 @@ class TrendPoint(_Open):
     rul_revolutions: Band | None = None
 
 
-class QualityFault(BaseModel):
-    """A kind of fault in the data, counted over all windows."""
+class FaultTotal(BaseModel):
+    """A kind of fault in the data, added up over all windows."""
 
     kind: str
     channel: str
@@ -160,12 +163,14 @@ class QualityFault(BaseModel):
     windows: int = Field(description="windows concerned")
 
 
-class Quality(BaseModel):
+class Quality(_Open):
     """Quality of the data so far."""
 
-    windows: dict[str, int] = Field(description="windows by `good`, `repaired`, `degraded`, `refused`")
-    faults: list[QualityFault]
-    latest: list[dict[str, Any]] = Field(description="the latest faults, newest first")
+    windows: dict[str, int] | None = Field(None, description="windows by `good`, `repaired`, `degraded`, `refused`")
+    channels: dict[str, dict[str, int]] | None = Field(None, description="frames by channel")
+    missing_channels: list[str] | None = Field(None, description="named in the rig file, never seen")
+    faults: list[dict[str, Any]] | None = Field(None, description="the latest faults, oldest first")
+    totals: list[FaultTotal]
 
 
 class InspectionIn(BaseModel):

@@ -145,7 +145,15 @@ export function drawDepth({ windows, wear }, trend, inspections, limit) {
     return { traces: [...traces, ...marks.legend], layout: layout("pinion revolutions", "maximum depth [µm]",
       { shapes }) };
   };
-  const caption = limit ? `both flanks together; end of life at ${number(limit)} µm` : "both flanks together";
+  const parts = ["both flanks together"];
+  if (limit) parts.push(`end of life at ${number(limit)} µm`);
+  const validity = isAvailable(wear) ? wear.validity : null;
+  if (validity && validity.valid === false) {
+    const loss = validity.contact_loss_from_um;
+    const why = Number.isFinite(loss) ? `, contact lost from ${number(loss)} µm` : "";
+    parts.push(`outside the validity of the model${why}`);
+  }
+  const caption = parts.join("; ");
   draw("depth", caption, figure, x.length ? null : isAvailable(wear) ? "no window so far has a depth" : reasonOf(wear));
 }
 

@@ -2,7 +2,8 @@
 
 import { anything, fixed, isAvailable, number, range, reasonOf, revolutions, words } from "./format.js";
 
-const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration"]);
+const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration",
+  "data_quality"]);
 
 function element(tag, attributes = {}, ...children) {
   const made = Object.assign(document.createElement(tag), attributes);
@@ -28,12 +29,12 @@ export function drawCards(state) {
   const measured = last && Number.isFinite(last.rms_measured) ? last
     : { status: "not available", reason: windows.length ? "the latest window has no RMS" : "no window yet" };
   document.getElementById("cards").replaceChildren(
-    card("Maximum wear depth", combined, () => number(combined.median), "µm", () => `5–95 %: ${range(combined)} µm`),
-    card("Remaining life", hours, () => number(hours.median), "h",
+    card("Maximum wear depth", combined, () => fixed(combined.median), "µm", () => `5–95 %: ${range(combined)} µm`),
+    card("Remaining life", hours, () => fixed(hours.median), "h",
       () => `5–95 %: ${range(hours)} h; ${revolutions(rul.revolutions?.median)} rev`),
     card("Archard coefficient K", k, () => number(wear.k_wear_per_n), "1/N",
       () => `k = ${number(wear.specific_wear_rate_m2_per_n)} m²/N`),
-    card("Vibration RMS", measured, () => number(measured.rms_measured, 4), "m/s²",
+    card("Vibration RMS", measured, () => fixed(measured.rms_measured, 4), "m/s²",
       () => (Number.isFinite(last.error_percent) ? `twin's error ${signed(last.error_percent)} %` : "no prediction")),
     card("Windows", {}, () => revolutions(windows.length), "",
       () => `${windows.filter((w) => w.updated).length} updated the twin; last at ${revolutions(last?.revolutions)} rev`),
@@ -67,11 +68,22 @@ function panel(title, ...children) {
 }
 
 function qualityPanel(quality) {
-  const windows = Object.entries(quality.windows).map(([kind, n]) => `${n} ${kind}`).join(", ") || "none yet";
-  const rows = quality.faults.map((f) => [words(f.kind), f.channel, f.action, String(f.count), String(f.windows)]);
-  const found = rows.length ? table(["fault", "channel", "done about it", "count#", "windows#"], rows)
-    : element("p", { className: "none" }, "No fault in the data so far.");
-  return panel("Data quality", element("p", { className: "none" }, `Windows: ${windows}`), found);
+  const windows = Object.entries(quality.windows ?? {}).filter(([, n]) => n)
+    .map(([grade, n]) => `${n} ${grade}`).join(", ") || "none yet";
+  const rows = quality.totals.map((f) => [words(f.kind), f.channel, f.action, String(f.count), String(f.windows)]);
+  const made = panel("Data quality", element("p", { className: "none" }, `Windows: ${windows}`));
+  if (quality.missing_channels?.length) {
+    made.append(element("p", { className: "none" }, `Never seen: ${quality.missing_channels.join(", ")}`));
+  }
+  const channels = Object.entries(quality.channels ?? {}).map(([label, kinds]) => {
+    const { frames = 0, ...wrong } = kinds;
+    const what = Object.entries(wrong).filter(([, n]) => n).map(([kind, n]) => `${n} ${words(kind)}`).join(", ");
+    return [label, revolutions(frames), what || "–"];
+  });
+  if (channels.length) made.append(table(["channel", "frames#", "faults of the stream"], channels));
+  made.append(rows.length ? table(["fault", "channel", "done about it", "count#", "windows#"], rows)
+    : element("p", { className: "none" }, "No fault in any window so far."));
+  return made;
 }
 
 function effectsPanel(effects, unexplained) {
@@ -85,6 +97,28 @@ function effectsPanel(effects, unexplained) {
     ? `Unexplained: ${number(unexplained.share_percent)} % of the energy over the noise; ${words(unexplained.verdict ?? "")}`
     : `Unexplained: not available: ${reasonOf(unexplained)}`;
   return panel("Effects", found, element("p", { className: "none" }, verdict));
+}
+
+function waysPanel(wear) {
+  const ways = Object.entries((isAvailable(wear) && wear.ways) || {});
+  if (!ways.length) return [];
+  const used = wear.from === "rms" ? "paper" : "fused";
+  const rows = ways.map(([name, way]) => [
+    name + (name === used ? " (in use)" : ""),
+    number(way.wear_depth_um) + (Number.isFinite(way.std_um) ? ` ± ${number(way.std_um, 2)}` : ""),
+    number(way.k_wear_per_n), fixed(way.rms_after, 4),
+  ]);
+  return [panel("Ways of updating", table(["way", "depth [µm]#", "K [1/N]#", "RMS after [m/s²]#"], rows))];
+}
+
+function calibrationPanel(calibration) {
+  if (!isAvailable(calibration) || typeof calibration.values !== "object") {
+    return panel("Calibration", facts(calibration));
+  }
+  const { values, std_percent: std, ...rest } = calibration;
+  const rows = Object.entries(values).map(([name, value]) => [words(name), anything(value),
+    Number.isFinite(std?.[name]) ? `± ${number(std[name], 2)} %` : "–"]);
+  return panel("Calibration", table(["quantity", "value#", "uncertainty#"], rows), facts(rest, ""));
 }
 
 function residualPanel(residual) {
@@ -108,12 +142,12 @@ function windowsPanel(windows) {
     cells: [
       String(w.index), w.kind, revolutions(w.revolutions), fixed(w.speed_hz), fixed(w.torque_nm),
       fixed(w.rms_measured, 4), fixed(w.rms_predicted, 4),
-      Number.isFinite(w.error_percent) ? signed(w.error_percent) : "–", w.updated ? "yes" : "",
-      fixed(w.wear_depth_um), fixed(w.k_wear_per_n),
+      Number.isFinite(w.error_percent) ? signed(w.error_percent) : "–", w.updated ? "yes" : "", w.quality ?? "",
+      fixed(w.wear_depth_um), fixed(w.k_wear_per_n), w.reason ?? (w.notes ?? []).join("; "),
     ],
   }));
   const heads = ["window#", "kind", "revolutions#", "speed [Hz]#", "torque [N·m]#", "RMS [m/s²]#", "twin [m/s²]#",
-    "error [%]#", "updated", "depth [µm]#", "K [1/N]#"];
+    "error [%]#", "updated", "data", "depth [µm]#", "K [1/N]#", "notes"];
   return panel("Latest windows", table(heads, rows));
 }
 
@@ -131,12 +165,13 @@ function inspectionsPanel(inspections) {
 }
 
 export function drawTables(state, quality, inspections) {
-  const { windows, effects, unexplained, residual, calibration } = state;
+  const { windows, wear, effects, unexplained, residual, calibration } = state;
   const more = Object.entries(state).filter(([name]) => !KNOWN.has(name));
   document.getElementById("tables").replaceChildren(
     qualityPanel(quality),
     effectsPanel(effects, unexplained),
-    panel("Calibration", facts(calibration ?? { status: "not available", reason: "the twin has not been calibrated" })),
+    ...waysPanel(wear),
+    calibrationPanel(calibration ?? { status: "not available", reason: "the twin has not been calibrated" }),
     residualPanel(residual),
     ...more.map(([name, part]) => panel(words(name).replace(/^./, (c) => c.toUpperCase()), facts(part, "none"))),
   );

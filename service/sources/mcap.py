@@ -112,9 +112,7 @@ class Recording:
                     used += 1
                     yield RawFrame(channel, record.log_time, record.data)
         if damaged:
-            self.faults.append(
-                f"{len(damaged)} of {len(self._blocks)} chunks damaged and left out: {damaged[0]}"
-            )
+            self.faults.append(f"{len(damaged)} of {len(self._blocks)} chunks damaged and left out: {damaged[0]}")
         if not used:
             why = f" ({'; '.join(self.faults)})" if self.faults else ""
             raise InputError(f"{self.path}: not one whole frame of accel, torque or encoder data{why}")
@@ -130,15 +128,12 @@ class Recording:
                 yield frame
 
     def _peek(self) -> None:
-        """Learns the channels where no summary names them: from the first chunk that can be read."""
-        contents = self._contents
-        if contents.channels:
-            return
+        """Learns the channels from the first chunk that can be read: its CRC vouches for them."""
         for block in self._blocks:
             records = read_block(self._file, block)
             if not isinstance(records, str):
-                contents.learn(records)
-                if contents.channels:
+                self._contents.learn(records)
+                if self._contents.channels:
                     return
 
     def _measurement_channels(self, prefix: str) -> dict[int, Channel]:
@@ -233,9 +228,7 @@ def read_windows(
     """All windows of a recording of one asset: (rig mapping or None, metadata, windows)."""
     with Recording(path) as recording:
         if len(recording.assets) > 1:
-            raise InputError(
-                f"{path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; give one"
-            )
+            raise InputError(f"{path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; give one")
         assembler = Assembler(settings)
         windows: list[Window] = []
         for frame in recording.frames(lambda channel, _: assembler.count(channel.label, "invalid")):

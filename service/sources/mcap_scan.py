@@ -25,9 +25,7 @@ from service.errors import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER = 9  # opcode and length of a record [bytes]
-_CHUNK_HEAD = struct.Struct(
-    "<QQQII"
-)  # first and last time, uncompressed size, CRC, length of the compression's name
+_CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, uncompressed size, CRC, length of the compression's name
 _LARGEST_CHUNK = 2**30
 _MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
 _MARK_OFFSET = _HEADER + _CHUNK_HEAD.size - 4  # of the mark from the start of a chunk record
@@ -92,7 +90,8 @@ def scan(file: BinaryIO, name: str) -> Contents:
             contents.faults.append(f"damaged record at byte {at} left out")
         at = behind
         if opcode == Opcode.FOOTER:
-            complete = True
+            file.seek(behind)
+            complete = file.read(len(MAGIC)) == MAGIC
             break
     if not complete:
         contents.faults.append(f"truncated: nothing whole after byte {at} of {contents.size}")

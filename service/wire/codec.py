@@ -93,7 +93,5 @@ def schema_fault(name: str, encoding: str, data: bytes, expected: str) -> str | 
     for field in pb.DESCRIPTOR.message_types_by_name[expected.rsplit(".", 1)[1]].fields:
         other = fields.get(field.name)
         if other is None or (other.number, other.type) != (field.number, field.type):
-            return (
-                f"schema {name!r}: field {field.name} must have number {field.number} and the contract's type"
-            )
+            return f"schema {name!r}: field {field.name} must have number {field.number} and the contract's type"
     return None

@@ -10,9 +10,7 @@ from twin.windows import Edges, Samples
 
 Z1, Z2 = 19, 52
 ORDERS = np.array([0, 19, 38, 57, 190, 18, 20, 19 - Z1 / Z2, 19 + Z1 / Z2, 1, 2, 3, Z1 / Z2, 2 * Z1 / Z2])
-AMPLITUDES = np.array(
-    [-40, 5, -3 + 1j, 0.2j, 2 + 2j, 0.5, 0.4j, 0.3, -0.2, 1.5j, 0.1, 0.02, 30 - 2j, 1], dtype=complex
-)
+AMPLITUDES = np.array([-40, 5, -3 + 1j, 0.2j, 2 + 2j, 0.5, 0.4j, 0.3, -0.2, 1.5j, 0.1, 0.02, 30 - 2j, 1], dtype=complex)
 
 
 def time_at(angle, wander=0.01, speed=10.0):
@@ -133,6 +131,4 @@ def test_synchronous_average_of_a_periodic_signal_is_one_period():
     assert mean == pytest.approx(wave(2 * np.pi * np.arange(500) / 500, orders, amplitudes), abs=1e-6)
     mesh, count = synchronous_average(signal, 1 / Z1, 64)
     assert count == int(25.2 * Z1) - 1 or count == int(25.2 * Z1)
-    assert mesh == pytest.approx(
-        wave(2 * np.pi / Z1 * np.arange(64) / 64, orders[:2], amplitudes[:2]), abs=0.02
-    )
+    assert mesh == pytest.approx(wave(2 * np.pi / Z1 * np.arange(64) / 64, orders[:2], amplitudes[:2]), abs=0.02)

@@ -51,6 +51,7 @@ def record(index: int, revolutions: float, *, updated: bool = False, kind: str =
         "rms_after": measured * 1.012 if updated else predicted,
         "k_wear_per_n": 2.7e-6 * (1 + 0.02 * math.sin(index)),
         "wear_depth_um": depth_um(revolutions),
+        "notes": ["beyond the steady states of the model"] if depth_um(revolutions) > 320 else [],
     }
 
 
@@ -65,27 +66,31 @@ def report(revolutions: float, windows: int) -> dict:
             "specific_wear_rate_m2_per_n": 2.1e-12,
             "max_depth_um": {flank: band(depth * share, spread) for flank, share in SHARE.items()},
             "profile": profile(),
+            "from": "transmission error",
+            "validity": {"contact_loss_from_um": 320.0, "valid": depth < 320.0},
+            "ways": {
+                "fused": {"k_wear_per_n": 2.7e-6, "wear_depth_um": depth, "std_um": 0.02 * depth},
+                "paper": {"k_wear_per_n": 2.3e-6, "wear_depth_um": 0.84 * depth, "rms_after": 180.2},
+            },
         },
         "rul": {
-            "criterion": "largest combined depth 500 µm",
+            "criterion": {"name": "max_depth", "max_depth_um": END_OF_LIFE_UM, "reached": False},
             "revolutions": band(left, 2 * spread),
             "hours": band(left / 36000.0, 2 * spread),
         },
         "residual": {
             "rms_error_percent": 1.4,
             "waveform_error_percent": 12.5,
-            "bands": [
-                {"harmonic": h, "measured": 20.0 / h, "predicted": 19.0 / h + 0.3} for h in range(1, 6)
-            ],
+            "bands": [{"harmonic": h, "measured": 20.0 / h, "predicted": 19.0 / h + 0.3} for h in range(1, 6)],
             "orders": [{"order": 37.64, "frequency_hz": 376.4, "share_percent": 1.9}],
         },
         "effects": [],
         "unexplained": {"share_percent": 3.1, "orders": [], "verdict": "explained"},
         "calibration": {
-            "status": "fitted",
-            "stiffness_scale": {"value": 1.012, "std": 0.02, "unit": ""},
-            "modal_ratio": {"value": 0.048, "std": 0.004, "unit": ""},
-            "contact_half_width": {"value": 2.05e-4, "std": 1.1e-5, "unit": "m"},
+            "from": "windows",
+            "values": {"stiffness_scale": 1.012, "modal_ratio": 0.048, "contact_half_width": 2.05e-4},
+            "std_percent": {"stiffness_scale": 2.0, "modal_ratio": 9.1, "contact_half_width": 5.3},
+            "windows": 3,
         },
     }
 
@@ -100,37 +105,48 @@ def little_known_report() -> dict:
 FAULT = {"kind": "gap", "channel": "accel/y6", "count": 3, "action": "degraded", "detail": "frames 12 to 14"}
 
 
+def quality_of(store: Store, asset: str, grade: str, index: int) -> dict:
+    """The section `data_quality` with one more window of a grade."""
+    stored = store.asset(asset).quality or {"windows": dict.fromkeys(("good", "degraded", "refused"), 0)}
+    windows = {**stored["windows"], grade: stored["windows"][grade] + 1}
+    channels = {"accel/y6": {"frames": 40 * (index + 1), "duplicate": index}}
+    return {"windows": windows, "channels": channels, "missing_channels": [], "faults": []}
+
+
 def take(store: Store, board: Board | None, asset: str, index: int, revolutions: float, **changes) -> bool:
-    """One window into store and board, as the pipeline does; False where it was there already."""
-    quality, faults = changes.pop("quality", "good"), changes.pop("faults", ())
+    """One window into store and board, as the service does; False where it was there already."""
+    grade, faults = changes.pop("quality", "good"), list(changes.pop("faults", ()))
     given = changes.pop("report", None) or report(revolutions, index + 1)
-    entry = record(index, revolutions, **changes)
+    entry = {**record(index, revolutions, **changes), "quality": grade, "faults": faults}
     if "status" in given["wear"]:
         unknown = ("rms_predicted", "error_percent", "rms_after", "wear_depth_um", "k_wear_per_n")
         entry.update(dict.fromkeys(unknown))
-    start = START_NS + index * 600_000_000_000
     happened = [("window", entry), ("rul", given["rul"])]
     if entry["updated"]:
         happened.append(("update", {"revolutions": revolutions, "k_wear_per_n": entry["k_wear_per_n"]}))
     happened += [("data_fault", fault) for fault in faults]
-    counters = {"accel/y6": {"frames": 40 * (index + 1), "duplicate": index}}
-    events = store.commit(
+    start = START_NS + index * 600_000_000_000
+    quality = quality_of(store, asset, grade, index)
+    window = store.commit(
         asset, start, record=entry, state={"windows_seen": index + 1, "memory": {}}, report=given,
-        events=happened, faults=faults, quality=quality, resume={"taken_to_ns": start}, counters=counters,
+        assembly={"closed_until_ns": start}, quality=quality, events=happened,
     )  # fmt: skip
-    if events is None:
+    if window is None:
         return False
     if board is not None:
-        window = next(w for w in store.windows(asset) if w.start_ns == start)
-        board.add_window(
-            asset, window, report=given, counters=counters, last_event_id=events[-1].id if events else 0
-        )
+        last = store.last_event_id(asset)
+        board.add_window(asset, window, report=given, quality=quality, last_event_id=last)
     return True
 
 
 def campaign(store: Store, board: Board | None, asset: str = "unsw", windows: int = 14) -> None:
     """A campaign of calibration and measurement windows with one update and one degraded window."""
-    rig = {"schema": "gear-rig/1", "name": "unsw", "gears": {"pinion": {"teeth": 19}, "gear": {"teeth": 52}}}
+    rig = {
+        "schema": "gear-rig/1",
+        "name": "unsw",
+        "gears": {"pinion": {"teeth": 19}, "gear": {"teeth": 52}},
+        "end_of_life": {"max_depth": 5e-4},
+    }
     store.keep_rig(asset, rig)
     if board is not None:
         board.update(asset, rig=rig)

@@ -51,9 +51,7 @@ class Client:
 
 def _matches(route, url):
     ours, theirs = route.split("/"), url.split("/")
-    return len(ours) == len(theirs) and all(
-        a == b or a.startswith("{") for a, b in zip(ours, theirs, strict=True)
-    )
+    return len(ours) == len(theirs) and all(a == b or a.startswith("{") for a, b in zip(ours, theirs, strict=True))
 
 
 @pytest.fixture
@@ -97,9 +95,9 @@ def test_what_is_not_known_is_not_available_with_its_reason(client):
 
 
 def test_asset_without_a_window_is_known_and_says_so(client, board):
-    board.update("fresh", counters={"accel/y6": {"frames": 3}})
+    board.update("fresh", quality={"channels": {"accel/y6": {"frames": 3}}})
     whole = client.get("/v1/assets/fresh").json()
-    assert whole["windows"] == [] and "no whole measurement window" in whole["wear"]["reason"]
+    assert whole["windows"] == [] and whole["wear"]["status"] == "not available"
     assert client.get("/v1/assets/fresh/effects").json() == []
 
 
@@ -122,8 +120,8 @@ def test_trend_and_quality_follow_the_windows(client):
     trend = client.get("/v1/assets/unsw/trend").json()
     assert len(trend) == 14 and trend[-1]["depth_um"]["combined"]["median"] == fakes.depth_um(18000.0)
     quality = client.get("/v1/assets/unsw/quality").json()
-    assert quality["windows"] == {"good": 13, "degraded": 1}
-    assert quality["faults"][0]["kind"] == "gap" and quality["faults"][0]["count"] == 3
+    assert quality["windows"] == {"good": 13, "degraded": 1, "refused": 0}
+    assert quality["totals"][0]["kind"] == "gap" and quality["totals"][0]["count"] == 3
 
 
 def test_inspection_is_kept_and_answered_with_the_twins_figure(client, store):

@@ -49,9 +49,7 @@ def test_reader_that_comes_back_goes_on_behind_its_last_event(address, store, bo
 def test_reader_without_an_id_gets_what_happens_from_now_on(address, store, board):
     fakes.campaign(store, board)
     ready, got = threading.Event(), []
-    reader = threading.Thread(
-        target=lambda: got.extend(read_events(address, "unsw", 4, ready=ready)), daemon=True
-    )
+    reader = threading.Thread(target=lambda: got.extend(read_events(address, "unsw", 4, ready=ready)), daemon=True)
     reader.start()
     assert ready.wait(5)
     fakes.take(store, board, "other", 0, 5.0)  # another asset's events are none of this reader's
@@ -67,7 +65,7 @@ def test_reader_without_an_id_gets_what_happens_from_now_on(address, store, boar
 
 def test_more_events_than_one_page_are_all_told(address, store, board):
     for index in range(260):
-        store.commit("unsw", index, record={"index": index}, events=[("window", {"n": index}), ("rul", {})])
+        store.note("unsw", [("window", {"n": index}), ("rul", {})])
     board.update("unsw", last_event_id=store.last_event_id("unsw"))
     told = read_events(address, "unsw", 520, query="?after=0")
     assert [data["n"] for _, kind, data in told if kind == "window"] == list(range(260))
@@ -87,9 +85,7 @@ def test_open_reader_does_not_hold_the_service_up(store, board):
     fakes.take(store, board, "unsw", 0, 10.0)
     ready, got = threading.Event(), []
     with serving(board, store) as address:
-        reader = threading.Thread(
-            target=lambda: got.append(read_events(address, "unsw", 9, ready=ready)), daemon=True
-        )
+        reader = threading.Thread(target=lambda: got.append(read_events(address, "unsw", 9, ready=ready)), daemon=True)
         reader.start()
         assert ready.wait(5)
     reader.join(5)

@@ -51,8 +51,6 @@ def test_flank_that_the_twin_does_not_tell_is_not_available():
 
 
 def test_one_window_extrapolates_from_new_gears():
-    answer = compare(
-        {"revolutions": 3000.0, "max_depth_um": 50.0, "flank": "combined", "std_um": 1.0}, TREND[:1]
-    )
+    answer = compare({"revolutions": 3000.0, "max_depth_um": 50.0, "flank": "combined", "std_um": 1.0}, TREND[:1])
     assert answer["twin"]["max_depth_um"]["median"] == pytest.approx(60)
     assert answer["twin"]["extrapolated"]

@@ -26,9 +26,7 @@ def test_rms_of_a_sine_is_its_amplitude_over_root_two_for_any_number_of_cycles(f
 
 
 def test_rms_leaves_out_what_lies_above_the_band():
-    assert band_rms(samples(sine(500.0) + sine(2111.3, 50.0)), BAND) == pytest.approx(
-        3 / np.sqrt(2), rel=1e-3
-    )
+    assert band_rms(samples(sine(500.0) + sine(2111.3, 50.0)), BAND) == pytest.approx(3 / np.sqrt(2), rel=1e-3)
 
 
 def test_rms_leaves_out_the_mean():

@@ -125,9 +125,7 @@ def fit_track(
     line = BSpline(full, slope * np.convolve(full[1:-1], np.ones(3) / 3, "valid"), 3)
     whole = PPoly.from_spline(BSpline(full, spline.c + line.c, 3))
     if np.any(whole(np.linspace(0, span, 8 * pieces + 1), 1) <= 0):
-        raise WindowError(
-            f"{source}: the angle does not rise steadily; encoder reversed, or edges out of order?"
-        )
+        raise WindowError(f"{source}: the angle does not rise steadily; encoder reversed, or edges out of order?")
     return AngleTrack(start=start, stop=stop, spline=whole, source=source)
 
 
@@ -145,9 +143,7 @@ def angle_track(edges: Edges, ratio: float = 1.0, source: str = "encoder/pinion"
     good = np.flatnonzero(np.isfinite(edges.times))
     turns = (good[-1] - good[0]) / edges.per_rev * ratio if good.size else 0.0
     if turns < FEWEST_TURNS:
-        raise WindowError(
-            f"{source}: valid edges cover {turns:.2f} pinion turns; at least {FEWEST_TURNS:g} are needed"
-        )
+        raise WindowError(f"{source}: valid edges cover {turns:.2f} pinion turns; at least {FEWEST_TURNS:g} are needed")
     if np.any(np.diff(edges.times[good]) <= 0):
         raise WindowError(f"{source}: edge times do not rise; encoder reversed, or frames out of order?")
     angles = edge_angles(edges, ratio)

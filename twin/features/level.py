@@ -75,9 +75,7 @@ def band_level(samples: Samples, band: tuple[float, float]) -> Level:
     shortest = min(values.size, max(16, round(SHORTEST_STRETCH * samples.rate)))
     parts = [(a, b) for a, b in runs(usable) if b - a >= shortest]
     if not parts:
-        raise WindowError(
-            f"RMS: no stretch of {SHORTEST_STRETCH:g} s without a gap in {samples.duration:.3g} s"
-        )
+        raise WindowError(f"RMS: no stretch of {SHORTEST_STRETCH:g} s without a gap in {samples.duration:.3g} s")
     energy, weight = np.sum([_band_energy(whole[a:b], samples.rate, band) for a, b in parts], axis=0)
     used = sum(b - a for a, b in parts)
     return Level(rms=float(np.sqrt(energy / weight)), valid_share=used / values.size)

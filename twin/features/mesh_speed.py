@@ -9,12 +9,12 @@ w_l   weight: k²·(power over floor)
 
 The comb finds the mesh frequency to a fraction of a hertz, the phase follows it through the window. The
 zero of the angle is arbitrary. Whether the fit holds is judged twice: the comb must stand out from every
-other comb in the range, and where sidebands stand around the mesh lines, the spacing mesh/n that fits them
-best must be one of a given wheel (n a multiple or a divisor of its tooth count).
+other comb in the range, and no sidebands round the mesh lines may be spaced by a strange tooth count more
+clearly than by the pinion's.
 
 Source   J. Urbanek, T. Barszcz, J. Antoni, Mech. Syst. Signal Process. 38 (2013) 13–30 (two steps);
          F. Combet, L. Gelman, Mech. Syst. Signal Process. 21 (2007) 2590–2606
-Holds    nominal speed known to 3 %; steady speed; a rigid ratio of speed and mesh (no slip)
+Holds    nominal speed known to 3 %; speed within the window steady to 0.4/(number of teeth)
 """
 
 from __future__ import annotations
@@ -24,25 +24,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
-from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.ndimage import maximum_filter1d
 
 from twin.errors import NotAvailable, WindowError
 from twin.features.angle import AngleTrack, fit_track
 from twin.features.gaps import filled
+from twin.features.mesh_comb import check_comb, comb_search, over_floor
 from twin.features.orders import hann
 from twin.features.resample import on_angle
 from twin.rig import Rig
 from twin.windows import Samples
 
-HARMONICS = 5
-SEARCH = 0.03  # the mesh frequency is looked for this far from nominal, relative
-SEGMENT = 2.0  # spectra are averaged over segments of this length [s]
-STANDS_OUT = 1.7  # least ratio of the best comb to the next one
-LEAST_COMB = 3.0  # least mean ln(power/floor) of one sensor's harmonics together
 TURNS_PER_KNOT = 4.0
 BEST_LINES = 6
+LEAST_AGREED = 0.6  # share of them that must agree on one speed
+FOLLOWED = ((1, 2, 3, 4, 5), (1, 2, 3), (1, 2), (1,))  # high harmonics are sharper but lost sooner
 MOST_SENSORS = 6  # whose sidebands are looked at
-CLEAR_SIDEBANDS = 2.0  # mean ln(power/floor) from which sidebands speak for their spacing
+CLEAR_SIDEBANDS = 2.2  # mean ln(power/floor) from which sidebands speak for their spacing
+
+
+Phase = tuple[np.ndarray, np.ndarray, tuple[str, ...], float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,43 +56,6 @@ class MeshSpeed:
     comb: float  # mean over sensors of Σ_k ln(power/floor)
     runner_up: float  # the next best comb in the range
     track: AngleTrack
-
-
-def averaged_power(samples: Samples) -> tuple[np.ndarray, float]:
-    """Hann power spectrum averaged over overlapping segments, and its bin width [Hz]; → (n,), float."""
-    values, _ = filled(samples.values, samples.values.size)
-    n = min(values.size, round(SEGMENT * samples.rate))
-    starts = range(0, values.size - n + 1, max(1, n // 2))
-    values = values - values.mean()
-    power = sum(np.abs(fft.rfft(hann(n) * values[a : a + n])) ** 2 for a in starts)
-    return power, samples.rate / n
-
-
-def over_floor(power, bins: int) -> np.ndarray:
-    """ln(power/floor), at least 0, the floor being the median over `bins` neighbours; (n,) → (n,)."""
-    floor = median_filter(power, size=bins, mode="reflect")
-    return np.log(np.maximum(power / np.maximum(floor, 1e-300), 1.0))
-
-
-def comb_search(accelerations: Mapping[str, Samples], nominal: float) -> tuple[float, float, float]:
-    """The mesh frequency [Hz] near a nominal one [Hz] with the best comb, its score, and the next best score.
-
-    The next best is taken outside twice the spectral resolution around the best.
-    """
-    total, frequency, width = None, None, 0.0
-    for samples in accelerations.values():
-        power, width = averaged_power(samples)
-        if frequency is None:
-            frequency = np.arange(nominal * (1 - SEARCH), nominal * (1 + SEARCH), width / (2 * HARMONICS))
-            total = np.zeros(frequency.size)
-        level = over_floor(power, 201)
-        for k in range(1, HARMONICS + 1):
-            if k * frequency[-1] < samples.rate / 2:
-                total += np.interp(k * frequency / width, np.arange(level.size), level)
-    total /= len(accelerations)
-    best = int(np.argmax(total))
-    others = np.abs(frequency - frequency[best]) > 4 * width
-    return float(frequency[best]), float(total[best]), float(total[others].max(initial=0.0))
 
 
 def envelope(samples: Samples, frequency: float, half_width: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -123,12 +87,12 @@ def envelope(samples: Samples, frequency: float, half_width: float) -> tuple[np.
 
 
 def line_phases(
-    accelerations, mesh_hz: float, half_width: float
+    accelerations: Mapping[str, Samples], mesh_hz: float, half_width: float, harmonics: tuple[int, ...]
 ) -> list[tuple[float, str, np.ndarray, np.ndarray]]:
     """Weight, name, times and mesh phase (less 2π·mesh_hz·t) of the best lines, best first."""
     found = []
     for name, samples in accelerations.items():
-        for k in range(1, HARMONICS + 1):
+        for k in harmonics:
             try:
                 times, z, strength = envelope(samples, k * mesh_hz, half_width)
             except NotAvailable:
@@ -138,13 +102,47 @@ def line_phases(
     return sorted(found, key=lambda line: -line[0])[:BEST_LINES]
 
 
-def best_spacing(accelerations: Mapping[str, Samples], track: AngleTrack, z1: int) -> tuple[int, float]:
-    """The whole number n for which sidebands spaced mesh/n stand out best, and their mean ln(power/floor).
+def agreed_phase(lines, half_width: float) -> Phase | None:
+    """The mesh phase that most lines agree on, as their weighted mean.
 
-    Sidebands 1 to 3 on both sides of mesh harmonics 1 to 3; a line counts at most 5: none decides alone.
+    lines       of `line_phases`
+    half_width  of the lines' envelopes [Hz]: twice its inverse is left out, half at each end
+    returns times [s] (m,), phase less 2π·mesh·t [rad] (m,), the names of the lines that agree, and the
+    standard deviation of the mesh frequency [Hz]: their scatter, at least a hundredth of a spectral bin (a
+    tenth for one line); None where fewer than 60 % of the lines agree
     """
+    times = lines[0][2]
+    inner = (times > times[0] + 0.5 / half_width) & (times < times[-1] - 0.5 / half_width)
+    if inner.sum() < 16:
+        raise WindowError(f"{times[-1] - times[0]:.3g} s are too short to follow the phase of the mesh lines")
+    t = times[inner]
+    bin_width = 1 / (t[-1] - t[0])
+    phases = np.array([np.interp(t, line_times, p) for _, _, line_times, p in lines])
+    phases -= phases.mean(axis=1, keepdims=True)
+    slopes = np.polyfit(t, phases.T, 1)[0] / (2 * np.pi)
+    middle = np.sort(slopes)[slopes.size // 2]
+    agree = np.flatnonzero(np.abs(slopes - middle) < 0.1 * bin_width)  # not a foreign tone, nor a lost phase
+    if agree.size < LEAST_AGREED * slopes.size:
+        return None
+    share = np.array([lines[i][0] for i in agree])
+    share /= share.sum()
+    scatter = float(np.sqrt(share @ (slopes[agree] - share @ slopes[agree]) ** 2))
+    std = max(scatter, bin_width * (0.1 if agree.size == 1 else 0.01))
+    return t, share @ phases[agree], tuple(lines[i][1] for i in agree), float(std)
+
+
+def rival_spacing(
+    accelerations: Mapping[str, Samples], track: AngleTrack, teeth: tuple[int, int]
+) -> tuple[int, float, float]:
+    """The best sideband spacing mesh/n with an n that belongs to neither wheel.
+
+    Sidebands 1 to 3 on both sides of mesh harmonics 1 to 3; a line counts at most 5: none decides alone. An n
+    belongs to a wheel if it is a multiple or a divisor of its tooth count.
+    returns n, its mean ln(power/floor), and that of the pinion's own spacing
+    """
+    z1 = teeth[0]
     spacings = np.arange(8, 101)
-    k, m, n = np.ix_((1, 2, 3), (-3, -2, -1, 1, 2, 3), spacings)
+    k, m, n = np.ix_(np.arange(1, 4), np.array([-3, -2, -1, 1, 2, 3]), spacings)
     place = (k + m / n).reshape(-1, spacings.size)
     score = np.zeros(spacings.size)
     counted = 0
@@ -155,11 +153,15 @@ def best_spacing(accelerations: Mapping[str, Samples], track: AngleTrack, z1: in
         mesh_bin = signal.turns * z1  # bins per mesh order
         power = np.abs(fft.rfft(hann(signal.values.size) * (signal.values - signal.values.mean()))) ** 2
         level = np.minimum(over_floor(power[: int(4 * mesh_bin)], int(2 * signal.turns) | 1), 5.0)
-        level = maximum_filter1d(level, 3)
+        peak = power[: level.size] >= maximum_filter1d(power[: level.size], 7)  # not a strong line's flank
+        level = maximum_filter1d(np.where(peak, level, 0.0), 3)
         score += level[np.clip(np.rint(place * mesh_bin).astype(int), 0, level.size - 1)].mean(axis=0)
         counted += 1
-    best = int(np.argmax(score))
-    return int(spacings[best]), float(score[best] / max(counted, 1))
+    score /= max(counted, 1)
+    strange = np.array([not any(n % z == 0 or z % n == 0 for z in teeth) for n in spacings])
+    best = int(np.argmax(np.where(strange, score, -1.0)))
+    own = score[z1 - 8] if 8 <= z1 <= 100 else np.inf
+    return int(spacings[best]), float(score[best]), float(own)
 
 
 def mesh_track(rig: Rig, accelerations: Mapping[str, Samples]) -> AngleTrack:
@@ -184,50 +186,28 @@ def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nom
     wanted = f"{z1 * nominal_hz:.5g} Hz"
     usable = {k: s for k, s in accelerations.items() if np.isfinite(s.values).mean() > 0.9}
     if not usable:
-        raise NotAvailable(
-            "the speed is not available: no encoder, and no accelerometer with 90 % valid samples"
-        )
+        raise NotAvailable("the speed is not available: no encoder, and no accelerometer with 90 % valid samples")
     if max(s.rate for s in usable.values()) < 2 * 1.1 * z1 * nominal_hz:
-        raise NotAvailable(
-            f"the speed is not available: no sampling rate shows the mesh frequency near {wanted}"
-        )
-    coarse, comb, runner_up = comb_search(usable, z1 * nominal_hz)
-    if comb < LEAST_COMB or comb < STANDS_OUT * runner_up:
-        raise NotAvailable(
-            f"the speed is not available: no comb of mesh lines stands out within "
-            f"{100 * SEARCH:g} % of {wanted} (best {comb:.1f} at {coarse:.2f} Hz, next {runner_up:.1f}, "
-            f"needed {STANDS_OUT:g} times that and {LEAST_COMB:g}); wrong tooth count or nominal speed?"
-        )
+        raise NotAvailable(f"the speed is not available: no sampling rate shows the mesh frequency near {wanted}")
+    comb = comb_search(usable, z1 * nominal_hz, teeth)
+    check_comb(comb, wanted)
+    coarse = comb.frequency
     half_width = 0.4 * coarse / max(teeth)
-    lines = line_phases(usable, coarse, half_width)
-    times, phase, slopes, weights, names = lines[0][2], 0.0, [], [], []
-    inner = (times > times[0] + 0.5 / half_width) & (times < times[-1] - 0.5 / half_width)
-    if inner.sum() < 16:
-        raise WindowError(f"{times[-1] - times[0]:.3g} s are too short to follow the phase of the mesh lines")
-    for weight, name, line_times, line_phase in lines:
-        p = np.interp(times, line_times, line_phase)[inner]
-        slope = np.polyfit(times[inner], p, 1)[0] / (2 * np.pi)
-        if slopes and abs(slope - slopes[0]) > 1e-3 * coarse:
-            continue  # lost its phase on the way
-        slopes.append(slope)
-        weights.append(weight)
-        names.append(name)
-        phase = phase + weight * (p - p.mean())
-    share = np.array(weights) / sum(weights)
-    phase = phase / sum(weights)
-    mean = float(share @ np.array(slopes))
-    scatter = float(np.sqrt(share @ (np.array(slopes) - mean) ** 2))
-    t = times[inner]
-    angle = (2 * np.pi * coarse * t + phase) / z1
-    track = fit_track(
-        angle, t, float(angle[0]), float(angle[-1]), f"mesh lines of {names[0].split()[0]}", TURNS_PER_KNOT
-    )
-    bin_width = 1 / (t[-1] - t[0])
-    std = max(
-        scatter, bin_width * (0.1 if len(slopes) == 1 else 0.01)
-    )  # lines of one machine share their wander
-    spacing, strength = best_spacing(usable, track, z1)
-    if strength > CLEAR_SIDEBANDS and not any(spacing % z == 0 or z % spacing == 0 for z in teeth):
+    for harmonics in FOLLOWED:
+        agreed = agreed_phase(line_phases(usable, coarse, half_width, harmonics), half_width)
+        if agreed is not None:
+            break
+    else:
+        raise NotAvailable(
+            f"the speed is not available: the mesh lines near {coarse:.2f} Hz do not agree on one speed; "
+            f"does it change by more than {100 * half_width / coarse:.2g} % within the window?"
+        )
+    times, phase, names, std = agreed
+    angle = (2 * np.pi * coarse * times + phase) / z1
+    source = f"mesh lines of {names[0].split()[0]}"
+    track = fit_track(angle, times, float(angle[0]), float(angle[-1]), source, TURNS_PER_KNOT)
+    spacing, strength, own = rival_spacing(usable, track, teeth)
+    if strength > max(CLEAR_SIDEBANDS, 1.2 * own):
         raise NotAvailable(
             f"the speed is not available: the lines near {wanted} have sidebands at 1/{spacing} of "
             f"{coarse:.2f} Hz, not at 1/{teeth[0]} or 1/{teeth[1]}; wrong tooth counts?"
@@ -235,8 +215,8 @@ def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nom
     return MeshSpeed(
         mesh_hz=track.speed * z1,
         mesh_std_hz=std,
-        lines=tuple(names),
-        comb=comb,
-        runner_up=runner_up,
+        lines=names,
+        comb=comb.score,
+        runner_up=comb.next_score,
         track=track,
     )

@@ -79,9 +79,9 @@ class _Transform:
 
     def forward(self, x) -> np.ndarray:
         """(n,) real → (orders,) complex."""
-        block = np.zeros(self.rows * self.columns)
-        block[: self.n] = x
-        block = block.reshape(self.rows, self.columns)
+        padded = np.zeros(self.rows * self.columns)
+        padded[: self.n] = x
+        block = padded.reshape(self.rows, self.columns)
         inner = block @ self.fast.real - 1j * (block @ self.fast.imag)
         return np.einsum("ro,ro->o", inner, self.slow.conj())
 
@@ -169,9 +169,7 @@ def order_lines(signal: AngleSignal, orders, parts=None) -> OrderLines:
     orders = np.asarray(orders, dtype=float)
     turns = signal.turns
     if turns < FEWEST_TURNS:
-        raise WindowError(
-            f"{turns:.2f} pinion turns are too few to read lines; at least {FEWEST_TURNS:g} are needed"
-        )
+        raise WindowError(f"{turns:.2f} pinion turns are too few to read lines; at least {FEWEST_TURNS:g} are needed")
     n, step = signal.values.size, signal.step
     gaps = not signal.usable.all()
     weight = window_weight(signal)
@@ -240,9 +238,7 @@ def synchronous_average(signal: AngleSignal, period_turns: float, points: int) -
     first = int(np.ceil(signal.start / period - 1e-9))
     last = int(np.floor((signal.start + (signal.values.size - 1) * signal.step) / period + 1e-9))
     if last <= first:
-        raise WindowError(
-            f"a synchronous average over {period_turns:g} turns needs more than {signal.turns:.2f} turns"
-        )
+        raise WindowError(f"a synchronous average over {period_turns:g} turns needs more than {signal.turns:.2f} turns")
     angles = period * (first + np.arange((last - first) * points) / points)
     position = (angles - signal.start) / signal.step
     values = at(coefficients(signal.values), position).reshape(-1, points)

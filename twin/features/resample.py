@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from twin.errors import WindowError
 from twin.features.gaps import filled
 
 DEGREE = 5
@@ -81,13 +82,17 @@ def on_angle(samples, track, longest_gap: int = 2) -> tuple[AngleSignal, float]:
     returns the signal, and its mean number of samples per pinion turn: spline_response(order/that) is what
     interpolation left of a line
     """
+    if not np.isfinite(samples.values).any():
+        raise WindowError("not one of the channel's samples is valid")
     per_turn = samples.rate / track.speed
     step = 2 * np.pi / per_turn
     first, last = samples.start, samples.start + (samples.values.size - 1) / samples.rate
     begin, end = track.time(np.array([track.start, track.stop]))
     low = track.start if begin >= first else track.angle_at(first)
     high = track.stop if end <= last else track.angle_at(last)
-    grid = low + step * np.arange(max(0, int((high - low) / step)))
+    if not high - low > 2 * np.pi:
+        raise WindowError(f"the channel and the angle have {max(high - low, 0) / (2 * np.pi):.2f} turns in common")
+    grid = low + step * np.arange(int((high - low) / step))
     position = (track.time(grid) - samples.start) * samples.rate
     values, usable = interpolate(samples.values, position, longest_gap)
     return AngleSignal(start=low, step=step, values=values, usable=usable), per_turn

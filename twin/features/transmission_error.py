@@ -64,9 +64,7 @@ class TransmissionError:
         return spline_response(np.asarray(orders) / p1), spline_response(np.asarray(orders) / p2)
 
 
-def departure(
-    edges: Edges, ratio: float, track: AngleTrack, shift: float, grid
-) -> tuple[np.ndarray, np.ndarray]:
+def departure(edges: Edges, ratio: float, track: AngleTrack, shift: float, grid) -> tuple[np.ndarray, np.ndarray]:
     """Δ of one encoder at each angle of an even grid, and where it may be used.
 
     ratio   pinion turns per turn of the encoder's shaft
@@ -80,14 +78,27 @@ def departure(
     φ = φ0 + spacing * np.arange(times.size)
     Δ = φ - track.angle(times, φ)
     for start, stop in runs(~usable):  # a straight line in Δ, not in time, where edges are lost
-        Δ[start:stop] = np.interp(
-            np.arange(start, stop), [start - 1, stop], [Δ[start - 1], Δ[min(stop, Δ.size - 1)]]
-        )
+        before, after = Δ[max(start - 1, 0)], Δ[min(stop, Δ.size - 1)]
+        ends = (after, after) if start == 0 else (before, before if stop == Δ.size else after)
+        Δ[start:stop] = np.linspace(*ends, stop - start + 2)[1:-1]
     position = (grid - φ0) / spacing
     for _ in range(2):
         position = (grid + np.interp(position, np.arange(Δ.size), Δ) - φ0) / spacing
     near = np.clip(np.rint(position).astype(int), 0, times.size - 1)
     return at(coefficients(Δ), position), usable[near] & (position > -0.5) & (position < times.size - 0.5)
+
+
+def pinion_motion(pinion: Edges, base_radius: float | None, track: AngleTrack) -> tuple[AngleSignal, str]:
+    """r_b1·Δ1, the pinion's own motion about its smoothed rotation, and its unit; from the pinion's encoder alone.
+
+    At mesh orders the mesh force turns the light pinion by most of what transmission error shows, so that one
+    encoder tells nearly as much as two; the mean and the slow rest are taken up by the smoothed rotation.
+    """
+    step = 2 * pi / pinion.per_rev
+    grid = np.arange(track.start + step, track.stop - step, step)
+    Δ, usable = departure(pinion, 1.0, track, 0.0, grid)
+    scale, unit = (1.0, "rad") if base_radius is None else (base_radius, "m")
+    return AngleSignal(start=float(grid[0]), step=step, values=scale * Δ, usable=usable), unit
 
 
 def transmission_error(
@@ -114,6 +125,8 @@ def transmission_error(
     first = np.flatnonzero(np.isfinite(gear.times))
     if first.size < 8:
         raise WindowError(f"encoder/gear: {first.size} valid edges are too few for a transmission error")
+    if np.any(np.diff(gear.times[first]) <= 0):
+        raise WindowError("encoder/gear: edge times do not rise; encoder reversed, or frames out of order?")
     # bring the gear's angle near θ: whole difference at its middle edge, then kept exactly in `offset`
     k = int(first[first.size // 2])
     φ = counted + k * 2 * pi * z2 / (gear.per_rev * z1)
@@ -123,9 +136,7 @@ def transmission_error(
     low = max(track.start, counted + shift) + spacing
     high = min(track.stop, counted + shift + (gear.times.size - 1) * spacing) - spacing
     if not high - low > 3 * 2 * pi:
-        raise WindowError(
-            f"transmission error: both encoders cover only {max(0, high - low) / (2 * pi):.2f} turns"
-        )
+        raise WindowError(f"transmission error: both encoders cover only {max(0, high - low) / (2 * pi):.2f} turns")
     step = 2 * pi / max(per_turn)
     grid = low + step * np.arange(int((high - low) / step))
     Δ1, good1 = departure(pinion, 1.0, track, 0.0, grid)

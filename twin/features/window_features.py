@@ -96,6 +96,7 @@ class WindowFeatures:
 
     acceleration: Lines | None = None  # [m/s²]
     transmission_error: Lines | None = None  # [m], or [rad] at the pinion where no base radius is known
+    pinion_motion: Lines | None = None  # r_b1·θ1 about its smoothed rotation, where the gear has no encoder [m]
     torque: Lines | None = None  # [N·m]
 
     unavailable: Mapping[str, str] = field(default_factory=dict)  # what is None, and why
@@ -117,7 +118,7 @@ class WindowFeatures:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> WindowFeatures:
         values = dict(data)
-        for name in ("acceleration", "transmission_error", "torque"):
+        for name in ("acceleration", "transmission_error", "pinion_motion", "torque"):
             if values.get(name) is not None:
                 values[name] = Lines.from_dict(values[name])
         for name in ("band", "mesh_bands"):

@@ -17,8 +17,8 @@ Turning an involute by dφ moves it by r_b·dφ along all its normals, so this g
 distance between corner and flank and the part of d (the deflection along the line of action) that
 is used up before they touch. It grows from zero with zero slope.
 
-With undercut teeth the flank's foot, where the fillet cuts it off, is the corner; the same equations
-hold with its radius for r_aB and the gears exchanged.
+Where undercut ends the path, the foot of the flank is the corner that leaves last: the same equations
+with its radius for r_aB and the gears exchanged, as far as the mate's flank reaches.
 
 Source   ISO 21771-1:2024, clause 4 (involute); the kinematics follow from it without approximation
 Holds    tip corners without rounding or relief
@@ -36,22 +36,33 @@ def corner_gap(pair: GearPair, s):
     """Separation of the profiles [m] at path positions s [m], 0 inside the path; any shape → the same."""
     s = np.asarray(s, float)
     gap = np.zeros(s.shape)
-    for side, outside in ((0, s < pair.path_start), (1, s > pair.path_end)):
-        flank, corner_radius = _corner(pair, side)
-        σ = s[outside] if flank == 0 else -s[outside]
-        gap[outside] = np.maximum(_separation(pair, flank, corner_radius, σ), 0.0)
-    return gap
+    for flank, σ, outside in ((0, s, s < pair.path_start), (1, -s, s > pair.path_end)):
+        foot_radius = _foot_radius(pair, flank)
+        if foot_radius is None:
+            gap[outside] = _separation(pair, flank, pair.tip_radius[1 - flank], σ[outside])
+        else:
+            gap[outside] = _undercut_separation(pair, flank, foot_radius, σ[outside])
+    return np.maximum(gap, 0.0)
 
 
-def _corner(pair: GearPair, side: int) -> tuple[int, float]:
-    """The gear whose flank is touched beyond the path's start (0) or end (1), and the corner's radius [m]."""
-    s = (pair.path_start, pair.path_end)[side]
-    radius = [
-        float(np.hypot(r_b, ρ)) for r_b, ρ in zip(pair.base_radius, pair.curvature_radius(s), strict=True)
-    ]
-    if radius[1 - side] > pair.tip_radius[1 - side] * (1 - 1e-12):
-        return side, pair.tip_radius[1 - side]
-    return 1 - side, radius[side]  # undercut: the foot of the flank is the corner that leaves last
+def _foot_radius(pair: GearPair, flank: int) -> float | None:
+    """Radius [m] of the flank's foot where undercut ends the path there, None where the mating tip does."""
+    ρ = pair.curvature_radius((pair.path_start, pair.path_end)[flank])
+    mate_radius = np.hypot(pair.base_radius[1 - flank], ρ[1 - flank])
+    if mate_radius > pair.tip_radius[1 - flank] * (1 - 1e-12):
+        return None
+    return float(np.hypot(pair.base_radius[flank], ρ[flank]))
+
+
+def _undercut_separation(pair: GearPair, flank: int, foot_radius: float, σ: np.ndarray) -> np.ndarray:
+    """Distance [m] from the mate of the foot of gear `flank`, further out of the mate's tip; (n,) → (n,)."""
+    α, a, mate_tip = pair.pressure_angle, pair.centre_distance, pair.tip_radius[1 - flank]
+    r_b = pair.base_radius[flank]
+    ψ_last = np.arccos((a**2 + foot_radius**2 - mate_tip**2) / (2 * a * foot_radius))
+    last = r_b * (np.tan(α) + ψ_last - α - involute(pressure_angle_at(foot_radius, r_b)))
+    foot = _separation(pair, 1 - flank, foot_radius, np.minimum(-σ, last))
+    tip = _separation(pair, flank, mate_tip, σ)
+    return np.where(-σ <= last, foot, np.maximum(foot, tip))
 
 
 def _separation(pair: GearPair, flank: int, corner_radius: float, σ: np.ndarray) -> np.ndarray:

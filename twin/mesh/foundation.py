@@ -40,9 +40,10 @@ _COEFFICIENTS = np.array(
     ]
 )
 ROOT_SECTIONS = ("flank", "fillet")
+DEFAULT_ROOT_SECTION = "flank"
 
 
-def root_half_angle(tooth: ToothForm, root_section: str = "flank") -> float:
+def root_half_angle(tooth: ToothForm, root_section: str = DEFAULT_ROOT_SECTION) -> float:
     """θ [rad] by either reading of the tooth's root."""
     if root_section not in ROOT_SECTIONS:
         raise ParameterError(f"root_section = {root_section!r} must be one of {', '.join(ROOT_SECTIONS)}")
@@ -58,13 +59,11 @@ def foundation_compliance(
     bore_radius: float,
     youngs_modulus: float,
     face_width: float,
-    root_section: str = "flank",
+    root_section: str = DEFAULT_ROOT_SECTION,
 ) -> np.ndarray:
     """1/k_f [m/N] for contact at each roll angle ξ = ρ/r_b [rad] of the flank; (n,) → (n,)."""
     if not 0 < bore_radius < tooth.root_radius:
-        raise ParameterError(
-            f"bore_radius = {bore_radius:g} m is outside (0, {tooth.root_radius:g}) m; a diameter?"
-        )
+        raise ParameterError(f"bore_radius = {bore_radius:g} m is outside (0, {tooth.root_radius:g}) m; a diameter?")
     β = np.atleast_1d(np.asarray(contact_roll_angle, float)) - tooth.base_half_angle
     x, y = tooth.flank_point(β)
     body = body_factor(

@@ -22,9 +22,10 @@ import numpy as np
 
 from twin.errors import ParameterError
 from twin.geometry.gear_pair import GearPair
+from twin.mesh.stiffness import PairStiffness
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StaticMesh:
     """The loaded mesh at n positions with p pairs."""
 
@@ -52,6 +53,17 @@ def pair_positions(pair: GearPair, s) -> np.ndarray:
     """
     rows = np.arange(-1, int(np.ceil(pair.contact_ratio)) + 1)
     return np.asarray(s, float) + pair.base_pitch * rows[:, None]
+
+
+def nominal_mesh_stiffness(stiffness: PairStiffness, n: int) -> np.ndarray:
+    """Stiffness of all pairs inside the nominal path over one mesh period, without wear and load; (n,) [N/m].
+
+    It steps where a pair enters or leaves; corner contact makes these steps gradual under load.
+    """
+    pair = stiffness.pair
+    s = pair_positions(pair, mesh_period(pair, n))
+    inside = (s >= pair.path_start) & (s <= pair.path_end)
+    return np.sum(np.where(inside, stiffness(s), 0.0), axis=0)
 
 
 def static_deflection(k_pairs, gaps, force) -> np.ndarray:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from twin.geometry.gear_pair import GearPair
-from twin.mesh.foundation import foundation_compliance
+from twin.mesh.foundation import DEFAULT_ROOT_SECTION, foundation_compliance
 from twin.mesh.hertz import hertz_compliance
 from twin.mesh.tooth_compliance import tooth_compliance
 
@@ -35,7 +35,7 @@ def levelled_position(pair: GearPair, s):
     return inside + length * np.tanh((s - inside) / length)
 
 
-def pair_compliance(pair: GearPair, s, root_section: str = "flank") -> dict[str, np.ndarray]:
+def pair_compliance(pair: GearPair, s, root_section: str = DEFAULT_ROOT_SECTION) -> dict[str, np.ndarray]:
     """What gives way, per newton, by cause; path positions s (n,) [m] → arrays (n,) [m/N].
 
     Keys: bending, shear, axial, foundation, each with _pinion or _gear, and hertz.
@@ -61,13 +61,17 @@ def _compliance(pair: GearPair, s: np.ndarray, root_section: str) -> dict[str, n
     return out
 
 
-def pair_stiffness(pair: GearPair, s, root_section: str = "flank") -> np.ndarray:
+def pair_stiffness(pair: GearPair, s, root_section: str = DEFAULT_ROOT_SECTION) -> np.ndarray:
     """k [N/m] of one tooth pair at path positions s [m]; any shape → the same."""
-    k = 1 / sum(pair_compliance(pair, np.ravel(s), root_section).values())
-    return k.reshape(np.shape(s))
+    compliance = _total(pair_compliance(pair, np.ravel(s), root_section))
+    return (1 / compliance).reshape(np.shape(s))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+def _total(compliance: dict[str, np.ndarray]) -> np.ndarray:
+    return np.sum(list(compliance.values()), axis=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairStiffness:
     """k(s) of one tooth pair as a spline with two continuous derivatives: fast to evaluate."""
 
@@ -80,11 +84,11 @@ class PairStiffness:
         object.__setattr__(self, "_spline", CubicSpline(self.s, self.values))
 
     @classmethod
-    def of(cls, pair: GearPair, *, scale: float = 1.0, root_section: str = "flank") -> PairStiffness:
+    def of(cls, pair: GearPair, *, scale: float = 1.0, root_section: str = DEFAULT_ROOT_SECTION) -> PairStiffness:
         """The spline of a gear pair; `scale` multiplies it (the rig's or a calibrated stiffness_scale)."""
         beyond = _LEVELLING * pair.base_pitch
         levels = np.linspace(pair.path_start - beyond, pair.path_end + beyond, _KNOTS)
-        compliance = sum(_compliance(pair, levels, root_section).values())
+        compliance = _total(_compliance(pair, levels, root_section))
         return cls(pair=pair, s=levels, values=scale / compliance)
 
     def __call__(self, s):
@@ -100,3 +104,8 @@ class PairStiffness:
     def scaled(self, factor: float) -> PairStiffness:
         """The same pair, `factor` times as stiff."""
         return PairStiffness(pair=self.pair, s=self.s, values=factor * self.values)
+
+    @property
+    def mesh_mean(self) -> float:
+        """Mean over a mesh period of all pairs inside the nominal path: ∫k ds/p_b [N/m]."""
+        return float(self._spline.integrate(self.pair.path_start, self.pair.path_end)) / self.pair.base_pitch

@@ -30,7 +30,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 _SHEAR_FACTOR = 1.2  # rectangular section
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToothCompliance:
     """What bends under a force, per newton, in the force's direction; each (n,) [m/N]."""
 
@@ -46,10 +46,10 @@ class ToothCompliance:
 def _sections(tooth: ToothForm, τ: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Half-thickness x, height y and weight dy of the sections between root and contact, each (n, 80) [m]."""
     τ_form, γ_form = tooth.form_point
-    half = (γ_form - pi / 2) / 2
-    γ = pi / 2 + half * (_NODES + 1)
+    down = (γ_form - pi / 2) / 2
+    γ = pi / 2 + down * (_NODES + 1)
     x_fillet, y_fillet = tooth.fillet_point(γ)
-    dy_fillet = half * _WEIGHTS * tooth.fillet_slope(γ)
+    dy_fillet = down * _WEIGHTS * tooth.fillet_slope(γ)
 
     half = (τ - τ_form)[:, None] / 2
     along = τ_form + half * (_NODES + 1)

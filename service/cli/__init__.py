@@ -1,0 +1,35 @@
+"""The command line: exit status 0 done, 2 input that cannot be used (one line says why), 1 a fault."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Runs one command; answers its exit status."""
+    from service.cli.commands import app
+    from service.errors import DeliveryError, InputError
+    from twin.errors import ParameterError
+
+    try:
+        status = app(args=list(arguments), prog_name="gear-twin", standalone_mode=False)
+        return status if isinstance(status, int) else 0
+    except (InputError, ParameterError) as error:
+        return _fail(str(error), 2)
+    except DeliveryError as error:
+        return _fail(str(error), 1)
+    except KeyboardInterrupt:
+        return _fail("interrupted", 130)
+    except Exception as error:
+        if type(error).__name__ == "Abort":
+            return _fail("interrupted", 130)
+        if not hasattr(error, "format_message"):  # what the argument parser raises has it
+            raise
+        return _fail(f"{error.format_message()} (see gear-twin --help)", 2)
+
+
+def _fail(message: str, status: int) -> int:
+    line = " ".join(message.split())
+    print(f"gear-twin: {line}", file=sys.stderr)
+    return status

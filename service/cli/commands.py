@@ -1,0 +1,312 @@
+"""The commands of `gear-twin`; what a command needs is imported when it runs."""
+
+from __future__ import annotations
+
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Digital twin of gear wear: vibration in, wear depth and remaining life out.",
+)
+
+
+class Update(StrEnum):
+    """What sets the wear depth."""
+
+    fused = "fused"
+    paper = "paper"
+
+
+Recording = Annotated[Path, typer.Argument(metavar="RECORDING", help="MCAP recording by the contract.")]
+RigFile = Annotated[Path | None, typer.Option("--rig", help="Rig file; without it, the recording's attachment.")]
+Asset = Annotated[str | None, typer.Option(help="The asset to look at, where a recording holds several.")]
+Prefix = Annotated[str, typer.Option(help="First part of all keys and topics.", envvar="GEAR_TWIN_PREFIX")]
+UpdateWay = Annotated[Update, typer.Option(help="What sets the depth: transmission error (fused) or the RMS (paper).")]
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - prints it.")]
+JsonFlag = Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")]
+Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of the service or router: tcp/127.0.0.1:7447.")]
+Listen = Annotated[list[str] | None, typer.Option(help="Endpoint at which to open a router of its own.")]
+
+
+@app.command()
+def assess(
+    recording: Recording,
+    rig: RigFile = None,
+    json: JsonFile = None,
+    update: UpdateWay = Update.fused,
+    asset: Asset = None,
+    prefix: Prefix = "gearbox",
+) -> None:
+    """Run a whole recording through the twin, as the service would."""
+    from service.assess import Unassessable
+    from service.jsontext import json_text, write_text
+
+    try:
+        answer = _assess(recording, rig, update, asset, prefix)
+    except Unassessable as error:
+        if json is not None:
+            write_text(json, json_text(error.answer))
+        raise
+    _give(answer, json)
+
+
+@app.command()
+def calibrate(
+    recording: Recording,
+    rig: RigFile = None,
+    json: JsonFile = None,
+    unworn: Annotated[int, typer.Option(min=1, help="Measurement windows, from the first, used as unworn.")] = 3,
+    asset: Asset = None,
+    prefix: Prefix = "gearbox",
+) -> None:
+    """Fit mesh stiffness, damping and contact width to low-speed and unworn windows."""
+    from service.cli.show import say
+    from service.jsontext import json_text, write_text
+
+    def enough(records: Any) -> bool:
+        return sum(r["kind"] == "measurement" and r["quality"] != "refused" for r in records) >= unworn
+
+    answer = _assess(recording, rig, Update.fused, asset, prefix, enough)
+    used = [r["index"] for r in answer["windows"] if r["quality"] != "refused"]
+    found = {"asset": answer["asset"], "windows": used, "calibration": answer["calibration"]}
+    write_text(json or "-", json_text(found))
+    if json is not None and str(json) != "-":
+        say(f"calibration from {len(used)} windows written to {json}")
+
+
+@app.command()
+def replay(
+    recording: Recording,
+    connect: Connect = None,
+    speed: Annotated[
+        float,
+        typer.Option(min=0.0, help="Times as fast as recorded; 0: as fast as it is taken, without pauses."),
+    ] = 1.0,
+    max_pause: Annotated[
+        float, typer.Option(min=0.0, help="Longest pause between frames that is kept [s of the recording].")
+    ] = float("inf"),
+    wait: Annotated[float, typer.Option(min=0.1, help="How long to wait for a router and a subscriber [s].")] = 30.0,
+    prefix: Prefix = "gearbox",
+    json: JsonFlag = False,
+) -> None:
+    """Publish a recording as it was recorded; done when all of it has been delivered."""
+    from service.cli.show import progress_bar
+    from service.jsontext import json_text
+    from service.replay import replay as run
+
+    _finite("speed", speed)
+    settings = _settings()
+    begun = time.monotonic()
+    with progress_bar("replaying") as bar:
+        delivered = run(
+            recording,
+            connect or settings.connect or settings.listen,
+            speed,
+            max_pause=max_pause,
+            prefix=prefix,
+            wait=wait,
+            progress=lambda share, frames: bar(share, f"{frames} frames"),
+            on_fault=_tell,
+        )
+    taken = time.monotonic() - begun
+    print(
+        json_text({"frames": delivered, "seconds": taken}) if json else f"{delivered} frames delivered in {taken:.2f} s"
+    )
+
+
+@app.command()
+def record(
+    out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
+    connect: Connect = None,
+    listen: Listen = None,
+    duration: Annotated[float, typer.Option(min=0.0, help="Stop after this time [s]; else with Ctrl-C.")] = float(
+        "inf"
+    ),
+    rig: RigFile = None,
+    description: Annotated[str, typer.Option(help="Text for the recording's metadata.")] = "recorded live",
+    prefix: Prefix = "gearbox",
+    json: JsonFlag = False,
+) -> None:
+    """Record a live stream."""
+    from service.cli.live import record_live
+    from service.jsontext import json_text
+
+    frames, refused = record_live(out, connect, listen, duration, rig, description, prefix)
+    print(
+        json_text({"recording": str(out), "frames": frames, "refused": refused})
+        if json
+        else f"{frames} frames recorded, {refused} refused: {out}"
+    )
+
+
+@app.command()
+def simulate(
+    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="Campaign spec (TOML).")],
+    out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
+    truth: Annotated[Path | None, typer.Option(help="File for the truth about the campaign (JSON).")] = None,
+    json: JsonFlag = False,
+) -> None:
+    """Simulate a wear campaign into a recording."""
+    from recordings.generator.errors import SpecError
+
+    from recordings import simulate_file
+    from service.cli.show import progress_bar
+    from service.errors import InputError
+    from service.jsontext import json_text
+
+    with progress_bar("simulating") as bar:
+        try:
+            simulate_file(spec, out, truth, bar)
+        except SpecError as error:
+            raise InputError(str(error)) from None
+        except OSError as error:
+            raise InputError(f"{error.filename}: {(error.strerror or 'fault').lower()}") from None
+    print(json_text({"recording": str(out), "truth": str(truth) if truth else None}) if json else f"simulated: {out}")
+
+
+@app.command(name="import")
+def import_(
+    mapping: Annotated[Path, typer.Argument(metavar="MAPPING", help="Mapping file (TOML) of columns to channels.")],
+    out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
+    source: Annotated[Path | None, typer.Option(help="Data file (CSV, NPZ), instead of the mapping's.")] = None,
+    json: JsonFlag = False,
+) -> None:
+    """Bring measured columns (CSV, NPZ) into a recording."""
+    from service.cli.show import progress_bar
+    from service.importing import import_recording
+    from service.jsontext import json_text
+
+    with progress_bar("importing") as bar:
+        found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source)
+    print(json_text(found) if json else f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
+
+
+@app.command()
+def serve(
+    listen: Listen = None,
+    connect: Connect = None,
+    http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page.")] = None,
+    rig: RigFile = None,
+    data: Annotated[Path | None, typer.Option(help="Directory of the database.")] = None,
+    update: Annotated[Update | None, typer.Option(help="What sets the depth: fused or paper.")] = None,
+    prefix: Annotated[str | None, typer.Option(help="First part of all keys.")] = None,
+) -> int:
+    """Run the service: Zenoh in, REST, page and Zenoh out. Every setting also as GEAR_TWIN_... variable."""
+    from service.serve import run
+
+    return run(_settings(listen=listen, connect=connect, http=http, rig=rig, data=data, update=update, prefix=prefix))
+
+
+@app.command()
+def demo(
+    exit_after: Annotated[
+        bool, typer.Option("--exit", help="End after the summary; non-zero if anything failed.")
+    ] = False,
+    http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page.")] = None,
+) -> int:
+    """Start the service, replay the bundled campaign into it, print what came out."""
+    from service.demo import run
+
+    return run(_settings(http=http), exit_after=exit_after)
+
+
+@app.command()
+def report(
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="Recording, or the JSON of an assess.")],
+    out: Annotated[Path | None, typer.Option(help="HTML page to write; else text is printed.")] = None,
+    rig: RigFile = None,
+    asset: Asset = None,
+    prefix: Prefix = "gearbox",
+    json: JsonFlag = False,
+) -> None:
+    """Sum up an assessment as text or as one HTML page."""
+    from service.cli.report import html_report, load_answer, text_report
+    from service.jsontext import json_text, write_text
+
+    answered = source.suffix == ".json"
+    answer = load_answer(source) if answered else _assess(source, rig, Update.fused, asset, prefix)
+    if out is not None:
+        write_text(out, html_report(answer))
+    if json:
+        print(json_text(answer))
+    elif out is None:
+        print(text_report(answer))
+    else:
+        print(f"report: {out}")
+
+
+def _assess(
+    recording: Path, rig: Path | None, update: Update, asset: str | None, prefix: str, enough: Any = None
+) -> dict[str, Any]:
+    """An assessment with progress shown and faults of the data told, one line each."""
+    from service.assess import assess as run
+    from service.assess import warnings
+    from service.cli.show import progress_bar
+    from service.pipeline import assembly_settings
+    from twin.step import Options
+
+    options = Options(update=update.value)
+    with progress_bar("assessing") as bar:
+        answer = run(
+            recording,
+            rig,
+            options,
+            lambda share, windows: bar(share, f"{windows} windows"),
+            asset=asset,
+            prefix=prefix,
+            assembly=assembly_settings(_settings()),
+            **({"enough": enough} if enough else {}),
+        )
+    for line in warnings(recording, answer):
+        _tell(line)
+    return answer
+
+
+def _give(answer: dict[str, Any], json: Path | None) -> None:
+    from service.cli.show import print_answer
+    from service.jsontext import json_text, write_text
+
+    if json is not None:
+        write_text(json, json_text(answer))
+    if str(json) != "-":
+        print_answer(answer)
+
+
+def _tell(line: str | None) -> None:
+    from service.cli.show import say
+
+    if line:
+        say(line)
+
+
+def _finite(name: str, value: float) -> None:
+    from service.errors import InputError
+
+    if not 0 <= value < float("inf"):
+        raise InputError(f"--{name} {value:g} must be a number from 0 up")
+
+
+def _settings(**given: Any) -> Any:
+    """Settings from the environment and what was given; InputError names the first wrong one."""
+    from pydantic import ValidationError
+    from pydantic_settings import SettingsError
+
+    from service.errors import InputError
+    from service.settings import Settings
+
+    values = {key: value for key, value in given.items() if value not in (None, [])}
+    try:
+        return Settings(**values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"setting {name} = {first['input']!r}: {first['msg']}") from None
+    except SettingsError as error:
+        raise InputError(f"environment: {error}") from None

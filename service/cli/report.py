@@ -1,0 +1,95 @@
+"""A report of one answer: plain text, or one HTML page that needs nothing else."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from service.cli.show import WINDOW_COLUMNS, summary_lines, window_rows
+from service.errors import InputError
+
+_STYLE = (
+    "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#222}"
+    "table{border-collapse:collapse;font-size:13px}"
+    "td,th{border-bottom:1px solid #ccc;padding:3px 8px;text-align:right}"
+    "svg{background:#fafafa;border:1px solid #ddd;margin:.5rem 0}"
+)
+_WIDTH, _HEIGHT, _EDGE = 640, 260, 45  # of a chart [px]
+
+
+def load_answer(path: Path) -> dict[str, Any]:
+    """The answer that `assess --json` wrote."""
+    try:
+        answer = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not an answer of gear-twin assess --json: {error}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
+    needed = ("asset", "windows", "wear", "rul", "effects", "data_quality")
+    missing = [key for key in needed if key not in answer] if isinstance(answer, dict) else list(needed)
+    if missing:
+        raise InputError(f"{path}: not an answer of gear-twin assess --json: {', '.join(missing)} missing")
+    return answer
+
+
+def text_report(answer: Mapping[str, Any]) -> str:
+    """The answer as plain text."""
+    titles = [title for title, _ in WINDOW_COLUMNS]
+    rows = [titles, *window_rows(answer["windows"])]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(titles))]
+    table = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join([f"Asset {answer['asset']}", "", *summary_lines(answer), "", *table])
+
+
+def html_report(answer: Mapping[str, Any]) -> str:
+    """The answer as one self-contained page."""
+    head = "".join(f"<th>{escape(title)}</th>" for title, _ in WINDOW_COLUMNS)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in window_rows(answer["windows"])
+    )
+    summary = "".join(f"<li>{escape(line)}</li>" for line in summary_lines(answer))
+    title = f"Gear wear of {escape(answer['asset'])}"
+    rms = _chart(answer["windows"], {"measured": "rms_measured", "twin": "rms_predicted"}, "RMS [m/s²]")
+    depth = _chart(answer["windows"], {"twin": "wear_depth_um"}, "largest wear depth [µm]")
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
+        f"<h1>{title}</h1><ul>{summary}</ul><h2>RMS against revolutions</h2>{rms}"
+        f"<h2>Wear depth against revolutions</h2>{depth}<h2>Windows</h2>"
+        f"<table><tr>{head}</tr>{body}</table></html>"
+    )
+
+
+def _chart(records: Sequence[Mapping[str, Any]], series: Mapping[str, str], unit: str) -> str:
+    """Lines over the revolutions, as SVG."""
+    points = {
+        name: [
+            (r["revolutions"], r[key])
+            for r in records
+            if r.get("kind") == "measurement" and r.get("revolutions") is not None and r.get(key) is not None
+        ]
+        for name, key in series.items()
+    }
+    flat = [point for line in points.values() for point in line]
+    if not flat:
+        return "<p>not available</p>"
+    right, top = max(x for x, _ in flat) or 1.0, max(y for _, y in flat) or 1.0
+
+    def place(x: float, y: float) -> str:
+        across = _EDGE + x / right * (_WIDTH - 2 * _EDGE)
+        return f"{across:.1f},{_HEIGHT - _EDGE - y / top * (_HEIGHT - 2 * _EDGE):.1f}"
+
+    parts = []
+    for (name, line), colour in zip(points.items(), ("#1f77b4", "#d62728"), strict=False):
+        marks = " ".join(place(x, y) for x, y in line)
+        parts.append(f'<polyline points="{marks}" fill="none" stroke="{colour}" stroke-width="2"/>')
+        parts += ['<circle cx="{}" cy="{}" r="3" fill="{}"/>'.format(*place(x, y).split(","), colour) for x, y in line]
+        row = 18 * len([p for p in parts if p.startswith("<polyline")])
+        parts.append(f'<text x="{_EDGE + 10}" y="{_EDGE + row}" fill="{colour}">{escape(name)}</text>')
+    base = _HEIGHT - _EDGE
+    parts.append(f'<path d="M{_EDGE},{_EDGE} V{base} H{_WIDTH - _EDGE}" stroke="#888" fill="none"/>')
+    parts.append(f'<text x="8" y="{_EDGE - 12}">{escape(unit)}, up to {top:.4g}</text>')
+    parts.append(f'<text x="{_WIDTH - 250}" y="{_HEIGHT - 12}">pinion revolutions, up to {right:.6g}</text>')
+    return f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" role="img">{"".join(parts)}</svg>'

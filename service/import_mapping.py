@@ -1,0 +1,213 @@
+"""The mapping file of `gear-twin import`: which column is which channel, in which unit, on which gears.
+
+    schema = "gear-import/1"
+    asset = "my-gearbox"
+    description = "…"
+    started = 2020-10-28T00:00:00Z         # left out where not known
+    notes = ["…"]                          # kept with the recording
+
+    [file]
+    path = "channels.npz"                  # CSV, CSV.gz or NPZ, relative to this file
+    sample_rate_hz = 25600
+    delimiter = ","                        # of a CSV
+
+    [channels.ch14]                        # the sensor's name; pinion or gear for a torque or an encoder
+    kind = "accel"                         # accel, torque or encoder
+    column = "ch14"                        # header of a CSV column, array of an NPZ; the name if left out
+    unit = "V"                             # m/s2, g, V, Pa, unknown; torque: Nm, V, unknown; encoder: s
+    sensitivity = 0.0510204                # V per m/s² or per N·m, with unit V
+    edges_per_rev = 1024                   # encoder
+    first_edge_index = 0                   # encoder
+
+    [rig]                                  # a rig file of what is known: tooth counts, nominal speed, …
+
+Every fault is one line that names the key, its value and what would be right.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from service.errors import InputError
+from service.rigfile import checked_rig
+from service.wire.topics import KINDS, NAME, SHAFTS
+
+SCHEMA = "gear-import/1"
+STANDARD_GRAVITY = 9.80665  # [m/s²]
+RATES = (1.0, 1e7)  # [Hz]
+UNITS = {
+    "accel": ("m/s2", "g", "V", "Pa", "unknown"),
+    "torque": ("Nm", "V", "unknown"),
+    "encoder": ("s",),
+}
+_KEYS = {
+    "": ("schema", "asset", "description", "started", "notes", "file", "channels", "rig"),
+    "file.": ("path", "sample_rate_hz", "delimiter"),
+    "channels.": ("kind", "column", "unit", "sensitivity", "edges_per_rev", "first_edge_index", "note"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelMapping:
+    """One column and what it becomes."""
+
+    kind: str  # accel, torque or encoder
+    name: str  # sensor or shaft
+    column: str
+    unit: str
+    factor: float = 1.0  # from the file's values to the contract's unit
+    edges_per_rev: int = 0
+    first_edge_index: int = 0
+    note: str = ""
+
+    @property
+    def label(self) -> str:
+        return f"{self.kind}/{self.name}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportMapping:
+    """A whole mapping file, checked."""
+
+    where: str  # the mapping file's name, for messages
+    asset: str
+    description: str
+    started: datetime | None
+    notes: tuple[str, ...]
+    path: Path
+    sample_rate: float  # [Hz]
+    delimiter: str
+    channels: tuple[ChannelMapping, ...]
+    rig: dict[str, Any]
+
+
+def load_import_mapping(path: str | Path) -> ImportMapping:
+    """The checked mapping of a mapping file; InputError with the key that is wrong."""
+    path = Path(path)
+    try:
+        data = tomllib.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: mapping file cannot be read: {(error.strerror or 'fault').lower()}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: mapping file is not TOML: {error}") from None
+    return checked_mapping(data, path)
+
+
+def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
+    """The mapping of a TOML document read from `path`."""
+    where = str(path)
+    _known(where, "", data)
+    if data.get("schema") != SCHEMA:
+        raise InputError(f"{where}: schema = {data.get('schema')!r} must be {SCHEMA!r}")
+    asset = data.get("asset")
+    if not isinstance(asset, str) or not NAME.fullmatch(asset):
+        raise InputError(f"{where}: asset = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
+    file = _table(where, data, "file")
+    _known(where, "file.", file)
+    if not isinstance(file.get("path"), str):
+        raise InputError(f"{where}: file.path = {file.get('path')!r} must name a CSV, CSV.gz or NPZ file")
+    channels = _table(where, data, "channels")
+    if not channels:
+        raise InputError(f"{where}: channels must name at least one column")
+    rig = dict(_table(where, data, "rig"))
+    rig.setdefault("schema", "gear-rig/1")
+    rig.setdefault("name", asset)
+    checked_rig(rig, f"{where}: rig")
+    mapped = tuple(_channel(where, name, table) for name, table in channels.items())
+    reference = rig.get("sensors", {}).get("accelerometer")
+    sensors = [c.name for c in mapped if c.kind == "accel" and c.unit != "Pa"]
+    if reference is not None and reference not in sensors:
+        raise InputError(
+            f"{where}: rig.sensors.accelerometer = {reference!r} must be one of the accelerometers: "
+            f"{', '.join(sensors) or 'none is mapped'}"
+        )
+    return ImportMapping(
+        where=where,
+        asset=asset,
+        description=str(data.get("description", "")),
+        started=_started(where, data.get("started")),
+        notes=tuple(str(n) for n in data.get("notes", ())),
+        path=path.parent / file["path"],
+        sample_rate=_number(where, "file.sample_rate_hz", file.get("sample_rate_hz"), RATES, "Hz", "kHz?"),
+        delimiter=str(file.get("delimiter", ",")),
+        channels=mapped,
+        rig=rig,
+    )
+
+
+def _channel(where: str, name: str, table: Any) -> ChannelMapping:
+    key = f"channels.{name}"
+    if not isinstance(table, dict):
+        raise InputError(f"{where}: {key} = {table!r} must be a table")
+    _known(where, "channels.", table, key + ".")
+    kind = table.get("kind", "accel")
+    if kind not in KINDS:
+        raise InputError(f"{where}: {key}.kind = {kind!r} must be one of {', '.join(KINDS)}")
+    if not NAME.fullmatch(name):
+        raise InputError(f"{where}: {key}: a sensor's name must be 1 to 64 letters, digits, '_', '-' or '.'")
+    if kind != "accel" and name not in SHAFTS:
+        raise InputError(f"{where}: {key}: a channel of kind {kind} must be named {' or '.join(SHAFTS)}")
+    unit = table.get("unit")
+    if unit not in UNITS[kind]:
+        raise InputError(f"{where}: {key}.unit = {unit!r} must be one of {', '.join(UNITS[kind])}")
+    factor, sensitivity = 1.0, table.get("sensitivity")
+    if unit == "V":
+        per = "m/s²" if kind == "accel" else "N·m"
+        factor = 1 / _number(where, f"{key}.sensitivity", sensitivity, (1e-9, 1e9), f"V per {per}", "mV?")
+    elif sensitivity is not None:
+        raise InputError(f"{where}: {key}.sensitivity = {sensitivity!r} goes with unit 'V' only, not {unit!r}")
+    elif unit == "g":
+        factor = STANDARD_GRAVITY
+    edges, first = 0, 0
+    if kind == "encoder":
+        edges = int(_number(where, f"{key}.edges_per_rev", table.get("edges_per_rev"), (1, 1e7), "edges", "?"))
+        first = int(_number(where, f"{key}.first_edge_index", table.get("first_edge_index", 0), (0, 2**53), ""))
+    return ChannelMapping(
+        kind=kind,
+        name=name,
+        column=str(table.get("column", name)),
+        unit=unit,
+        factor=factor,
+        edges_per_rev=edges,
+        first_edge_index=first,
+        note=str(table.get("note", "")),
+    )
+
+
+def _known(where: str, path: str, table: dict[str, Any], shown: str | None = None) -> None:
+    for key in table:
+        if key not in _KEYS[path]:
+            raise InputError(f"{where}: {shown or path}{key} is not known; known here: {', '.join(_KEYS[path])}")
+
+
+def _table(where: str, data: dict[str, Any], key: str) -> dict[str, Any]:
+    value = data.get(key, {})
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: {key} = {value!r} must be a table")
+    return value
+
+
+def _number(where: str, key: str, value: Any, limits: tuple[float, float], unit: str, hint: str = "") -> float:
+    low, high = limits
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+        raise InputError(f"{where}: {key} = {value!r} must be a number{f' [{unit}]' if unit else ''}")
+    if not low <= value <= high:
+        cause = f"; {hint}" if hint and hint != "?" else ""
+        raise InputError(f"{where}: {key} = {value:g} {unit} is outside [{low:g}, {high:g}]{cause}")
+    return float(value)
+
+
+def _started(where: str, value: Any) -> datetime | None:
+    if value is None:
+        return None
+    if not isinstance(value, datetime):
+        raise InputError(f"{where}: started = {value!r} must be a date with time, such as 2020-10-28T00:00:00Z")
+    moment = value if value.tzinfo else value.replace(tzinfo=UTC)
+    if moment.timestamp() <= 0:
+        raise InputError(f"{where}: started = {value.isoformat()} must lie after 1970-01-01")
+    return moment

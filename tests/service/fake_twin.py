@@ -1,0 +1,76 @@
+"""A twin with no physics: every figure is a plain function of the windows it was given, in their order.
+
+Run as a program it is `gear-twin serve` with this twin in place of the real one, set by the environment.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from service.serve import run
+from service.settings import Settings
+from twin.step import Estimate
+
+SLOW = float(os.environ.get("FAKE_TWIN_SECONDS", "0"))  # what one window costs [s]
+
+
+@dataclass(frozen=True)
+class FakeState:
+    """What the fake remembers."""
+
+    windows_seen: int = 0
+    total: float = 0.0
+
+    def to_dict(self):
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data):
+        return cls(**data)
+
+
+def step(rig, state, window, options):
+    """Depth grows with revolutions; `total` is wrong if any window is missing, double or out of order."""
+    time.sleep(SLOW)
+    state = state if isinstance(state, FakeState) else FakeState()
+    edges = window.encoders["pinion"]
+    revolutions = (edges.first_index + edges.times.size / 2) / edges.per_rev
+    rms = float(np.sqrt(np.nanmean(window.accelerations["y6"].values ** 2)))
+    seen = state.windows_seen + 1
+    total = 0.75 * state.total + rms * seen
+    depth = 0.026 * revolutions
+    record = {
+        "index": seen - 1,
+        "kind": "measurement",
+        "revolutions": revolutions,
+        "speed_hz": 10.0,
+        "torque_nm": float(np.nanmean(window.torques["pinion"].values)),
+        "rms_measured": rms,
+        "rms_predicted": total,
+        "error_percent": 100 * (total - rms) / rms,
+        "updated": seen % 3 == 0,
+        "rms_after": rms,
+        "error_after_percent": float("nan"),  # what is not finite must not reach JSON
+        "k_wear_per_n": 2.7e-6,
+        "wear_depth_um": depth,
+    }
+    if rig.has("gears.module"):
+        band = {"median": depth, "p05": 0.9 * depth, "p95": 1.1 * depth}
+        wear = {"k_wear_per_n": 2.7e-6, "max_depth_um": {"combined": band}}
+        rul = {"criterion": "max_depth", "hours": {"median": 1 / depth, "p05": 0.5 / depth, "p95": 2 / depth}}
+    else:
+        wear = rul = {"status": "not available", "reason": "the rig file does not give gears.module"}
+    report = {"wear": wear, "rul": rul, "residual": {"rms_error_percent": float("inf")}, "effects": []}
+    events = (("window", record), ("rul", rul))
+    return FakeState(seen, total), Estimate(record=record, report=report, events=events)
+
+
+TWIN = (step, FakeState)
+
+if __name__ == "__main__":
+    sys.exit(run(Settings(), twin=TWIN))

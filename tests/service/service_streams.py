@@ -1,0 +1,131 @@
+"""Small recordings by the contract, and real service processes to replay them into."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from service.frames import NS, EncoderFrame, SampleFrame
+from service.sources.mcap_write import RecordingWriter
+from service.wire.codec import encode
+from service.wire.topics import Channel
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+RATE, SPEED, PER_REV = 2000.0, 10.0, 64
+FRAME_S, WINDOW_S, PAUSE_S = 0.25, 2.0, 60.0
+RIG = ROOT / "recordings" / "rigs" / "unsw.toml"
+
+
+def write_recording(path: Path, windows: int = 8, asset: str = "unsw", rig: Path | None = RIG) -> Path:
+    """A campaign of short windows, minutes apart, whose level differs from window to window."""
+    rng = np.random.default_rng(7)
+    text = rig.read_bytes() if rig else None
+    with RecordingWriter(path, rig_text=text, metadata={"asset": asset}) as writer:
+        for w in range(windows):
+            start = 1_700_000_000 * NS + round(w * PAUSE_S * NS)
+            for f in range(round(WINDOW_S / FRAME_S)):
+                at = start + round(f * FRAME_S * NS)
+                number = w * round(WINDOW_S / FRAME_S) + f
+                for frame in _frames(asset, at, number, 10 + w, rng, w):
+                    writer.write(frame.channel, at + round(FRAME_S * NS), encode(frame))
+    return path
+
+
+def _frames(asset, at, number, level, rng, window):
+    n = round(RATE * FRAME_S)
+    for kind, name, values in (
+        ("accel", "y6", level * rng.standard_normal(n)),
+        ("torque", "pinion", 10 + 0.01 * rng.standard_normal(n)),
+    ):
+        yield SampleFrame(
+            channel=Channel(asset, kind, name), start_time_ns=at, sequence=number, sample_rate=RATE,
+            values=values.astype(np.float32),
+        )  # fmt: skip
+    for shaft, speed in (("pinion", SPEED), ("gear", SPEED * 19 / 52)):
+        since = window * PAUSE_S + (number % round(WINDOW_S / FRAME_S)) * FRAME_S
+        first = int(np.ceil(since * speed * PER_REV - 1e-9))
+        last = int(np.ceil((since + FRAME_S) * speed * PER_REV - 1e-9))
+        times = np.arange(first, last) / (speed * PER_REV) - since
+        yield EncoderFrame(
+            channel=Channel(asset, "encoder", shaft), start_time_ns=at, sequence=number,
+            edges_per_rev=PER_REV, first_edge_index=first, edge_offsets_ns=np.maximum(times, 0) * NS,
+        )  # fmt: skip
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Service:
+    """A service process with the fake twin, and its addresses."""
+
+    def __init__(self, data: Path, slow: float = 0.0, **settings: str) -> None:
+        self.http, self.endpoint = f"127.0.0.1:{free_port()}", f"tcp/127.0.0.1:{free_port()}"
+        self.given = {
+            "LISTEN": json.dumps([self.endpoint]), "HTTP": self.http, "DATA": str(data), "IDLE_TIMEOUT": "0.7",
+        } | settings  # fmt: skip
+        self.slow, self.process = slow, None
+
+    def start(self) -> Service:
+        environment = os.environ | {f"GEAR_TWIN_{k}": v for k, v in self.given.items()}
+        environment |= {"PYTHONPATH": str(ROOT), "FAKE_TWIN_SECONDS": str(self.slow)}
+        self.process = subprocess.Popen(
+            [sys.executable, str(HERE / "fake_twin.py")], env=environment, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        wait_until(lambda: self.get("/readyz") is not None or self.process.poll() is not None)
+        return self
+
+    def end(self, how: int = signal.SIGTERM) -> tuple[int, str, str]:
+        """The exit status and what was said."""
+        if self.process.poll() is None:
+            self.process.send_signal(how)
+        said, complained = self.process.communicate(timeout=20)
+        return self.process.returncode, said, complained
+
+    def get(self, path: str):
+        """The JSON at a path; None where it is not answered."""
+        try:
+            with urllib.request.urlopen(f"http://{self.http}{path}", timeout=10) as answer:
+                return json.load(answer)
+        except OSError:
+            return None
+
+    def windows(self, asset: str = "unsw") -> list[dict]:
+        return self.get(f"/v1/assets/{asset}/windows?limit=10000") or []
+
+    def wait_for_windows(self, count: int, asset: str = "unsw") -> list[dict]:
+        wait_until(lambda: len(self.windows(asset)) >= count)
+        return self.windows(asset)
+
+
+@contextmanager
+def service(data: Path, **given):
+    running = Service(data, **given).start()
+    try:
+        yield running
+    finally:
+        if running.process.poll() is None:
+            running.process.kill()
+        if not running.process.stderr.closed:
+            print(*running.process.communicate(), sep="\n")  # shown where the test failed
+
+
+def wait_until(condition, seconds: float = 30.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {seconds:g} s"
+        time.sleep(0.05)

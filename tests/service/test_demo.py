@@ -1,0 +1,55 @@
+"""The demo: a service of its own, a replay into it, a summary, and an exit status that can be relied on."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+
+import pytest
+from rich.console import Console
+from service_streams import HERE, ROOT, write_recording
+
+from service.demo import run
+from service.errors import InputError
+from service.settings import Settings
+
+FAKE = (sys.executable, str(HERE / "fake_twin.py"))
+
+
+@pytest.fixture
+def said(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))))
+    return io.StringIO()
+
+
+def show(said):
+    return Console(file=said, width=120, color_system=None)
+
+
+def test_demo_replays_sums_up_and_ends_with_status_0(tmp_path, said):
+    recording = write_recording(tmp_path / "short.mcap", 4)
+    status = run(Settings(), exit_after=True, recording=recording, console=show(said), command=FAKE)
+    text = said.getvalue()
+    assert status == 0, text
+    for words in ("windows", "4", "updates", "2.7e-06 /N", "maximum wear depth", "remaining life", "http://127"):
+        assert words in text
+
+
+def test_demo_of_a_machine_whose_wear_is_not_available_fails_and_says_why(tmp_path, said):
+    recording = write_recording(tmp_path / "bare.mcap", 2, rig=None)
+    status = run(Settings(), exit_after=True, recording=recording, console=show(said), command=FAKE)
+    assert status == 1
+    assert "failed: wear is not available: the rig file does not give gears.module" in said.getvalue()
+
+
+def test_demo_whose_service_does_not_start_fails_and_says_why(tmp_path, said):
+    recording = write_recording(tmp_path / "short.mcap", 1)
+    command = (sys.executable, "-c", "raise SystemExit('no room on this machine')")
+    status = run(Settings(), exit_after=True, recording=recording, console=show(said), command=command)
+    assert status == 1 and "no room on this machine" in said.getvalue()
+
+
+def test_demo_without_its_recording_names_it(tmp_path):
+    with pytest.raises(InputError, match=r"absent\.mcap: there is no such recording"):
+        run(Settings(), exit_after=True, recording=tmp_path / "absent.mcap")

@@ -1,0 +1,211 @@
+"""A stream over Zenoh TCP gives the windows of the file, however it is delivered, and the replay knows what arrived."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections import deque
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import pytest
+from streams import ASSET, bursts, content
+
+from service.assembly import Assembler
+from service.errors import DeliveryError, InputError
+from service.inbox import Inbox, pump
+from service.pipeline import Checkpoint, Pipeline
+from service.record import record
+from service.replay import paced, replay, shuffled, twice
+from service.sources.mcap import RawFrame, read_windows
+from service.sources.mcap_write import RecordingWriter
+from service.sources.zenoh import ZenohSource, open_session
+from service.wire.codec import encode, encoding_of
+from service.wire.topics import topic_of
+from twin.rig import Rig
+
+IDLE = 1.5  # [s]
+
+
+@pytest.fixture
+def endpoint():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recordings") / "small.mcap"
+    with RecordingWriter(path) as writer:
+        for frame in bursts(8, frames=10):
+            writer.write(frame.channel, frame.end_time_ns, encode(frame))
+    return path
+
+
+def count_windows(rig, state, window, options):
+    """Stands in for the twin: numbers the windows."""
+    estimate = SimpleNamespace(record={"kind": "measurement", "seen": state["n"]}, report={"n": state["n"]}, events=())
+    return {"n": state["n"] + 1}, estimate
+
+
+def make_pipeline(outcomes):
+    return Pipeline(
+        lambda asset: Rig.from_mapping({}), None, outcomes.append, step=count_windows, new_state=lambda: {"n": 0}
+    )
+
+
+@contextmanager
+def receiving(endpoint, pipeline):
+    """A router with a pipeline behind it, in this process."""
+    inbox, stop = Inbox(), threading.Event()
+    with open_session(listen=[endpoint]) as session, ZenohSource(session).subscribe(inbox):
+        thread = threading.Thread(target=pump, args=(inbox, pipeline, stop, IDLE))
+        thread.start()
+        try:
+            yield inbox
+        finally:
+            stop.set()
+            thread.join()
+
+
+def until(condition, timeout=15.0):
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    ("speed", "disturb"),
+    [
+        (0, lambda frames: frames),
+        (0, twice),
+        (0, lambda frames: shuffled(frames, 80)),
+        (0, lambda frames: shuffled(frames, 10**6, seed=3)),
+        (0, lambda frames: shuffled(twice(frames), 300)),
+        (50, lambda frames: frames),
+    ],
+    ids=["once", "twice", "shuffled", "wholly shuffled", "twice and shuffled", "50 times as fast"],
+)
+def test_a_stream_gives_the_windows_of_the_file(recording, endpoint, speed, disturb):
+    windows = read_windows(recording)[2]
+    outcomes = []
+    with receiving(endpoint, make_pipeline(outcomes)) as inbox:
+        sent = replay(recording, [endpoint], speed, disturb=disturb)
+        assert inbox.received >= sent >= 320
+        until(lambda: len(outcomes) >= 8)
+        time.sleep(0.3)
+    assert content([o.window for o in outcomes]) == content(windows)
+    assert [o.index for o in outcomes] == list(range(8))
+    assert (inbox.dropped, inbox.errors) == ({}, 0)
+
+
+def test_a_receiver_that_goes_away_and_comes_back_misses_nothing(recording, endpoint):
+    outcomes, sent = [], []
+    sender = threading.Thread(target=lambda: sent.append(replay(recording, [endpoint], 20.0, max_pause=1.0)))
+    with receiving(endpoint, make_pipeline(outcomes)):
+        sender.start()
+        until(lambda: len(outcomes) >= 3)
+    last = outcomes[-1]
+    pipeline = make_pipeline(outcomes)
+    pipeline.restore(
+        ASSET,
+        Checkpoint(
+            index=last.index, state=last.state, report=last.report, assembly=last.assembly, quality=last.quality
+        ),
+    )
+    with receiving(endpoint, pipeline):
+        sender.join()
+        until(lambda: len(outcomes) >= 8)
+        time.sleep(0.3)
+    assert sent and sent[0] >= 320
+    assert content([o.window for o in outcomes]) == content(read_windows(recording)[2])
+    assert [o.record["seen"] for o in outcomes] == list(range(8))
+
+
+def test_a_plain_publisher_is_understood(endpoint):
+    outcomes = []
+    with receiving(endpoint, make_pipeline(outcomes)), open_session(connect=[endpoint]) as session:
+        time.sleep(0.3)
+        for frame in bursts(2):
+            session.put(topic_of(frame.channel), encode(frame), encoding=encoding_of(frame.channel))
+        until(lambda: len(outcomes) >= 2)
+    assembler = Assembler()
+    windows = [w for frame in bursts(2) for w in assembler.add(frame)] + assembler.flush()
+    assert content([o.window for o in outcomes]) == content(windows)
+
+
+def test_frames_that_break_the_contract_are_counted_and_told(endpoint):
+    outcomes = []
+    pipeline = make_pipeline(outcomes)
+    with receiving(endpoint, pipeline), open_session(connect=[endpoint]) as session:
+        time.sleep(0.3)
+        frames = bursts(1)
+        session.put(topic_of(frames[0].channel), b"\xff\xff")
+        for frame in frames:
+            session.put(topic_of(frame.channel), encode(frame))
+        until(lambda: outcomes)
+    quality = pipeline.quality(ASSET)
+    assert quality["channels"]["accel/y6"]["invalid"] == 1
+    assert "is no gearbox.v1.SampleFrame" in quality["faults"][0]["detail"]
+
+
+def test_a_replay_without_a_subscriber_fails_in_time_and_says_so(recording, endpoint):
+    with open_session(listen=[endpoint]), pytest.raises(DeliveryError, match="no subscriber for gearbox/"):
+        replay(recording, [endpoint], 0, wait=0.5)
+
+
+def test_a_replay_without_a_router_fails_in_time_and_says_so(recording, endpoint):
+    with pytest.raises(DeliveryError, match="no router answers at tcp/127"):
+        replay(recording, [endpoint], 0, wait=0.5)
+
+
+def test_an_endpoint_that_is_none_is_named(recording):
+    with pytest.raises(InputError, match="endpoint nonsense is not one"):
+        replay(recording, ["nonsense"], 0, wait=0.5)
+
+
+def test_a_recorded_stream_has_the_windows_of_what_was_replayed(recording, endpoint, tmp_path):
+    out, stop, inbox = tmp_path / "out.mcap", threading.Event(), Inbox()
+    with open_session(listen=[endpoint]) as session:
+        written = []
+        thread = threading.Thread(
+            target=lambda: written.append(record(ZenohSource(session), inbox, out, stop=stop, rig_text=b"name = 'a'\n"))
+        )
+        thread.start()
+        replay(recording, [endpoint], 0)
+        stop.set()
+        thread.join()
+    assert written == [(320, 0)]
+    rig, metadata, windows = read_windows(out)
+    assert content(windows) == content(read_windows(recording)[2])
+    assert rig == {"name": "a"} and metadata["asset"] == ASSET
+
+
+def test_a_full_inbox_holds_up_then_drops_and_counts():
+    inbox = Inbox(frames=2, wait=0.05)
+    topic = f"gearbox/{ASSET}/accel/y6"
+    assert [inbox.offer(topic, b"x") for _ in range(3)] == [True, True, False]
+    assert inbox.dropped == {topic: 1}
+    waiting = Inbox(frames=1, wait=5.0)
+    waiting.offer(topic, b"1")
+    threading.Timer(0.05, waiting.take, [1.0]).start()
+    assert waiting.offer(topic, b"2") is True
+    small = Inbox(max_bytes=10, wait=0.0)
+    assert [small.offer(topic, b"12345678") for _ in range(2)] == [True, False]
+
+
+def test_keys_that_break_the_contract_and_faults_in_callbacks_are_counted():
+    inbox = Inbox()
+    inbox.guarded(lambda: "gearbox/a/torque/motor", lambda: b"")
+    inbox.guarded(lambda: "gearbox/a/accel/y6", lambda: 1 / 0)
+    assert (inbox.dropped_frames, inbox.errors, inbox.depth) == (1, 1, 0)
+
+
+def test_a_paced_replay_keeps_the_time_of_the_recording():
+    frames = [RawFrame(None, round(t * 1e9), b"") for t in (5.0, 5.1, 5.3, 25.3)]
+    begun = time.monotonic()
+    deque(paced(frames, 2.0, max_pause=0.4), maxlen=0)
+    assert 0.35 <= time.monotonic() - begun < 0.6  # (0.1 + 0.2 + 0.4) / 2

@@ -1,0 +1,225 @@
+"""A real service process: replayed campaigns over Zenoh TCP, restarts, kills, and a clean end."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+import time
+from functools import partial
+
+import fake_twin
+import pytest
+import zenoh
+from service_streams import RIG, Service, free_port, service, wait_until, write_recording
+
+from service.assess import assess
+from service.errors import InputError
+from service.jsontext import plain
+from service.replay import replay, shuffled, twice
+from service.serve import run
+from service.settings import Settings
+from service.sources.zenoh import open_session
+
+WINDOWS = 6
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("recording") / "short.mcap", WINDOWS)
+
+
+@pytest.fixture(scope="module")
+def assessed(recording):
+    return plain(assess(recording, step=fake_twin.step))
+
+
+@pytest.mark.parametrize(
+    "disturb",
+    [lambda frames: frames, twice, partial(shuffled, horizon=24)],
+    ids=["once", "twice", "shuffled"],
+)
+def test_replayed_campaign_gives_the_same_state_as_assess(tmp_path, recording, assessed, disturb):
+    with service(tmp_path) as running:
+        replay(recording, [running.endpoint], 0, disturb=disturb)
+        assert running.wait_for_windows(WINDOWS) == assessed["windows"]
+        whole = running.get("/v1/assets/unsw")
+        for part in ("asset", "windows", "wear", "rul", "residual", "effects"):
+            assert whole[part] == assessed[part], part
+        assert running.get("/v1/assets/unsw/rig")["name"] == "unsw"  # the recording's own, offered on Zenoh
+
+
+def test_killed_service_goes_on_where_it_was_and_counts_nothing_twice(tmp_path, recording, assessed):
+    running = Service(tmp_path, slow=0.3).start()
+    sending = threading.Thread(target=lambda: _ignoring(replay, recording, [running.endpoint], 0), daemon=True)
+    sending.start()
+    acknowledged = running.wait_for_windows(2)
+    running.end(signal.SIGKILL)
+    running.slow = 0.0
+    try:
+        running.start()
+        kept = running.windows()
+        assert kept[: len(acknowledged)] == acknowledged  # what was told is there
+        assert len(kept) < WINDOWS
+        replay(recording, [running.endpoint], 0)  # from the start again: what was counted is known
+        assert running.wait_for_windows(WINDOWS) == assessed["windows"]
+        assert running.get("/v1/assets/unsw")["rul"] == assessed["rul"]
+    finally:
+        running.end(signal.SIGKILL)
+
+
+def test_replay_goes_on_through_a_kill_of_the_service_and_nothing_is_missing(tmp_path, recording, assessed):
+    running, delivered = Service(tmp_path).start(), []
+    pace = {"speed": 4.0, "max_pause": 1.5}
+    sending = threading.Thread(
+        target=lambda: delivered.append(replay(recording, [running.endpoint], **pace)), daemon=True
+    )
+    sending.start()
+    try:
+        running.wait_for_windows(2)
+        running.end(signal.SIGKILL)
+        running.start()
+        sending.join(30)
+        assert delivered, "the replay did not end"
+        assert running.wait_for_windows(WINDOWS) == assessed["windows"]
+    finally:
+        running.end(signal.SIGKILL)
+
+
+def _ignoring(call, *given):
+    try:
+        call(*given)
+    except Exception as error:  # the service is killed under it
+        assert error is not None
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_signal_ends_the_service_within_seconds_also_in_mid_window(tmp_path, recording, how):
+    with service(tmp_path, slow=0.6) as running:
+        threading.Thread(target=_ignoring, args=(replay, recording, [running.endpoint], 0), daemon=True).start()
+        running.wait_for_windows(1)
+        began = time.monotonic()
+        status, said, complained = running.end(how)
+        assert status == 0 and "Traceback" not in complained
+        assert time.monotonic() - began < 8
+        assert f"http://{running.http}/" in said
+    with service(tmp_path) as again:
+        assert 1 <= len(again.windows()) < WINDOWS
+
+
+def test_state_is_published_and_answers_get_with_the_json_of_rest(tmp_path, recording):
+    seen = []
+    with service(tmp_path) as running, open_session(connect=[running.endpoint]) as session:
+        keep = lambda sample: seen.append((str(sample.key_expr), sample.payload.to_bytes()))  # noqa: E731
+        subscriber = session.declare_subscriber("gearbox/unsw/twin/state", keep)
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        wait_until(lambda: len(seen) >= WINDOWS)
+        whole = running.get("/v1/assets/unsw")
+        assert [len(json.loads(p)["windows"]) for _, p in seen[:WINDOWS]] == list(range(1, WINDOWS + 1))
+        for selector in ("gearbox/unsw/twin/state", "gearbox/*/twin/state"):
+            (reply,) = session.get(selector)
+            assert str(reply.ok.key_expr) == "gearbox/unsw/twin/state"
+            assert json.loads(reply.ok.payload.to_bytes())["windows"] == whole["windows"]
+            assert str(reply.ok.encoding) == "application/json"
+        assert list(session.get("gearbox/nobody/twin/state")) == []
+        (token,) = session.liveliness().get("gearbox/*/twin/alive")
+        assert str(token.ok.key_expr) == "gearbox/unsw/twin/alive"
+        lost = threading.Event()
+        watcher = session.liveliness().declare_subscriber(
+            "gearbox/unsw/twin/alive",
+            lambda sample: lost.set() if sample.kind == zenoh.SampleKind.DELETE else None,
+        )
+        running.end()
+        assert lost.wait(10)
+        subscriber.undeclare()
+        watcher.undeclare()
+
+
+def test_machine_without_a_rig_file_gets_what_needs_none(tmp_path):
+    bare = write_recording(tmp_path / "bare.mcap", 2, rig=None)
+    with service(tmp_path / "data") as running:
+        replay(bare, [running.endpoint], 0)
+        windows = running.wait_for_windows(2)
+        assert all(w["rms_measured"] > 0 for w in windows)
+        assert running.get("/v1/assets/unsw/wear")["status"] == "not available"
+        assert running.get("/v1/assets/unsw/rig")["status"] == "not available"
+
+
+def test_own_rig_file_goes_before_the_one_offered(tmp_path, recording):
+    rig = tmp_path / "own.toml"
+    rig.write_text(RIG.read_text().replace('name = "unsw"', 'name = "mine"'))
+    with service(tmp_path / "data", RIG=str(rig)) as running:
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        assert running.get("/v1/assets/unsw/rig")["name"] == "mine"
+        running.end()
+    with service(tmp_path / "data") as again:  # and is remembered
+        assert again.get("/v1/assets/unsw/rig")["name"] == "mine"
+
+
+def test_service_waits_for_an_external_router_and_says_so(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    running = Service(tmp_path, CONNECT=json.dumps([endpoint]))
+    starting = threading.Thread(target=running.start, daemon=True)
+    starting.start()
+    wait_until(lambda: running.get("/healthz") is not None)
+    assert running.get("/readyz") is None
+    with open_session(listen=[endpoint]):
+        wait_until(lambda: running.get("/readyz") is not None)
+        starting.join(5)
+        assert running.end()[0] == 0
+
+
+def test_service_that_waits_for_a_router_still_ends_on_a_signal(tmp_path):
+    running = Service(tmp_path, CONNECT=json.dumps([f"tcp/127.0.0.1:{free_port()}"]))
+    threading.Thread(target=_ignoring, args=(running.start,), daemon=True).start()
+    wait_until(lambda: running.get("/healthz") is not None)
+    assert running.end()[0] == 0
+
+
+def test_taken_address_and_taken_data_directory_are_one_clear_line(tmp_path):
+    with service(tmp_path / "a") as running:
+        taken = Settings(http=running.http, listen=["tcp/127.0.0.1:0"], data=tmp_path / "b")
+        with pytest.raises(InputError, match=f"HTTP cannot be served at {running.http}: address already in use"):
+            run(taken)
+        twin = Settings(http="127.0.0.1:0", listen=["tcp/127.0.0.1:0"], data=tmp_path / "a")
+        with pytest.raises(InputError, match="another service has this data directory"):
+            run(twin)
+        endpoint = Settings(http="127.0.0.1:0", listen=[running.endpoint], data=tmp_path / "c")
+        with pytest.raises(Exception, match=f"cannot listen at {running.endpoint}"):
+            run(endpoint, announce=lambda address: None)
+
+
+def test_rig_file_with_a_typo_is_refused_before_anything_starts(tmp_path):
+    rig = tmp_path / "rig.toml"
+    rig.write_text("[gears]\nmodul = 0.002\n")
+    with pytest.raises(InputError, match=r"rig\.toml: gears\.modul is not a key.*gears\.module"):
+        run(Settings(rig=rig, data=tmp_path / "data"))
+    assert not (tmp_path / "data").exists()
+
+
+def test_fault_of_the_program_costs_its_window_and_ends_nothing_else(tmp_path, recording):
+    def failing(rig, state, window, options):
+        if state.windows_seen == 2 and not failed:
+            failed.append(True)
+            raise ZeroDivisionError("a defect")
+        return fake_twin.step(rig, state, window, options)
+
+    failed, stop, addresses = [], threading.Event(), []
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    settings = Settings(http="127.0.0.1:0", listen=[endpoint], data=tmp_path, idle_timeout=0.7)
+    given = {"twin": (failing, fake_twin.FakeState), "stop": stop, "announce": addresses.append}
+    serving = threading.Thread(target=run, args=(settings,), kwargs=given)
+    serving.start()
+    try:
+        wait_until(lambda: addresses)
+        replay(recording, [endpoint], 0)
+        reader = Service(tmp_path)
+        reader.http = addresses[0].removeprefix("http://").strip("/")
+        windows = reader.wait_for_windows(WINDOWS)
+    finally:
+        stop.set()
+        serving.join(15)
+    assert [w["quality"] for w in windows].count("refused") == 1
+    assert "a fault of the program: ZeroDivisionError: a defect" in windows[2]["reason"]

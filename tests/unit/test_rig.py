@@ -1,0 +1,214 @@
+"""What a rig file may hold, and what is said of one that is wrong: name, value, unit, range, likely cause."""
+
+import copy
+import math
+
+import pytest
+
+from tests.mesh_pairs import UNSW_RIG
+from twin.errors import NotAvailable, ParameterError
+from twin.rig import DEGREES_OF_FREEDOM, Rig
+
+
+def rig_with(path, value):
+    """The reference rig with one value replaced."""
+    values = copy.deepcopy(UNSW_RIG)
+    *tables, key = path.split(".")
+    node = values
+    for table in tables:
+        node = node.setdefault(table, {})
+    node[key] = value
+    return values
+
+
+def message_of(mapping):
+    with pytest.raises(ParameterError) as caught:
+        Rig.from_mapping(mapping)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def test_reference_rig_is_accepted_as_it_is():
+    rig = Rig.from_mapping(UNSW_RIG)
+    assert rig.name == "unsw"
+    assert rig.teeth == (19, 52)
+    assert rig.accelerometer == "y6"
+    assert rig.band == (0.0, 2000.0)
+    assert rig.get("layout.degrees_of_freedom") == DEGREES_OF_FREEDOM
+    pair = rig.gear_pair()
+    assert (pair.module, pair.face_width, pair.backlash) == (0.002, 0.02, 1e-4)
+    assert pair.pressure_angle == pytest.approx(math.radians(20))
+    assert pair.bore_radius == (0.007, 0.01)
+
+
+NUMBERS = [
+    ("gears.module", 2.0, "gears.module = 2 m is outside (1e-05, 0.1] m; a module in mm?"),
+    (
+        "gears.pressure_angle_deg",
+        0.349,
+        "gears.pressure_angle_deg = 0.349 ° is outside (5, 45] °; radians?",
+    ),
+    ("gears.face_width", -0.02, "gears.face_width = -0.02 m is outside (0, 2] m; a length in mm?"),
+    (
+        "gears.youngs_modulus",
+        205.0,
+        "gears.youngs_modulus = 205 Pa is outside (1e+07, 2e+12] Pa; GPa?",
+    ),
+    ("gears.poisson_ratio", 0.7, "gears.poisson_ratio = 0.7 is outside (0, 0.5]"),
+    ("gears.density", 7.85, "gears.density = 7.85 kg/m³ is outside (100, 30000] kg/m³; g/cm³?"),
+    (
+        "gears.pinion.teeth",
+        4,
+        "gears.pinion.teeth = 4 is outside (5, 1000]; tooth counts below 6 do not mesh",
+    ),
+    (
+        "gears.path_of_contact.contact_ratio",
+        0.89,
+        "gears.path_of_contact.contact_ratio = 0.89 is outside (1, 5]; an addendum coefficient given in mm?",
+    ),
+    (
+        "mesh.mean_stiffness",
+        13.6,
+        "mesh.mean_stiffness = 13.6 N/m is outside (100000, 1e+12] N/m; N/(mm·µm)?",
+    ),
+    (
+        "mesh.relative_damping_time",
+        8.0,
+        "mesh.relative_damping_time = 8 s is outside [0, 0.01] s; microseconds?",
+    ),
+    (
+        "bearings.ky_input",
+        14.33,
+        "bearings.ky_input = 14.33 N/m is outside (1000, 1e+12] N/m; a stiffness in N/µm or N/mm?",
+    ),
+    (
+        "torsional_stiffness.k_1_2",
+        0.0,
+        "torsional_stiffness.k_1_2 = 0 N·m/rad is outside (0.01, 1e+09] N·m/rad; a stiffness per degree?",
+    ),
+    (
+        "inertias.J5",
+        5.4e5,
+        "inertias.J5 = 540000 kg·m² is outside (1e-09, 100000] kg·m²; an inertia in kg·mm² or kg·cm²?",
+    ),
+    ("masses.m5", 385200.0, "masses.m5 = 385200 kg is outside (0.0001, 100000] kg; a mass in g?"),
+    ("damping.modal_ratio", 5.0, "damping.modal_ratio = 5 is outside [0, 0.5]; a ratio in percent?"),
+    (
+        "operating.pinion_speed_hz",
+        math.nan,
+        "operating.pinion_speed_hz = nan Hz is outside (0, 2000] Hz; rev/min?",
+    ),
+    ("wear.K", 2.7, "wear.K = 2.7 1/N is outside (0, 1] 1/N; a dimensional coefficient in m²/N?"),
+    ("wear.max_depth_at_6000", 156.0, "wear.max_depth_at_6000 = 156 m is outside (0, 0.1] m; micrometres?"),
+    ("wear.pinion_share", 73.0, "wear.pinion_share = 73 is outside (0, 1]; percent?"),
+    ("end_of_life.max_depth", 500.0, "end_of_life.max_depth = 500 m is outside (0, 0.1] m; micrometres?"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "message"), NUMBERS, ids=[n[0] for n in NUMBERS])
+def test_value_out_of_range_is_named_with_unit_range_and_likely_cause(path, value, message):
+    assert message_of(rig_with(path, value)) == message
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("gears.modul", 0.002, "gears.modul is not a key of a rig file; did you mean gears.module?"),
+        ("waer", {}, "waer is not a key of a rig file; did you mean wear?"),
+        (
+            "end_of_life.xyz",
+            1,
+            "end_of_life.xyz is not a key of a rig file; known here: criterion, max_depth",
+        ),
+        ("gears", 3, "gears must be a table, not 3"),
+        ("gears.module", "2 mm", "gears.module = '2 mm' must be a number [m]"),
+        ("gears.module", True, "gears.module = True must be a number [m]"),
+        ("gears.pinion.teeth", 19.5, "gears.pinion.teeth = 19.5 must be a whole number"),
+        ("schema", "gear-rig/2", "schema = 'gear-rig/2' must be one of gear-rig/1"),
+        ("name", 7, "name = 7 must be text"),
+        ("end_of_life.criterion", "rms", "end_of_life.criterion = 'rms' must be one of max_depth"),
+        ("mesh.pair_s", 0.001, "mesh.pair_s must be a list of numbers"),
+        ("mesh.pair_s", [0.0, "a"], "mesh.pair_s[1] = 'a' must be a number in [-1, 1]"),
+        ("mesh.pair_s", [0.0, 5.0], "mesh.pair_s[1] = 5.0 must be a number in [-1, 1]"),
+        ("layout.degrees_of_freedom", "th1", "layout.degrees_of_freedom must be a list of names"),
+    ],
+)
+def test_typing_error_is_named_with_the_nearest_key_or_what_is_allowed(path, value, message):
+    assert message_of(rig_with(path, value)) == message
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (
+            "gears.pinion.pitch_radius",
+            0.038,
+            "gears.pinion.pitch_radius = 0.038 m contradicts module·teeth/2 = 0.019 m; "
+            "a diameter, or another tooth count?",
+        ),
+        (
+            "gears.gear.base_radius",
+            0.05,
+            "gears.gear.base_radius = 0.05 m contradicts module·teeth/2·cos α = 0.048864 m; "
+            "another pressure angle?",
+        ),
+        (
+            "gears.pinion.bore_radius",
+            0.0175,
+            "gears.pinion.bore_radius = 0.0175 m must be below the root radius 0.0165 m; a diameter?",
+        ),
+        (
+            "mesh.pair_stiffness",
+            [1.5e8, 1.6e8],
+            "mesh.pair_s has 21 values and mesh.pair_stiffness 2: one each",
+        ),
+        ("sensors.band_hz", [2000.0, 0.0], "sensors.band_hz = [2000, 0] Hz must rise"),
+    ],
+)
+def test_values_that_contradict_each_other_are_refused(path, value, message):
+    assert message_of(rig_with(path, value)) == message
+
+
+def test_coordinates_in_another_order_are_refused():
+    message = message_of(rig_with("layout.degrees_of_freedom", list(DEGREES_OF_FREEDOM[::-1])))
+    assert message.startswith("layout.degrees_of_freedom must be the 21 coordinates of the paper's eq. 2")
+    assert message.endswith(", ".join(DEGREES_OF_FREEDOM))
+
+
+def test_addendum_coefficient_in_millimetres_is_found_by_the_contact_ratio():
+    rig = Rig.from_mapping(rig_with("gears.addendum", 0.001))
+    with pytest.raises(
+        ParameterError, match=r"contact ratio = 0\.89\d must be above 1 .*coefficient given in mm"
+    ):
+        rig.gear_pair()
+
+
+def test_missing_tables_make_unavailable_what_needs_them_and_nothing_else():
+    rig = Rig.from_mapping({"name": "bare", "gears": {"pinion": {"teeth": 18}, "gear": {"teeth": 35}}})
+    assert rig.teeth == (18, 35)
+    assert rig.accelerometer is None
+    assert rig.band == (0.0, 2000.0)
+    assert rig.get("wear.K") is None
+    assert not rig.has("gears.pinion.teeth", "wear.K")
+    with pytest.raises(NotAvailable) as caught:
+        rig.gear_pair()
+    assert str(caught.value).startswith(
+        "the geometry of the gear pair is not available: the rig file does not give gears.module, "
+        "gears.pressure_angle_deg, gears.face_width"
+    )
+
+
+def test_an_empty_rig_is_unnamed_and_has_no_tooth_ratio():
+    rig = Rig.from_mapping({})
+    assert rig.name == "unnamed"
+    with pytest.raises(
+        NotAvailable, match=r"tooth ratio is not available.*gears\.pinion\.teeth, gears\.gear\.teeth"
+    ):
+        _ = rig.teeth
+
+
+def test_backlash_that_is_not_given_is_none():
+    values = copy.deepcopy(UNSW_RIG)
+    del values["gears"]["backlash"]
+    assert Rig.from_mapping(values).gear_pair().backlash == 0

@@ -1,0 +1,127 @@
+"""The wire format: what goes in comes out, and what breaks the contract is named."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from streams import ACCEL, ASSET, CHANNELS, frame
+
+from service.errors import FrameError
+from service.wire import gearbox_pb2 as pb
+from service.wire.codec import SCHEMAS, decode, encode, encoding_of, schema_data, schema_fault
+from service.wire.topics import Channel, parse_topic, topic_of
+
+
+@pytest.mark.parametrize("channel", CHANNELS, ids=lambda c: c.label)
+def test_a_frame_survives_encoding_to_the_last_bit(channel):
+    sent = frame(channel, 3, 0.75)
+    received = decode(channel, encode(sent))
+    for field in dataclasses.fields(sent):
+        before, after = getattr(sent, field.name), getattr(received, field.name)
+        assert np.array_equal(before, after), field.name
+
+
+def test_field_numbers_and_types_are_those_of_the_contract():
+    fields = {
+        (message.name, field.name): (field.number, field.type)
+        for message in pb.DESCRIPTOR.message_types_by_name.values()
+        for field in message.fields
+    }
+    double, float_, uint64, uint32, fixed64 = 1, 2, 4, 13, 6
+    assert fields == {
+        ("SampleFrame", "start_time_ns"): (1, fixed64),
+        ("SampleFrame", "sample_rate_hz"): (2, double),
+        ("SampleFrame", "sequence"): (3, uint64),
+        ("SampleFrame", "values"): (4, float_),
+        ("EncoderFrame", "start_time_ns"): (1, fixed64),
+        ("EncoderFrame", "edges_per_rev"): (2, uint32),
+        ("EncoderFrame", "sequence"): (3, uint64),
+        ("EncoderFrame", "first_edge_index"): (4, uint64),
+        ("EncoderFrame", "edge_offset_ns"): (5, double),
+    }
+
+
+def test_topics_round_trip_with_any_prefix():
+    for channel in CHANNELS:
+        for prefix in ("gearbox", "plant/hall-3"):
+            assert parse_topic(topic_of(channel, prefix), prefix) == channel
+
+
+@pytest.mark.parametrize(
+    "topic", ["gearbox/a/twin/state", "other/a/accel/y6", "gearbox/a/accel", "gearbox/a/b/accel/y6"]
+)
+def test_other_topics_are_not_measurements(topic):
+    assert parse_topic(topic) is None
+
+
+@pytest.mark.parametrize(
+    ("topic", "named"),
+    [
+        ("gearbox/a/torque/motor", "shaft = 'motor'"),
+        ("gearbox/a b/accel/y6", "asset = 'a b'"),
+        (f"gearbox/a/accel/{'x' * 65}", "sensor"),
+        ("gearbox//accel/y6", "asset = ''"),
+    ],
+)
+def test_a_topic_that_breaks_the_contract_is_named(topic, named):
+    with pytest.raises(FrameError, match=named):
+        parse_topic(topic)
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"start_time_ns": 0}, "start_time_ns = 0"),
+        ({"sample_rate_hz": 0.0}, "sample_rate_hz = 0"),
+        ({"sample_rate_hz": float("nan")}, "sample_rate_hz = nan"),
+        ({"values": []}, "values = nothing"),
+        ({"values": [1.0]}, "must cover 0.01 to 10 s"),
+        ({"sample_rate_hz": 1.0}, "= 250 s must cover"),
+    ],
+)
+def test_a_sample_frame_outside_the_limits_is_refused_with_topic_field_and_value(changes, named):
+    given = {"start_time_ns": 10**18, "sample_rate_hz": 1000.0, "sequence": 1, "values": [0.0] * 250}
+    with pytest.raises(FrameError, match=f"gearbox/{ASSET}/accel/y6: .*{named}"):
+        decode(ACCEL, pb.SampleFrame(**{**given, **changes}).SerializeToString())
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"edges_per_rev": 0}, "edges_per_rev = 0"),
+        ({"edge_offset_ns": [-1.0]}, "edge_offset_ns = -1 ns"),
+        ({"edge_offset_ns": [1.0, float("nan")]}, "edge_offset_ns = nan"),
+        ({"edge_offset_ns": [1e18]}, "seconds or Unix time"),
+    ],
+)
+def test_an_encoder_frame_outside_the_limits_is_refused(changes, named):
+    given = {"start_time_ns": 10**18, "edges_per_rev": 64, "sequence": 1, "edge_offset_ns": [1.0, 2.0]}
+    with pytest.raises(FrameError, match=named):
+        decode(Channel(ASSET, "encoder", "pinion"), pb.EncoderFrame(**{**given, **changes}).SerializeToString())
+
+
+def test_an_encoder_frame_may_hold_no_edge():
+    message = pb.EncoderFrame(start_time_ns=10**18, edges_per_rev=1, sequence=1)
+    assert decode(Channel(ASSET, "encoder", "gear"), message.SerializeToString()).edge_offsets_ns.size == 0
+
+
+def test_bytes_that_are_no_message_are_refused():
+    with pytest.raises(FrameError, match="payload of 3 bytes is no gearbox"):
+        decode(ACCEL, b"\xff\xff\xff")
+
+
+def test_the_encoding_names_the_message():
+    assert encoding_of(ACCEL) == "application/protobuf;gearbox.v1.SampleFrame"
+
+
+def test_a_schema_is_accepted_only_as_the_contract_has_it():
+    name = SCHEMAS["accel"]
+    assert schema_fault(name, "protobuf", schema_data(), name) is None
+    assert "must be 'gearbox.v1.SampleFrame'" in schema_fault("foo.Bar", "protobuf", schema_data(), name)
+    assert "(jsonschema)" in schema_fault(name, "jsonschema", b"{}", name)
+    assert "no FileDescriptorSet" in schema_fault(name, "protobuf", b"\xff\xff", name)
+    assert "field sequence must have number 3" in schema_fault(
+        name, "protobuf", schema_data().replace(b"\x0a\x08sequence\x18\x03", b"\x0a\x08sequence\x18\x07"), name
+    )

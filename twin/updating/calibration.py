@@ -1,0 +1,137 @@
+"""Calibration on low-speed and unworn windows.
+
+The paper's section 3.3: the scale of the mesh stiffness and the damping are adjusted until the model agrees with
+constant-speed tests at 2 Hz under two torques. Here they are the maximum of a posterior over
+
+    θ = (ln stiffness scale, ln ζ, ln τ)
+
+given the transmission error's mesh lines (the loads of unworn teeth shift them), the acceleration's mesh lines (their
+size) and priors around the rig file's values. Contact half-width shapes the worn profile only; unworn windows say
+nothing of it, so it keeps its prior until worn windows are there (`fit_half_width`).
+
+Source   paper, section 3.3; posterior covariance from the Jacobian at the optimum (Gauss–Newton)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from twin.features.window_features import WindowFeatures
+from twin.model import Calibration, Condition, Model
+
+NAMES = ("stiffness_scale", "modal_damping", "damping_time")
+PRIOR_SPREAD = np.array([0.10, 0.25, 0.5])  # of the logarithms
+WIDEST = 3.0  # prior spreads that a value may move: beyond, something else is at work
+LINE_SCATTER = 0.06  # relative, of unworn transmission error: real teeth deviate by a few hundredths of a micrometre
+LINE_FLOOR = 0.03e-6  # [m]
+LEVEL_SCATTER = 0.35  # of the logarithm of one acceleration line: structure within ±3 % near resonances
+HARMONICS = 3  # of transmission error
+LEVEL_HARMONICS = 10  # of acceleration
+HALF_WIDTH_SPREAD = 0.2  # of the logarithm of the contact half-width
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """A calibration with the uncertainty of each value."""
+
+    calibration: Calibration
+    std: dict[str, float]  # relative standard deviation, by name
+    windows: int  # that it rests on
+    misfit: float  # sum of squared normalised residuals over their number
+
+
+def _residuals(model: Model, windows: Sequence[WindowFeatures]) -> np.ndarray:
+    """Normalised differences of all windows."""
+    out: list[np.ndarray] = []
+    for w in windows:
+        condition = Condition(speed_hz=w.speed_hz, torque=w.torque_nm)
+        steady = model.steady(model.unworn, condition)
+        if not steady.converged:
+            out.append(np.full(HARMONICS, 10.0))
+            continue
+        if w.transmission_error is not None:
+            _, y, std = w.transmission_error.mesh()
+            n = min(HARMONICS, y.size)
+            m = model.transmission_error_lines(steady)[:n]
+            σ = np.sqrt((LINE_SCATTER * np.abs(m)) ** 2 + LINE_FLOOR**2 + std[:n] ** 2)
+            out.append((np.abs(y[:n]) - np.abs(m)) / σ)
+        if w.acceleration is not None and model.rig.band[1] > 0:
+            _, y, std = w.acceleration.mesh()
+            n = min(LEVEL_HARMONICS, y.size)
+            m = np.abs(model.acceleration_lines(steady)[:n])
+            heard = np.abs(y[:n]) > 10 * std[:n]
+            out.append((np.log(np.abs(y[:n]) / m) / LEVEL_SCATTER)[heard])
+    return np.concatenate(out) if out else np.empty(0)
+
+
+def calibrate(model: Model, windows: Sequence[WindowFeatures]) -> Fit:
+    """Fits the calibrated values around those of the model given; windows must be unworn, with speed and torque."""
+    prior = model.calibration
+    centre = np.log([getattr(prior, name) for name in NAMES])
+
+    def at(θ: np.ndarray) -> Model:
+        return model.calibrated(**dict(zip(NAMES, np.exp(θ).tolist(), strict=True)))
+
+    def residuals(θ: np.ndarray) -> np.ndarray:
+        return np.concatenate((_residuals(at(θ), windows), (θ - centre) / PRIOR_SPREAD))
+
+    limits = centre - WIDEST * PRIOR_SPREAD, centre + WIDEST * PRIOR_SPREAD
+    found = least_squares(
+        residuals, centre, bounds=limits, x_scale=PRIOR_SPREAD, diff_step=1e-3, max_nfev=8, xtol=1e-3, ftol=1e-3
+    )
+    covariance = np.linalg.inv(found.jac.T @ found.jac)
+    std = dict(zip(NAMES, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    std["contact_half_width"] = HALF_WIDTH_SPREAD
+    return Fit(
+        calibration=at(found.x).calibration,
+        std=std,
+        windows=len(windows),
+        misfit=float(2 * found.cost / found.fun.size),
+    )
+
+
+def fit_half_width(fit: Fit, misfit: Callable[[float], float], factors: Sequence[float] = (0.75, 1.0, 1.33)) -> Fit:
+    """The contact half-width that makes worn windows fit best, by a parabola over its logarithm.
+
+    misfit  −2·ln likelihood of the worn windows with a half-width [m], the depth free
+    """
+    a0 = fit.calibration.contact_half_width
+    u = np.log(factors)
+    cost = np.array([misfit(a0 * f) for f in factors]) + (u / HALF_WIDTH_SPREAD) ** 2
+    curvature, slope, _ = np.polyfit(u, cost, 2)
+    best = float(np.clip(-slope / (2 * curvature), u[0], u[-1])) if curvature > 0 else float(u[np.argmin(cost)])
+    std = float(np.sqrt(1 / max(curvature, 1 / HALF_WIDTH_SPREAD**2)))
+    values = {**fit.calibration.to_dict(), "contact_half_width": a0 * float(np.exp(best))}
+    return Fit(
+        calibration=Calibration.from_dict(values),
+        std={**fit.std, "contact_half_width": std},
+        windows=fit.windows,
+        misfit=fit.misfit,
+    )
+
+
+def compliance_scale(model: Model, windows: Sequence[WindowFeatures]) -> float:
+    """Measured over predicted mean transmission error per torque outside the mesh, from windows of different loads.
+
+    1 where the loads do not differ enough to tell.
+    """
+    seen = [
+        (w.torque_nm, w.transmission_error.get(0).real)
+        for w in windows
+        if w.torque_nm is not None and w.transmission_error is not None and w.transmission_error.get(0) is not None
+    ]
+    if len(seen) < 2:
+        return 1.0
+    torque, mean = np.array(seen).T
+    if np.ptp(torque) < 0.3 * torque.mean():
+        return 1.0
+    slope = float(np.polyfit(torque, mean, 1)[0])
+    low, high = (
+        model.steady(model.unworn, Condition(speed_hz=windows[0].speed_hz, torque=t)).deflection.mean()
+        for t in (torque.min(), torque.max())
+    )
+    return (slope - (high - low) / float(np.ptp(torque))) / model.compliance_outside_mesh

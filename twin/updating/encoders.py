@@ -1,0 +1,161 @@
+"""What encoders teach the twin: depth gauge, mesh phase, the discs' offset, and the path to the accelerometer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from twin.features.window_features import Lines, WindowFeatures
+from twin.model import Condition, Model
+from twin.updating.depth import FLOOR, HARMONICS, MODEL_SCATTER, DepthEstimate, Gauge
+from twin.updating.memory import Line, MeanOffset, Memory
+from twin.updating.prediction import MESH, Expectation
+from twin.wear.curve import LINES
+
+OFFSET_DRIFT = 1.5e-6  # of the discs' zeros from window to window: heat, creep of a mounting [m]
+COMPLIANCE_TOLERANCE = 0.05  # of the mean transmission error per torque
+MEAN_NOISE = 0.3e-6  # [m]
+SAME_SPEED, SAME_TORQUE = 0.05, 0.10  # relative: conditions whose lines may be compared directly
+UNWORN_PHASE_STD = 0.6  # of the mesh phase from unworn teeth: friction and pitch errors turn their lines [rad]
+PHASE_SCATTER = 0.015  # of the mesh phase, from window to window [rad]
+WORN_ENOUGH = 3e-6  # depth from which wear sets the phase of the mesh lines [m]
+GRADUATION = 0.03e-6  # of a disc's graduation and of real teeth at one mesh line [m]
+LEARN_SIGNAL = 8.0  # amplitude over its std from which a line is learned from
+LEARN_SCATTER = 0.02  # of a learned factor, beyond noise
+
+
+def encoder_lines(features: WindowFeatures) -> Lines | None:
+    """Transmission error where both encoders are there, else the pinion's own motion; in metres or None."""
+    lines = features.transmission_error or features.pinion_motion
+    return lines if lines is not None and lines.unit == "m" else None
+
+
+def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: Condition) -> Gauge | None:
+    """What the window's encoders say of the depth; None where there are none."""
+    seen = encoder_lines(features)
+    if seen is None:
+        return None
+    values = [seen.get(k) for k in range(1, HARMONICS + 1)]
+    if any(v is None for v in values):
+        return None
+    mean, mean_std = None, float("nan")
+    raw = _mean_less_load(features, memory, model, condition)
+    if memory.offset is not None and raw is not None:
+        strain = COMPLIANCE_TOLERANCE * model.compliance_outside_mesh * (condition.torque - memory.offset.torque)
+        mean = raw - memory.offset.value
+        mean_std = float(np.sqrt(memory.offset.var + OFFSET_DRIFT**2 + MEAN_NOISE**2 + strain**2))
+    lines = np.array(values)
+    std = np.array([seen.get_std(k) for k in range(1, HARMONICS + 1)])
+    unworn = _unworn_like(features, memory)
+    if unworn is not None:
+        start = encoder_lines(unworn)
+        lines = lines - np.array([start.get(k) for k in range(1, HARMONICS + 1)])
+        std = np.hypot(std, [start.get_std(k) for k in range(1, HARMONICS + 1)])
+    return Gauge(
+        lines=lines,
+        from_unworn=unworn is not None,
+        lines_std=std,
+        mean=mean,
+        mean_std=mean_std,
+        phase=memory.phase,
+        phase_std=memory.phase_std,
+    )
+
+
+def _unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | None:
+    """An unworn window of the same condition, recorded earlier on the present discs; None where there is none."""
+    if len(memory.segments) > 1:
+        return None
+    for unworn in memory.unworn:
+        start = encoder_lines(unworn)
+        if unworn.start_time_ns >= features.start_time_ns or start is None or unworn.torque_nm is None:
+            continue
+        same = abs(unworn.speed_hz / features.speed_hz - 1) < SAME_SPEED
+        loaded = features.torque_nm is None or abs(unworn.torque_nm / features.torque_nm - 1) < SAME_TORQUE
+        if same and loaded and all(start.get(k) is not None for k in range(1, HARMONICS + 1)):
+            return unworn
+    return None
+
+
+def _mean_less_load(features: WindowFeatures, memory: Memory, model: Model, condition: Condition) -> float | None:
+    """Mean transmission error less what the measured compliance adds to the rig file's [m]."""
+    te = features.transmission_error
+    if te is None or te.get(0) is None:
+        return None
+    return te.get(0).real - (memory.compliance_scale - 1) * model.compliance_outside_mesh * condition.torque
+
+
+def learn(
+    memory: Memory,
+    features: WindowFeatures,
+    model: Model,
+    expectation: Expectation,
+    estimate: DepthEstimate,
+    depth: float,
+    depth_std: float | None,
+) -> Memory:
+    """Mesh phase and disc offset after a window whose depth [m] the lines gave, or which is known with a std [m]."""
+    std = UNWORN_PHASE_STD
+    if estimate.depth > WORN_ENOUGH:
+        std = float(np.hypot(PHASE_SCATTER, 2 * FLOOR / abs(encoder_lines(features).get(1))))
+    phase = estimate.phase
+    if memory.phase is not None:
+        w_old, w_new = 1 / memory.phase_std**2, 1 / std**2
+        phase = (w_old * memory.phase + w_new * phase) / (w_old + w_new)
+        std = max(float(np.sqrt(1 / (w_old + w_new))), 0.01)
+    memory = replace(memory, phase=phase, phase_std=std)
+    raw = _mean_less_load(features, memory, model, expectation.condition)
+    if raw is None:
+        return memory
+    if depth_std is None:
+        depth_std = float(np.hypot(MODEL_SCATTER[0] * depth, 0.2e-6))
+    step = 1e-6
+    slope = (expectation.lines(depth + step).mean - expectation.lines(depth).mean) / step
+    seen, var = raw - expectation.lines(depth).mean, (slope * depth_std) ** 2 + MEAN_NOISE**2
+    torque = expectation.condition.torque
+    if memory.offset is None:
+        return replace(memory, offset=MeanOffset(value=seen, var=var, torque=torque))
+    before = memory.offset.var + OFFSET_DRIFT**2
+    gain = before / (before + var)
+    return replace(
+        memory,
+        offset=MeanOffset(
+            value=memory.offset.value + gain * (seen - memory.offset.value),
+            var=(1 - gain) * before,
+            torque=memory.offset.torque + gain * (torque - memory.offset.torque),
+        ),
+    )
+
+
+def factors(
+    features: WindowFeatures, expectation: Expectation, depth: float, phase: float, index: int, teeth: int
+) -> tuple[list[Line], list[Line]]:
+    """Measured over predicted, line by line, at a depth [m]: the path to the accelerometer, and the mesh lines.
+
+    A weak line of transmission error is mostly the discs' own graduation. So what goes through the path is the mean of
+    the measured and the predicted line, weighted by what each is worth; the product of both factors is that of the
+    measured and the predicted acceleration in any case.
+    """
+    lines = expectation.lines(depth)
+    pinion_only = features.transmission_error is None
+    model = lines.pinion_motion if pinion_only else lines.transmission_error
+    seen, heard = encoder_lines(features), features.acceleration
+    path: list[Line] = []
+    mesh: list[Line] = []
+    for k in range(1, LINES + 1):
+        f = k * teeth * features.speed_hz
+        predicted = model[k - 1] * np.exp(1j * k * phase)
+        x, var = predicted, (MESH.spread * abs(predicted)) ** 2
+        if seen.get(k) is not None:
+            var_seen = GRADUATION**2 + seen.get_std(k) ** 2
+            x = (predicted / var + seen.get(k) / var_seen) / (1 / var + 1 / var_seen)
+            var = 1 / (1 / var + 1 / var_seen)
+            scatter = float(np.hypot(np.sqrt(var) / abs(x), LEARN_SCATTER))
+            mesh.append((float(index), f, complex(x / predicted), scatter))
+        y = None if heard is None else heard.get(k)
+        if y is not None and abs(y) > LEARN_SIGNAL * heard.get_std(k):
+            ρ = complex((y / x) / (lines.acceleration[k - 1] / model[k - 1]))
+            noise = float(np.hypot(LEARN_SCATTER, heard.get_std(k) / abs(y)))
+            path.append((float(index), f, ρ, noise * max(abs(ρ), 0.1)))
+    return path, mesh

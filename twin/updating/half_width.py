@@ -1,0 +1,50 @@
+"""The contact half-width from the first window that is worn enough to tell it.
+
+A wider contact rounds the worn profile: its higher mesh harmonics fall against the first. Structure does the same to
+some extent, so the prior stays in force and the change is small unless the data insist.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from twin.features.window_features import WindowFeatures
+from twin.model import Condition
+from twin.rig import Rig
+from twin.updating import encoders
+from twin.updating.calibration import fit_half_width
+from twin.updating.depth import HARMONICS, estimate_depth
+from twin.updating.memory import Memory
+from twin.updating.prediction import Expectation
+from twin.updating.twin_of_rig import curve_of, model_of
+
+WORN_ENOUGH = 40e-6  # depth from which a worn window tells the half-width [m]
+
+
+def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, depth: float) -> Memory:
+    """The memory with the half-width refitted where the depth [m] has first passed WORN_ENOUGH."""
+    due = memory.half_width_from == 0 and depth >= WORN_ENOUGH
+    if not due or memory.fit is None or len(memory.segments) > 1 or encoders.encoder_lines(features) is None:
+        return memory
+    fit, old_curve = memory.fit, curve_of(rig, memory)
+    pinion_only = features.transmission_error is None
+
+    def misfit(half_width: float) -> float:
+        calibration = replace(fit.calibration, contact_half_width=half_width)
+        trial = replace(memory, fit=replace(fit, calibration=calibration), offset=None)
+        model, curve = model_of(rig, trial), curve_of(rig, trial, 1.2 * depth)
+        gauge = encoders.gauge_of(features, trial, model, condition)
+        expectation = Expectation.at(model, curve, condition, depth)
+        found = estimate_depth(
+            gauge, lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), 0.85 * depth, 1.15 * depth
+        )
+        return found.misfit * (2 * HARMONICS - 2)
+
+    memory = replace(memory, half_width_from=depth, fit=fit_half_width(fit, misfit))
+    factor = curve_of(rig, memory).work_at(depth) / old_curve.work_at(depth)
+    paper = memory.paper
+    return replace(
+        memory,
+        track=memory.track.rescaled(factor),
+        paper=replace(paper, work=paper.work * factor, rate=paper.rate * factor),
+    )

@@ -1,0 +1,103 @@
+"""What the twin remembers between windows: plain data with its two-way translation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from twin.features.window_features import WindowFeatures
+from twin.model import Calibration
+from twin.updating.calibration import Fit
+from twin.updating.paper_way import PaperTrack
+from twin.updating.tracker import WearTrack
+
+Line = tuple[float, float, complex, float]  # window, frequency [Hz], factor, std
+MOST_LINES = 200  # of each learned factor: some sixteen windows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Segment:
+    """A stretch of the campaign under one operating condition."""
+
+    speed_hz: float
+    torque: float
+    start_depth: float  # on the curve of the segment before [m]
+    start_work: float  # x at its start [rad/N]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeanOffset:
+    """Where the encoder discs' zeros stand against each other, c, as learned so far."""
+
+    value: float  # [m]
+    var: float  # [m²]
+    torque: float  # mean torque of the windows it was learned from [N·m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Memory:
+    """The twin's memory of one machine."""
+
+    fit: Fit | None = None
+    compliance_scale: float = 1.0  # measured over predicted mean transmission error per torque
+    unworn: tuple[WindowFeatures, ...] = ()  # windows that the calibration rests on
+    depth: float = 0.0  # of the latest measurement window, by the way in use [m]
+    half_width_from: float = 0.0  # depth at which the half-width was fitted [m], 0 before
+    segments: tuple[Segment, ...] = ()
+    track: WearTrack | None = None  # by the fused way
+    paper: PaperTrack | None = None
+    phase: float | None = None  # mesh phase against the encoder's zero [rad]
+    phase_std: float = 3.0
+    offset: MeanOffset | None = None
+    path: tuple[Line, ...] = ()
+    mesh: tuple[Line, ...] = ()
+    updates: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-safe and exact."""
+        return {
+            "fit": None if self.fit is None else {**asdict(self.fit), "calibration": self.fit.calibration.to_dict()},
+            "compliance_scale": self.compliance_scale,
+            "unworn": [w.to_dict() for w in self.unworn],
+            "depth": self.depth,
+            "half_width_from": self.half_width_from,
+            "segments": [asdict(s) for s in self.segments],
+            "track": None if self.track is None else self.track.to_dict(),
+            "paper": None if self.paper is None else self.paper.to_dict(),
+            "phase": self.phase,
+            "phase_std": self.phase_std,
+            "offset": None if self.offset is None else asdict(self.offset),
+            "path": [[j, f, ρ.real, ρ.imag, σ] for j, f, ρ, σ in self.path],
+            "mesh": [[j, f, ρ.real, ρ.imag, σ] for j, f, ρ, σ in self.mesh],
+            "updates": self.updates,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Memory:
+        if not data:
+            return cls()
+        fit = data["fit"]
+        if fit is not None:
+            fit = Fit(**{**fit, "calibration": Calibration.from_dict(fit["calibration"])})
+        return cls(
+            fit=fit,
+            compliance_scale=data["compliance_scale"],
+            unworn=tuple(WindowFeatures.from_dict(w) for w in data["unworn"]),
+            depth=data["depth"],
+            half_width_from=data["half_width_from"],
+            segments=tuple(Segment(**s) for s in data["segments"]),
+            track=None if data["track"] is None else WearTrack.from_dict(data["track"]),
+            paper=None if data["paper"] is None else PaperTrack.from_dict(data["paper"]),
+            phase=data["phase"],
+            phase_std=data["phase_std"],
+            offset=None if data["offset"] is None else MeanOffset(**data["offset"]),
+            path=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["path"]),
+            mesh=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["mesh"]),
+            updates=data["updates"],
+        )
+
+
+def with_lines(learned: tuple[Line, ...], new: list[Line]) -> tuple[Line, ...]:
+    """The learned lines with new ones, the oldest dropped beyond MOST_LINES."""
+    return (*learned, *new)[-MOST_LINES:]

@@ -1,0 +1,113 @@
+"""What the twin expects a window to look like at a depth, and how that compares with what was measured.
+
+The steady state is solved once at the window's own speed and torque, at the expected depth; other depths follow the
+master curve, line by line, scaled by what the difference in condition did to each line.
+
+    Y_k = H_k·ρ(f_k)·t(f_k)·m_k,      RMS² = ½·Σ_k |Y_k|² + noise²      over the mesh harmonics in the band
+
+m_k   the twin's line of transmission error             [m]
+t     measured over predicted transmission error, learned
+H_k   the twin's path from transmission error to the accelerometer, 21 degrees of freedom  [m/s² per m]
+ρ     measured over predicted path, learned
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.model import Condition, Model
+from twin.updating.depth import HARMONICS
+from twin.updating.frequency_correction import FrequencyCorrection
+from twin.updating.memory import Memory
+from twin.wear.curve import LINES, Lines, MasterCurve
+
+PATH = FrequencyCorrection(spread=0.5, reach=0.03, memory=12.0)
+MESH = FrequencyCorrection(spread=0.15, reach=0.03, memory=12.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Expectation:
+    """The twin's lines over depth at one window's condition."""
+
+    curve: MasterCurve
+    condition: Condition
+    solved: bool  # whether the steady state at the window's own condition was found
+    contact_loss: float  # share of the mesh without contact, at the expected depth
+    ratio: Lines  # own condition over the curve's; `mean` is a difference [m]
+    beyond: np.ndarray  # acceleration lines above the LINES-th, at the expected depth [m/s²]
+
+    @classmethod
+    def at(cls, model: Model, curve: MasterCurve, condition: Condition, depth: float) -> Expectation:
+        """Solves the steady state of the curve's profile at a depth [m] under a condition."""
+        depth = max(depth, float(curve.depth[0]))
+        steady = model.steady(curve.profile(depth), condition)
+        beyond = np.empty(0, dtype=complex)
+        if steady.converged:
+            beyond = model.acceleration_lines(steady)[LINES:]
+            own, base = Lines.of(model, steady, condition), curve.lines_at(depth)
+            ratio = Lines(
+                transmission_error=own.transmission_error / base.transmission_error,
+                mean=own.mean - base.mean,
+                pinion_motion=own.pinion_motion / base.pinion_motion,
+                acceleration=own.acceleration / base.acceleration,
+            )
+        else:
+            one = np.ones(LINES, dtype=complex)
+            shift = model.compliance_outside_mesh * (condition.torque - curve.condition.torque)
+            ratio = Lines(transmission_error=one, mean=shift, pinion_motion=one, acceleration=one)
+        return cls(
+            curve=curve,
+            condition=condition,
+            solved=steady.converged,
+            contact_loss=steady.contact_loss if steady.converged else float("nan"),
+            ratio=ratio,
+            beyond=beyond,
+        )
+
+    def rms(self, lines: np.ndarray, teeth: int, band: tuple[float, float], noise: float) -> float:
+        """RMS [m/s²] in a band [Hz] of acceleration lines (LINES,), with those beyond them and a noise floor."""
+        every = np.concatenate((lines, self.beyond))
+        frequencies = np.arange(1, every.size + 1) * teeth * self.condition.speed_hz
+        return band_rms(every, frequencies, band, noise)
+
+    def lines(self, depth: float) -> Lines:
+        """Lines at a depth [m]."""
+        base, ratio = self.curve.lines_at(depth), self.ratio
+        return Lines(
+            transmission_error=base.transmission_error * ratio.transmission_error,
+            mean=base.mean + ratio.mean,
+            pinion_motion=base.pinion_motion * ratio.pinion_motion,
+            acceleration=base.acceleration * ratio.acceleration,
+        )
+
+    def gauge(self, depth: float, pinion_only: bool, from_unworn: bool) -> tuple[np.ndarray, float]:
+        """The lines that the encoders see at a depth [m], or what wear changed of them, and the mean [m]."""
+        lines = self.lines(depth)
+        seen = lines.pinion_motion if pinion_only else lines.transmission_error
+        if from_unworn:
+            start = self.lines(0.0)
+            seen = seen - (start.pinion_motion if pinion_only else start.transmission_error)
+        return seen[:HARMONICS], lines.mean
+
+
+def band_rms(lines: np.ndarray, frequencies: np.ndarray, band: tuple[float, float], noise: float) -> float:
+    """RMS [m/s²] of complex lines within a band [Hz], with a noise floor added; all (n,)."""
+    inside = (frequencies >= band[0]) & (frequencies <= band[1])
+    return float(np.sqrt(0.5 * np.sum(np.abs(lines[inside]) ** 2) + noise**2))
+
+
+def line_frequencies(teeth: int, speed_hz: float) -> np.ndarray:
+    """Frequencies of mesh harmonics 1 … LINES [Hz]."""
+    return np.arange(1, LINES + 1) * teeth * speed_hz
+
+
+def predicted_lines(
+    memory: Memory, expectation: Expectation, depth: float, index: int, teeth: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Acceleration lines [m/s²] at a depth [m] with what was learned of path and mesh, and their frequencies [Hz]."""
+    f = line_frequencies(teeth, expectation.condition.speed_hz)
+    ρ, _ = PATH.predict(memory.path, f, index)
+    t, _ = MESH.predict(memory.mesh, f, index)
+    return expectation.lines(depth).acceleration * ρ * t, f

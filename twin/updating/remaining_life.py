@@ -1,0 +1,49 @@
+"""Remaining useful life to the rig's end-of-life depth, at the present condition.
+
+    N = (x(d_end) − x(d))/κ
+
+The band is that of a log-normal N: what is known of κ and x from the windows so far, how much κ wandered from window
+to window, and the shape of the curve where it had to be extrapolated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.updating.tracker import DRIFT, WearTrack
+from twin.wear.curve import MasterCurve
+
+Z95 = 1.6449
+CURVE_SCATTER = 0.05  # of the work still to go: structure and damping within their tolerance shape the curve
+EXTRAPOLATED_SCATTER = 0.15  # of the part beyond the last steady state
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RemainingLife:
+    """Pinion revolutions to the end-of-life depth."""
+
+    median: float
+    p05: float
+    p95: float
+    reached: bool  # the depth is already beyond the criterion
+
+
+def remaining_life(track: WearTrack, curve: MasterCurve, base_work: float, end_depth: float) -> RemainingLife:
+    """Life of a track on a curve whose work starts at `base_work`, to a depth [m]."""
+    end = base_work + curve.work_at(end_depth)
+    to_go = end - track.work
+    if to_go <= 0:
+        return RemainingLife(median=0.0, p05=0.0, p95=0.0, reached=True)
+    median = to_go / track.rate
+    beyond = max(0.0, end - max(track.work, base_work + float(curve.work[-1]))) / to_go
+    relative = np.sqrt(
+        track.var_rate / track.rate**2
+        + track.var_work / to_go**2
+        + (2 * DRIFT) ** 2
+        + CURVE_SCATTER**2
+        + (EXTRAPOLATED_SCATTER * beyond) ** 2
+    )
+    spread = float(np.exp(Z95 * np.sqrt(np.log1p(relative**2))))
+    return RemainingLife(median=median, p05=median / spread, p95=median * spread, reached=False)

@@ -1,0 +1,108 @@
+"""The wear coefficient as the slope of depth over revolutions.
+
+Depth becomes work x = x(d) of the master curve, which is linear in revolutions at a constant wear coefficient:
+
+    x_{j+1} = x_j + κ_j·ΔN + w_x,      κ_{j+1} = κ_j·(1 + w_κ),      z_j = x_j + v_j,      κ = K·τ·ω1
+
+A Kalman filter over the windows gives κ with its uncertainty. It allows κ to wander by DRIFT from window to window;
+where a window lies beyond SURPRISE standard deviations of what that allows (running-in takes κ down by half within
+thousands of revolutions), the interval is taken again with RUNNING_IN instead.
+
+Source   R. E. Kalman, J. Basic Eng. 82 (1960) 35–45
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+DRIFT = 0.04  # relative change of κ from one window to the next, one standard deviation
+RUNNING_IN = 0.25  # the same where the wear rate is seen to change
+SURPRISE = 3.0
+PRIOR_SPREAD = 1.0  # of ln κ around the rig file's K
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WearTrack:
+    """Where wear stands and how fast it goes."""
+
+    revolutions: float  # N of the latest window
+    work: float  # x [rad/N]
+    rate: float  # κ [rad/N per revolution]
+    var_work: float
+    cov: float
+    var_rate: float
+    windows: int  # worn windows taken in
+
+    @classmethod
+    def unworn(cls, rate: float) -> WearTrack:
+        """Nothing worn at revolution zero; κ as the rig file says, within a factor of about three."""
+        return cls(
+            revolutions=0.0, work=0.0, rate=rate, var_work=0.0, cov=0.0,
+            var_rate=(PRIOR_SPREAD * rate) ** 2, windows=0,
+        )  # fmt: skip
+
+    @property
+    def rate_std(self) -> float:
+        return float(np.sqrt(self.var_rate))
+
+    @property
+    def work_std(self) -> float:
+        return float(np.sqrt(self.var_work))
+
+    def predicted(self, revolutions: float, drift: float = DRIFT) -> WearTrack:
+        """The track carried on to a later revolution count; κ changes by `drift`, relative, on the way."""
+        n = revolutions - self.revolutions
+        wander = (drift * self.rate) ** 2 if self.windows else 0.0
+        var_rate = self.var_rate + wander
+        return replace(
+            self,
+            revolutions=revolutions,
+            work=self.work + self.rate * n,
+            var_work=self.var_work + 2 * n * self.cov + n**2 * var_rate,
+            cov=self.cov + n * var_rate,
+            var_rate=var_rate,
+        )
+
+    def corrected(self, work: float, std: float) -> WearTrack:
+        """The track after a measured work x [rad/N] with its standard deviation."""
+        s = self.var_work + std**2
+        gain_x, gain_κ = self.var_work / s, self.cov / s
+        surprise = work - self.work
+        rate = self.rate + gain_κ * surprise
+        return replace(
+            self,
+            work=self.work + gain_x * surprise,
+            rate=max(rate, 1e-3 * self.rate),
+            var_work=(1 - gain_x) * self.var_work,
+            cov=(1 - gain_x) * self.cov,
+            var_rate=self.var_rate - gain_κ * self.cov,
+            windows=self.windows + 1,
+        )
+
+    def followed(self, revolutions: float, work: float, std: float) -> WearTrack:
+        """The track after a window at which a work x [rad/N] was measured."""
+        ahead = self.predicted(revolutions)
+        if self.windows and abs(work - ahead.work) > SURPRISE * float(np.hypot(ahead.work_std, std)):
+            ahead = self.predicted(revolutions, RUNNING_IN)
+        return ahead.corrected(work, std)
+
+    def rescaled(self, factor: float) -> WearTrack:
+        """The same depth history on another curve, whose work at the present depth is `factor` times this one's."""
+        return replace(
+            self,
+            work=self.work * factor,
+            rate=self.rate * factor,
+            var_work=self.var_work * factor**2,
+            cov=self.cov * factor**2,
+            var_rate=self.var_rate * factor**2,
+        )
+
+    def to_dict(self) -> dict[str, float]:
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, float]) -> WearTrack:
+        return cls(**values)

@@ -1,0 +1,324 @@
+"""One window's features into the twin's memory: prediction, comparison, update.
+
+Both ways of updating are always computed. The fused way takes the depth from the encoders and the wear coefficient
+from the slope of depth over revolutions, then learns the path from the mesh to the accelerometer at that depth; the
+paper's way takes the wear coefficient from the RMS alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+
+from twin.errors import NotAvailable
+from twin.features.window_features import WindowFeatures
+from twin.model import Condition, Model
+from twin.rig import Rig
+from twin.updating import encoders, half_width, paper_way
+from twin.updating.calibration import calibrate, compliance_scale
+from twin.updating.depth import DepthEstimate, estimate_depth
+from twin.updating.memory import Memory, Segment, with_lines
+from twin.updating.paper_way import PaperResult, PaperTrack
+from twin.updating.prediction import Expectation, band_rms, predicted_lines
+from twin.updating.tracker import WearTrack
+from twin.updating.twin_of_rig import curve_of, model_of
+from twin.wear.curve import LINES, MasterCurve
+
+UNWORN_REVOLUTIONS = 150.0  # a window before this many pinion turns since new counts as unworn
+SPEED_STEP, TORQUE_STEP = 0.05, 0.10  # relative change of condition that starts a new segment
+CALIBRATION_MATCH = 0.15  # relative, of speed and torque, of a calibration point
+MOST_UNWORN = 6
+DEPTH_SCATTER = 0.007  # of the depth from window to window, beyond noise: speed and torque off the mean
+DEPTH_FLOOR = 0.15e-6  # [m]
+RMS_DEPTH_LOW, RMS_DEPTH_HIGH = 0.75, 1.75  # 5–95 % of true depth over that from the RMS alone (24 % low, ± 35 %)
+Z95 = 1.6449
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What a window did to the twin."""
+
+    memory: Memory
+    model: Model
+    curve: MasterCurve
+    condition: Condition
+    kind: str
+    rms_predicted: float  # before any update [m/s²]
+    rms_after: float
+    updated: bool
+    depth: float  # combined, by the way in use [m]
+    depth_band: tuple[float, float]  # 5 and 95 % [m]
+    way: str  # what set the depth: "transmission error", "pinion encoder", "rms", "projection" or "unworn"
+    estimate: DepthEstimate | None  # by the encoders, where they were there
+    paper: PaperResult | None
+    paper_depth: float
+    expectation: Expectation | None
+    lines: np.ndarray  # predicted acceleration lines after the update (LINES,) [m/s²]
+    notes: tuple[str, ...] = ()
+
+
+NEEDED = (
+    "gears.module", "gears.pressure_angle_deg", "gears.face_width", "gears.addendum", "gears.dedendum",
+    "gears.youngs_modulus", "gears.poisson_ratio", "gears.pinion.bore_radius", "gears.gear.bore_radius",
+    "inertias.J5", "masses.m5", "bearings.ky_input", "shafts.bending_stiffness_input", "torsional_stiffness.k_3_5",
+    "damping.modal_ratio", "mesh.relative_damping_time", "mesh.stiffness_scale", "wear.K", "wear.dwell_time",
+    "wear.contact_half_width", "sensors.accelerometer", "operating.pinion_speed_hz",
+)  # fmt: skip
+
+
+def condition_of(features: WindowFeatures, rig: Rig) -> Condition:
+    """The window's own speed and torque; torque from the rig's nominal condition where no meter is there."""
+    if features.speed_hz is None:
+        raise NotAvailable("the twin is not available: " + features.unavailable.get("speed_hz", "no speed"))
+    torque = features.torque_nm
+    if torque is None:
+        (torque,) = rig.require("the torque", "operating.input_torque")
+    if not torque > 0:
+        raise NotAvailable(f"the twin is not available: torque = {torque:.3g} N·m does not drive the pinion forward")
+    return Condition(speed_hz=features.speed_hz, torque=torque)
+
+
+def kind_of(features: WindowFeatures, rig: Rig) -> str:
+    """`calibration` where speed and torque are those of a calibration point of the rig, else `measurement`."""
+    nominal = rig.get("operating.pinion_speed_hz")
+    if features.speed_hz is None or nominal is None:
+        return "measurement"
+    for speed, torque in rig.get("operating.calibration_points", ()):
+        near = abs(features.speed_hz / speed - 1) < CALIBRATION_MATCH
+        loaded = features.torque_nm is None or abs(features.torque_nm / torque - 1) < CALIBRATION_MATCH
+        if near and loaded and abs(speed / nominal - 1) > CALIBRATION_MATCH:
+            return "calibration"
+    return "measurement"
+
+
+def reference_rate(rig: Rig) -> float:
+    """τ·ω1 of the rig file's dwell time [rad]: the same at any speed."""
+    τ, f = rig.require("the wear coefficient", "wear.dwell_time", "operating.pinion_speed_hz")
+    return τ * 2 * pi * f
+
+
+def _started(rig: Rig, memory: Memory) -> Memory:
+    """The memory with tracks at the rig file's wear coefficient."""
+    if memory.track is not None:
+        return memory
+    (K,) = rig.require("the wear coefficient", "wear.K")
+    rate = K * reference_rate(rig)
+    return replace(memory, track=WearTrack.unworn(rate), paper=PaperTrack(revolutions=0.0, work=0.0, rate=rate))
+
+
+def _with_segment(rig: Rig, memory: Memory, condition: Condition) -> Memory:
+    """The memory with a segment that fits the condition, a new one from the present depth where it changed."""
+    last = memory.segments[-1] if memory.segments else None
+    if last is not None:
+        same = abs(condition.speed_hz / last.speed_hz - 1) < SPEED_STEP
+        if same and abs(condition.torque / last.torque - 1) < TORQUE_STEP:
+            return memory
+    speed, torque = condition.speed_hz, condition.torque
+    nominal = rig.get("operating.pinion_speed_hz"), rig.get("operating.input_torque")
+    if nominal[0] and abs(speed / nominal[0] - 1) < SPEED_STEP:
+        speed = nominal[0]
+    if nominal[1] and abs(torque / nominal[1] - 1) < TORQUE_STEP:
+        torque = nominal[1]
+    depth = work = 0.0
+    if last is not None and memory.track.windows:
+        work = memory.track.work
+        depth = curve_of(rig, memory).depth_at(work - last.start_work)
+    segment = Segment(speed_hz=speed, torque=torque, start_depth=depth, start_work=work)
+    return replace(memory, segments=(*memory.segments, segment) if depth > 0 else (segment,))
+
+
+def _calibrated(rig: Rig, memory: Memory, features: WindowFeatures) -> Memory:
+    """The memory with the calibration refitted on one more unworn window."""
+    memory = replace(memory, unworn=(*memory.unworn, features))
+    memory = replace(memory, fit=calibrate(model_of(rig, Memory()), memory.unworn))
+    return replace(memory, compliance_scale=compliance_scale(model_of(rig, memory), memory.unworn))
+
+
+def take(
+    rig: Rig,
+    memory: Memory,
+    features: WindowFeatures,
+    index: int,
+    *,
+    threshold: float,
+    update: str,
+    update_until: float,
+) -> Outcome:
+    """Takes one window into the twin; NotAvailable where the rig file or the window does not suffice."""
+    rig.require("wear", *NEEDED)
+    condition = condition_of(features, rig)
+    if features.revolutions is None:
+        raise NotAvailable("wear is not available: the window has no absolute revolution count (no encoder)")
+    if features.rms is None:
+        raise NotAvailable("the twin is not available: " + features.unavailable.get("rms", "no acceleration"))
+    memory = _started(rig, memory)
+    kind = kind_of(features, rig)
+    unworn = kind == "calibration" or features.revolutions < UNWORN_REVOLUTIONS
+    if unworn and memory.track.windows == 0 and len(memory.unworn) < MOST_UNWORN:
+        memory = _calibrated(rig, memory, features)
+    if kind == "calibration":
+        return _take_calibration(rig, memory, features, condition, index)
+    memory = _with_segment(rig, memory, condition)
+    return _take_measurement(
+        rig, memory, features, condition, index, threshold=threshold, update=update, update_until=update_until
+    )
+
+
+def _take_calibration(rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, index: int) -> Outcome:
+    """A low-speed window: it calibrates, and shows how the calibrated twin meets it; it wears nothing."""
+    track = memory.track
+    if not memory.segments:
+        speed, torque = rig.require("the wear curve", "operating.pinion_speed_hz", "operating.input_torque")
+        memory = _with_segment(rig, memory, Condition(speed_hz=speed, torque=torque))
+    model = model_of(rig, memory)
+    curve = curve_of(rig, memory, None if track.windows else 0.0)
+    depth = curve.depth_at(track.work - memory.segments[-1].start_work)
+    expectation = Expectation.at(model, curve, condition, depth)
+    noise = features.noise_rms or 0.0
+    lines, _ = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
+    rms = expectation.rms(lines, rig.teeth[0], rig.band, noise)
+    gauge = encoders.gauge_of(features, memory, model, condition)
+    estimate = None
+    if gauge is not None:
+        width = max(1e-6, 0.02 * depth)
+        low = max(depth - width, float(curve.depth[0]))
+        pinion_only = features.transmission_error is None
+        estimate = estimate_depth(
+            replace(gauge, mean=None), lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), low, low + width
+        )
+        memory = encoders.learn(memory, features, model, expectation, estimate, depth, DEPTH_FLOOR)
+    return Outcome(
+        memory=memory, model=model, curve=curve, condition=condition, kind="calibration", rms_predicted=rms,
+        rms_after=rms, updated=False, depth=depth, depth_band=(depth, depth),
+        way="projection" if track.windows else "unworn", estimate=estimate, paper=None, paper_depth=depth,
+        expectation=expectation, lines=lines,
+    )  # fmt: skip
+
+
+def _take_measurement(
+    rig: Rig,
+    memory: Memory,
+    features: WindowFeatures,
+    condition: Condition,
+    index: int,
+    *,
+    threshold: float,
+    update: str,
+    update_until: float,
+) -> Outcome:
+    """A window of the campaign: predict, compare, update."""
+    band, noise, teeth = rig.band, features.noise_rms or 0.0, rig.teeth[0]
+    model, curve = model_of(rig, memory), curve_of(rig, memory)
+    base = memory.segments[-1].start_work
+    revolutions = max(features.revolutions, memory.track.revolutions)
+    allowed = features.revolutions <= update_until
+
+    track = memory.track.predicted(revolutions)
+    projected = max(curve.depth_at(track.work - base), float(curve.depth[0]))
+    expectation = Expectation.at(model, curve, condition, projected)
+    lines, frequencies = predicted_lines(memory, expectation, projected, index, teeth)
+    rms_predicted = expectation.rms(lines, teeth, band, noise)
+
+    estimate = None
+    gauge = encoders.gauge_of(features, memory, model, condition)
+    if gauge is not None:
+        pinion_only = features.transmission_error is None
+        expectation, estimate = _depth_from(gauge, model, curve, expectation, projected, pinion_only)
+    fused = update == "fused" and estimate is not None
+    level = _level(expectation, curve, base, teeth, band, noise)
+    telling = allowed and features.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
+    paper = paper_way.update(memory.paper, revolutions, features.rms, level, threshold, allowed=telling)
+    paper_depth = curve.depth_at(paper.track.work - base)
+    memory = replace(memory, paper=paper.track)
+
+    if estimate is not None and allowed:
+        if telling:
+            track = memory.track.followed(
+                revolutions,
+                base + curve.work_at(estimate.depth),
+                float(np.hypot(estimate.noise_std, np.hypot(DEPTH_SCATTER * estimate.depth, DEPTH_FLOOR)))
+                * curve.work_per_depth(estimate.depth),
+            )
+        memory = encoders.learn(memory, features, model, expectation, estimate, estimate.from_lines, None)
+        path, mesh = encoders.factors(features, expectation, estimate.depth, memory.phase, index, teeth)
+        memory = replace(memory, path=with_lines(memory.path, path), mesh=with_lines(memory.mesh, mesh))
+    memory = replace(memory, track=track)
+
+    notes: list[str] = []
+    if fused:
+        updated = allowed and abs(rms_predicted / features.rms - 1) > threshold
+        depth = estimate.depth if allowed else projected
+        std = estimate.std if allowed else track.work_std / max(track.work, 1e-300) * projected
+        depth_band = (max(depth - Z95 * std, 0.0), depth + Z95 * std)
+        way = ("pinion encoder" if pinion_only else "transmission error") if allowed else "projection"
+        after, _ = predicted_lines(memory, expectation, depth, index, teeth)
+        if updated:
+            lines, rms_after = after, expectation.rms(after, teeth, band, noise)
+            if abs(rms_after / features.rms - 1) > threshold:
+                notes.append(_why_not(features, after, frequencies, band))
+        else:
+            rms_after = rms_predicted
+    else:
+        rms_predicted, rms_after, updated = paper.rms_predicted, paper.rms_after, paper.updated
+        depth, way = paper_depth, "rms" if allowed else "projection"
+        depth_band = (RMS_DEPTH_LOW * depth, RMS_DEPTH_HIGH * depth)
+        lines = expectation.lines(depth).acceleration
+        if updated and not paper.converged:
+            notes.append("no wear coefficient brings the twin's RMS within the threshold")
+    if estimate is not None and estimate.at_limit:
+        notes.append("the depth stands at the end of the master curve: beyond, no steady state is known")
+    if not expectation.solved:
+        notes.append("no steady state was found at this window's condition: its response follows the master curve")
+    memory = replace(memory, updates=memory.updates + updated, depth=depth)
+    if estimate is not None and allowed:
+        memory = half_width.refitted(rig, memory, features, condition, estimate.depth)
+    return Outcome(
+        memory=memory, model=model, curve=curve, condition=condition, kind="measurement",
+        rms_predicted=rms_predicted, rms_after=rms_after, updated=bool(updated), depth=depth,
+        depth_band=depth_band, way=way, estimate=estimate, paper=paper, paper_depth=paper_depth,
+        expectation=expectation, lines=lines, notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _depth_from(gauge, model, curve, expectation, projected, pinion_only):
+    """The depth that the encoders show, and the expectation solved near it."""
+    shallow = float(curve.depth[0])
+    deep = max(min(curve.valid_to, max(4 * projected, 40e-6)), shallow + 1e-6)
+
+    def found(near: Expectation) -> DepthEstimate:
+        return estimate_depth(gauge, lambda d: near.gauge(d, pinion_only, gauge.from_unworn), shallow, deep)
+
+    estimate = found(expectation)
+    if not expectation.solved or abs(estimate.depth - projected) > 0.1 * max(projected, 5e-6):
+        again = Expectation.at(model, curve, expectation.condition, estimate.depth)
+        if again.solved:
+            return again, found(again)
+    return expectation, estimate
+
+
+def _level(
+    expectation: Expectation, curve: MasterCurve, base: float, teeth: int, band, noise: float
+) -> Callable[[float], float]:
+    """RMS [m/s²] at a work by the calibrated twin alone, without what encoders taught."""
+
+    def level(work: float) -> float:
+        return expectation.rms(expectation.lines(curve.depth_at(work - base)).acceleration, teeth, band, noise)
+
+    return level
+
+
+def _why_not(features: WindowFeatures, lines: np.ndarray, frequencies: np.ndarray, band) -> str:
+    """Why the RMS still differs after an update: where the difference stands."""
+    mesh = band_rms(lines, frequencies, band, 0.0)
+    heard = float("nan")
+    if features.acceleration is not None:
+        k, y, _ = features.acceleration.mesh()
+        inside = (k <= LINES) & (frequencies[np.minimum(k, LINES) - 1] <= band[1])
+        heard = float(np.sqrt(0.5 * np.sum(np.abs(y[inside]) ** 2)))
+    return (
+        f"after the update the twin's mesh lines make {mesh:.3g} m/s² against {heard:.3g} m/s² in the measured "
+        f"ones, of {features.rms:.3g} m/s² measured in the band"
+    )
