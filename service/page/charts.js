@@ -75,15 +75,18 @@ export function redraw() {
 }
 
 export function drawRms({ windows }) {
-  const shown = windows.filter((w) => w.kind !== "calibration" && w.revolutions !== null);
-  const left = windows.length - shown.length;
+  const measured = windows.filter((w) => w.kind !== "calibration");
+  const left = windows.length - measured.length;
+  const counted = measured.some((w) => Number.isFinite(w.revolutions)); // without an encoder windows are only in order
+  const shown = counted ? measured.filter((w) => Number.isFinite(w.revolutions)) : measured;
   const updates = windows.filter((w) => w.updated).length;
-  const x = shown.map((w) => w.revolutions);
+  const x = shown.map((w) => (counted ? w.revolutions : w.index));
+  const at = counted ? "%{x:,.0f} rev" : "window %{x}";
   const hover = shown.map((w) => `window ${w.index}<br>${number(w.speed_hz)} Hz, ${number(w.torque_nm)} N·m`);
   const has = (key) => shown.some((w) => Number.isFinite(w[key]));
   const series = (key, name, mode, look) => ({
     x, y: shown.map((w) => w[key] ?? null), name, mode, text: hover,
-    hovertemplate: `${name}: %{y:.4~g} m/s² at %{x:,.0f} rev<br>%{text}<extra></extra>`, ...look,
+    hovertemplate: `${name}: %{y:.4~g} m/s² at ${at}<br>%{text}<extra></extra>`, ...look,
   });
   const figure = () => {
     const marks = updateLines(shown);
@@ -100,13 +103,13 @@ export function drawRms({ windows }) {
       traces.push(series("rms_after", "twin, after update", "markers", { y: after,
         marker: { color: colour("after"), size: 9, symbol: "x-thin", line: { width: 2, color: colour("after") } } }));
     }
-    return { traces: [...traces, ...marks.legend], layout: layout("pinion revolutions", "RMS [m/s²]",
+    return { traces: [...traces, ...marks.legend], layout: layout(counted ? "pinion revolutions" : "window", "RMS [m/s²]",
       { shapes: marks.shapes }) };
   };
   const parts = [`reference accelerometer; ${updates} update${updates === 1 ? "" : "s"}`];
   if (left) parts.push(`${left} calibration window${left === 1 ? "" : "s"} not drawn`);
   draw("rms", parts.join("; "), figure, has("rms_measured") ? null
-    : windows.length ? "no window so far has a measured RMS and a revolution count" : "no window yet");
+    : windows.length ? "no window so far has a measured RMS" : "no window yet");
 }
 
 export function drawDepth({ windows, wear }, trend, inspections, limit) {
