@@ -51,12 +51,11 @@ class Guard:
 class LiveState:
     """The board's assets as Zenoh keys, until closed."""
 
-    def __init__(self, session: zenoh.Session, board: Board, prefix: str) -> None:
+    def __init__(self, session: zenoh.Session, board: Board, prefix: str, guard: Guard) -> None:
         self._session, self._board, self._prefix = session, board, prefix
         self._stack = ExitStack()
         self._tokens: set[str] = set()
-        self.guard = Guard()
-        queryable = session.declare_queryable(f"{prefix}/*/twin/state", self.guard(self._answer))
+        queryable = session.declare_queryable(f"{prefix}/*/twin/state", guard(self._answer))
         self._stack.callback(queryable.undeclare)
         for asset in board.assets():
             self._live(asset)
@@ -95,12 +94,12 @@ class LiveState:
 class OfferedRigs:
     """Rig files that others offer on Zenoh, until closed."""
 
-    def __init__(self, session: zenoh.Session, prefix: str) -> None:
+    def __init__(self, session: zenoh.Session, prefix: str, guard: Guard) -> None:
         self._session, self._prefix = session, prefix
         self._offered: dict[str, dict[str, Any]] = {}
         self._lock = threading.Lock()
-        self.guard = Guard()
-        self._subscriber = session.declare_subscriber(f"{prefix}/*/rig", self.guard(self._received))
+        self._take = guard(self._received)
+        self._subscriber = session.declare_subscriber(f"{prefix}/*/rig", self._take)
 
     def __enter__(self) -> OfferedRigs:
         return self
@@ -115,7 +114,7 @@ class OfferedRigs:
                 return self._offered[asset]
         for reply in self._session.get(f"{self._prefix}/{asset}/rig", timeout=RIG_WAIT):
             if reply.ok is not None:
-                self.guard(self._received)(reply.ok)
+                self._take(reply.ok)
         with self._lock:
             return self._offered.get(asset)
 

@@ -18,6 +18,7 @@ from typing import Any
 from service.assembly import DEFAULT, Assembler, AssemblySettings
 from service.errors import FrameError
 from service.frames import Frame
+from service.jsontext import plain
 from service.quality import Quality
 from service.results import iso_time, refused_record
 from service.rigfile import expected_channels
@@ -157,7 +158,7 @@ class Pipeline:
             except TwinError as error:
                 grade, record = "refused", refused_record(str(error))
             else:
-                record, line.report, told = dict(estimate.record), estimate.report, estimate.events
+                record, line.report, told = dict(plain(estimate.record)), plain(estimate.report), estimate.events
         index, line.index = line.index, line.index + 1
         faults = line.quality.note_window(index, window, grade)
         record |= {
@@ -167,7 +168,7 @@ class Pipeline:
             "faults": faults,
         }
         events: list[tuple[str, Mapping[str, Any]]] = [("window", record)]  # as it is kept, with its number and faults
-        events += [(kind, data) for kind, data in told if kind not in ("window", "data_fault")]
+        events += [(kind, plain(data)) for kind, data in told if kind not in ("window", "data_fault")]
         events += [("data_fault", fault) for fault in faults]
         outcome = Outcome(
             asset=asset,

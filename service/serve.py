@@ -12,10 +12,8 @@ import logging
 import signal
 import socket
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +23,14 @@ import zenoh
 from service.api import create_app
 from service.board import Board
 from service.errors import DeliveryError, InputError
-from service.frames import Frame
 from service.inbox import Inbox, pump
-from service.jsontext import plain
-from service.live import LiveState, OfferedRigs
-from service.pipeline import Checkpoint, Outcome, Pipeline, assembly_settings
+from service.live import Guard, LiveState, OfferedRigs
+from service.pipeline import assembly_settings
 from service.rigfile import checked_rig, load_mapping
+from service.served import Ended, ServedPipeline
 from service.settings import Settings
 from service.sources.zenoh import ZenohSource, open_session
 from service.store import Store
-from service.wire.topics import Channel
 from twin.errors import TwinError
 from twin.rig import Rig
 
@@ -42,18 +38,11 @@ log = logging.getLogger(__name__)
 
 DATABASE = "gear-twin.sqlite"
 CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
-LEARN_WAIT = 0.5  # how long a new asset's channels are awaited before its first window [s]
-LEARN_BYTES = 64 * 2**20  # frames of a new asset held meanwhile, at most [bytes]
-QUALITY_EVERY = 1.0  # how often counters are shown while frames come [s]
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
 HTTP_WAIT = 2  # how long open requests are waited for at the end [s]
 
 Twin = tuple[Callable[..., tuple[Any, Any]], Any]
 """`step`, and the class of its state with `to_dict` and `from_dict`."""
-
-
-class _Ended(Exception):
-    """The service ends: the windows that are whole but not taken in yet are left to the next start."""
 
 
 def run(
@@ -103,15 +92,18 @@ class Worker(threading.Thread):
         self._stopping = threading.Event()
         self._reason: str | None = "not yet subscribed to the stream"
         self._source: ZenohSource | None = None
+        self._open: zenoh.Session | None = None
         self._faults = 0
+        self._guard = Guard()
         self.on_end: Callable[[], None] = lambda: None
         self.failure: Exception | None = None
 
     def run(self) -> None:
         try:
             with self._session() as session:
+                self._open = session
                 self._serve(session)
-        except _Ended:
+        except Ended:
             pass
         except Exception as error:
             self.failure = error
@@ -125,9 +117,11 @@ class Worker(threading.Thread):
         self._inbox.close()
 
     def end(self) -> None:
-        """Ends the thread, at the latest after a few seconds."""
+        """Ends the thread; a window that takes longer than a few seconds is left to the next start."""
         self.stop()
         self.join(STOP_WAIT)
+        if self.is_alive() and self._open is not None:
+            self._open.close()  # or the process would hang at its end
 
     def not_ready(self) -> str | None:
         """Why no frames are taken, or None."""
@@ -140,7 +134,7 @@ class Worker(threading.Thread):
             "received_frames": self._inbox.received,
             "dropped_frames": self._inbox.dropped_frames,
             "missed_frames": self._source.missed if self._source else 0,
-            "callback_errors": self._inbox.errors,
+            "callback_errors": self._inbox.errors + self._guard.errors,
             "program_faults": self._faults,
         }
 
@@ -158,7 +152,7 @@ class Worker(threading.Thread):
                         raise
                     self._reason = str(error)
                 if self._stopping.is_set():
-                    raise _Ended
+                    raise Ended
             yield session
 
     def _serve(self, session: zenoh.Session) -> None:
@@ -166,7 +160,10 @@ class Worker(threading.Thread):
 
         prefix = self._settings.prefix
         options = Options(update=self._settings.update, error_threshold=self._settings.error_threshold)
-        with OfferedRigs(session, prefix) as offered, LiveState(session, self._board, prefix) as live:
+        with (
+            OfferedRigs(session, prefix, self._guard) as offered,
+            LiveState(session, self._board, prefix, self._guard) as live,
+        ):
             pipeline = ServedPipeline(
                 self._store,
                 self._board,
@@ -207,135 +204,6 @@ class Worker(threading.Thread):
             self._store.keep_rig(asset, rig)
         self._board.update(asset, rig=rig)
         return checked
-
-
-@dataclass(slots=True)
-class _Held:
-    """A new asset's frames while its channels are learned."""
-
-    since: float
-    frames: list[Frame] = field(default_factory=list)
-    bytes: int = 0
-
-
-class ServedPipeline(Pipeline):
-    """The pipeline over store, board and Zenoh, with counters shown between windows."""
-
-    def __init__(
-        self,
-        store: Store,
-        board: Board,
-        live: LiveState,
-        ending: threading.Event,
-        rig_lookup: Callable[[str], Rig],
-        options: Any,
-        **given: Any,
-    ) -> None:
-        super().__init__(rig_lookup, options, self._keep, self._show, **given)
-        self._store, self._board, self._live, self._ending = store, board, live, ending
-        self._shown: dict[str, float] = {}
-        self._held: dict[str, _Held] = {}
-
-    def restore_all(self, state_of: Callable[[Mapping[str, Any]], Any]) -> None:
-        """Goes on where the store's assets ended."""
-        for asset in self._store.assets():
-            stored = self._store.asset(asset)
-            if stored.state is None or stored.assembly is None or stored.quality is None:
-                continue
-            last = self._store.windows(asset)[-1].record
-            self.restore(
-                asset,
-                Checkpoint(
-                    index=last["index"],
-                    state=state_of(stored.state),
-                    report=stored.report,
-                    assembly=stored.assembly,
-                    quality=stored.quality,
-                ),
-            )
-
-    def feed(self, frame: Frame) -> None:
-        asset = frame.channel.asset
-        if asset not in self._lines:
-            self._line(asset)  # asks for the rig file now: who offers it may be gone later
-            self._held[asset] = _Held(time.monotonic())
-        if asset not in self._held:
-            super().feed(frame)
-        elif not self._hold(frame):
-            return
-        if time.monotonic() - self._shown.get(asset, 0.0) > QUALITY_EVERY:
-            self._show_quality(asset)
-
-    def reject(self, channel: Channel, error: Any) -> None:
-        super().reject(channel, error)
-        self._show_quality(channel.asset)
-
-    def flush(self, asset: str | None = None) -> None:
-        for name in list(self._held) if asset is None else [asset]:
-            if name in self._held:
-                self._release(name)
-        super().flush(asset)
-
-    def waiting(self, asset: str) -> bool:
-        if asset in self._held:
-            return True
-        # Asked when a stream is silent: the last frames' counters are due.
-        if asset in self._shown and self._shown[asset] > 0 and not super().waiting(asset):
-            self._show_quality(asset)
-            self._shown[asset] = 0.0
-        return super().waiting(asset)
-
-    def _hold(self, frame: Frame) -> bool:
-        """Holds a new asset's frame, since keys start at different times; whether all held are let go."""
-        asset = frame.channel.asset
-        held = self._held[asset]
-        held.frames.append(frame)
-        held.bytes += frame.nbytes
-        if time.monotonic() - held.since < LEARN_WAIT and held.bytes < LEARN_BYTES:
-            return False
-        self._release(asset)
-        return True
-
-    def _release(self, asset: str) -> None:
-        """Takes in the frames held for a new asset, whose channels are known now."""
-        held = self._held.pop(asset)
-        self._line(asset).assembler.expect({frame.channel.label for frame in held.frames})
-        for frame in held.frames:
-            super().feed(frame)
-
-    def _take(self, *given: Any) -> None:
-        if self._ending.is_set():
-            raise _Ended
-        super()._take(*given)
-
-    def _keep(self, outcome: Outcome) -> None:
-        self._committed = self._store.commit(
-            outcome.asset,
-            outcome.window.start_time_ns,
-            record=outcome.record,
-            state=outcome.state.to_dict(),
-            report=outcome.report,
-            assembly=outcome.assembly,
-            quality=outcome.quality,
-            events=outcome.events,
-        )
-
-    def _show(self, outcome: Outcome) -> None:
-        if self._committed is None:
-            log.error("%s: window %s was committed before", outcome.asset, outcome.record["start_time"])
-            return
-        self._board.add_window(
-            outcome.asset,
-            self._committed,
-            report=None if outcome.report is None else plain(outcome.report),
-            quality=outcome.quality,
-            last_event_id=self._store.last_event_id(outcome.asset),
-        )
-        self._live.publish(outcome.asset)
-
-    def _show_quality(self, asset: str) -> None:
-        self._shown[asset] = time.monotonic()
-        self._board.update(asset, quality=self.quality(asset))
 
 
 class _Server(uvicorn.Server):

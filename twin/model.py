@@ -114,7 +114,7 @@ class Model:
             self.structure,
             contacts,
             self.mean_force(condition),
-            start=None if start is None else start.deflection,
+            start=start,
         )
 
     @cached_property

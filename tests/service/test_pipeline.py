@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from streams import ACCEL, ASSET, CHANNELS, TORQUE, bursts
 
@@ -105,6 +107,19 @@ def test_channels_that_the_rig_file_names_and_nobody_sends_are_listed():
     rig = {"sensors": {"accelerometer": "y6"}, "encoders": {"gear_edges_per_rev": 128}}
     frames = bursts(2, channels=CHANNELS[:3])
     assert run(frames, Count(), rig)[1].quality(ASSET)["missing_channels"] == ["encoder/gear"]
+
+
+def test_what_the_twin_cannot_put_in_figures_reaches_store_and_board_as_null():
+    def vague(rig, state, window, options):
+        report = {"rul": {"hours": {"p95": float("inf")}}, "profile": np.array([1.0, np.nan])}
+        events = (("rul", {"hours": float("nan")}),)
+        return state, SimpleNamespace(record={"error_percent": np.float64("nan")}, report=report, events=events)
+
+    outcome = run(bursts(1), vague)[0][0]
+    assert outcome.record["error_percent"] is None
+    assert outcome.report == {"rul": {"hours": {"p95": None}}, "profile": [1.0, None]}
+    assert outcome.events[1] == ("rul", {"hours": None})
+    json.dumps([outcome.record, outcome.report, outcome.events, outcome.assembly, outcome.quality], allow_nan=False)
 
 
 def test_two_assets_go_their_own_ways():

@@ -17,7 +17,8 @@ A_c    further actions of the same contacts on the structure, Σ_p w_cp·σ_p·F
 f_l    loads that do not depend on the motion (unbalance, torque ripple), along a direction of their own
 
 Newton's method with GMRES, contact forces in the time domain, the structure in the frequency domain,
-FFT between; preconditioner 1/(k̄(1 + iωτ) + 1/G). Starts from the quasi-static solution.
+FFT between; preconditioner 1/(k̄(1 + iωτ) + 1/G), and the low harmonics solved directly where contact is lost. Starts
+from the quasi-static solution.
 
 Source   alternating frequency/time harmonic balance: T. M. Cameron, J. H. Griffin, J. Appl. Mech. 56
          (1989) 149–154; Newton–Krylov: C. T. Kelley, Solving Nonlinear Equations with Newton's Method,
@@ -34,6 +35,7 @@ import numpy as np
 from scipy.fft import irfft, rfft
 
 from twin.dynamics.gmres import gmres
+from twin.dynamics.low_harmonics import low_harmonic_inverse
 from twin.dynamics.structure import Structure
 from twin.errors import NotConverged, ParameterError
 
@@ -44,6 +46,8 @@ TOLERANCE = 1e-9  # of the mean force
 WIDEST = 30.0  # rounding of the contacts' corner at the start of the way through contact loss, of F/k̄
 SHARP = 3e-3  # rounding from which the corner itself is tried, of F/k̄
 MAX_STAGES = 40
+BEYOND_MODES = 2.0  # harmonics solved directly under contact loss reach this far beyond the fastest mode
+MAX_LOW_HARMONICS = 300
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -83,17 +87,13 @@ class Contacts:
         """Angular frequency of each harmonic (n//2 + 1,) [rad/s]."""
         return 2 * pi / self.period * np.arange(self.samples // 2 + 1)
 
-    def penetration(self, d: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """δ_p + τ·δ_p' of every contact (p, n) [m] for the deflection (n,) and its rate (n,)."""
-        closing = d + self.damping_time * rate
-        return self.side[:, None] * closing + self.separation + self.damping_time * self.separation_rate
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SteadyState:
     """A steady state over one period."""
 
     deflection: np.ndarray  # d (n,) [m]
+    quasi_static: np.ndarray  # d of the same contacts without inertia (n,) [m]
     contact_forces: np.ndarray  # k_p·max(0, …) ≥ 0 (p, n) [N]
     mesh_force: np.ndarray  # F (n,) [N]
     force_lines: np.ndarray  # F̂_k (n//2 + 1,) two-sided coefficients [N]
@@ -155,7 +155,7 @@ def solve_through_contact_loss(
     contacts: Contacts,
     mean_force: float,
     *,
-    start: np.ndarray | None = None,
+    start: np.ndarray | SteadyState | None = None,
     tolerance: float = TOLERANCE,
 ) -> SteadyState:
     """As `solve`; where that fails, rounds the corner at which contacts open and sharpens it step by step.
@@ -191,7 +191,7 @@ def solve(
     mean_force: float,
     *,
     loads: tuple[Load, ...] = (),
-    start: np.ndarray | None = None,
+    start: np.ndarray | SteadyState | None = None,
     tolerance: float = TOLERANCE,
     rounding: float = 0.0,
 ) -> SteadyState:
@@ -199,7 +199,8 @@ def solve(
 
     mean_force  mean mesh force T/r_b1 [N], > 0
     loads       forces that do not depend on the motion
-    start       deflection to start from (n,) [m]; the quasi-static one where None
+    start       deflection to start from (n,) [m]; or a steady state of similar contacts, whose departure from its
+                quasi-static deflection is added to that of these; the quasi-static one where None
     rounding    ε [m] of contacts that open gradually, (x + sqrt(x² + ε²))/2 for max(0, x); an aid on the way
     Returns a SteadyState whose `converged` says whether it may be used.
     """
@@ -230,6 +231,11 @@ def solve(
     signed_stiffness = side * contacts.stiffness
     weighted_stiffness = [action.weight * signed_stiffness for action in contacts.actions]
 
+    def unchanged(u: np.ndarray) -> np.ndarray:
+        return u
+
+    low_harmonics = min(int(BEYOND_MODES * structure.modes[0].max() / ω[1]) + 2, n // 4)
+
     def evaluate(d_hat: np.ndarray):
         """Residual lines (n//2 + 1,), penetrations ≥ 0 and their slopes 0 … 1 (p, n), for the lines of d."""
         x = side * irfft(closing * d_hat, n, norm="forward") + open_by
@@ -244,8 +250,12 @@ def solve(
         residual[0] -= mean_force
         return residual, penetration, closed
 
-    d = quasi_static_deflection(contacts, mean_force) if start is None else start
-    d_hat = _lines(np.asarray(d, dtype=float))
+    static = quasi_static_deflection(contacts, mean_force)
+    if start is None:
+        start = static
+    elif isinstance(start, SteadyState):
+        start = static + (start.deflection - start.quasi_static)
+    d_hat = _lines(np.asarray(start, dtype=float))
     residual, penetration, closed = evaluate(d_hat)
     size = float(np.abs(residual).max()) / mean_force
     iterations = stuck = 0
@@ -264,8 +274,13 @@ def solve(
                 out += ratio * _lines(weighted * change)
             return out
 
+        coarse = unchanged
+        if low_harmonics <= MAX_LOW_HARMONICS and tangent.min() < 0.2 * k_mean:
+            terms = [(np.ones(ω.size), tangent - k_mean), *zip(ratios, tangents, strict=True)]
+            coarse = low_harmonic_inverse(terms, to_closing, low_harmonics)
+
         forcing = min(1e-2, max(0.1 * size, 0.1 * tolerance / size))
-        correction = precondition * gmres(jacobian, -residual, forcing)
+        correction = precondition * coarse(gmres(lambda u, A=jacobian, M=coarse: A(M(u)), -residual, forcing))
         step = 1.0
         for _ in range(MAX_HALVINGS):
             trial = evaluate(d_hat + step * correction)
@@ -284,6 +299,7 @@ def solve(
     mesh_force = (side * forces).sum(axis=0)
     return SteadyState(
         deflection=d,
+        quasi_static=static,
         contact_forces=forces,
         mesh_force=mesh_force,
         force_lines=_lines(mesh_force),

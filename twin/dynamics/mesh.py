@@ -5,6 +5,9 @@ is e_p = −h(s_p) − gap(s_p), with h the material worn off both flanks (posit
 outside the nominal path. On the back side a tooth of the other flank closes the mesh where the drive side
 opens by the backlash.
 
+Holds    contact ratios up to 2
+Ignores  that the back flanks press along the mirrored line of action: the solvers see one coordinate d, so their
+         play is off by 2 sin α·(x5 − x10), some micrometres, and they push the gears together in x instead of apart
 Source   physics of the loaded spur mesh as in the paper's eqs 3–5, with e_t of the paper written per tooth pair
 """
 
