@@ -141,7 +141,10 @@ def rul_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
             track, work=paper.work, rate=paper.rate, var_work=(spread * paper.work) ** 2, cov=0.0,
             var_rate=(spread * paper.rate) ** 2,
         )  # fmt: skip
-    life = remaining_life(track, outcome.curve, outcome.memory.segments[-1].start_work, end)
+    common = 0.0
+    if outcome.way != "rms" and outcome.estimate is not None and outcome.estimate.depth > 0:
+        common = min(outcome.estimate.std / outcome.estimate.depth, 1.0)
+    life = remaining_life(track, outcome.curve, outcome.memory.segments[-1].start_work, end, common)
     hours = 1 / (3600 * outcome.condition.speed_hz)
     return {
         "criterion": {

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from tests.updating_cases import TEN, curve, model, seen
-from twin.updating.depth import HARMONICS, Gauge, estimate_depth
+from twin.model import Condition
+from twin.updating.depth import HARMONICS, SHAPE_SCATTER, Gauge, estimate_depth
 from twin.updating.encoders import gauge_of
 from twin.updating.memory import MeanOffset, Memory, Segment
 from twin.updating.prediction import Expectation
+from twin.wear.curve import MasterCurve
 
 CURVE = curve()
 DEEPEST = 60e-6
@@ -99,6 +101,14 @@ def test_misfit_widens_the_standard_deviation():
     bent = estimated(window(TRUE, disturbance=np.append([0, 3e-6j, -4e-6], np.zeros(9))))
     assert bent.misfit > 1
     assert bent.std > good.std * 0.9 * np.sqrt(bent.misfit)
+
+
+def test_flanks_worn_by_static_forces_are_measured_within_the_standard_deviation():
+    """A curve worn at a crawl has no waves of dynamic forces on its flanks."""
+    static = MasterCurve.build(model(), Condition(speed_hz=0.05, torque=10.0), model().unworn, 55e-6)
+    found = estimated(seen(static.profile(50e-6), revolutions=5000.0), near=50e-6)
+    assert abs(found.depth - 50e-6) < found.std
+    assert found.std > SHAPE_SCATTER * found.depth**2
 
 
 def test_depth_at_the_end_of_the_search_says_so():

@@ -63,3 +63,19 @@ def test_work_of_earlier_conditions_is_counted_once():
     base = 3.0 * float(CURVE.work[-1])
     later = replace(track(), work=track().work + base)
     assert life(later, base=base).median == pytest.approx(life(track()).median)
+
+
+def test_depths_that_are_off_together_matter_most_near_the_end():
+    def widening(share):
+        sure = remaining_life(track(share), CURVE, 0.0, 55e-6)
+        unsure = remaining_life(track(share), CURVE, 0.0, 55e-6, 0.03)
+        assert unsure.median == sure.median
+        return (unsure.p95 / unsure.median) / (sure.p95 / sure.median)
+
+    assert widening(0.85) > widening(0.2) > 1.0
+
+
+def test_end_that_is_only_just_reached_may_not_be():
+    found = remaining_life(track(share=0.93), CURVE, 0.0, 55e-6, 0.03)
+    assert found.reached and found.median == 0.0 and found.p05 == 0.0
+    assert 0 < found.p95 < 100

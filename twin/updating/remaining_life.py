@@ -3,7 +3,9 @@
     N = (x(d_end) − x(d))/κ
 
 The band is that of a log-normal N: what is known of κ and x from the windows so far, how much κ wandered from window
-to window, and the shape of the curve where it had to be extrapolated.
+to window, what all depths may be off together, and the shape of the curve where it had to be extrapolated. All depths
+off by a factor 1 + ε scale x and κ alike and leave N off by ε·x(d_end)/κ, which matters near the end. Once the end is
+reached, what is left of the band is the chance that it is not.
 """
 
 from __future__ import annotations
@@ -30,17 +32,24 @@ class RemainingLife:
     reached: bool  # the depth is already beyond the criterion
 
 
-def remaining_life(track: WearTrack, curve: MasterCurve, base_work: float, end_depth: float) -> RemainingLife:
-    """Life of a track on a curve whose work starts at `base_work`, to a depth [m]."""
+def remaining_life(
+    track: WearTrack, curve: MasterCurve, base_work: float, end_depth: float, common_scatter: float = 0.0
+) -> RemainingLife:
+    """Life of a track on a curve whose work starts at `base_work`, to a depth [m].
+
+    common_scatter  relative standard deviation of what all depths are off by together
+    """
     end = base_work + curve.work_at(end_depth)
     to_go = end - track.work
     if to_go <= 0:
-        return RemainingLife(median=0.0, p05=0.0, p95=0.0, reached=True)
+        perhaps = to_go + Z95 * float(np.hypot(common_scatter * end, track.work_std))
+        return RemainingLife(median=0.0, p05=0.0, p95=max(0.0, perhaps / track.rate), reached=True)
     median = to_go / track.rate
     beyond = max(0.0, end - max(track.work, base_work + float(curve.work[-1]))) / to_go
     relative = np.sqrt(
         track.var_rate / track.rate**2
         + track.var_work / to_go**2
+        + (common_scatter * end / to_go) ** 2
         + (2 * DRIFT) ** 2
         + CURVE_SCATTER**2
         + (EXTRAPOLATED_SCATTER * beyond) ** 2

@@ -1,0 +1,221 @@
+"""One window in, one estimate out: what is given, what is missing, and that nothing is hidden."""
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.assess import rig_of
+from service.sources.mcap import Recording, read_windows
+from twin.errors import ParameterError, WindowError
+from twin.rig import Rig
+from twin.step import Options, State, step
+from twin.windows import Samples, Window
+
+SHORT = Path(__file__).resolve().parents[2] / "recordings" / "short-campaign.mcap"
+CALIBRATIONS, FIRST_WORN = 2, 3
+
+
+@lru_cache(maxsize=1)
+def recorded() -> tuple[Rig, tuple[Window, ...]]:
+    with Recording(SHORT) as recording:
+        rig = rig_of(recording, None)
+    return rig, tuple(read_windows(SHORT)[2])
+
+
+@lru_cache(maxsize=1)
+def uninterrupted():
+    """States and estimates of the first five windows."""
+    rig, windows = recorded()
+    state, out = State(), []
+    for window in windows[:5]:
+        state, estimate = step(rig, state, window)
+        out.append((state, estimate))
+    return out
+
+
+def strict(data):
+    return json.dumps(data, allow_nan=False, sort_keys=True)
+
+
+def minimal_rig() -> Rig:
+    teeth = recorded()[0].get("gears")
+    wheels = {wheel: {"teeth": teeth[wheel]["teeth"]} for wheel in ("pinion", "gear")}
+    return Rig.from_mapping({"gears": wheels, "sensors": {"accelerometer": "y6"}})
+
+
+def test_same_rig_state_and_window_give_the_same_answer():
+    rig, windows = recorded()
+    state = uninterrupted()[FIRST_WORN - 1][0]
+    first, again = (step(rig, state, windows[FIRST_WORN]) for _ in range(2))
+    assert strict(first[0].to_dict()) == strict(again[0].to_dict())
+    assert strict(first[1].record) == strict(again[1].record)
+    assert strict(first[1].report) == strict(again[1].report)
+
+
+def test_state_survives_json_to_the_bit():
+    for state, _ in uninterrupted():
+        text = strict(state.to_dict())
+        assert strict(State.from_dict(json.loads(text)).to_dict()) == text
+
+
+def test_run_resumed_from_a_json_state_equals_the_uninterrupted_one_to_the_bit():
+    rig, windows = recorded()
+    state = State()
+    for window, (whole, estimate) in zip(windows, uninterrupted(), strict=False):
+        state, resumed = step(rig, State.from_dict(json.loads(strict(state.to_dict()))), window)
+        assert strict(resumed.record) == strict(estimate.record)
+        assert strict(resumed.report) == strict(estimate.report)
+        assert strict(state.to_dict()) == strict(whole.to_dict())
+
+
+def test_windows_at_the_rigs_calibration_points_are_calibration_and_the_rest_measurement():
+    kinds = [estimate.record["kind"] for _, estimate in uninterrupted()]
+    assert kinds == ["calibration"] * CALIBRATIONS + ["measurement"] * 3
+
+
+def test_calibration_windows_calibrate_and_wear_nothing():
+    _, estimate = uninterrupted()[CALIBRATIONS - 1]
+    assert estimate.report["calibration"]["from"] == "windows"
+    assert estimate.report["calibration"]["windows"] == CALIBRATIONS
+    assert estimate.record["wear_depth_um"] == 0.0
+    assert not estimate.record["updated"]
+    assert estimate.report["rul"]["status"] == "not available"
+
+
+def test_record_has_the_names_of_the_contract():
+    _, estimate = uninterrupted()[FIRST_WORN]
+    names = {
+        "index", "kind", "revolutions", "speed_hz", "torque_nm", "rms_measured", "rms_predicted", "error_percent",
+        "updated", "rms_after", "k_wear_per_n", "wear_depth_um",
+    }  # fmt: skip
+    assert names <= estimate.record.keys()
+    record = estimate.record
+    assert record["error_percent"] == pytest.approx(100 * (record["rms_predicted"] / record["rms_measured"] - 1))
+    assert record["updated"] == (abs(record["error_percent"]) > 5)
+    assert record["wear_depth_p05_um"] <= record["wear_depth_um"] <= record["wear_depth_p95_um"]
+
+
+def test_both_ways_of_updating_stand_side_by_side():
+    ways = uninterrupted()[FIRST_WORN][1].report["wear"]["ways"]
+    assert ways.keys() == {"fused", "paper"}
+    assert ways["fused"]["k_wear_per_n"] != ways["paper"]["k_wear_per_n"]
+
+
+def test_depth_is_shared_between_the_flanks_as_the_tooth_ratio_says():
+    depth = uninterrupted()[FIRST_WORN][1].report["wear"]["max_depth_um"]
+    for figure in ("median", "p05", "p95"):
+        assert depth["pinion"][figure] + depth["gear"][figure] == pytest.approx(depth["combined"][figure])
+        assert depth["pinion"][figure] == pytest.approx(depth["combined"][figure] / (1 + 19 / 52), abs=1e-12)
+
+
+def test_profile_of_both_flanks_is_as_deep_as_the_depth():
+    wear = uninterrupted()[4][1].report["wear"]
+    for flank in ("pinion", "gear"):
+        deepest = max(wear["profile"][flank]["depth_um"])
+        assert deepest == pytest.approx(wear["max_depth_um"][flank]["median"], rel=0.02)
+
+
+def test_update_and_remaining_life_are_told_as_events():
+    kinds = [kind for kind, _ in uninterrupted()[FIRST_WORN][1].events]
+    assert kinds[0] == "window" and "rul" in kinds
+    assert ("update" in kinds) == uninterrupted()[FIRST_WORN][1].record["updated"]
+
+
+def test_paper_way_sets_the_depth_from_the_rms_with_a_wide_band():
+    rig, windows = recorded()
+    _, estimate = step(rig, uninterrupted()[FIRST_WORN - 1][0], windows[FIRST_WORN], Options(update="paper"))
+    record = estimate.record
+    assert record["depth_from"] == "rms"
+    assert record["wear_depth_um"] == record["ways"]["paper"]["wear_depth_um"]
+    assert record["wear_depth_p95_um"] > 1.7 * record["wear_depth_um"]
+
+
+def test_no_update_after_the_last_that_is_allowed():
+    rig, windows = recorded()
+    state = uninterrupted()[FIRST_WORN][0]
+    after, estimate = step(rig, state, windows[FIRST_WORN + 1], Options(update_until=500.0))
+    assert estimate.record["depth_from"] == "projection"
+    assert not estimate.record["updated"]
+    assert after.memory.track.rate == state.memory.track.rate
+    assert after.memory.path == state.memory.path
+
+
+def without(window: Window, **kinds: str) -> Window:
+    """The window without one channel of each kind named."""
+    return replace(
+        window, **{kind: {k: v for k, v in getattr(window, kind).items() if k != key} for kind, key in kinds.items()}
+    )
+
+
+def test_missing_torque_is_said_and_the_rigs_nominal_torque_used():
+    rig, windows = recorded()
+    window = without(windows[FIRST_WORN], torques="pinion")
+    _, estimate = step(rig, uninterrupted()[FIRST_WORN - 1][0], window)
+    assert estimate.record["torque_nm"] is None
+    assert "torque" in estimate.record["not_available"]["torque_nm"]
+    true = uninterrupted()[FIRST_WORN][1].record["wear_depth_um"]
+    assert estimate.record["wear_depth_um"] == pytest.approx(true, rel=0.03)
+
+
+def test_missing_gear_encoder_leaves_the_pinions_with_a_wider_band():
+    rig, windows = recorded()
+    state, band = State(), {}
+    for window in windows[: FIRST_WORN + 1]:
+        state, estimate = step(rig, state, without(window, encoders="gear"))
+    band["pinion"] = estimate.record
+    band["both"] = uninterrupted()[FIRST_WORN][1].record
+    assert band["pinion"]["depth_from"] == "pinion encoder"
+    assert band["both"]["depth_from"] == "transmission error"
+    width = {k: r["wear_depth_p95_um"] - r["wear_depth_p05_um"] for k, r in band.items()}
+    assert width["pinion"] > 1.5 * width["both"]
+    assert "transmission_error" in estimate.record["not_available"]
+
+
+def test_missing_accelerometer_leaves_no_prediction_but_says_why():
+    rig, windows = recorded()
+    _, estimate = step(rig, State(), without(windows[FIRST_WORN], accelerations="y6"))
+    assert estimate.record["rms_measured"] is None
+    assert estimate.record["rms_predicted"] is None
+    assert estimate.record["revolutions"] == pytest.approx(400, abs=2)
+    assert "accel" in estimate.report["wear"]["reason"]
+    strict(estimate.record), strict(estimate.report)
+
+
+def test_rig_of_tooth_counts_alone_gives_level_speed_and_bands_and_says_what_is_missing():
+    _, windows = recorded()
+    state, estimate = step(minimal_rig(), State(), windows[FIRST_WORN])
+    record, report = estimate.record, estimate.report
+    assert record["rms_measured"] > 0
+    assert record["mesh_frequency_hz"] == pytest.approx(190, rel=0.01)
+    assert len(record["mesh_bands"]) == 5
+    for part in ("wear", "rul", "residual", "calibration"):
+        assert report[part]["status"] == "not available"
+        assert "gears.module" in report[part]["reason"]
+    assert report["effects"] == []
+    assert report["unexplained"]["verdict"] == "insufficient_data"
+    assert state.windows_seen == 1
+    strict(record), strict(report)
+
+
+def test_window_with_neither_level_nor_speed_is_refused_with_the_reason():
+    rig, _ = recorded()
+    silent = Window(start_time_ns=0, torques={"pinion": Samples(rate=100.0, start=0.0, values=np.ones(200))})
+    with pytest.raises(WindowError, match="neither level nor speed"):
+        step(rig, State(), silent)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"update": "magic"}, "'magic' must be one of fused, paper"),
+        ({"error_threshold": 5.0}, r"5\.0 is outside \(0, 1\); percent\?"),
+        ({"update_until": -1.0}, "must not be negative"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(wrong, message):
+    with pytest.raises(ParameterError, match=message):
+        Options(**wrong)
