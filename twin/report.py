@@ -164,12 +164,13 @@ def comparison(features: WindowFeatures, outcome: Outcome, teeth: tuple[int, int
     lines = features.acceleration
     if lines is None:
         return None
-    phase = outcome.memory.phase
+    phase, speed = outcome.memory.phase, outcome.condition.speed_hz
+    top = np.inf if features.band is None else features.band[1]
     measured = left = noise = 0.0
     orders = []
     for key, order, y, std in zip(lines.keys, lines.orders, lines.amplitudes, lines.std, strict=True):
-        frequency = order * features.speed_hz
-        if not 0 < frequency <= features.band[1] or key[0] > LINES:
+        frequency = order * speed
+        if not 0 < frequency <= top or key[0] > LINES:
             continue
         rest = y
         if key[1] == key[2] == 0 and key[0] > 0 and phase is not None:
@@ -181,7 +182,7 @@ def comparison(features: WindowFeatures, outcome: Outcome, teeth: tuple[int, int
     bands = [
         {
             "harmonic": k,
-            "frequency_hz": k * teeth[0] * features.speed_hz,
+            "frequency_hz": k * teeth[0] * speed,
             "measured": None if features.mesh_bands is None else features.mesh_bands[k - 1],
             "predicted": float(abs(outcome.lines[k - 1]) / np.sqrt(2)),
         }
@@ -190,7 +191,7 @@ def comparison(features: WindowFeatures, outcome: Outcome, teeth: tuple[int, int
     ]
     orders.sort(reverse=True)
     return {
-        "rms_error_percent": 100 * (outcome.rms_after / features.rms - 1),
+        "rms_error_percent": 100 * (outcome.rms_after / outcome.rms_measured - 1),
         "measured": float(measured),
         "left": float(left),
         "noise": float(noise),

@@ -72,7 +72,7 @@ class _Numbers:
     def read(self, name: str, value: Any) -> tuple:
         if not isinstance(value, (list, tuple)) or not value:
             raise ParameterError(f"{name} must be a list of numbers")
-        out = []
+        out: list[Any] = []
         for i, item in enumerate(value):
             if isinstance(item, (list, tuple)):
                 out.append(self.read(f"{name}[{i}]", item))

@@ -151,10 +151,10 @@ def _record(rig: Rig, index: int, features: WindowFeatures, outcome: Outcome) ->
         "torque_nm": features.torque_nm,
         "rms_measured": features.rms,
         "rms_predicted": outcome.rms_predicted,
-        "error_percent": 100 * (outcome.rms_predicted / features.rms - 1),
+        "error_percent": 100 * (outcome.rms_predicted / outcome.rms_measured - 1),
         "updated": outcome.updated,
         "rms_after": outcome.rms_after,
-        "error_after_percent": 100 * (outcome.rms_after / features.rms - 1),
+        "error_after_percent": 100 * (outcome.rms_after / outcome.rms_measured - 1),
         "k_wear_per_n": report.wear_coefficient(rig, outcome),
         "wear_depth_um": outcome.depth * 1e6,
         "wear_depth_p05_um": low * 1e6,
@@ -196,13 +196,14 @@ def _without_twin(rig: Rig, state: State, features: WindowFeatures, reason: str)
     }
     missing = report.not_available(reason)
     residual: dict[str, Any] = missing
-    if features.mesh_bands is not None:
+    if features.mesh_bands is not None and features.speed_hz is not None:
+        mesh_frequency = features.speed_hz * rig.teeth[0]
         residual = {
             "rms_error_percent": None,
             "waveform_error_percent": None,
             "reason": reason,
             "bands": [
-                {"harmonic": k, "frequency_hz": k * rig.teeth[0] * features.speed_hz, "measured": b, "predicted": None}
+                {"harmonic": k, "frequency_hz": k * mesh_frequency, "measured": b, "predicted": None}
                 for k, b in enumerate(features.mesh_bands, 1)
             ],
             "orders": [],

@@ -28,6 +28,7 @@ Holds    responses that repeat with the period; others do not converge and say s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import pi
 
@@ -38,6 +39,8 @@ from twin.dynamics.gmres import gmres
 from twin.dynamics.low_harmonics import low_harmonic_inverse
 from twin.dynamics.structure import Structure
 from twin.errors import NotConverged, ParameterError
+
+Map = Callable[[np.ndarray], np.ndarray]
 
 MAX_NEWTON = 40
 MAX_STALLED = 12  # Newton steps that hardly help, on the way through contacts that open and close
@@ -274,13 +277,17 @@ def solve(
                 out += ratio * _lines(weighted * change)
             return out
 
-        coarse = unchanged
+        coarse: Map = unchanged
         if low_harmonics <= MAX_LOW_HARMONICS and tangent.min() < 0.2 * k_mean:
             terms = [(np.ones(ω.size), tangent - k_mean), *zip(ratios, tangents, strict=True)]
             coarse = low_harmonic_inverse(terms, to_closing, low_harmonics)
 
         forcing = min(1e-2, max(0.1 * size, 0.1 * tolerance / size))
-        correction = precondition * coarse(gmres(lambda u, A=jacobian, M=coarse: A(M(u)), -residual, forcing))
+
+        def preconditioned(u: np.ndarray, A: Map = jacobian, M: Map = coarse) -> np.ndarray:
+            return A(M(u))
+
+        correction = precondition * coarse(gmres(preconditioned, -residual, forcing))
         step = 1.0
         for _ in range(MAX_HALVINGS):
             trial = evaluate(d_hat + step * correction)

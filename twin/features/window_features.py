@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from twin.errors import NotAvailable
+
 Key = tuple[int, int, int]
 
 
@@ -31,6 +33,20 @@ class Lines:
         """The amplitude of one line; None where it was not read."""
         key = (k, pinion, gear)
         return self.amplitudes[self.keys.index(key)] if key in self.keys else None
+
+    def at(self, k: int, pinion: int = 0, gear: int = 0) -> complex:
+        """The amplitude of one line; NotAvailable where it was not read."""
+        value = self.get(k, pinion, gear)
+        if value is None:
+            raise NotAvailable(f"line ({k}, {pinion}, {gear}) was not read")
+        return value
+
+    def std_at(self, k: int, pinion: int = 0, gear: int = 0) -> float:
+        """Standard deviation of the real and of the imaginary part of one line; NotAvailable where not read."""
+        value = self.get_std(k, pinion, gear)
+        if value is None:
+            raise NotAvailable(f"line ({k}, {pinion}, {gear}) was not read")
+        return value
 
     def get_std(self, k: int, pinion: int = 0, gear: int = 0) -> float | None:
         """Standard deviation of the real and of the imaginary part of one line."""

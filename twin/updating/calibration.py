@@ -121,18 +121,19 @@ def compliance_scale(model: Model, windows: Sequence[WindowFeatures]) -> float:
     1 where the loads do not differ enough to tell.
     """
     seen = [
-        (w.torque_nm, w.transmission_error.get(0).real)
+        (w.torque_nm, w.transmission_error.at(0).real)
         for w in windows
         if w.torque_nm is not None and w.transmission_error is not None and w.transmission_error.get(0) is not None
     ]
-    if len(seen) < 2:
+    speed = windows[0].speed_hz if windows else None
+    if len(seen) < 2 or speed is None:
         return 1.0
     torque, mean = np.array(seen).T
     if np.ptp(torque) < 0.3 * torque.mean():
         return 1.0
     slope = float(np.polyfit(torque, mean, 1)[0])
     low, high = (
-        model.steady(model.unworn, Condition(speed_hz=windows[0].speed_hz, torque=t)).deflection.mean()
+        model.steady(model.unworn, Condition(speed_hz=speed, torque=t)).deflection.mean()
         for t in (torque.min(), torque.max())
     )
     return (slope - (high - low) / float(np.ptp(torque))) / model.compliance_outside_mesh

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition
@@ -33,3 +35,32 @@ def kind_of(features: WindowFeatures, rig: Rig) -> str:
         if near and loaded and abs(speed / nominal - 1) > CALIBRATION_MATCH:
             return "calibration"
     return "measurement"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """A window that has all that the twin needs of it."""
+
+    features: WindowFeatures
+    condition: Condition
+    kind: str  # `measurement` or `calibration`
+    revolutions: float  # of the pinion since new
+    rms: float  # in the rig's band [m/s²]
+    noise: float  # the part of it that lies between the orders [m/s²]
+
+    @classmethod
+    def of(cls, features: WindowFeatures, rig: Rig) -> Measured:
+        """Checks a window's features; NotAvailable says which are missing."""
+        condition = condition_of(features, rig)
+        if features.revolutions is None:
+            raise NotAvailable("wear is not available: the window has no absolute revolution count (no encoder)")
+        if features.rms is None:
+            raise NotAvailable("the twin is not available: " + features.unavailable.get("rms", "no acceleration"))
+        return cls(
+            features=features,
+            condition=condition,
+            kind=kind_of(features, rig),
+            revolutions=features.revolutions,
+            rms=features.rms,
+            noise=features.noise_rms or 0.0,
+        )

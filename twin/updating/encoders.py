@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin.errors import NotAvailable
 from twin.features.window_features import Lines, WindowFeatures
 from twin.model import Condition, Model
 from twin.updating.depth import FLOOR, HARMONICS, MODEL_SCATTER, DepthEstimate, Gauge
@@ -16,6 +17,7 @@ from twin.wear.curve import LINES
 OFFSET_DRIFT = 1.5e-6  # of the discs' zeros from window to window: heat, creep of a mounting [m]
 COMPLIANCE_TOLERANCE = 0.05  # of the mean transmission error per torque
 MEAN_NOISE = 0.3e-6  # [m]
+DEPTH_HARMONICS = range(1, HARMONICS + 1)
 SAME_SPEED, SAME_TORQUE = 0.05, 0.10  # relative: conditions whose lines may be compared directly
 UNWORN_PHASE_STD = 0.6  # of the mesh phase from unworn teeth: friction and pitch errors turn their lines [rad]
 PHASE_SCATTER = 0.015  # of the mesh phase, from window to window [rad]
@@ -31,13 +33,20 @@ def encoder_lines(features: WindowFeatures) -> Lines | None:
     return lines if lines is not None and lines.unit == "m" else None
 
 
+def _lines_of(features: WindowFeatures) -> Lines:
+    """As `encoder_lines`; NotAvailable where there are none."""
+    lines = encoder_lines(features)
+    if lines is None:
+        raise NotAvailable("the window has no encoder lines")
+    return lines
+
+
 def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: Condition) -> Gauge | None:
     """What the window's encoders say of the depth; None where there are none."""
     seen = encoder_lines(features)
     if seen is None:
         return None
-    values = [seen.get(k) for k in range(1, HARMONICS + 1)]
-    if any(v is None for v in values):
+    if not _has_depth_lines(seen):
         return None
     mean, mean_std = None, float("nan")
     raw = _mean_less_load(features, memory, model, condition)
@@ -45,13 +54,13 @@ def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: 
         strain = COMPLIANCE_TOLERANCE * model.compliance_outside_mesh * (condition.torque - memory.offset.torque)
         mean = raw - memory.offset.value
         mean_std = float(np.sqrt(memory.offset.var + OFFSET_DRIFT**2 + MEAN_NOISE**2 + strain**2))
-    lines = np.array(values)
-    std = np.array([seen.get_std(k) for k in range(1, HARMONICS + 1)])
+    lines = np.array([seen.at(k) for k in DEPTH_HARMONICS])
+    std = np.array([seen.std_at(k) for k in DEPTH_HARMONICS])
     unworn = _unworn_like(features, memory)
     if unworn is not None:
-        start = encoder_lines(unworn)
-        lines = lines - np.array([start.get(k) for k in range(1, HARMONICS + 1)])
-        std = np.hypot(std, [start.get_std(k) for k in range(1, HARMONICS + 1)])
+        start = _lines_of(unworn)
+        lines = lines - np.array([start.at(k) for k in DEPTH_HARMONICS])
+        std = np.hypot(std, [start.std_at(k) for k in DEPTH_HARMONICS])
     return Gauge(
         lines=lines,
         from_unworn=unworn is not None,
@@ -64,17 +73,26 @@ def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: 
     )
 
 
+def _has_depth_lines(lines: Lines) -> bool:
+    return all(lines.get(k) is not None for k in DEPTH_HARMONICS)
+
+
+def _near(a: float | None, b: float | None, tolerance: float) -> bool:
+    """Whether two values are known and equal within a relative tolerance."""
+    return a is not None and b is not None and abs(a / b - 1) < tolerance
+
+
 def _unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | None:
     """An unworn window of the same condition, recorded earlier on the present discs; None where there is none."""
     if len(memory.segments) > 1:
         return None
     for unworn in memory.unworn:
         start = encoder_lines(unworn)
-        if unworn.start_time_ns >= features.start_time_ns or start is None or unworn.torque_nm is None:
+        if unworn.start_time_ns >= features.start_time_ns or start is None or not _has_depth_lines(start):
             continue
-        same = abs(unworn.speed_hz / features.speed_hz - 1) < SAME_SPEED
-        loaded = features.torque_nm is None or abs(unworn.torque_nm / features.torque_nm - 1) < SAME_TORQUE
-        if same and loaded and all(start.get(k) is not None for k in range(1, HARMONICS + 1)):
+        same = _near(unworn.speed_hz, features.speed_hz, SAME_SPEED)
+        loaded = features.torque_nm is None or _near(unworn.torque_nm, features.torque_nm, SAME_TORQUE)
+        if same and loaded:
             return unworn
     return None
 
@@ -84,7 +102,7 @@ def _mean_less_load(features: WindowFeatures, memory: Memory, model: Model, cond
     te = features.transmission_error
     if te is None or te.get(0) is None or features.torque_nm is None:
         return None
-    return te.get(0).real - (memory.compliance_scale - 1) * model.compliance_outside_mesh * condition.torque
+    return te.at(0).real - (memory.compliance_scale - 1) * model.compliance_outside_mesh * condition.torque
 
 
 def learn(
@@ -99,7 +117,7 @@ def learn(
     """Mesh phase and disc offset after a window whose depth [m] the lines gave, or which is known with a std [m]."""
     std = UNWORN_PHASE_STD
     if estimate.depth > WORN_ENOUGH:
-        std = float(np.hypot(PHASE_SCATTER, 2 * FLOOR / abs(encoder_lines(features).get(1))))
+        std = float(np.hypot(PHASE_SCATTER, 2 * FLOOR / abs(_lines_of(features).at(1))))
     phase = estimate.phase
     if memory.phase is not None:
         w_old, w_new = 1 / memory.phase_std**2, 1 / std**2
@@ -141,22 +159,24 @@ def factors(
     lines = expectation.lines(depth)
     pinion_only = features.transmission_error is None
     model = lines.pinion_motion if pinion_only else lines.transmission_error
-    seen, heard = encoder_lines(features), features.acceleration
+    seen, heard = _lines_of(features), features.acceleration
     path: list[Line] = []
     mesh: list[Line] = []
     for k in range(1, LINES + 1):
-        f = k * teeth * features.speed_hz
+        f = k * teeth * expectation.condition.speed_hz
         predicted = model[k - 1] * np.exp(1j * k * phase)
         x, var = predicted, (MESH.spread * abs(predicted)) ** 2
         if seen.get(k) is not None:
-            var_seen = GRADUATION**2 + seen.get_std(k) ** 2
-            x = (predicted / var + seen.get(k) / var_seen) / (1 / var + 1 / var_seen)
+            var_seen = GRADUATION**2 + seen.std_at(k) ** 2
+            x = (predicted / var + seen.at(k) / var_seen) / (1 / var + 1 / var_seen)
             var = 1 / (1 / var + 1 / var_seen)
             scatter = float(np.hypot(np.sqrt(var) / abs(x), LEARN_SCATTER))
             mesh.append((float(index), f, complex(x / predicted), scatter))
-        y = None if heard is None else heard.get(k)
-        if y is not None and abs(y) > LEARN_SIGNAL * heard.get_std(k):
+        if heard is None or heard.get(k) is None:
+            continue
+        y, y_std = heard.at(k), heard.std_at(k)
+        if abs(y) > LEARN_SIGNAL * y_std:
             ρ = complex((y / x) / (lines.acceleration[k - 1] / model[k - 1]))
-            noise = float(np.hypot(LEARN_SCATTER, heard.get_std(k) / abs(y)))
+            noise = float(np.hypot(LEARN_SCATTER, y_std / abs(y)))
             path.append((float(index), f, ρ, noise * max(abs(ρ), 0.1)))
     return path, mesh

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition
 from twin.rig import Rig
@@ -34,6 +35,8 @@ def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Cond
         trial = replace(memory, fit=replace(fit, calibration=calibration), offset=None)
         model, curve = model_of(rig, trial), curve_of(rig, trial, 1.2 * depth)
         gauge = encoders.gauge_of(features, trial, model, condition)
+        if gauge is None:
+            raise NotAvailable("the contact half-width is not available: the window has no encoder lines")
         expectation = Expectation.at(model, curve, condition, depth)
         found = estimate_depth(
             gauge, lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), 0.85 * depth, 1.15 * depth

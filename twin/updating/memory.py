@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from twin.features.window_features import WindowFeatures
@@ -45,8 +45,8 @@ class Memory:
     depth: float = 0.0  # of the latest measurement window, by the way in use [m]
     half_width_from: float = 0.0  # depth at which the half-width was fitted [m], 0 before
     segments: tuple[Segment, ...] = ()
-    track: WearTrack | None = None  # by the fused way
-    paper: PaperTrack | None = None
+    track: WearTrack = field(default_factory=lambda: WearTrack.unworn(0.0))  # by the fused way
+    paper: PaperTrack = field(default_factory=PaperTrack)
     phase: float | None = None  # mesh phase against the encoder's zero [rad]
     phase_std: float = 3.0
     offset: MeanOffset | None = None
@@ -63,8 +63,8 @@ class Memory:
             "depth": self.depth,
             "half_width_from": self.half_width_from,
             "segments": [asdict(s) for s in self.segments],
-            "track": None if self.track is None else self.track.to_dict(),
-            "paper": None if self.paper is None else self.paper.to_dict(),
+            "track": self.track.to_dict(),
+            "paper": self.paper.to_dict(),
             "phase": self.phase,
             "phase_std": self.phase_std,
             "offset": None if self.offset is None else asdict(self.offset),
@@ -87,8 +87,8 @@ class Memory:
             depth=data["depth"],
             half_width_from=data["half_width_from"],
             segments=tuple(Segment(**s) for s in data["segments"]),
-            track=None if data["track"] is None else WearTrack.from_dict(data["track"]),
-            paper=None if data["paper"] is None else PaperTrack.from_dict(data["paper"]),
+            track=WearTrack.from_dict(data["track"]),
+            paper=PaperTrack.from_dict(data["paper"]),
             phase=data["phase"],
             phase_std=data["phase_std"],
             offset=None if data["offset"] is None else MeanOffset(**data["offset"]),

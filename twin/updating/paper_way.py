@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
 MAX_ITERATIONS = 30
 LARGEST_STEP = 3.0  # factor on K in one iteration
@@ -22,17 +23,17 @@ LARGEST_STEP = 3.0  # factor on K in one iteration
 class PaperTrack:
     """Where wear stands by the paper's way."""
 
-    revolutions: float
-    work: float  # x [rad/N]
-    rate: float  # κ = K·τ·ω1 [rad/N per revolution]
+    revolutions: float = 0.0
+    work: float = 0.0  # x [rad/N]
+    rate: float = 0.0  # κ = K·τ·ω1 [rad/N per revolution], 0 before the first window
     updates: int = 0
 
-    def to_dict(self) -> dict[str, float]:
+    def to_dict(self) -> dict[str, Any]:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, float]) -> PaperTrack:
-        return cls(**{**values, "updates": int(values["updates"])})
+    def from_dict(cls, values: Mapping[str, Any]) -> PaperTrack:
+        return cls(**values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

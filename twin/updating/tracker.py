@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class WearTrack:
 
     revolutions: float  # N of the latest window
     work: float  # x [rad/N]
-    rate: float  # κ [rad/N per revolution]
+    rate: float  # κ [rad/N per revolution], 0 before the first window
     var_work: float
     cov: float
     var_rate: float
@@ -100,9 +101,9 @@ class WearTrack:
             var_rate=self.var_rate * factor**2,
         )
 
-    def to_dict(self) -> dict[str, float]:
+    def to_dict(self) -> dict[str, Any]:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, float]) -> WearTrack:
+    def from_dict(cls, values: Mapping[str, Any]) -> WearTrack:
         return cls(**values)

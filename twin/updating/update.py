@@ -13,13 +13,12 @@ from math import pi
 
 import numpy as np
 
-from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
 from twin.rig import Rig
 from twin.updating import encoders, half_width, paper_way
 from twin.updating.calibration import calibrate, compliance_scale
-from twin.updating.conditions import condition_of, kind_of
+from twin.updating.conditions import Measured
 from twin.updating.depth import DepthEstimate, estimate_depth
 from twin.updating.memory import Memory, Segment, with_lines
 from twin.updating.paper_way import PaperResult, PaperTrack
@@ -46,6 +45,7 @@ class Outcome:
     curve: MasterCurve
     condition: Condition
     kind: str
+    rms_measured: float  # [m/s²]
     rms_predicted: float  # before any update [m/s²]
     rms_after: float
     updated: bool
@@ -77,11 +77,11 @@ def reference_rate(rig: Rig) -> float:
 
 def _started(rig: Rig, memory: Memory) -> Memory:
     """The memory with tracks at the rig file's wear coefficient."""
-    if memory.track is not None:
+    if memory.track.rate > 0:
         return memory
     (K,) = rig.require("the wear coefficient", "wear.K")
     rate = K * reference_rate(rig)
-    return replace(memory, track=WearTrack.unworn(rate), paper=PaperTrack(revolutions=0.0, work=0.0, rate=rate))
+    return replace(memory, track=WearTrack.unworn(rate), paper=PaperTrack(rate=rate))
 
 
 def _with_segment(rig: Rig, memory: Memory, condition: Condition) -> Memory:
@@ -124,28 +124,21 @@ def take(
 ) -> Outcome:
     """Takes one window into the twin; NotAvailable where the rig file or the window does not suffice."""
     rig.require("wear", *NEEDED)
-    condition = condition_of(features, rig)
-    if features.revolutions is None:
-        raise NotAvailable("wear is not available: the window has no absolute revolution count (no encoder)")
-    if features.rms is None:
-        raise NotAvailable("the twin is not available: " + features.unavailable.get("rms", "no acceleration"))
+    window = Measured.of(features, rig)
     memory = _started(rig, memory)
-    kind = kind_of(features, rig)
-    unworn = kind == "calibration" or features.revolutions < UNWORN_REVOLUTIONS
-    known_load = kind == "measurement" or features.torque_nm is not None
+    unworn = window.kind == "calibration" or window.revolutions < UNWORN_REVOLUTIONS
+    known_load = window.kind == "measurement" or features.torque_nm is not None
     if unworn and known_load and memory.track.windows == 0 and len(memory.unworn) < MOST_UNWORN:
         memory = _calibrated(rig, memory, features)
-    if kind == "calibration":
-        return _take_calibration(rig, memory, features, condition, index)
-    memory = _with_segment(rig, memory, condition)
-    return _take_measurement(
-        rig, memory, features, condition, index, threshold=threshold, update=update, update_until=update_until
-    )
+    if window.kind == "calibration":
+        return _take_calibration(rig, memory, window, index)
+    memory = _with_segment(rig, memory, window.condition)
+    return _take_measurement(rig, memory, window, index, threshold=threshold, update=update, update_until=update_until)
 
 
-def _take_calibration(rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, index: int) -> Outcome:
+def _take_calibration(rig: Rig, memory: Memory, window: Measured, index: int) -> Outcome:
     """A low-speed window: it calibrates, and shows how the calibrated twin meets it; it wears nothing."""
-    track = memory.track
+    features, condition, track = window.features, window.condition, memory.track
     if not memory.segments:
         speed, torque = rig.require("the wear curve", "operating.pinion_speed_hz", "operating.input_torque")
         memory = _with_segment(rig, memory, Condition(speed_hz=speed, torque=torque))
@@ -153,9 +146,8 @@ def _take_calibration(rig: Rig, memory: Memory, features: WindowFeatures, condit
     curve = curve_of(rig, memory, None if track.windows else 0.0)
     depth = curve.depth_at(track.work - memory.segments[-1].start_work)
     expectation = Expectation.at(model, curve, condition, depth)
-    noise = features.noise_rms or 0.0
     lines, _ = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
-    rms = expectation.rms(lines, rig.teeth[0], rig.band, noise)
+    rms = expectation.rms(lines, rig.teeth[0], rig.band, window.noise)
     gauge = encoders.gauge_of(features, memory, model, condition)
     estimate = None
     if gauge is not None:
@@ -167,7 +159,8 @@ def _take_calibration(rig: Rig, memory: Memory, features: WindowFeatures, condit
         )
         memory = encoders.learn(memory, features, model, expectation, estimate, depth, DEPTH_FLOOR)
     return Outcome(
-        memory=memory, model=model, curve=curve, condition=condition, kind="calibration", rms_predicted=rms,
+        memory=memory, model=model, curve=curve, condition=condition, kind="calibration",
+        rms_measured=window.rms, rms_predicted=rms,
         rms_after=rms, updated=False, depth=depth, depth_band=(depth, depth),
         way="projection" if track.windows else "unworn", estimate=estimate, paper=None, paper_depth=depth,
         expectation=expectation, lines=lines,
@@ -177,8 +170,7 @@ def _take_calibration(rig: Rig, memory: Memory, features: WindowFeatures, condit
 def _take_measurement(
     rig: Rig,
     memory: Memory,
-    features: WindowFeatures,
-    condition: Condition,
+    window: Measured,
     index: int,
     *,
     threshold: float,
@@ -186,11 +178,12 @@ def _take_measurement(
     update_until: float,
 ) -> Outcome:
     """A window of the campaign: predict, compare, update."""
-    band, noise, teeth = rig.band, features.noise_rms or 0.0, rig.teeth[0]
+    features, condition, noise = window.features, window.condition, window.noise
+    band, teeth = rig.band, rig.teeth[0]
     model, curve = model_of(rig, memory), curve_of(rig, memory)
     base = memory.segments[-1].start_work
-    revolutions = max(features.revolutions, memory.track.revolutions)
-    allowed = features.revolutions <= update_until
+    revolutions = max(window.revolutions, memory.track.revolutions)
+    allowed = window.revolutions <= update_until
 
     track = memory.track.predicted(revolutions)
     projected = max(curve.depth_at(track.work - base), float(curve.depth[0]))
@@ -203,10 +196,9 @@ def _take_measurement(
     if gauge is not None:
         pinion_only = features.transmission_error is None
         expectation, estimate = _depth_from(gauge, model, curve, expectation, projected, pinion_only)
-    fused = update == "fused" and estimate is not None
     level = _level(expectation, curve, base, teeth, band, noise)
-    telling = allowed and features.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
-    paper = paper_way.update(memory.paper, revolutions, features.rms, level, threshold, allowed=telling)
+    telling = allowed and window.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
+    paper = paper_way.update(memory.paper, revolutions, window.rms, level, threshold, allowed=telling)
     paper_depth = curve.depth_at(paper.track.work - base)
     memory = replace(memory, paper=paper.track)
 
@@ -219,15 +211,15 @@ def _take_measurement(
                 * curve.work_per_depth(estimate.depth),
             )
         memory = encoders.learn(memory, features, model, expectation, estimate, estimate.from_lines, None)
-        path, mesh = encoders.factors(features, expectation, estimate.depth, memory.phase, index, teeth)
+        path, mesh = encoders.factors(features, expectation, estimate.depth, estimate.phase, index, teeth)
         memory = replace(memory, path=with_lines(memory.path, path), mesh=with_lines(memory.mesh, mesh))
     memory = replace(memory, track=track)
 
     notes: list[str] = []
     if features.torque_nm is None:
         notes.append(f"no torque in this window: the rig's nominal {condition.torque:g} N·m is taken")
-    if fused:
-        updated = allowed and abs(rms_predicted / features.rms - 1) > threshold
+    if update == "fused" and estimate is not None:
+        updated = allowed and abs(rms_predicted / window.rms - 1) > threshold
         depth = estimate.depth if allowed else projected
         std = estimate.std if allowed else track.work_std / max(track.work, 1e-300) * projected
         depth_band = (max(depth - Z95 * std, 0.0), depth + Z95 * std)
@@ -235,7 +227,7 @@ def _take_measurement(
         after, _ = predicted_lines(memory, expectation, depth, index, teeth)
         if updated:
             lines, rms_after = after, expectation.rms(after, teeth, band, noise)
-            if abs(rms_after / features.rms - 1) > threshold:
+            if abs(rms_after / window.rms - 1) > threshold:
                 notes.append(_why_not(features, after, frequencies, band))
         else:
             rms_after = rms_predicted
@@ -255,7 +247,7 @@ def _take_measurement(
         memory = half_width.refitted(rig, memory, features, condition, estimate.depth)
     return Outcome(
         memory=memory, model=model, curve=curve, condition=condition, kind="measurement",
-        rms_predicted=rms_predicted, rms_after=rms_after, updated=bool(updated), depth=depth,
+        rms_measured=window.rms, rms_predicted=rms_predicted, rms_after=rms_after, updated=bool(updated), depth=depth,
         depth_band=depth_band, way=way, estimate=estimate, paper=paper, paper_depth=paper_depth,
         expectation=expectation, lines=lines, notes=tuple(notes),
     )  # fmt: skip

@@ -18,7 +18,7 @@ from twin.dynamics.harmonic_balance import SteadyState
 from twin.errors import NotConverged, ParameterError
 from twin.model import Condition, Model
 from twin.wear.archard import wear_per_revolution
-from twin.wear.evolution import evolve
+from twin.wear.evolution import WearPoint, evolve
 from twin.wear.profile import WornProfile
 
 LINES = 12  # mesh harmonics kept of every response
@@ -64,7 +64,8 @@ class MasterCurve:
     def build(cls, model: Model, condition: Condition, start: WornProfile, until_depth: float) -> MasterCurve:
         """Wears the profile on until `until_depth` [m] or until no steady state is found."""
         half_width = model.calibration.contact_half_width
-        points, complete = [], True
+        points: list[WearPoint] = []
+        complete = True
         try:
             for point in evolve(model.mesh, lambda p, s: model.steady(p, condition, s), start, half_width, until_depth):
                 if not points or point.profile.max_depth > points[-1].profile.max_depth:
