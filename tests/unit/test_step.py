@@ -192,7 +192,7 @@ def test_rig_of_tooth_counts_alone_gives_level_speed_and_bands_and_says_what_is_
     assert record["rms_measured"] > 0
     assert record["mesh_frequency_hz"] == pytest.approx(190, rel=0.01)
     assert len(record["mesh_bands"]) == 5
-    for part in ("wear", "rul", "residual", "calibration"):
+    for part in ("wear", "rul", "calibration"):
         assert report[part]["status"] == "not available"
         assert "gears.module" in report[part]["reason"]
     assert report["effects"] == []
