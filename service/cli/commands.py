@@ -154,9 +154,8 @@ def simulate(
     json: JsonFlag = False,
 ) -> None:
     """Simulate a wear campaign into a recording."""
-    from recordings.generator.errors import SpecError
-
     from recordings import simulate_file
+    from recordings.generator.errors import SpecError
     from service.cli.show import progress_bar
     from service.errors import InputError
     from service.jsontext import json_text
