@@ -23,6 +23,7 @@ _TIME_SLACK_NS = 20_000  # of a frame's start, beyond one sample [ns]
 _EDGE_SLACK = 0.02  # share of edges that may come out of order by noise; more, and the shaft ran backwards
 _FLAT_RUN = 4  # equal extreme samples in a row that no vibration gives: clipped
 _MARGIN = 0.05  # [s] by which channels may start and end apart
+_SAME_RATE = 1e-5  # relative: a rate measured frame by frame is not a change of rate
 
 
 F = TypeVar("F", SampleFrame, EncoderFrame, Frame)
@@ -111,7 +112,7 @@ def _majority(
     for part in parts:
         sizes[value(part)] = sizes.get(value(part), 0) + part.size + 1
     rate = max(sizes, key=lambda r: (sizes[r], r))
-    keep = [p for p in parts if abs(value(p) - rate) <= 1e-9 * rate]
+    keep = [p for p in parts if abs(value(p) - rate) <= _SAME_RATE * rate]
     if len(keep) < len(parts):
         others = ", ".join(f"{r:g}" for r in sorted(sizes) if r != rate)
         detail = f"{others} {unit} among {rate:g} {unit}: those frames were left out"

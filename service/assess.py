@@ -10,7 +10,7 @@ from service.assembly import DEFAULT, AssemblySettings
 from service.errors import FrameError, InputError
 from service.pipeline import Outcome, Pipeline
 from service.results import assemble
-from service.rigfile import checked_rig, expected_channels, load_rig
+from service.rigfile import checked_rig, load_rig
 from service.sources.mcap import Recording
 from service.wire.topics import PREFIX, Channel, topic_of
 from twin.rig import Rig
@@ -30,7 +30,7 @@ def assess(
     step: Callable[..., tuple[Any, Any]] | None = None,
     enough: Callable[[Sequence[Mapping[str, Any]]], bool] = lambda records: False,
 ) -> dict[str, Any]:
-    """The answer of section 4 about a recording's asset; InputError where it cannot be used.
+    """The answer of section 4 about a recording's asset; InputError where it cannot be used, or not assessed.
 
     `enough` ends the reading early, once it holds for the window records so far.
     """
@@ -65,8 +65,9 @@ def assess(
             pipeline.flush(asset)
         progress(1.0, len(records))
         quality = pipeline.quality(asset) | {"recording": list(recording.faults)}
-        _demand_windows(recording, asset, rig, records, quality)
-        return assemble(asset, records, report, quality)
+        answer = assemble(asset, records, report, quality)
+        _demand_assessment(recording.path, answer)
+        return answer
 
 
 def choose_asset(recording: Recording, asset: str | None) -> str:
@@ -91,22 +92,32 @@ def rig_of(recording: Recording, rig_path: str | Path | None) -> Rig:
     return checked_rig(mapping, f"{recording.path}: attached rig.toml")
 
 
-def _demand_windows(
-    recording: Recording, asset: str, rig: Rig, records: list[Mapping[str, Any]], quality: dict[str, Any]
-) -> None:
-    """At least one window must have been used."""
-    present = {channel.label for channel in recording.channels.values() if channel.asset == asset}
-    if any(record["quality"] != "refused" for record in records):
+class Unassessable(InputError):
+    """A recording that could be read but not assessed; `answer` holds what is known of it all the same."""
+
+    def __init__(self, message: str, answer: dict[str, Any]):
+        super().__init__(message)
+        self.answer = answer
+
+
+def _demand_assessment(path: Path, answer: dict[str, Any]) -> None:
+    """Some window must have been used, and the twin compared where the rig file says that it can be."""
+    records, quality = answer["windows"], answer["data_quality"]
+    asset, missing = answer["asset"], quality["missing_channels"]
+    needed = [label for label in missing if label.split("/")[0] in ("accel", "torque")]
+    compared = any(record.get("rms_predicted") is not None for record in records)
+    used = [record for record in records if record["quality"] != "refused"]
+    if used and (compared or not needed):
         return
-    missing = [label for label in expected_channels(rig) if label not in present]
-    parts = [topic_of(Channel(asset, *label.split("/"))) for label in missing]
-    absent = f"; the rig file names {', '.join(parts)}, which the recording does not have" if parts else ""
+    topics = ", ".join(topic_of(Channel(asset, *label.split("/"))) for label in (missing if not used else needed))
+    absent = f"the rig file names {topics}, which the recording does not have" if topics else ""
+    if used:
+        raise Unassessable(f"{path}: no window can be compared with the twin: {absent}", answer)
     if records:
         reason = f"no window of {len(records)} can be used: {records[0]['reason']}"
     else:
-        newest = quality["faults"][-1]["detail"] if quality["faults"] else "it has no frames"
-        reason = f"no whole window: {newest}"
-    raise InputError(f"{recording.path}: {reason}{absent}")
+        reason = f"no whole window: {quality['faults'][-1]['detail'] if quality['faults'] else 'no frames'}"
+    raise Unassessable("; ".join(part for part in (f"{path}: {reason}", absent) if part), answer)
 
 
 def warnings(recording: str | Path, answer: dict[str, Any]) -> list[str]:

@@ -147,7 +147,7 @@ class Pipeline:
 
     def _take(self, asset: str, line: _Line, window: Window, assembly: Mapping[str, Any]) -> None:
         """One window through the twin, the store and the board."""
-        events: list[tuple[str, Mapping[str, Any]]] = []
+        told: tuple[tuple[str, Mapping[str, Any]], ...] = ()
         grade = window.quality
         if grade == "refused":
             record = refused_record("; ".join(f.detail for f in window.faults if f.action == "refused"))
@@ -157,8 +157,7 @@ class Pipeline:
             except TwinError as error:
                 grade, record = "refused", refused_record(str(error))
             else:
-                record, line.report = dict(estimate.record), estimate.report
-                events += estimate.events
+                record, line.report, told = dict(estimate.record), estimate.report, estimate.events
         index, line.index = line.index, line.index + 1
         faults = line.quality.note_window(index, window, grade)
         record |= {
@@ -167,10 +166,9 @@ class Pipeline:
             "quality": grade,
             "faults": faults,
         }
-        if not any(kind == "data_fault" for kind, _ in events):
-            events += [("data_fault", fault) for fault in faults]
-        if grade == "refused":
-            events.append(("window", record))
+        events: list[tuple[str, Mapping[str, Any]]] = [("window", record)]  # as it is kept, with its number and faults
+        events += [(kind, data) for kind, data in told if kind not in ("window", "data_fault")]
+        events += [("data_fault", fault) for fault in faults]
         outcome = Outcome(
             asset=asset,
             index=index,

@@ -27,6 +27,7 @@ from service.board import Board
 from service.errors import DeliveryError, InputError
 from service.frames import Frame
 from service.inbox import Inbox, pump
+from service.jsontext import plain
 from service.live import LiveState, OfferedRigs
 from service.pipeline import Checkpoint, Outcome, Pipeline, assembly_settings
 from service.rigfile import checked_rig, load_mapping
@@ -326,7 +327,7 @@ class ServedPipeline(Pipeline):
         self._board.add_window(
             outcome.asset,
             self._committed,
-            report=outcome.report,
+            report=None if outcome.report is None else plain(outcome.report),
             quality=outcome.quality,
             last_event_id=self._store.last_event_id(outcome.asset),
         )

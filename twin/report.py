@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import pi
 from typing import Any
 
@@ -12,6 +13,7 @@ from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.geometry import GearPair
 from twin.geometry.involute import roll_angle
+from twin.model import Calibration
 from twin.rig import Rig
 from twin.updating.memory import Memory
 from twin.updating.remaining_life import remaining_life
@@ -23,11 +25,25 @@ from twin.wear.profile import WornProfile
 MICRO = 1e6
 EXPLAINED_SHARE = 10.0  # percent of the energy left over below which a residual counts as explained
 STRONGEST = 8
+RMS_SPREAD = 0.35  # relative, of work and rate that rest on the RMS alone
 
 
 def not_available(reason: str) -> dict[str, str]:
     """What stands where a quantity cannot be given."""
     return {"status": "not available", "reason": reason}
+
+
+def plain(value: Any) -> Any:
+    """The value as strict JSON data: numpy numbers unwrapped, tuples as lists, what is not finite as None."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
 
 
 def band(median: float, low: float, high: float) -> dict[str, float]:
@@ -120,9 +136,7 @@ def rul_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
         return not_available("remaining life is not available: no worn window has been seen yet")
     if outcome.way == "rms":
         paper = outcome.memory.paper
-        spread = 0.35
-        from dataclasses import replace
-
+        spread = RMS_SPREAD
         track = replace(
             track, work=paper.work, rate=paper.rate, var_work=(spread * paper.work) ** 2, cov=0.0,
             var_rate=(spread * paper.rate) ** 2,
@@ -224,8 +238,6 @@ def calibration_report(rig: Rig, memory: Memory) -> dict[str, Any]:
     """`calibration`: values with their relative uncertainty and what they rest on."""
     if memory.fit is None:
         try:
-            from twin.model import Calibration
-
             prior = Calibration.prior(rig)
         except NotAvailable as missing:
             return not_available(str(missing))

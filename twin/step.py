@@ -107,7 +107,7 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
     if outcome.kind == "measurement":
         compared = report.comparison(features, outcome, rig.teeth)
         if compared is not None:
-            recent = (*recent, compared)[-RECENT:]
+            recent = (*recent, report.plain(compared))[-RECENT:]
     state = replace(state, windows_seen=index + 1, memory=outcome.memory, recent=recent)
     wear = report.wear_report(rig, outcome)
     rul = report.rul_report(rig, outcome)
@@ -125,7 +125,15 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
         events.append(("update", {k: record[k] for k in _UPDATE_FIELDS}))
     if outcome.kind == "measurement" and "revolutions" in rul:
         events.append(("rul", rul))
-    return state, Estimate(record=record, report=answer, events=tuple(events))
+    return state, _estimate(record, answer, events)
+
+
+def _estimate(record: Mapping[str, Any], answer: Mapping[str, Any], events) -> Estimate:
+    return Estimate(
+        record=report.plain(record),
+        report=report.plain(answer),
+        events=tuple((kind, report.plain(data)) for kind, data in events),
+    )
 
 
 _UPDATE_FIELDS = ("index", "revolutions", "error_percent", "rms_after", "k_wear_per_n", "wear_depth_um")
@@ -204,4 +212,4 @@ def _without_twin(rig: Rig, state: State, features: WindowFeatures, reason: str)
         "calibration": missing,
     }
     state = replace(state, windows_seen=state.windows_seen + 1)
-    return state, Estimate(record=record, report=answer, events=(("window", record),))
+    return state, _estimate(record, answer, [("window", record)])

@@ -129,9 +129,7 @@ class _Run:
         machine, spec = self.machine, self.spec["sensors"]
         knobs, _ = self.knobs(self.revolutions)
         z1, z2 = machine.pair.teeth
-        cycle = np.floor(
-            start / z2
-        )  # whole rounds of all tooth pairs, taken out of the angles and put back in the counts
+        cycle = np.floor(start / z2)  # rounds of all tooth pairs: not in the angles, put back in the counts
         before = (SETTLE + PAD) * condition.speed / (2 * pi)
         motion = machine.at_rest(condition, knobs, 2 * pi * (start - before - cycle * z2))
         machine.settle(motion, condition, knobs, SETTLE, self.rng["drive"])
@@ -144,18 +142,15 @@ class _Run:
         torque = sensors.decimated(
             record[:, 1], factor, round(PAD * rate), round(seconds * spec["torque_rate_hz"])
         )
+        drifted = 1 - np.exp(-self.revolutions / spec["drift_revolutions"])
+        torque += spec["torque_drift_nm"] * drifted
+        gear_zero = spec["encoder_drift_um"] * 1e-6 * drifted / machine.pair.base_radius[1]
+        jitter, clock = spec["encoder_jitter_ns"] * 1e-9, spec["encoder_clock_ns"] * 1e-9
         told = []
-        for disc, angle, turns in zip(self.discs, (record[:, 2], record[:, 3]), (z2, z1), strict=True):
-            first, at = sensors.edges(
-                disc,
-                times,
-                angle,
-                0.0,
-                seconds,
-                spec["encoder_jitter_ns"] * 1e-9,
-                spec["encoder_clock_ns"] * 1e-9,
-                noise,
-            )
+        for disc, angle, turns in zip(
+            self.discs, (record[:, 2], record[:, 3] - gear_zero), (z2, z1), strict=True
+        ):
+            first, at = sensors.edges(disc, times, angle, 0.0, seconds, jitter, clock, noise)
             told.append((first + round(cycle * turns) * disc.edges_per_rev, at))
         recorded = Recorded(
             round(self.clock * 1e9),
@@ -165,7 +160,7 @@ class _Run:
         )
         if min(first for first, _ in told) < 0:
             raise SimulationError("an encoder counted below zero: the first window starts too early")
-        facts = window_truth(
+        facts = {"drifted": float(drifted)} | window_truth(
             machine, record[inside], clean, recorded.acceleration, spec["acceleration_rate_hz"], cycle
         )
         return recorded, facts

@@ -45,6 +45,8 @@ def frames(campaign: Campaign) -> Iterator[tuple[str, Frame]]:
             )
         for name in names:
             sequence[name] += len(cut[name])
+        for name in s["missing"]:
+            del cut[name]
         for fault in spec["faults"]:
             if fault["window"] == index:
                 cut[fault["channel"]] = _spoilt(fault, cut, rng)
@@ -80,10 +82,13 @@ def write(campaign: Campaign, path, truth_path=None, rig_toml: str | None = None
     spec = campaign.spec
     prefix = f"gearbox/{spec['asset']}/"
     channels = {
-        f"{prefix}accel/{campaign.accelerometer}": "SampleFrame",
-        f"{prefix}torque/pinion": "SampleFrame",
-        f"{prefix}encoder/pinion": "EncoderFrame",
-        f"{prefix}encoder/gear": "EncoderFrame",
+        f"accel/{campaign.accelerometer}": "SampleFrame",
+        "torque/pinion": "SampleFrame",
+        "encoder/pinion": "EncoderFrame",
+        "encoder/gear": "EncoderFrame",
+    }
+    channels = {
+        prefix + name: kind for name, kind in channels.items() if name not in spec["sensors"]["missing"]
     }
     metadata = {key: spec[key] for key in ("asset", "description", "started")}
     write_mcap(Path(path), channels, frames(campaign), metadata, rig_toml)

@@ -58,6 +58,19 @@ class Text:
 
 
 @dataclass(frozen=True, slots=True)
+class Choices:
+    """A list of words out of a few."""
+
+    allowed: tuple[str, ...]
+    default: Any = ()
+
+    def read(self, name: str, value: Any) -> tuple[str, ...]:
+        if not isinstance(value, (list, tuple)) or not set(value) <= set(self.allowed):
+            raise SpecError(f"{name} = {value!r} must be a list out of {', '.join(self.allowed)}")
+        return tuple(value)
+
+
+@dataclass(frozen=True, slots=True)
 class Flag:
     default: Any = REQUIRED
 

@@ -7,13 +7,14 @@ An unknown key, a missing one, or a value outside its range is one clear SpecErr
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from math import inf
 from typing import Any
 
 from recordings.generator.effects import EFFECTS
 from recordings.generator.errors import SpecError
 from recordings.generator.faults import FAULTS
-from recordings.generator.schema import REQUIRED, Flag, Named, Number, Numbers, Rows, Text, checked
+from recordings.generator.schema import REQUIRED, Choices, Flag, Named, Number, Numbers, Rows, Text, checked
 
 _SPEED = Number("Hz", 0.1, 100)
 _TORQUE = Number("N·m", 0.01, 1000)
@@ -73,6 +74,10 @@ SCHEMA: dict[str, Any] = {
         "encoder_jitter_ns": Number("ns", 0, 1e5, 60.0),
         "encoder_clock_ns": Number("ns", 0.1, 1e4, 10.0),
         "pinion_graduation_um": Numbers(Number("µm", 0, 100), (0.5, 0.2, 0.1)),
+        "encoder_drift_um": Number("µm", -1000, 1000, 0.0),
+        "torque_drift_nm": Number("N·m", -100, 100, 0.0),
+        "drift_revolutions": Number("rev", 1, 1e9, 5000.0),
+        "missing": Choices(("torque/pinion", "encoder/pinion", "encoder/gear")),
         "gear_graduation_um": Numbers(Number("µm", 0, 100), (1.4, 0.5, 0.2)),
     },
     "effects": Named("name", {"onset_revolutions": Number("rev", 0, 1e9, 0.0)}, EFFECTS),
@@ -88,6 +93,7 @@ def read(mapping: Mapping[str, Any]) -> dict[str, Any]:
     spec = checked(mapping, SCHEMA)
     if spec["schema"] != "gear-campaign/1":
         raise SpecError(f"schema = {spec['schema']!r} must be 'gear-campaign/1'")
+    _moment(spec["started"])
     windows = spec["windows"]["at_revolutions"]
     if list(windows) != sorted(windows):
         raise SpecError("windows.at_revolutions must rise")
@@ -105,3 +111,14 @@ def read(mapping: Mapping[str, Any]) -> dict[str, Any]:
         if fault["window"] >= count:
             raise SpecError(f"faults[{i}].window = {fault['window']} but there are {count} windows, from 0")
     return spec
+
+
+def _moment(started: str) -> None:
+    try:
+        known = datetime.fromisoformat(started).tzinfo is not None
+    except ValueError:
+        known = False
+    if not known:
+        raise SpecError(
+            f"started = {started!r} must be ISO 8601 with a time zone, as 2026-01-05T08:00:00+00:00"
+        )

@@ -45,7 +45,15 @@ def assess(
     prefix: Prefix = "gearbox",
 ) -> None:
     """Run a whole recording through the twin, as the service would."""
-    answer = _assess(recording, rig, update, asset, prefix)
+    from service.assess import Unassessable
+    from service.jsontext import json_text, write_text
+
+    try:
+        answer = _assess(recording, rig, update, asset, prefix)
+    except Unassessable as error:
+        if json is not None:
+            write_text(json, json_text(error.answer))
+        raise
     _give(answer, json)
 
 
@@ -167,6 +175,7 @@ def simulate(
 def import_(
     mapping: Annotated[Path, typer.Argument(metavar="MAPPING", help="Mapping file (TOML) of columns to channels.")],
     out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
+    source: Annotated[Path | None, typer.Option(help="Data file (CSV, NPZ), instead of the mapping's.")] = None,
     json: JsonFlag = False,
 ) -> None:
     """Bring measured columns (CSV, NPZ) into a recording."""
@@ -175,8 +184,8 @@ def import_(
     from service.jsontext import json_text
 
     with progress_bar("importing") as bar:
-        found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"))
-    print(json_text({"recording": str(out), "import": found}) if json else f"imported: {out}")
+        found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source)
+    print(json_text(found) if json else f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
 
 
 @app.command()

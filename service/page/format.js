@@ -58,7 +58,7 @@ export function anything(value) {
 // A JSON name as words, with its unit where the name carries one.
 const UNITS = [
   ["_m2_per_n", " [m²/N]"], ["_per_n", " [1/N]"], ["_n_per_m", " [N/m]"], ["_percent", " [%]"], ["_hours", " [h]"],
-  ["_um", " [µm]"], ["_hz", " [Hz]"], ["_nm", " [N·m]"], ["_ns", " [ns]"],
+  ["_um", " [µm]"], ["_hz", " [Hz]"], ["_nm", " [N·m]"], ["_deg", " [°]"], ["_ns", " [ns]"],
 ];
 
 export function words(name) {

@@ -29,12 +29,12 @@ export function drawCards(state) {
   const measured = last && Number.isFinite(last.rms_measured) ? last
     : { status: "not available", reason: windows.length ? "the latest window has no RMS" : "no window yet" };
   document.getElementById("cards").replaceChildren(
-    card("Maximum wear depth", combined, () => number(combined.median), "µm", () => `5–95 %: ${range(combined)} µm`),
-    card("Remaining life", hours, () => number(hours.median), "h",
+    card("Maximum wear depth", combined, () => fixed(combined.median), "µm", () => `5–95 %: ${range(combined)} µm`),
+    card("Remaining life", hours, () => fixed(hours.median), "h",
       () => `5–95 %: ${range(hours)} h; ${revolutions(rul.revolutions?.median)} rev`),
     card("Archard coefficient K", k, () => number(wear.k_wear_per_n), "1/N",
       () => `k = ${number(wear.specific_wear_rate_m2_per_n)} m²/N`),
-    card("Vibration RMS", measured, () => number(measured.rms_measured, 4), "m/s²",
+    card("Vibration RMS", measured, () => fixed(measured.rms_measured, 4), "m/s²",
       () => (Number.isFinite(last.error_percent) ? `twin's error ${signed(last.error_percent)} %` : "no prediction")),
     card("Windows", {}, () => revolutions(windows.length), "",
       () => `${windows.filter((w) => w.updated).length} updated the twin; last at ${revolutions(last?.revolutions)} rev`),
@@ -102,8 +102,9 @@ function effectsPanel(effects, unexplained) {
 function waysPanel(wear) {
   const ways = Object.entries((isAvailable(wear) && wear.ways) || {});
   if (!ways.length) return [];
+  const used = wear.from === "rms" ? "paper" : "fused";
   const rows = ways.map(([name, way]) => [
-    name + (name === wear.from ? " (in use)" : ""),
+    name + (name === used ? " (in use)" : ""),
     number(way.wear_depth_um) + (Number.isFinite(way.std_um) ? ` ± ${number(way.std_um, 2)}` : ""),
     number(way.k_wear_per_n), fixed(way.rms_after, 4),
   ]);

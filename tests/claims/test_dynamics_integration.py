@@ -18,7 +18,7 @@ from tests.dynamics_cases import (
     torques,
     worn,
 )
-from twin.dynamics.harmonic_balance import Action, Contacts
+from twin.dynamics.harmonic_balance import Action, Contacts, solve, solve_through_contact_loss
 from twin.dynamics.hunting import HuntingPeriod
 from twin.dynamics.integrator import integrate, modal_start, steady_start
 from twin.dynamics.mesh import PairMesh
@@ -42,7 +42,7 @@ def assert_same_acceleration(table: Contacts, condition: Condition, seconds: flo
     motion = run_from_rest(table, condition, seconds)
     integrated = lines_of_last(motion, steps, count)
     a_period_before = 2 * np.fft.rfft(motion.acceleration[-2 * steps - 1 : -steps - 1, 0])[1 : count + 1] / steps
-    assert relative(a_period_before, integrated) < 1e-7, "not settled"
+    assert relative(a_period_before, integrated) < 1e-6, "not settled"
     assert relative(model().acceleration_lines(found)[:count], integrated) < 1e-4
     return found
 
@@ -65,18 +65,30 @@ def test_unworn_and_worn_at_two_conditions(condition, depth):
 
 @pytest.mark.slow
 def test_contact_loss_at_a_low_torque():
-    condition = Condition(speed_hz=14.0, torque=1.0)
-    found = assert_same_acceleration(contacts(worn(FOURTEEN, 50e-6), condition, 2048), condition, 25)
-    assert found.contact_loss > 0.02
+    condition = Condition(speed_hz=20.0, torque=1.0)
+    found = assert_same_acceleration(contacts(worn(FOURTEEN, 20e-6), condition, 2048), condition, 15)
+    assert found.contact_loss > 0.04
 
 
 def test_back_flanks_that_hit_after_contact_loss():
-    pair = replace(model().mesh.pair, backlash=10e-6)
-    mesh = PairMesh.of(pair, 2048)
-    table = mesh.contacts(worn(FOURTEEN, DEEP), FOURTEEN.speed_hz, damping_time=PRIOR.damping_time)
-    found = assert_same_acceleration(table, FOURTEEN, 12)
-    assert found.contact_forces[3:].max() > 10.0
-    assert found.mesh_force.min() < -10.0
+    condition = Condition(speed_hz=60.0, torque=1.0)
+    mesh = PairMesh.of(replace(model().mesh.pair, backlash=2e-6), 2048)
+    table = mesh.contacts(worn(FOURTEEN, 20e-6), condition.speed_hz, damping_time=PRIOR.damping_time)
+    found = assert_same_acceleration(table, condition, 4)
+    assert found.contact_forces[3:].max() > 100.0
+    assert found.mesh_force.min() < -100.0
+    assert found.contact_loss > 0.4
+
+
+@pytest.mark.slow
+def test_motion_that_the_harmonic_balance_does_not_find_does_not_repeat():
+    """Rattle at a small torque far above resonance; the integration from rest says the same."""
+    condition = Condition(speed_hz=40.0, torque=0.3)
+    table = contacts(worn(FOURTEEN, 20e-6), condition, 1024)
+    assert not solve_through_contact_loss(STRUCTURE, table, model().mean_force(condition)).converged
+    motion = run_from_rest(table, condition, 10)
+    deflection = motion.deflection[:-1].reshape(-1, 512)[-400:, 0]
+    assert np.ptp(deflection) > 1e-6
 
 
 def test_forces_that_also_act_along_another_direction():
@@ -111,7 +123,7 @@ def test_hunting_period_with_an_eccentric_gear():
 
 
 def test_integrator_follows_lsoda_on_equations_in_physical_coordinates():
-    """Two mesh periods of a transient; M, C, K, and contacts from the geometry at every instant."""
+    """A mesh period of a transient; M, C, K, and contacts from the geometry at every instant."""
     n, condition = 4096, FOURTEEN
     profile = worn(condition, 50e-6)
     table, twin = contacts(profile, condition, n), model(n)
@@ -134,7 +146,7 @@ def test_integrator_follows_lsoda_on_equations_in_physical_coordinates():
     η, rate = steady_start(s, steady(table, condition), load)
     η = modal_start(s, float(s.mesh @ s.modes[1] @ η) * 0.3)[0] + η * 0.7  # a good way off the steady state
     Φ = s.modes[1]
-    duration = 2 * table.period
+    duration = table.period
     motion = integrate(s, table, load, duration, Y6, start=(η, rate))
     times = motion.time[::64]
     lsoda = solve_ivp(
@@ -157,11 +169,12 @@ def test_runge_kutta_converges_with_order_four_where_the_contact_is_smooth():
             damping_time=PRIOR.damping_time,
             period=1 / 190,
         )
-        start = modal_start(STRUCTURE, 2.5e-6)
+        η, rate = steady_start(STRUCTURE, solve(STRUCTURE, table, 560.0), torques(TEN))
+        start = 1.001 * η, 1.1 * rate
         return integrate(STRUCTURE, table, torques(TEN), 3 / 190, Y6, start=start).deflection[-1]
 
-    samples = np.array([512, 1024, 2048, 4096])
-    reference = end(16384)
+    samples = np.array([512, 1024, 2048])
+    reference = end(8192)
     errors = [abs(end(n) - reference) for n in samples]
     assert -np.polyfit(np.log(samples), np.log(errors), 1)[0] == pytest.approx(4, abs=0.2)
 

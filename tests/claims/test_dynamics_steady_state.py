@@ -194,9 +194,7 @@ def test_deep_contact_loss_is_solved_from_a_cold_start_and_from_a_neighbour_alik
 
 def test_what_did_not_converge_is_not_used():
     found = steady(contacts(worn(TEN, 0.0), TEN, 256), TEN)
-    with pytest.raises(
-        NotConverged, match=r"residual of 2\.00e-04 of the mean force after \d+ iterations"
-    ):
+    with pytest.raises(NotConverged, match=r"residual of 2\.00e-04 of the mean force after \d+ iterations"):
         replace(found, converged=False, residual=2e-4).require_converged()
 
 

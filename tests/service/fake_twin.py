@@ -55,6 +55,7 @@ def step(rig, state, window, options):
         "error_percent": 100 * (total - rms) / rms,
         "updated": seen % 3 == 0,
         "rms_after": rms,
+        "error_after_percent": float("nan"),  # what is not finite must not reach JSON
         "k_wear_per_n": 2.7e-6,
         "wear_depth_um": depth,
     }
@@ -64,7 +65,7 @@ def step(rig, state, window, options):
         rul = {"criterion": "max_depth", "hours": {"median": 1 / depth, "p05": 0.5 / depth, "p95": 2 / depth}}
     else:
         wear = rul = {"status": "not available", "reason": "the rig file does not give gears.module"}
-    report = {"wear": wear, "rul": rul, "residual": {"rms_error_percent": 1.0}, "effects": []}
+    report = {"wear": wear, "rul": rul, "residual": {"rms_error_percent": float("inf")}, "effects": []}
     events = (("window", record), ("rul", rul))
     return FakeState(seen, total), Estimate(record=record, report=report, events=events)
 

@@ -66,7 +66,7 @@ def report(revolutions: float, windows: int) -> dict:
             "specific_wear_rate_m2_per_n": 2.1e-12,
             "max_depth_um": {flank: band(depth * share, spread) for flank, share in SHARE.items()},
             "profile": profile(),
-            "from": "fused",
+            "from": "transmission error",
             "validity": {"contact_loss_from_um": 320.0, "valid": depth < 320.0},
             "ways": {
                 "fused": {"k_wear_per_n": 2.7e-6, "wear_depth_um": depth, "std_um": 0.02 * depth},

@@ -209,6 +209,28 @@ def test_a_missing_accelerometer_is_named(capsys, tmp_path):
     assert "no accel channel" in line and f"gearbox/{ASSET}/accel/y6" in line
 
 
+def test_what_is_known_of_a_recording_that_cannot_be_assessed_is_still_written(capsys, tmp_path):
+    path, out = written(tmp_path / "a.mcap", bursts(2, channels=CHANNELS[1:])), tmp_path / "out.json"
+    refusal(capsys, "assess", path, "--json", out)
+    answer = json.loads(out.read_text())
+    assert [w["quality"] for w in answer["windows"]] == ["refused", "refused"]
+    assert answer["data_quality"]["missing_channels"] == ["accel/y6"]
+
+
+def test_a_recording_that_gives_the_twin_nothing_to_compare_is_refused(capsys, tmp_path, monkeypatch):
+    def without_prediction(rig, state, window, options):
+        state, estimate = twin_step(rig, state, window, options)
+        return state, SimpleNamespace(record=estimate.record | {"rms_predicted": None}, report={}, events=())
+
+    path = written(tmp_path / "a.mcap", bursts(2))
+    monkeypatch.setattr(twin.step, "step", without_prediction)
+    assert assessed(capsys, path)[1] == []  # every channel is there: the twin has said why
+    rig = tmp_path / "rig.toml"
+    rig.write_bytes(RIG.replace(b'"y6"', b'"z9"'))
+    line = refusal(capsys, "assess", path, "--rig", rig)
+    assert f"gearbox/{ASSET}/accel/z9" in line and "no window can be compared" in line
+
+
 def test_a_missing_torque_meter_is_named(capsys, tmp_path):
     path = written(tmp_path / "a.mcap", bursts(2, channels=(ACCEL, PINION, GEAR)))
     line = refusal(capsys, "assess", path)

@@ -10,7 +10,7 @@ from streams import ACCEL, ASSET, CHANNELS, TORQUE, bursts
 
 from service.errors import FrameError
 from service.pipeline import Checkpoint, Pipeline
-from service.results import RECORD_FIELDS, assemble, iso_time, refused_record
+from service.results import RECORD_FIELDS, assemble, iso_time, not_available, refused_record
 from twin.errors import NotConverged, WindowError
 from twin.rig import Rig
 
@@ -87,6 +87,7 @@ def test_faults_of_the_data_become_events_and_counts():
     outcomes, pipeline = run(frames, Count())
     kinds = [kind for kind, _ in outcomes[0].events]
     assert kinds == ["window", "data_fault"]
+    assert outcomes[0].events[0][1] is outcomes[0].record
     fault = outcomes[0].record["faults"][0]
     assert (fault["window"], fault["kind"], fault["channel"], fault["action"]) == (0, "gap", "accel/y6", "repaired")
     assert pipeline.quality(ASSET)["channels"]["accel/y6"] == {"frames": 11, "lost": 1}
@@ -145,7 +146,7 @@ def test_the_answer_has_every_part_even_before_the_first_window():
     answer = assemble("a", [], None, {})
     assert answer["windows"] == [] and answer["effects"] == []
     for part in ("wear", "rul", "residual", "unexplained", "calibration"):
-        assert answer[part] == {"available": False, "reason": "no window has been taken into the twin yet"}
+        assert answer[part] == not_available("no window has been taken into the twin yet")
     assert assemble("a", [refused_record("x")], {"wear": 1}, {})["wear"] == 1
 
 

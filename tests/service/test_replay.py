@@ -25,7 +25,7 @@ from service.wire.codec import encode, encoding_of
 from service.wire.topics import topic_of
 from twin.rig import Rig
 
-IDLE = 1.0  # [s]
+IDLE = 1.5  # [s]
 
 
 @pytest.fixture

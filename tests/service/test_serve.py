@@ -15,6 +15,7 @@ from service_streams import RIG, Service, free_port, service, wait_until, write_
 
 from service.assess import assess
 from service.errors import InputError
+from service.jsontext import plain
 from service.replay import replay, shuffled, twice
 from service.serve import run
 from service.settings import Settings
@@ -30,7 +31,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def assessed(recording):
-    return json.loads(json.dumps(assess(recording, step=fake_twin.step)))
+    return plain(assess(recording, step=fake_twin.step))
 
 
 @pytest.mark.parametrize(

@@ -107,13 +107,18 @@ def test_both_encoders_tell_the_ratio_of_the_teeth(campaign):
     assert turns[0] / turns[1] == pytest.approx(52 / 19, rel=2e-3)
 
 
-def test_the_same_spec_gives_the_same_bits_and_another_seed_another_machine(campaign):
-    again = simulate(SPEC, rig())
-    other = simulate({**SPEC, "seed": 6}, rig())
-    assert np.array_equal(campaign.windows[2].acceleration, again.windows[2].acceleration)
-    assert np.array_equal(campaign.windows[2].gear_edges[1], again.windows[2].gear_edges[1])
-    assert campaign.truth == again.truth
-    assert not np.array_equal(campaign.windows[2].acceleration, other.windows[2].acceleration)
+def test_the_same_spec_gives_the_same_bits_and_another_seed_another_machine():
+    small = {
+        **SPEC,
+        "machine": {"slices": 1},
+        "calibration": [],
+        "windows": {"seconds": 0.25, "at_revolutions": [30]},
+    }
+    one, again, other = simulate(small, rig()), simulate(small, rig()), simulate({**small, "seed": 6}, rig())
+    assert np.array_equal(one.windows[0].acceleration, again.windows[0].acceleration)
+    assert np.array_equal(one.windows[0].gear_edges[1], again.windows[0].gear_edges[1])
+    assert one.truth == again.truth
+    assert not np.array_equal(one.windows[0].acceleration, other.windows[0].acceleration)
 
 
 def test_instrument_effects_act_on_the_accelerometer_alone(campaign):
@@ -138,6 +143,28 @@ def test_instrument_effects_act_on_the_accelerometer_alone(campaign):
     for one, two in zip(campaign.windows[:2], disturbed.windows[:2], strict=True):
         assert np.array_equal(one.torque, two.torque)
         assert np.array_equal(one.pinion_edges[1], two.pinion_edges[1])
+
+
+def test_instruments_may_drift_and_be_missing(campaign, tmp_path):
+    faulty = {
+        "encoder_drift_um": 50.0,
+        "torque_drift_nm": 1.0,
+        "drift_revolutions": 50,
+        "missing": ["encoder/gear"],
+    }
+    other = simulate({**SPEC, "sensors": faulty}, rig())
+    share = 1 - np.exp(-2.0)  # at 100 revolutions
+    assert other.truth["windows"][2]["drifted"] == pytest.approx(share, rel=1e-6)
+    one, two = campaign.windows[2], other.windows[2]
+    assert np.mean(two.torque - one.torque) == pytest.approx(share, abs=2e-3)
+    radius = rig()["gears"]["gear"]["base_radius"]
+    edges = [np.interp(0.25, e[1], e[0] + np.arange(e[1].size)) for e in (one.gear_edges, two.gear_edges)]
+    assert (edges[0] - edges[1]) / 2048 * 2 * np.pi * radius == pytest.approx(50e-6 * share, rel=0.05)
+    assert one.pinion_edges[0] == two.pinion_edges[0]
+    write(other, tmp_path / "x.mcap")
+    with (tmp_path / "x.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert {c.topic for c in summary.channels.values()} == {Y6, TORQUE, PINION}
 
 
 def test_wear_may_start_later_than_the_count(campaign):

@@ -48,6 +48,9 @@ def test_what_is_left_out_is_filled_in():
         (("effects",), [{"name": "gremlin"}], "effects.0..name = 'gremlin' must be one of"),
         (("effects",), [{"name": "misalignment"}], "effects.0..lead_um is missing"),
         (("faults",), [{"kind": "lost", "window": 9}], "faults.0..window = 9 but there are 3 windows"),
+        (("started",), "2026-01-05T08:00:00", "started = .* must be ISO 8601 with a time zone"),
+        (("started",), "Monday", "started = 'Monday' must be ISO 8601"),
+        (("sensors", "missing"), ["encoder/hub"], "sensors.missing = .* must be a list out of torque/pinion"),
         (("truth", "to_end_of_life"), 1, "truth.to_end_of_life = 1 must be true or false"),
     ],
 )

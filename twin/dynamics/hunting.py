@@ -46,7 +46,7 @@ class Passages:
     gear_tooth: np.ndarray  # 0 … z2 − 1 (p, n)
 
 
-#: Added separation [m], positive where there is more material, and its slope along θ1 [m/rad]; each broadcasts to (p, n).
+#: Added separation [m], positive where there is more material, and its slope along θ1 [m/rad]; to broadcast to (p, n).
 Error = Callable[[Passages], tuple[np.ndarray, np.ndarray]]
 
 

@@ -1,4 +1,4 @@
-"""The contact half-width from the first windows that are worn enough to tell it.
+"""The contact half-width from the first window that is worn enough to tell it.
 
 A wider contact rounds the worn profile: its higher mesh harmonics fall against the first. Structure does the same to
 some extent, so the prior stays in force and the change is small unless the data insist.
@@ -18,12 +18,12 @@ from twin.updating.memory import Memory
 from twin.updating.prediction import Expectation
 from twin.updating.twin_of_rig import curve_of, model_of
 
-DEPTHS = (15e-6, 60e-6)  # depths from which a worn window is used [m]
+WORN_ENOUGH = 40e-6  # depth from which a worn window tells the half-width [m]
 
 
 def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, depth: float) -> Memory:
-    """The memory with the half-width refitted where the depth [m] has first passed one of DEPTHS."""
-    due = [d for d in DEPTHS if memory.half_width_from < d <= depth]
+    """The memory with the half-width refitted where the depth [m] has first passed WORN_ENOUGH."""
+    due = memory.half_width_from == 0 and depth >= WORN_ENOUGH
     if not due or memory.fit is None or len(memory.segments) > 1 or encoders.encoder_lines(features) is None:
         return memory
     fit, old_curve = memory.fit, curve_of(rig, memory)
@@ -40,7 +40,7 @@ def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Cond
         )
         return found.misfit * (2 * HARMONICS - 2)
 
-    memory = replace(memory, half_width_from=due[-1], fit=fit_half_width(fit, misfit))
+    memory = replace(memory, half_width_from=depth, fit=fit_half_width(fit, misfit))
     factor = curve_of(rig, memory).work_at(depth) / old_curve.work_at(depth)
     paper = memory.paper
     return replace(

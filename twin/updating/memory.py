@@ -42,7 +42,8 @@ class Memory:
     fit: Fit | None = None
     compliance_scale: float = 1.0  # measured over predicted mean transmission error per torque
     unworn: tuple[WindowFeatures, ...] = ()  # windows that the calibration rests on
-    half_width_from: float = 0.0  # depth at which the half-width was last fitted [m]
+    depth: float = 0.0  # of the latest measurement window, by the way in use [m]
+    half_width_from: float = 0.0  # depth at which the half-width was fitted [m], 0 before
     segments: tuple[Segment, ...] = ()
     track: WearTrack | None = None  # by the fused way
     paper: PaperTrack | None = None
@@ -59,6 +60,7 @@ class Memory:
             "fit": None if self.fit is None else {**asdict(self.fit), "calibration": self.fit.calibration.to_dict()},
             "compliance_scale": self.compliance_scale,
             "unworn": [w.to_dict() for w in self.unworn],
+            "depth": self.depth,
             "half_width_from": self.half_width_from,
             "segments": [asdict(s) for s in self.segments],
             "track": None if self.track is None else self.track.to_dict(),
@@ -82,6 +84,7 @@ class Memory:
             fit=fit,
             compliance_scale=data["compliance_scale"],
             unworn=tuple(WindowFeatures.from_dict(w) for w in data["unworn"]),
+            depth=data["depth"],
             half_width_from=data["half_width_from"],
             segments=tuple(Segment(**s) for s in data["segments"]),
             track=None if data["track"] is None else WearTrack.from_dict(data["track"]),

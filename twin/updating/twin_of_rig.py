@@ -48,12 +48,14 @@ def _curve(key: _Key, calibration: Calibration, segments: tuple[Segment, ...], u
     return MasterCurve.build(model, Condition(speed_hz=last.speed_hz, torque=last.torque), start, until)
 
 
-BEYOND = 1.2  # curves go on beyond the end of life, so that a machine run past it is still measured
+BEYOND = 1.25  # a machine run past its end of life is still measured: curves then go on to this much of it
+NEAR_END = 0.8
 
 
-def deepest(rig: Rig) -> float:
-    """Depth to which a rig's curves are made [m]."""
-    return BEYOND * rig.get("end_of_life.max_depth", DEEPEST)
+def deepest(rig: Rig, depth: float) -> float:
+    """Depth to which the curve of a machine worn to `depth` [m] is made [m]."""
+    end = rig.get("end_of_life.max_depth", DEEPEST)
+    return end if depth < NEAR_END * end else BEYOND * end
 
 
 def model_of(rig: Rig, memory: Memory) -> Model:
@@ -63,6 +65,7 @@ def model_of(rig: Rig, memory: Memory) -> Model:
 
 
 def curve_of(rig: Rig, memory: Memory, until: float | None = None) -> MasterCurve:
-    """The master curve of the present segment, beyond the rig's end of life or to a lesser depth [m]."""
+    """The master curve of the present segment, to the rig's end of life and beyond, or to a lesser depth [m]."""
     calibration = model_of(rig, memory).calibration
-    return _curve(_Key(rig), calibration, memory.segments, deepest(rig) if until is None else until)
+    until = deepest(rig, memory.depth) if until is None else until
+    return _curve(_Key(rig), calibration, memory.segments, until)

@@ -24,7 +24,7 @@ from twin.updating.memory import Memory, Segment, with_lines
 from twin.updating.paper_way import PaperResult, PaperTrack
 from twin.updating.prediction import Expectation, band_rms, predicted_lines
 from twin.updating.tracker import WearTrack
-from twin.updating.twin_of_rig import curve_of, deepest, model_of
+from twin.updating.twin_of_rig import curve_of, model_of
 from twin.wear.curve import LINES, MasterCurve
 
 UNWORN_REVOLUTIONS = 150.0  # a window before this many pinion turns since new counts as unworn
@@ -58,6 +58,15 @@ class Outcome:
     expectation: Expectation | None
     lines: np.ndarray  # predicted acceleration lines after the update (LINES,) [m/s²]
     notes: tuple[str, ...] = ()
+
+
+NEEDED = (
+    "gears.module", "gears.pressure_angle_deg", "gears.face_width", "gears.addendum", "gears.dedendum",
+    "gears.youngs_modulus", "gears.poisson_ratio", "gears.pinion.bore_radius", "gears.gear.bore_radius",
+    "inertias.J5", "masses.m5", "bearings.ky_input", "shafts.bending_stiffness_input", "torsional_stiffness.k_3_5",
+    "damping.modal_ratio", "mesh.relative_damping_time", "mesh.stiffness_scale", "wear.K", "wear.dwell_time",
+    "wear.contact_half_width", "sensors.accelerometer", "operating.pinion_speed_hz",
+)  # fmt: skip
 
 
 def condition_of(features: WindowFeatures, rig: Rig) -> Condition:
@@ -139,6 +148,7 @@ def take(
     update_until: float,
 ) -> Outcome:
     """Takes one window into the twin; NotAvailable where the rig file or the window does not suffice."""
+    rig.require("wear", *NEEDED)
     condition = condition_of(features, rig)
     if features.revolutions is None:
         raise NotAvailable("wear is not available: the window has no absolute revolution count (no encoder)")
@@ -216,7 +226,7 @@ def _take_measurement(
     gauge = encoders.gauge_of(features, memory, model, condition)
     if gauge is not None:
         pinion_only = features.transmission_error is None
-        expectation, estimate = _depth_from(gauge, model, curve, expectation, projected, deepest(rig), pinion_only)
+        expectation, estimate = _depth_from(gauge, model, curve, expectation, projected, pinion_only)
     fused = update == "fused" and estimate is not None
     level = _level(expectation, curve, base, teeth, band, noise)
     telling = allowed and features.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
@@ -262,7 +272,7 @@ def _take_measurement(
         notes.append("the depth stands at the end of the master curve: beyond, no steady state is known")
     if not expectation.solved:
         notes.append("no steady state was found at this window's condition: its response follows the master curve")
-    memory = replace(memory, updates=memory.updates + updated)
+    memory = replace(memory, updates=memory.updates + updated, depth=depth)
     if estimate is not None and allowed:
         memory = half_width.refitted(rig, memory, features, condition, estimate.depth)
     return Outcome(
@@ -273,11 +283,10 @@ def _take_measurement(
     )  # fmt: skip
 
 
-def _depth_from(gauge, model, curve, expectation, projected, limit, pinion_only):
+def _depth_from(gauge, model, curve, expectation, projected, pinion_only):
     """The depth that the encoders show, and the expectation solved near it."""
     shallow = float(curve.depth[0])
-    deep = min(limit, max(4 * projected, 40e-6)) if curve.complete else min(limit, curve.valid_to)
-    deep = max(deep, shallow + 1e-6)
+    deep = max(min(curve.valid_to, max(4 * projected, 40e-6)), shallow + 1e-6)
 
     def found(near: Expectation) -> DepthEstimate:
         return estimate_depth(gauge, lambda d: near.gauge(d, pinion_only, gauge.from_unworn), shallow, deep)
