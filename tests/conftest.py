@@ -8,11 +8,13 @@ import pytest
 
 import service  # noqa: F401 - one thread for linear algebra, as in the program; before numpy is imported
 from tests.rules import (  # noqa: F401 - the rules of a run, as hooks
+    pytest_collection_finish,
     pytest_collection_modifyitems,
     pytest_make_collect_report,
     pytest_runtest_makereport,
     pytest_runtest_protocol,
     pytest_terminal_summary,
+    pytest_xdist_node_collection_finished,
     shared_folder,
     shared_is_here,
 )

@@ -2,7 +2,7 @@
 
 Where `CI` is set a skipped test is a failure: nothing is left out unseen. One thing may be missing there: the reference
 data beside the project, for tests marked `shared`. Longer proofs (`slow`) come last, and none begins after
-GEAR_TWIN_TEST_DEADLINE [Unix time, s]; those are named in the summary.
+GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how many.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 BESIDE = Path(__file__).resolve().parents[1].parent / "shared"
-NOT_BEGUN = "not begun: the time of the run was used up"
+CHOSEN = pytest.StashKey[int]()
 
 
 def shared_folder() -> Path:
@@ -72,10 +72,19 @@ def pytest_runtest_protocol(item: pytest.Item) -> bool | None:
     return True if item.get_closest_marker("slow") and time.time() > deadline else None
 
 
+def pytest_collection_finish(session: pytest.Session) -> None:
+    session.config.stash[CHOSEN] = len(session.items)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_node_collection_finished(node, ids: list[str]) -> None:
+    node.config.stash[CHOSEN] = len(ids)
+
+
 def pytest_terminal_summary(terminalreporter) -> None:
-    """Names how many tests were chosen and not begun."""
-    known = {r.nodeid for kind in terminalreporter.stats.values() for r in kind if hasattr(r, "nodeid")}
-    left_out = getattr(terminalreporter, "_numcollected", 0) - len(terminalreporter.stats.get("deselected", []))
-    left_out -= len({nodeid for nodeid in known if "::" in nodeid})
+    """Tells how many longer proofs were chosen and not begun."""
+    reports = (report for kind in terminalreporter.stats.values() for report in kind)
+    begun = {r.nodeid for r in reports if isinstance(r, pytest.TestReport)}
+    left_out = terminalreporter.config.stash.get(CHOSEN, 0) - len(begun)
     if os.environ.get("GEAR_TWIN_TEST_DEADLINE") and left_out > 0:
-        terminalreporter.write_line(f"{left_out} longer proofs {NOT_BEGUN}", yellow=True)
+        terminalreporter.write_line(f"not begun, the time of the run being used up: {left_out} longer proofs")
