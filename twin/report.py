@@ -132,7 +132,7 @@ def rul_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
     if end is None:
         return not_available("remaining life is not available: the rig file gives no end_of_life.max_depth")
     track = outcome.memory.track
-    if not track.windows:
+    if not (outcome.memory.paper.updates if outcome.way == "rms" else track.windows):
         return not_available("remaining life is not available: no worn window has been seen yet")
     if outcome.way == "rms":
         paper = outcome.memory.paper

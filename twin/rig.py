@@ -250,8 +250,22 @@ class Rig:
         """The values at the dotted paths; NotAvailable names what cannot be computed and what is missing."""
         missing = [p for p in paths if self.get(p) is None]
         if missing:
-            raise NotAvailable(f"{what} is not available: the rig file does not give {', '.join(missing)}")
+            raise NotAvailable(f"{what} is not available: the rig file does not give {self._listed(missing)}")
         return tuple(self.get(p) for p in paths)
+
+    def _listed(self, missing: list[str]) -> str:
+        """Missing keys in few words: a table that is not there at all by its name."""
+        tables: dict[str, list[str]] = {}
+        for path in missing:
+            tables.setdefault(path.split(".")[0], []).append(path)
+        parts = []
+        for table, paths in tables.items():
+            if self.get(table) is None and len(missing) > 1:
+                parts.append(table)
+            else:
+                parts += paths[:2]
+                parts += [f"{len(paths) - 2} more of {table}"] if len(paths) > 2 else []
+        return ", ".join(parts)
 
     def has(self, *paths: str) -> bool:
         return all(self.get(p) is not None for p in paths)

@@ -17,8 +17,9 @@ from twin.errors import NotAvailable, NotConverged, ParameterError, WindowError
 from twin.features.extract import extract
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
+from twin.updating.conditions import kind_of
 from twin.updating.memory import Memory
-from twin.updating.update import Outcome, kind_of, take
+from twin.updating.update import Outcome, take
 from twin.windows import Window
 
 UPDATES = ("fused", "paper")
@@ -194,14 +195,17 @@ def _without_twin(rig: Rig, state: State, features: WindowFeatures, reason: str)
         "not_available": dict(features.unavailable),
     }
     missing = report.not_available(reason)
-    residual = report.not_available(reason)
+    residual: dict[str, Any] = missing
     if features.mesh_bands is not None:
         residual = {
-            **residual,
+            "rms_error_percent": None,
+            "waveform_error_percent": None,
+            "reason": reason,
             "bands": [
                 {"harmonic": k, "frequency_hz": k * rig.teeth[0] * features.speed_hz, "measured": b, "predicted": None}
                 for k, b in enumerate(features.mesh_bands, 1)
             ],
+            "orders": [],
         }
     answer = {
         "wear": missing,

@@ -22,6 +22,7 @@ from scipy.optimize import least_squares
 
 from twin.features.window_features import WindowFeatures
 from twin.model import Calibration, Condition, Model
+from twin.updating.conditions import condition_of
 
 NAMES = ("stiffness_scale", "modal_damping", "damping_time")
 PRIOR_SPREAD = np.array([0.10, 0.25, 0.5])  # of the logarithms
@@ -48,7 +49,7 @@ def _residuals(model: Model, windows: Sequence[WindowFeatures]) -> np.ndarray:
     """Normalised differences of all windows."""
     out: list[np.ndarray] = []
     for w in windows:
-        condition = Condition(speed_hz=w.speed_hz, torque=w.torque_nm)
+        condition = condition_of(w, model.rig)
         steady = model.steady(model.unworn, condition)
         if not steady.converged:
             out.append(np.full(HARMONICS, 10.0))

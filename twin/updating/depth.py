@@ -92,8 +92,8 @@ def _wrap(angle):
     return -(((-np.asarray(angle)) + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _misfit(depth: float, gauge: Gauge, response: Response, use_mean: bool) -> tuple[float, float]:
-    """2·J and the phase at a depth."""
+def _misfit(depth: float, gauge: Gauge, response: Response) -> tuple[float, float, float]:
+    """2·J of the lines, what the mean adds to it, and the phase, at a depth [m]."""
     model, mean = response(depth)
     σ2 = (MODEL_SCATTER * np.abs(model)) ** 2 + gauge.lines_std**2 + FLOOR**2
     ψ = _best_phase(model, gauge, 1 / σ2)
@@ -101,28 +101,29 @@ def _misfit(depth: float, gauge: Gauge, response: Response, use_mean: bool) -> t
     J = float((np.abs(np.exp(1j * k * ψ) * model - gauge.lines) ** 2 / σ2).sum() + np.log(σ2).sum())
     if gauge.phase is not None:
         J += float(_wrap(ψ - gauge.phase) / gauge.phase_std) ** 2
-    if use_mean and gauge.mean is not None:
-        J += ((mean - gauge.mean) / gauge.mean_std) ** 2
-    return J, ψ
+    added = 0.0 if gauge.mean is None else ((mean - gauge.mean) / gauge.mean_std) ** 2
+    return J, added, ψ
 
 
 def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest: float) -> DepthEstimate:
     """The depth between two bounds [m] that explains the gauge best, by a scan and Brent's method."""
     grid = shallowest + (deepest - shallowest) * np.linspace(0, 1, 41) ** 1.5
+    scanned = np.array([_misfit(d, gauge, response)[:2] for d in grid])
 
-    def best(use_mean: bool) -> float:
-        costs = [_misfit(d, gauge, response, use_mean)[0] for d in grid]
-        i = int(np.argmin(costs))
+    def best(mean_weight: float) -> float:
+        i = int(np.argmin(scanned[:, 0] + mean_weight * scanned[:, 1]))
         low, high = grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]
-        found = minimize_scalar(
-            lambda d: _misfit(d, gauge, response, use_mean)[0],
-            bounds=(low, high), method="bounded", options={"xatol": 1e-9},
-        )  # fmt: skip
-        return float(found.x)
 
-    depth = best(True)
-    from_lines = best(False) if gauge.mean is not None else depth
-    J, ψ = _misfit(depth, gauge, response, True)
+        def cost(d: float) -> float:
+            lines, mean, _ = _misfit(d, gauge, response)
+            return lines + mean_weight * mean
+
+        return float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9}).x)
+
+    depth = best(1.0)
+    from_lines = best(0.0) if gauge.mean is not None else depth
+    lines, mean, ψ = _misfit(depth, gauge, response)
+    J = lines + mean
     step = max(0.02 * depth, 0.3e-6)
     up, mean_up = response(min(depth + step, deepest))
     down, mean_down = response(max(depth - step, shallowest))

@@ -81,7 +81,7 @@ def _unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | N
 def _mean_less_load(features: WindowFeatures, memory: Memory, model: Model, condition: Condition) -> float | None:
     """Mean transmission error less what the measured compliance adds to the rig file's [m]."""
     te = features.transmission_error
-    if te is None or te.get(0) is None:
+    if te is None or te.get(0) is None or features.torque_nm is None:
         return None
     return te.get(0).real - (memory.compliance_scale - 1) * model.compliance_outside_mesh * condition.torque
 

@@ -24,7 +24,7 @@ from twin.updating.memory import Memory
 from twin.wear.curve import LINES, Lines, MasterCurve
 
 PATH = FrequencyCorrection(spread=0.5, reach=0.03, memory=12.0)
-MESH = FrequencyCorrection(spread=0.15, reach=0.03, memory=3.0)
+MESH = FrequencyCorrection(spread=0.15, reach=0.03, memory=12.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

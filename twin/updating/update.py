@@ -19,6 +19,7 @@ from twin.model import Condition, Model
 from twin.rig import Rig
 from twin.updating import encoders, half_width, paper_way
 from twin.updating.calibration import calibrate, compliance_scale
+from twin.updating.conditions import condition_of, kind_of
 from twin.updating.depth import DepthEstimate, estimate_depth
 from twin.updating.memory import Memory, Segment, with_lines
 from twin.updating.paper_way import PaperResult, PaperTrack
@@ -29,7 +30,6 @@ from twin.wear.curve import LINES, MasterCurve
 
 UNWORN_REVOLUTIONS = 150.0  # a window before this many pinion turns since new counts as unworn
 SPEED_STEP, TORQUE_STEP = 0.05, 0.10  # relative change of condition that starts a new segment
-CALIBRATION_MATCH = 0.15  # relative, of speed and torque, of a calibration point
 MOST_UNWORN = 6
 DEPTH_SCATTER = 0.007  # of the depth from window to window, beyond noise: speed and torque off the mean
 DEPTH_FLOOR = 0.15e-6  # [m]
@@ -67,31 +67,6 @@ NEEDED = (
     "damping.modal_ratio", "mesh.relative_damping_time", "mesh.stiffness_scale", "wear.K", "wear.dwell_time",
     "wear.contact_half_width", "sensors.accelerometer", "operating.pinion_speed_hz",
 )  # fmt: skip
-
-
-def condition_of(features: WindowFeatures, rig: Rig) -> Condition:
-    """The window's own speed and torque; torque from the rig's nominal condition where no meter is there."""
-    if features.speed_hz is None:
-        raise NotAvailable("the twin is not available: " + features.unavailable.get("speed_hz", "no speed"))
-    torque = features.torque_nm
-    if torque is None:
-        (torque,) = rig.require("the torque", "operating.input_torque")
-    if not torque > 0:
-        raise NotAvailable(f"the twin is not available: torque = {torque:.3g} N·m does not drive the pinion forward")
-    return Condition(speed_hz=features.speed_hz, torque=torque)
-
-
-def kind_of(features: WindowFeatures, rig: Rig) -> str:
-    """`calibration` where speed and torque are those of a calibration point of the rig, else `measurement`."""
-    nominal = rig.get("operating.pinion_speed_hz")
-    if features.speed_hz is None or nominal is None:
-        return "measurement"
-    for speed, torque in rig.get("operating.calibration_points", ()):
-        near = abs(features.speed_hz / speed - 1) < CALIBRATION_MATCH
-        loaded = features.torque_nm is None or abs(features.torque_nm / torque - 1) < CALIBRATION_MATCH
-        if near and loaded and abs(speed / nominal - 1) > CALIBRATION_MATCH:
-            return "calibration"
-    return "measurement"
 
 
 def reference_rate(rig: Rig) -> float:
@@ -157,7 +132,8 @@ def take(
     memory = _started(rig, memory)
     kind = kind_of(features, rig)
     unworn = kind == "calibration" or features.revolutions < UNWORN_REVOLUTIONS
-    if unworn and memory.track.windows == 0 and len(memory.unworn) < MOST_UNWORN:
+    known_load = kind == "measurement" or features.torque_nm is not None
+    if unworn and known_load and memory.track.windows == 0 and len(memory.unworn) < MOST_UNWORN:
         memory = _calibrated(rig, memory, features)
     if kind == "calibration":
         return _take_calibration(rig, memory, features, condition, index)
@@ -248,6 +224,8 @@ def _take_measurement(
     memory = replace(memory, track=track)
 
     notes: list[str] = []
+    if features.torque_nm is None:
+        notes.append(f"no torque in this window: the rig's nominal {condition.torque:g} N·m is taken")
     if fused:
         updated = allowed and abs(rms_predicted / features.rms - 1) > threshold
         depth = estimate.depth if allowed else projected

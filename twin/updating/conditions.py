@@ -1,0 +1,35 @@
+"""The operating condition of a window, and whether it is a calibration test."""
+
+from __future__ import annotations
+
+from twin.errors import NotAvailable
+from twin.features.window_features import WindowFeatures
+from twin.model import Condition
+from twin.rig import Rig
+
+CALIBRATION_MATCH = 0.15  # relative, of speed and torque, of a calibration point
+
+
+def condition_of(features: WindowFeatures, rig: Rig) -> Condition:
+    """The window's own speed and torque; torque from the rig's nominal condition where no meter is there."""
+    if features.speed_hz is None:
+        raise NotAvailable("the twin is not available: " + features.unavailable.get("speed_hz", "no speed"))
+    torque = features.torque_nm
+    if torque is None:
+        (torque,) = rig.require("the torque", "operating.input_torque")
+    if not torque > 0:
+        raise NotAvailable(f"the twin is not available: torque = {torque:.3g} N·m does not drive the pinion forward")
+    return Condition(speed_hz=features.speed_hz, torque=torque)
+
+
+def kind_of(features: WindowFeatures, rig: Rig) -> str:
+    """`calibration` where speed and torque are those of a calibration point of the rig, else `measurement`."""
+    nominal = rig.get("operating.pinion_speed_hz")
+    if features.speed_hz is None or nominal is None:
+        return "measurement"
+    for speed, torque in rig.get("operating.calibration_points", ()):
+        near = abs(features.speed_hz / speed - 1) < CALIBRATION_MATCH
+        loaded = features.torque_nm is None or abs(features.torque_nm / torque - 1) < CALIBRATION_MATCH
+        if near and loaded and abs(speed / nominal - 1) > CALIBRATION_MATCH:
+            return "calibration"
+    return "measurement"
