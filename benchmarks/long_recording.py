@@ -52,19 +52,19 @@ def repeated(burst: list[Frame], seconds: float) -> Iterator[Frame]:
     """Copies of one burst until they hold so many seconds of signal."""
     length = max(f.end_time_ns for f in burst) - burst[0].start_time_ns
     counts = {f.channel: sum(g.channel == f.channel for g in burst) for f in burst}
-    speed = next(_speed(f) for f in burst if f.channel.label == "encoder/pinion")
+    speed = next(_speed(f) for f in burst if isinstance(f, EncoderFrame) and f.channel.label == "encoder/pinion")
     turns = TURNS["pinion"] * int(np.ceil((length / NS + PAUSE) * speed / TURNS["pinion"]))
     period = round(turns / speed * NS)
     for copy in range(1, 1 + int(np.ceil(seconds * NS / length))):
         for frame in burst:
-            moved = {
-                "start_time_ns": frame.start_time_ns + copy * period,
-                "sequence": frame.sequence + copy * counts[frame.channel],
-            }
+            start = frame.start_time_ns + copy * period
+            sequence = frame.sequence + copy * counts[frame.channel]
             if isinstance(frame, EncoderFrame):
                 shaft = TURNS[frame.channel.label.partition("/")[2]] * turns // TURNS["pinion"]
-                moved["first_edge_index"] = frame.first_edge_index + copy * shaft * frame.edges_per_rev
-            yield replace(frame, **moved)
+                first = frame.first_edge_index + copy * shaft * frame.edges_per_rev
+                yield replace(frame, start_time_ns=start, sequence=sequence, first_edge_index=first)
+            else:
+                yield replace(frame, start_time_ns=start, sequence=sequence)
 
 
 def _speed(frame: EncoderFrame) -> float:

@@ -21,7 +21,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 LOCKS = ("requirements.lock", "requirements-dev.lock")
 COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
-OUTWARD = set("asyncio io logging os pathlib random shutil socket sqlite3 subprocess tempfile threading time".split())
+OUTWARD = {"asyncio", "io", "logging", "os", "pathlib", "random", "shutil", "socket", "sqlite3", "subprocess", "time"}
 MACHINES = re.compile(r"(?<![\w.])/(?:work|root|home|Users|opt/pypi|opt/wheels)/")
 REGISTRIES = re.compile(r"pypi\.|pythonhosted|npmjs|jsdelivr|unpkg|cdnjs|index-url\s*[=\s]\s*\w+:", re.IGNORECASE)
 TEXT = {"", ".py", ".md", ".toml", ".lock", ".yml", ".json", ".js", ".css", ".html", ".svg", ".proto", ".txt"}
