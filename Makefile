@@ -29,12 +29,14 @@ $(VENV)/.python:
 	@touch $@
 
 $(VENV)/.installed: requirements.lock pyproject.toml | $(VENV)/.python
-	$(PIP) --require-hashes -r requirements.lock
-	$(PIP) --no-deps --editable .
+	@echo 'installing what the program needs: about a minute'
+	@$(PIP) --require-hashes -r requirements.lock
+	@$(PIP) --no-deps --editable .
 	@touch $@
 
 $(VENV)/.installed-dev: requirements-dev.lock | $(VENV)/.installed
-	$(PIP) --require-hashes -r requirements-dev.lock
+	@echo 'installing what its development needs: one to two minutes'
+	@$(PIP) --require-hashes -r requirements-dev.lock
 	@touch $@
 
 demo: install
