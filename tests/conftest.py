@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
+
+import service  # noqa: F401 - one thread for linear algebra, as in the program; before numpy is imported
+from tests.rules import (  # noqa: F401 - the rules of a run, as hooks
+    pytest_collection_finish,
+    pytest_collection_modifyitems,
+    pytest_make_collect_report,
+    pytest_runtest_makereport,
+    pytest_runtest_protocol,
+    pytest_terminal_summary,
+    pytest_xdist_node_collection_finished,
+    shared_folder,
+    shared_is_here,
+)
 
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of reference campaigns and measured sets beside the project; skips where it is absent."""
-    beside = Path(__file__).resolve().parents[1].parent / "shared"
-    folder = Path(os.environ.get("GEAR_TWIN_SHARED", beside))
-    if not (folder / "campaigns").is_dir():
-        pytest.skip(f"the reference data are not here: no folder {folder / 'campaigns'} (GEAR_TWIN_SHARED sets it)")
-    return folder
+    if not shared_is_here():
+        pytest.skip(f"the reference data are not here: no folder {shared_folder() / 'campaigns'} (GEAR_TWIN_SHARED)")
+    return shared_folder()

@@ -1,0 +1,83 @@
+# Everything is done in .venv, which the first target makes. Needs Python 3.11 or later, with venv, and make.
+
+PYTHON ?= $(shell for p in python3 python3.11 python3.12 python3.13 python3.14; do \
+	$$p -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+WORKERS ?= 2
+ARGS ?=
+
+.PHONY: help install install-dev demo serve test test-slow test-all bench figures check format lint-docker lock clean
+
+help:
+	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
+	@echo 'make serve        the service alone'
+	@echo 'make test         the test suite; test-slow: the longer proofs; test-all: both'
+	@echo 'make bench        all benchmarks, with their aims'
+	@echo 'make figures      writes the tables of figures in the README anew (ARGS=PART: one of them)'
+	@echo 'make check        ruff and mypy; format: put the code in form; lint-docker: the Dockerfile'
+	@echo 'make lock         resolve the locked packages again (needs uv)'
+	@echo 'make clean        remove .venv and all that was made'
+
+install: $(VENV)/.installed
+install-dev: $(VENV)/.installed-dev
+
+$(VENV)/.python:
+	@test -n "$(PYTHON)" || { echo 'no Python 3.11 or later with venv found: install one, or name it: make PYTHON=...' >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+$(VENV)/.installed: requirements.lock pyproject.toml | $(VENV)/.python
+	@echo 'installing what the program needs: about a minute'
+	@$(PIP) --require-hashes -r requirements.lock
+	@$(PIP) --no-deps --editable .
+	@touch $@
+
+$(VENV)/.installed-dev: requirements-dev.lock | $(VENV)/.installed
+	@echo 'installing what its development needs: one to two minutes'
+	@$(PIP) --require-hashes -r requirements-dev.lock
+	@touch $@
+
+demo: install
+	$(BIN)/gear-twin demo $(ARGS)
+
+serve: install
+	$(BIN)/gear-twin serve $(ARGS)
+
+test: install-dev
+	$(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
+
+test-slow: install-dev
+	$(BIN)/python -m pytest -n $(WORKERS) -m slow $(ARGS)
+
+test-all: install-dev
+	$(BIN)/python -m pytest -n $(WORKERS) -m 'slow or not slow' $(ARGS)
+
+bench: install-dev
+	$(BIN)/python -m benchmarks $(ARGS)
+
+figures: install-dev
+	$(BIN)/python -m benchmarks.figures $(ARGS)
+
+check: install-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy twin service recordings benchmarks
+
+format: install-dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+lint-docker: install-dev
+	$(BIN)/hadolint docker/Dockerfile
+
+lock:
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
+		pyproject.toml -o requirements.lock
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
+		--extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .gear-twin .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

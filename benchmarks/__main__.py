@@ -1,0 +1,31 @@
+"""All benchmarks, one after the other, and at the end what was found beside what is aimed at.
+
+    python -m benchmarks [--quick]
+
+Ends with a non-zero status where an aim is missed by more than a factor of two: that is no noise of the machine.
+`--quick` leaves the hour-long recording at six minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from benchmarks import bench_dynamics, bench_pipeline
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description="All benchmarks in one run.")
+    parser.add_argument("--quick", action="store_true", help="a long recording of six minutes instead of an hour")
+    chosen = parser.parse_args()
+    bench_dynamics.main()
+    print()
+    figures = bench_pipeline.main(minutes=6.0 if chosen.quick else 60.0)
+    missed = [f for f in figures if f.aim is not None and f.value > 2 * f.aim]
+    for figure in missed:
+        print(f"missed: {figure.what} {figure.value:.3g} {figure.unit}, aim {figure.aim:g}", file=sys.stderr)
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

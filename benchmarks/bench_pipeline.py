@@ -1,0 +1,249 @@
+"""What the way from frames to wear costs: time of a window, of a curve, of a campaign, and memory.
+
+    python -m benchmarks.bench_pipeline
+
+Times are processor times of one thread, which is what they take on a core of its own, however busy the machine;
+start-up is also given by the clock on the wall. Commands run in processes of their own, as a user runs them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+
+from benchmarks.long_recording import write_long_recording
+from service.assess import rig_of
+from service.sources.mcap import Recording, read_windows
+from twin.features.extract import extract
+from twin.model import Calibration, Condition, Model
+from twin.rig import Rig
+from twin.step import Options, State, step
+from twin.wear.curve import MasterCurve
+
+ROOT = Path(__file__).parents[1]
+CAMPAIGN = ROOT / "recordings" / "paper-campaign.mcap"
+TEN = 10  # windows
+REVOLUTIONS = 18_000
+SHORT = 10.0  # the long recording's shorter twin, at most [minutes]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """One figure beside its aim; less is better."""
+
+    what: str
+    value: float
+    unit: str
+    aim: float | None = None
+    note: str = ""
+
+    @property
+    def line(self) -> str:
+        beside = "" if self.aim is None else f"{self.aim:>10g} {self.value / self.aim:>7.2f}"
+        return f"{self.what:<58}{self.value:>10.3g} {self.unit:<7}{beside:<19} {self.note}".rstrip()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """What a command used."""
+
+    wall: float  # [s]
+    cpu: float  # [s]
+    peak: float  # resident memory [MB]
+
+
+def command(*arguments: str) -> Run:
+    """Runs `gear-twin` with the arguments."""
+    begun = time.monotonic()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "service", *arguments], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    )
+    assert process.stderr is not None
+    said = process.stderr.read().decode(errors="replace")
+    process.stderr.close()
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"gear-twin {' '.join(arguments)} ended with {process.returncode}: {said.strip()}")
+    return Run(wall=time.monotonic() - begun, cpu=used.ru_utime + used.ru_stime, peak=used.ru_maxrss / 1024)
+
+
+def start_up() -> list[Figure]:
+    """`gear-twin --help`, the quickest of five after one that compiles."""
+    command("--help")
+    runs = [command("--help") for _ in range(5)]
+    return [
+        Figure(what="start-up of the command, wall", value=min(r.wall for r in runs), unit="s", aim=1.0),
+        Figure(what="start-up of the command, processor", value=min(r.cpu for r in runs), unit="s", aim=1.0),
+    ]
+
+
+def one_window() -> list[Figure]:
+    """Features, prediction and K of single windows, along the whole campaign."""
+    _, _, windows = read_windows(CAMPAIGN)
+    with Recording(CAMPAIGN) as recording:
+        rig = rig_of(recording, None)
+    state, options = State(), Options()
+    features, steps = [], []
+    for window in windows:
+        begun = time.process_time()
+        extract(rig, window)
+        features.append(time.process_time() - begun)
+        before = state
+        begun = time.process_time()
+        state, estimate = step(rig, before, window, options)
+        first = time.process_time() - begun
+        begun = time.process_time()
+        step(rig, before, window, options)
+        again = time.process_time() - begun
+        if estimate.record["kind"] == "measurement":
+            steps.append((first, min(first, again)))
+    known = [again for _, again in steps]
+    building = sum(first - again for first, again in steps)
+    seconds = statistics.median(w.duration for w in windows)
+    return [
+        Figure(
+            what="update of one window (features, prediction, K), median",
+            value=1e3 * statistics.median(known),
+            unit="ms",
+            aim=50.0,
+            note=f"{len(known)} windows of {seconds:.1f} s, wear curve known",
+        ),
+        Figure(what="  of these, features", value=1e3 * statistics.median(features), unit="ms"),
+        Figure(what="  the slowest window, wear curve known", value=1e3 * max(known), unit="ms"),
+        Figure(
+            what="  wear curves made on the way, all together",
+            value=building,
+            unit="s",
+            note="each once, when calibration or half-width settle",
+        ),
+    ]
+
+
+def reference_model(rig: Rig) -> tuple[Model, float]:
+    """The rig's model before any calibration, and its x = K·τ·ω1·N after all revolutions [rad/N]."""
+    K, dwell, speed = rig.require("the wear curve", "wear.K", "wear.dwell_time", "operating.pinion_speed_hz")
+    return Model.of(rig, Calibration.prior(rig)), K * dwell * 2 * pi * speed * REVOLUTIONS
+
+
+def master_curve() -> list[Figure]:
+    """The master curve of the rated condition, as deep as 18,000 revolutions at the rig file's K wear."""
+    with Recording(CAMPAIGN) as recording:
+        rig = rig_of(recording, None)
+    speed, torque = rig.require("the wear curve", "operating.pinion_speed_hz", "operating.input_torque")
+    condition = Condition(speed_hz=speed, torque=torque)
+    deep = 1e-6 * 500  # some more than 18,000 revolutions wear: the depth is known once the curve is
+
+    def build(until: float) -> tuple[MasterCurve, float]:
+        model, _ = reference_model(rig)
+        begun = time.process_time()
+        curve = MasterCurve.build(model, condition, model.unworn, until)
+        return curve, time.process_time() - begun
+
+    work = reference_model(rig)[1]
+    until = build(deep)[0].depth_at(work)
+    curve, taken = build(until)
+    reached = "" if curve.complete else f", steady states to {1e6 * curve.valid_to:.0f} µm"
+    return [
+        Figure(
+            what=f"master curve to {REVOLUTIONS:,} revolutions",
+            value=taken,
+            unit="s",
+            aim=5.0,
+            note=f"{1e6 * until:.0f} µm, {curve.depth.size} points{reached}",
+        )
+    ]
+
+
+def campaign(folder: Path) -> list[Figure]:
+    """`gear-twin assess`: ten windows of the bundled campaign, and all of it."""
+    ten = folder / "ten.mcap"
+    first_windows(CAMPAIGN, ten, TEN)
+    runs = [(TEN, command("assess", str(ten), "--json", str(folder / "ten.json")))]
+    whole = folder / "whole.json"
+    used = command("assess", str(CAMPAIGN), "--json", str(whole))
+    runs.append((len(json.loads(whole.read_text(encoding="utf-8"))["windows"]), used))
+    return [
+        Figure(
+            what=f"assess of a campaign of {count} windows",
+            value=run.cpu,
+            unit="s",
+            aim=30.0 if count == TEN else None,
+            note=f"{run.peak:.0f} MB",
+        )
+        for count, run in runs
+    ]
+
+
+def first_windows(source: Path, path: Path, count: int) -> None:
+    """The first windows of a recording, as a recording."""
+    from benchmarks.long_recording import bursts
+    from service.sources.mcap_write import RecordingWriter
+    from service.wire.codec import encode
+
+    with Recording(source) as recording:
+        chosen = bursts(recording.frames(lambda channel, error: None))[:count]
+        with RecordingWriter(path, rig_text=recording.rig_text, metadata=recording.metadata) as writer:
+            for frame in (f for burst in chosen for f in burst):
+                writer.write(frame.channel, frame.end_time_ns, encode(frame))
+
+
+def long_recording(folder: Path, minutes: float) -> list[Figure]:
+    """`assess` of a long recording at 25.6 kHz and of a shorter one: pace and memory from the difference."""
+    found: list[tuple[float, int, Run]] = []
+    for length in (min(SHORT, minutes / 6), minutes):
+        path, out = folder / f"{length:g}.mcap", folder / f"{length:g}.json"
+        write_long_recording(path, 60 * length)
+        run = command("assess", str(path), "--json", str(out))
+        found.append((length, len(json.loads(out.read_text(encoding="utf-8"))["windows"]), run))
+        path.unlink()
+    (short, fewer, brief), (long, more, full) = found
+    pace = (full.cpu - brief.cpu) / (more - fewer)
+    real = 60 * (long - short) / (full.cpu - brief.cpu)
+    return [
+        Figure(
+            what="whole pipeline, a window of 25.6 kHz",
+            value=1e3 * pace,
+            unit="ms",
+            note=f"{1 / pace:.1f} windows/s on one core, {real:.0f} × real time",
+        ),
+        Figure(what=f"peak memory, recording of {short:g} minutes", value=brief.peak, unit="MB"),
+        Figure(
+            what=f"peak memory, recording of {long:g} minutes",
+            value=full.peak,
+            unit="MB",
+            aim=1.25 * brief.peak,
+            note=f"{full.peak / brief.peak:.2f} × that of {short:g} minutes, {more} windows",
+        ),
+    ]
+
+
+def main(minutes: float = 60.0) -> list[Figure]:
+    """Prints all figures; answers them."""
+    print(f"{'the way from frames to wear':<58}{'found':>10} {'':<7}{'aim':>10} {'ratio':>7}")
+    figures: list[Figure] = []
+    with tempfile.TemporaryDirectory(prefix="gear-twin-bench-") as made:
+        folder = Path(made)
+        for part in (
+            start_up,
+            one_window,
+            master_curve,
+            lambda: campaign(folder),
+            lambda: long_recording(folder, minutes),
+        ):
+            for figure in part():
+                print(figure.line, flush=True)
+                figures.append(figure)
+    return figures
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,90 @@
+"""Rules of a test run on the build machine.
+
+Where `CI` is set a skipped test is a failure: nothing is left out unseen. One thing may be missing there: the reference
+data beside the project, for tests marked `shared`. Longer proofs (`slow`) come last, and none begins after
+GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how many.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+BESIDE = Path(__file__).resolve().parents[1].parent / "shared"
+CHOSEN = pytest.StashKey[int]()
+
+
+def shared_folder() -> Path:
+    """Where the reference campaigns and measured sets are, or would be."""
+    return Path(os.environ.get("GEAR_TWIN_SHARED", BESIDE))
+
+
+def shared_is_here() -> bool:
+    return (shared_folder() / "campaigns").is_dir()
+
+
+def may_be_skipped(marks: set[str], environment: Mapping[str, str], shared_here: bool) -> bool:
+    """Whether a test with these marks may be skipped."""
+    return not environment.get("CI") or ("shared" in marks and not shared_here)
+
+
+def failed_for_being_skipped(report: pytest.TestReport | pytest.CollectReport) -> None:
+    """Turns a report of a skipped test into one of a failure that says why."""
+    reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+    report.outcome = "failed"
+    report.longrepr = f"skipped, which is a failure where CI is set: {reason}"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What uses the fixture `shared` is marked so; longer proofs come last."""
+    for item in items:
+        if "shared" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.shared)
+    items.sort(key=lambda item: item.get_closest_marker("slow") is not None)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo):
+    report = yield
+    if report.skipped and not hasattr(report, "wasxfail"):
+        marks = {mark.name for mark in item.iter_markers()}
+        if not may_be_skipped(marks, os.environ, shared_is_here()):
+            failed_for_being_skipped(report)
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector):
+    report = yield
+    if report.skipped and not may_be_skipped(set(), os.environ, shared_is_here()):
+        failed_for_being_skipped(report)
+    return report
+
+
+def pytest_runtest_protocol(item: pytest.Item) -> bool | None:
+    """Leaves a longer proof out, unreported, once the time is used up."""
+    deadline = float(os.environ.get("GEAR_TWIN_TEST_DEADLINE", "inf"))
+    return True if item.get_closest_marker("slow") and time.time() > deadline else None
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    session.config.stash[CHOSEN] = len(session.items)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_node_collection_finished(node, ids: list[str]) -> None:
+    node.config.stash[CHOSEN] = len(ids)
+
+
+def pytest_terminal_summary(terminalreporter) -> None:
+    """Tells how many longer proofs were chosen and not begun."""
+    reports = (report for kind in terminalreporter.stats.values() for report in kind)
+    begun = {r.nodeid for r in reports if isinstance(r, pytest.TestReport)}
+    left_out = terminalreporter.config.stash.get(CHOSEN, 0) - len(begun)
+    if os.environ.get("GEAR_TWIN_TEST_DEADLINE") and left_out > 0:
+        terminalreporter.write_line(f"not begun, the time of the run being used up: {left_out} longer proofs")

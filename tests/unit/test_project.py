@@ -1,0 +1,211 @@
+"""The project keeps its own rules: who imports whom, what is declared, locked, shipped and documented."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+from service.cli import run
+from service.cli.commands import app
+from tests.rules import may_be_skipped
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+LOCKS = ("requirements.lock", "requirements-dev.lock")
+COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
+OUTWARD = {"asyncio", "io", "logging", "os", "pathlib", "random", "shutil", "socket", "sqlite3", "subprocess", "time"}
+MACHINES = re.compile(r"(?<![\w.])/(?:work|root|home|Users|opt/pypi|opt/wheels)/")
+REGISTRIES = re.compile(r"pypi\.|pythonhosted|npmjs|jsdelivr|unpkg|cdnjs|index-url\s*[=\s]\s*\w+:", re.IGNORECASE)
+TEXT = {"", ".py", ".md", ".toml", ".lock", ".yml", ".json", ".js", ".css", ".html", ".svg", ".proto", ".txt"}
+
+
+def dist_name(requirement: str) -> str:
+    return re.split(r"[^\w.\-]", requirement, maxsplit=1)[0].lower().replace("_", "-")
+
+
+def imports(file: Path, anywhere: bool = True) -> set[str]:
+    """Dotted names of what a file imports; only at its top level unless `anywhere`."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    found = set()
+    for node in ast.walk(tree) if anywhere else tree.body:
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            found.add(node.module)
+    return found
+
+
+def packages(file: Path, anywhere: bool = True) -> set[str]:
+    return {name.partition(".")[0] for name in imports(file, anywhere)}
+
+
+def sources(folder: str) -> list[Path]:
+    found = sorted((ROOT / folder).rglob("*.py"))
+    assert found
+    return found
+
+
+def tracked() -> list[Path]:
+    """The files of the project, as git knows them; all but what is ignored."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("no git repository: the project's own files are not known")
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True).stdout
+    return [ROOT / name for name in listed.split("\0") if name and (ROOT / name).is_file()]
+
+
+def test_the_core_knows_arrays_and_numbers_alone():
+    for file in sources("twin"):
+        beyond = packages(file) - sys.stdlib_module_names - {"twin", "numpy", "scipy", "numba", "__future__"}
+        assert not beyond, file
+        assert not packages(file) & OUTWARD, file
+        assert "open" not in {n.id for n in ast.walk(ast.parse(file.read_text("utf-8"))) if isinstance(n, ast.Name)}
+
+
+def test_the_service_asks_for_the_generator_in_the_command_line_alone_and_only_when_it_runs():
+    for file in sources("service"):
+        if (ROOT / "service" / "cli") in file.parents:
+            assert "recordings" not in packages(file, anywhere=False), file
+        else:
+            assert "recordings" not in packages(file), file
+
+
+def test_what_the_program_imports_is_declared():
+    declared = {dist_name(d) for d in PROJECT["project"]["dependencies"]}
+    dists = packages_distributions()
+    for folder in ("twin", "service", "recordings"):
+        for file in sources(folder):
+            for name in imports(file):
+                top = name.partition(".")[0]
+                if top in sys.stdlib_module_names or top in ("twin", "service", "recordings"):
+                    continue
+                of = {dist_name(d) for d in dists.get(top, ())}
+                assert of & declared, f"{file.relative_to(ROOT)}: {name} is not in pyproject.toml"
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_the_lock_names_a_hash_for_every_package_and_no_host(lock):
+    text = (ROOT / lock).read_text(encoding="utf-8")
+    assert "://" not in text and "index-url" not in text and "find-links" not in text
+    entries = re.split(r"\n(?=[a-z0-9])", text.strip())
+    assert len(entries) >= len(PROJECT["project"]["dependencies"])
+    for entry in entries:
+        assert re.match(r"[\w.\-]+==\S+", entry), entry
+        assert "--hash=sha256:" in entry, entry.partition("\n")[0]
+
+
+def test_the_locks_hold_what_the_project_depends_on_and_agree():
+    pinned = {
+        lock: dict(re.findall(r"^([\w.\-]+)==(\S+)", (ROOT / lock).read_text(encoding="utf-8"), re.MULTILINE))
+        for lock in LOCKS
+    }
+    runtime, development = (pinned[lock] for lock in LOCKS)
+    assert {dist_name(d) for d in PROJECT["project"]["dependencies"]} <= set(runtime)
+    assert {dist_name(d) for d in PROJECT["project"]["optional-dependencies"]["dev"]} <= set(development)
+    assert runtime.items() <= development.items()
+
+
+@pytest.mark.parametrize("requirement", PROJECT["project"]["dependencies"])
+def test_each_package_has_its_reason_in_the_readme(requirement):
+    row = re.search(rf"^\| `{re.escape(dist_name(requirement))}` \|(.+)\|$", README, re.MULTILINE)
+    assert row, f"{requirement} has no line in the README"
+    assert len(row[1].split()) >= 4
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_explains_itself_and_is_in_the_readme(command, capsys):
+    assert run([command, "--help"]) == 0
+    assert f"gear-twin {command}" in capsys.readouterr().out
+    assert f"gear-twin {command}" in README
+
+
+@pytest.mark.parametrize("target", sorted(set(re.findall(r"make ([a-z][a-z-]+)", README))))
+def test_each_make_target_of_the_readme_is_there(target):
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert re.search(rf"^{target}:", makefile, re.MULTILINE)
+
+
+def test_each_file_the_readme_points_to_is_there():
+    for target in re.findall(r"\]\(([^)#:]+)\)", README + (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")):
+        assert (ROOT / target).exists(), target
+
+
+def test_no_file_names_a_machine_or_a_package_registry():
+    for file in tracked():
+        if file.suffix not in TEXT:
+            continue
+        text = file.read_text(encoding="utf-8")
+        for pattern in (MACHINES, REGISTRIES):
+            found = pattern.search(text)
+            assert not found, f"{file.relative_to(ROOT)}: {found[0] if found else ''}"
+
+
+def test_what_the_service_reads_of_its_own_is_shipped_with_it():
+    shipped = {pattern.lstrip("*") for pattern in PROJECT["tool"]["setuptools"]["package-data"]["*"]}
+    needed = {f.suffix for f in tracked() if f.relative_to(ROOT).parts[0] in ("service", "twin")} - {".py"}
+    assert needed <= shipped
+
+
+def test_the_truth_of_the_recordings_is_not_shipped():
+    assert ".json" not in {p.lstrip("*") for p in PROJECT["tool"]["setuptools"]["package-data"]["*"]}
+    for file in tracked():
+        if file.relative_to(ROOT).parts[:2] == ("recordings", "truth"):
+            assert file.suffix == ".json"
+
+
+def test_the_version_has_its_entry_in_the_changelog():
+    assert f"## {PROJECT['project']['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_linear_algebra_runs_on_one_thread_unless_the_environment_says_otherwise():
+    code = "import service, os; print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])"
+    for given, expected in (({}, "1 1"), ({"OMP_NUM_THREADS": "3"}, "1 3")):
+        said = subprocess.run(
+            [sys.executable, "-c", code], cwd=ROOT, env=given, capture_output=True, text=True, check=True
+        ).stdout
+        assert said.strip() == expected
+
+
+@pytest.mark.parametrize(
+    ("marks", "environment", "shared_here", "allowed"),
+    [
+        (set(), {}, False, True),
+        (set(), {"CI": "true"}, False, False),
+        ({"shared"}, {"CI": "true"}, False, True),
+        ({"shared"}, {"CI": "true"}, True, False),
+    ],
+)
+def test_a_skipped_test_is_a_failure_on_the_build_machine_unless_its_data_are_absent(
+    marks, environment, shared_here, allowed
+):
+    assert may_be_skipped(marks, environment, shared_here) is allowed
+
+
+def test_skips_fail_and_longer_proofs_stop_at_the_deadline_on_the_build_machine(tmp_path):
+    (tmp_path / "rules.py").write_text((ROOT / "tests" / "rules.py").read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "conftest.py").write_text("from rules import *\n")
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n    slow\n    shared\n")
+    (tmp_path / "test_some.py").write_text(
+        "import pytest\n"
+        "@pytest.mark.slow\ndef test_long(): pass\n"
+        "def test_skips(): pytest.skip('because')\n"
+        "@pytest.mark.shared\ndef test_without_data(): pytest.skip('no data')\n"
+        "@pytest.mark.xfail\ndef test_known(): assert False\n"
+        "def test_good(): pass\n"
+    )
+    environment = {"CI": "true", "GEAR_TWIN_TEST_DEADLINE": "1", "GEAR_TWIN_SHARED": str(tmp_path / "nothing")}
+    said = subprocess.run(
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:xdist"],
+        cwd=tmp_path, env=environment, capture_output=True, text=True,
+    )  # fmt: skip
+    assert said.returncode == 1
+    assert "1 failed, 1 passed, 1 skipped, 1 xfailed" in said.stdout.splitlines()[-1]
+    assert "skipped, which is a failure where CI is set: Skipped: because" in said.stdout
+    assert "not begun, the time of the run being used up: 1 longer proofs" in said.stdout
