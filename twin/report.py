@@ -147,11 +147,9 @@ def rul_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
     life = remaining_life(track, outcome.curve, outcome.memory.segments[-1].start_work, end, common)
     hours = 1 / (3600 * outcome.condition.speed_hz)
     return {
-        "criterion": {
-            "name": rig.get("end_of_life.criterion", "max_depth"),
-            "max_depth_um": end * MICRO,
-            "reached": life.reached,
-        },
+        "criterion": rig.get("end_of_life.criterion", "max_depth"),
+        "max_depth_um": end * MICRO,
+        "reached": life.reached,
         "revolutions": band(life.median, life.p05, life.p95),
         "hours": band(life.median * hours, life.p05 * hours, life.p95 * hours),
         "speed_hz": outcome.condition.speed_hz,
