@@ -23,7 +23,9 @@ LOCKS = ("requirements.lock", "requirements-dev.lock")
 COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
 OUTWARD = {"asyncio", "io", "logging", "os", "pathlib", "random", "shutil", "socket", "sqlite3", "subprocess", "time"}
 MACHINES = re.compile(r"(?<![\w.])/(?:work|root|home|Users|opt/pypi|opt/wheels)/")
-REGISTRIES = re.compile(r"pypi\.|pythonhosted|npmjs|jsdelivr|unpkg|cdnjs|index-url\s*[=\s]\s*\w+:", re.IGNORECASE)
+REGISTRIES = re.compile(
+    r"pyp[i]\.|python[h]osted|npm[j]s|js[d]elivr|un[p]kg|cdn[j]s|index-url\s*[=\s]\s*\w+:", re.IGNORECASE
+)
 TEXT = {"", ".py", ".md", ".toml", ".lock", ".yml", ".json", ".js", ".css", ".html", ".svg", ".proto", ".txt"}
 
 
