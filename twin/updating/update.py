@@ -254,7 +254,10 @@ def _take_measurement(
 
 
 def _depth_from(gauge, model, curve, expectation, projected, pinion_only):
-    """The depth that the encoders show, and the expectation solved near it."""
+    """The depth that the encoders show, and the expectation solved near it.
+
+    Searched to four times what was expected; to the curve's end where that does not hold it.
+    """
     shallow = float(curve.depth[0])
     deep = max(min(curve.valid_to, max(4 * projected, 40e-6)), shallow + 1e-6)
 
@@ -262,6 +265,9 @@ def _depth_from(gauge, model, curve, expectation, projected, pinion_only):
         return estimate_depth(gauge, lambda d: near.gauge(d, pinion_only, gauge.from_unworn), shallow, deep)
 
     estimate = found(expectation)
+    if estimate.at_limit and deep < curve.valid_to:
+        deep = curve.valid_to
+        estimate = found(expectation)
     if not expectation.solved or abs(estimate.depth - projected) > 0.1 * max(projected, 5e-6):
         again = Expectation.at(model, curve, expectation.condition, estimate.depth)
         if again.solved:
