@@ -15,6 +15,7 @@ from twin.geometry import GearPair
 from twin.geometry.involute import roll_angle
 from twin.model import Calibration
 from twin.rig import Rig
+from twin.updating.calibration import outliers
 from twin.updating.memory import Memory
 from twin.updating.remaining_life import remaining_life
 from twin.updating.update import Outcome, reference_rate
@@ -23,6 +24,7 @@ from twin.wear.curve import LINES
 from twin.wear.profile import WornProfile
 
 MICRO = 1e6
+DOUBTFUL_MISFIT = 4.0  # of the depth's fit: the lines twice as far off as their scatter
 EXPLAINED_SHARE = 10.0  # percent of the energy left over below which a residual counts as explained
 STRONGEST = 8
 RMS_SPREAD = 0.35  # relative, of work and rate that rest on the RMS alone
@@ -147,11 +149,9 @@ def rul_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
     life = remaining_life(track, outcome.curve, outcome.memory.segments[-1].start_work, end, common)
     hours = 1 / (3600 * outcome.condition.speed_hz)
     return {
-        "criterion": {
-            "name": rig.get("end_of_life.criterion", "max_depth"),
-            "max_depth_um": end * MICRO,
-            "reached": life.reached,
-        },
+        "criterion": rig.get("end_of_life.criterion", "max_depth"),
+        "max_depth_um": end * MICRO,
+        "reached": life.reached,
         "revolutions": band(life.median, life.p05, life.p95),
         "hours": band(life.median * hours, life.p05 * hours, life.p95 * hours),
         "speed_hz": outcome.condition.speed_hz,
@@ -220,8 +220,20 @@ def residual_report(recent: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
     }
 
 
-def unexplained_report(recent: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
-    """`unexplained`: what is left of the measured energy over the noise floor."""
+def doubts(rig: Rig, outcome: Outcome) -> list[str]:
+    """What speaks against the twin's picture of the machine, a sentence each."""
+    out = [] if outcome.memory.fit is None else outliers(rig, outcome.memory.fit)
+    estimate = outcome.estimate
+    if estimate is not None and estimate.misfit > DOUBTFUL_MISFIT:
+        out.append(
+            f"the encoders' mesh lines miss the model by {np.sqrt(estimate.misfit):.1f} times what the rig file's "
+            "tolerance allows: another structure, or an effect that the model lacks"
+        )
+    return out
+
+
+def unexplained_report(recent: tuple[Mapping[str, Any], ...], doubted: list[str]) -> dict[str, Any]:
+    """`unexplained`: what is left of the measured energy over the noise floor; explained only without doubts."""
     if not recent or not recent[-1]["phase_known"]:
         return {
             "share_percent": None, "orders": [], "verdict": "insufficient_data",
@@ -229,12 +241,14 @@ def unexplained_report(recent: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
         }  # fmt: skip
     measured = sum(r["measured"] for r in recent)
     share = 100 * max(0.0, sum(r["left"] - r["noise"] for r in recent)) / measured
-    explained = share < EXPLAINED_SHARE
+    reasons = list(doubted)
+    if share >= EXPLAINED_SHARE:
+        reasons.append("the lines that are left have not been traced to an effect")
     return {
         "share_percent": share,
         "orders": recent[-1]["orders"],
-        "verdict": "explained" if explained else "insufficient_data",
-        "reason": "" if explained else "the lines that are left have not been traced to an effect",
+        "verdict": "insufficient_data" if reasons else "explained",
+        "reason": "; ".join(reasons),
     }
 
 
@@ -253,6 +267,7 @@ def calibration_report(rig: Rig, memory: Memory) -> dict[str, Any]:
         "std_percent": {name: 100 * value for name, value in fit.std.items()},
         "windows": fit.windows,
         "misfit": fit.misfit,
+        "doubts": outliers(rig, fit),
         "compliance_scale": memory.compliance_scale,
         "mesh_phase_deg": None if memory.phase is None else memory.phase * 180 / pi,
         "path_lines_learned": len(memory.path),

@@ -118,7 +118,7 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
         "rul": rul,
         "residual": report.residual_report(recent),
         "effects": [],
-        "unexplained": report.unexplained_report(recent),
+        "unexplained": report.unexplained_report(recent, report.doubts(rig, outcome)),
         "calibration": report.calibration_report(rig, outcome.memory),
     }
     events: list[tuple[str, Mapping[str, Any]]] = [("window", record)]

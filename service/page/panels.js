@@ -94,7 +94,8 @@ function effectsPanel(effects, unexplained) {
     : rows.length ? table(["effect", "parameters", "since [rev]#"], rows)
       : element("p", { className: "none" }, "No effect beyond the model has been added.");
   const verdict = isAvailable(unexplained)
-    ? `Unexplained: ${number(unexplained.share_percent)} % of the energy over the noise; ${words(unexplained.verdict ?? "")}`
+    ? `Unexplained: ${number(unexplained.share_percent)} % of the energy over the noise; ${words(unexplained.verdict ?? "")}${
+      unexplained.reason ? `: ${unexplained.reason}` : ""}`
     : `Unexplained: not available: ${reasonOf(unexplained)}`;
   return panel("Effects", found, element("p", { className: "none" }, verdict));
 }

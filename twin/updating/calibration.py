@@ -22,10 +22,12 @@ from scipy.optimize import least_squares
 
 from twin.features.window_features import WindowFeatures
 from twin.model import Calibration, Condition, Model
+from twin.rig import Rig
 from twin.updating.conditions import condition_of
 
 NAMES = ("stiffness_scale", "modal_damping", "damping_time")
 PRIOR_SPREAD = np.array([0.10, 0.25, 0.5])  # of the logarithms
+DOUBTFUL = 2.0  # prior spreads beyond which a calibrated value is reported as doubtful
 WIDEST = 3.0  # prior spreads that a value may move: beyond, something else is at work
 LINE_SCATTER = 0.06  # relative, of unworn transmission error: real teeth deviate by a few hundredths of a micrometre
 LINE_FLOOR = 0.03e-6  # [m]
@@ -93,6 +95,23 @@ def calibrate(model: Model, windows: Sequence[WindowFeatures]) -> Fit:
         windows=len(windows),
         misfit=float(2 * found.cost / found.fun.size),
     )
+
+
+def outliers(rig: Rig, fit: Fit) -> list[str]:
+    """What the calibration had to move farther than a rig file's values are wrong by, a sentence each.
+
+    The fit then stands for something else that the model lacks: a misaligned pair, for one, looks like a soft mesh.
+    """
+    prior, found = Calibration.prior(rig), fit.calibration
+    out = []
+    for name, spread in zip(NAMES, PRIOR_SPREAD, strict=True):
+        given, value = getattr(prior, name), getattr(found, name)
+        if abs(np.log(value / given)) > DOUBTFUL * spread:
+            out.append(
+                f"{name} = {value:.3g} lies {abs(np.log(value / given)) / spread:.1f} spreads of its prior from the "
+                f"rig file's {given:.3g}: an effect that the model lacks may be at work, and the depth with it"
+            )
+    return out
 
 
 def fit_half_width(fit: Fit, misfit: Callable[[float], float], factors: Sequence[float] = (0.75, 1.0, 1.33)) -> Fit:
