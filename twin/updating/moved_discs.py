@@ -65,7 +65,8 @@ def settled(
             memory = replace(memory, offset=None)
     if gauge.phase is not None and _misfit(gauge, estimate) > MOVED:
         anew = replace(memory, phase=None, phase_std=Memory().phase_std, discs_since_ns=features.start_time_ns)
-        freed = encoders.gauge_of(features, anew, model, condition)
+        again = encoders.gauge_of(features, anew, model, condition)
+        freed = gauge if again is None else again
         found = search(freed)
         turn = float(np.angle(np.exp(1j * (found[1].phase - gauge.phase))))
         better = _misfit(gauge, estimate) - _misfit(freed, found[1]) > MOVED
