@@ -30,7 +30,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from math import pi, sqrt
 
 import numpy as np
@@ -197,7 +196,9 @@ class _Local:
 
     def bins(self, signals) -> np.ndarray:
         """Spectrum of signals (c, m) about the middle bin, under the window; (k, c)."""
-        return _fourier(self.y.size // 2) @ (self.w * signals).T
+        reach = self.y.size // 2
+        whole = fft.fft(self.w * signals, axis=1).T / self.time.size
+        return np.concatenate((whole[-reach:], whole[: reach + 1]))
 
     def tones(self, frequencies) -> np.ndarray:
         """Steady tones of amplitude 1; (c,) → (c, m)."""
@@ -207,16 +208,6 @@ class _Local:
         """Lines of amplitude 1 locked to the angle; (c,) → (c, m)."""
         o = np.asarray(orders)[:, None]
         return np.exp(1j * (o * self.turn + 2 * pi * (o * self.speed - self.centre) * self.time))
-
-
-@lru_cache(maxsize=MOST_REACH)
-def _fourier(reach: int) -> np.ndarray:
-    """Mean over m even times of a signal times exp(−2πi·j·t/T), j = −reach … reach; (2·reach + 1, m)."""
-    j = np.arange(-reach, reach + 1)
-    m = FINE * j.size
-    out = np.exp(-2j * pi * np.outer(j, np.arange(m) / m)) / m
-    out.flags.writeable = False
-    return out
 
 
 def _local(record: _Record, bin_: int) -> _Local | None:
