@@ -3,8 +3,8 @@
     python -m benchmarks.figures [PART …]
 
 A table stands between `<!-- figures: COMMAND -->` and `<!-- end of figures -->`; COMMAND begins with `python -m`. Of
-`<!-- last figures: COMMAND -->` only what follows the last empty line is shown. With PARTs only the commands that hold one
-of them are run.
+`<!-- last figures: COMMAND -->` only what follows the last empty line is shown. With PARTs only the commands that
+hold one of them are run.
 """
 
 from __future__ import annotations
