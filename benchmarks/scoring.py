@@ -87,7 +87,7 @@ class Score:
     @property
     def coverage(self) -> float:
         """Share of worn windows whose 5–95 % band holds the true depth."""
-        inside = [r.low <= r.true <= r.high for r in self.worn if r.low is not None]
+        inside = [r.low <= r.true <= r.high for r in self.worn if r.low is not None and r.high is not None]
         return float(np.mean(inside)) if inside else float("nan")
 
     def to_dict(self) -> dict[str, Any]:

@@ -17,6 +17,8 @@ from typing import Any
 from twin.errors import NotAvailable, ParameterError
 from twin.geometry.gear_pair import GearPair
 
+MOST_LISTED = 4  # missing keys that an error names one by one
+
 DEGREES_OF_FREEDOM = (
     "th1", "th2", "th3", "th5", "th7", "th8", "th10", "th12", "th13",
     "y4", "y5", "y6", "y9", "y10", "y11", "x4", "x5", "x6", "x9", "x10", "x11",
@@ -254,13 +256,15 @@ class Rig:
         return tuple(self.get(p) for p in paths)
 
     def _listed(self, missing: list[str]) -> str:
-        """Missing keys in few words: a table that is not there at all by its name."""
+        """Missing keys in few words: where there are many, a table that is not there at all by its name."""
+        if len(missing) <= MOST_LISTED:
+            return ", ".join(missing)
         tables: dict[str, list[str]] = {}
         for path in missing:
             tables.setdefault(path.split(".")[0], []).append(path)
         parts = []
         for table, paths in tables.items():
-            if self.get(table) is None and len(missing) > 1:
+            if self.get(table) is None:
                 parts.append(table)
             else:
                 parts += paths[:2]

@@ -76,7 +76,7 @@ def test_constant_forces_out_of_balance_are_refused():
 
 def test_missing_inertia_makes_the_structure_unavailable_by_name():
     values = {k: v for k, v in UNSW_RIG.items() if k != "inertias"}
-    with pytest.raises(NotAvailable, match=r"mass matrix .* inertias\.J1"):
+    with pytest.raises(NotAvailable, match=r"mass matrix .* inertias"):
         Structure.from_rig(Rig.from_mapping(values))
 
 

@@ -88,7 +88,9 @@ def _unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | N
         return None
     for unworn in memory.unworn:
         start = encoder_lines(unworn)
-        if unworn.start_time_ns >= features.start_time_ns or start is None or not _has_depth_lines(start):
+        if not memory.discs_since_ns <= unworn.start_time_ns < features.start_time_ns:
+            continue
+        if start is None or not _has_depth_lines(start):
             continue
         same = _near(unworn.speed_hz, features.speed_hz, SAME_SPEED)
         loaded = features.torque_nm is None or _near(unworn.torque_nm, features.torque_nm, SAME_TORQUE)

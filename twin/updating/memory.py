@@ -49,6 +49,7 @@ class Memory:
     paper: PaperTrack = field(default_factory=PaperTrack)
     phase: float | None = None  # mesh phase against the encoder's zero [rad]
     phase_std: float = 3.0
+    discs_since_ns: int = 0  # when the pinion's disc was last seen to have been turned [Unix ns]
     offset: MeanOffset | None = None
     path: tuple[Line, ...] = ()
     mesh: tuple[Line, ...] = ()
@@ -67,6 +68,7 @@ class Memory:
             "paper": self.paper.to_dict(),
             "phase": self.phase,
             "phase_std": self.phase_std,
+            "discs_since_ns": self.discs_since_ns,
             "offset": None if self.offset is None else asdict(self.offset),
             "path": [[j, f, ρ.real, ρ.imag, σ] for j, f, ρ, σ in self.path],
             "mesh": [[j, f, ρ.real, ρ.imag, σ] for j, f, ρ, σ in self.mesh],
@@ -91,6 +93,7 @@ class Memory:
             paper=PaperTrack.from_dict(data["paper"]),
             phase=data["phase"],
             phase_std=data["phase_std"],
+            discs_since_ns=data["discs_since_ns"],
             offset=None if data["offset"] is None else MeanOffset(**data["offset"]),
             path=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["path"]),
             mesh=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["mesh"]),

@@ -6,6 +6,11 @@ The band is that of a log-normal N: what is known of κ and x from the windows s
 to window, what all depths may be off together, and the shape of the curve where it had to be extrapolated. All depths
 off by a factor 1 + ε scale x and κ alike and leave N off by ε·x(d_end)/κ, which matters near the end. Once the end is
 reached, what is left of the band is the chance that it is not.
+
+Once the teeth part for some of the mesh, the steady state hangs on damping and clearances that no window has shown
+yet, and with it how fast the deepest point wears. The truth is taken to lie between two answers, the curve as it
+stands and the rate held that the curve has where contact is first lost: their geometric mean is the median, half the
+logarithm of their ratio its standard deviation.
 """
 
 from __future__ import annotations
@@ -20,6 +25,17 @@ from twin.wear.curve import MasterCurve
 Z95 = 1.6449
 CURVE_SCATTER = 0.05  # of the work still to go: structure and damping within their tolerance shape the curve
 EXTRAPOLATED_SCATTER = 0.15  # of the part beyond the last steady state
+
+
+def _through_contact_loss(curve: MasterCurve, depth: float, end_depth: float) -> tuple[float, float]:
+    """What contact loss adds to the curve's work between two depths [rad/N], and its standard deviation."""
+    if curve.loss_from is None or end_depth <= max(curve.loss_from, depth):
+        return 0.0, 0.0
+    onset = max(curve.loss_from, depth)
+    along = curve.work_at(end_depth) - curve.work_at(onset)
+    held = curve.work_per_depth(curve.loss_from) * (end_depth - onset)
+    middle = float(np.sqrt(along * held))
+    return middle - along, 0.5 * abs(float(np.log(held / along))) * middle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +60,8 @@ def remaining_life(
     if to_go <= 0:
         perhaps = to_go + Z95 * float(np.hypot(common_scatter * end, track.work_std))
         return RemainingLife(median=0.0, p05=0.0, p95=max(0.0, perhaps / track.rate), reached=True)
+    added, unsure = _through_contact_loss(curve, curve.depth_at(track.work - base_work), end_depth)
+    to_go += added
     median = to_go / track.rate
     beyond = max(0.0, end - max(track.work, base_work + float(curve.work[-1]))) / to_go
     relative = np.sqrt(
@@ -53,6 +71,7 @@ def remaining_life(
         + (2 * DRIFT) ** 2
         + CURVE_SCATTER**2
         + (EXTRAPOLATED_SCATTER * beyond) ** 2
+        + (unsure / to_go) ** 2
     )
     spread = float(np.exp(Z95 * np.sqrt(np.log1p(relative**2))))
     return RemainingLife(median=median, p05=median / spread, p95=median * spread, reached=False)

@@ -21,6 +21,7 @@ from twin.updating.calibration import calibrate, compliance_scale
 from twin.updating.conditions import Measured
 from twin.updating.depth import DepthEstimate, estimate_depth
 from twin.updating.memory import Memory, Segment, with_lines
+from twin.updating.moved_discs import settled
 from twin.updating.paper_way import PaperResult, PaperTrack
 from twin.updating.prediction import Expectation, band_rms, predicted_lines
 from twin.updating.tracker import WearTrack
@@ -192,10 +193,16 @@ def _take_measurement(
     rms_predicted = expectation.rms(lines, teeth, band, noise)
 
     estimate = None
-    gauge = encoders.gauge_of(features, memory, model, condition)
-    if gauge is not None:
-        pinion_only = features.transmission_error is None
-        expectation, estimate = _depth_from(gauge, model, curve, expectation, projected, pinion_only)
+    notes: list[str] = []
+    pinion_only, expected = features.transmission_error is None, expectation
+    found = settled(
+        memory, features, model, condition,
+        lambda gauge: _depth_from(gauge, model, curve, expected, projected, pinion_only),
+    )  # fmt: skip
+    if found is not None:
+        expectation, estimate = found.expectation, found.estimate
+        notes += found.notes
+        memory = found.memory if allowed else memory
     level = _level(expectation, curve, base, teeth, band, noise)
     telling = allowed and window.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
     paper = paper_way.update(memory.paper, revolutions, window.rms, level, threshold, allowed=telling)
@@ -215,7 +222,6 @@ def _take_measurement(
         memory = replace(memory, path=with_lines(memory.path, path), mesh=with_lines(memory.mesh, mesh))
     memory = replace(memory, track=track)
 
-    notes: list[str] = []
     if features.torque_nm is None:
         notes.append(f"no torque in this window: the rig's nominal {condition.torque:g} N·m is taken")
     if update == "fused" and estimate is not None:
