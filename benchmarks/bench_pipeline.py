@@ -44,6 +44,12 @@ class Figure:
     unit: str
     aim: float | None = None
     note: str = ""
+    by_the_clock: bool = False  # moves with what else the machine does
+
+    @property
+    def missed(self) -> bool:
+        """Whether the aim is missed by more than the machine's noise can explain."""
+        return self.aim is not None and not self.by_the_clock and self.value > 2 * self.aim
 
     @property
     def line(self) -> str:
@@ -81,7 +87,13 @@ def start_up() -> list[Figure]:
     command("--help")
     runs = [command("--help") for _ in range(5)]
     return [
-        Figure(what="start-up of the command, wall", value=min(r.wall for r in runs), unit="s", aim=1.0),
+        Figure(
+            what="start-up of the command, wall",
+            value=min(r.wall for r in runs),
+            unit="s",
+            aim=1.0,
+            by_the_clock=True,
+        ),
         Figure(what="start-up of the command, processor", value=min(r.cpu for r in runs), unit="s", aim=1.0),
     ]
 

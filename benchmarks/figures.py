@@ -2,8 +2,9 @@
 
     python -m benchmarks.figures [PART …]
 
-A table stands between `<!-- figures: COMMAND -->` and `<!-- end of figures -->`; COMMAND begins with `python -m`. With
-PARTs only the commands that hold one of them are run.
+A table stands between `<!-- figures: COMMAND -->` and `<!-- end of figures -->`; COMMAND begins with `python -m`. Of
+`<!-- last figures: COMMAND -->` only what follows the last empty line is shown. With PARTs only the commands that
+hold one of them are run.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
-TABLE = re.compile(r"<!-- figures: (?P<command>python -m .+?) -->\n.*?<!-- end of figures -->", re.DOTALL)
+TABLE = re.compile(
+    r"<!-- (?P<last>last )?figures: (?P<command>python -m .+?) -->\n.*?<!-- end of figures -->", re.DOTALL
+)
 
 
 def printed(command: str) -> str:
@@ -43,7 +46,10 @@ def with_figures(text: str, parts: Sequence[str]) -> str:
         if parts and not any(part in command for part in parts):
             return table[0]
         print(command, file=sys.stderr)
-        return f"<!-- figures: {command} -->\n```\n{printed(command)}\n```\n<!-- end of figures -->"
+        last = table["last"] or ""
+        said = printed(command)
+        shown = said.rpartition("\n\n")[2] if last else said
+        return f"<!-- {last}figures: {command} -->\n```\n{shown}\n```\n<!-- end of figures -->"
 
     return TABLE.sub(anew, text)
 

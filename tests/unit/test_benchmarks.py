@@ -1,0 +1,70 @@
+"""The benchmarks measure what they say, and run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.figures import with_figures
+from benchmarks.long_recording import TURNS, write_long_recording
+from service.sources.mcap import read_windows
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def windows(tmp_path_factory):
+    path = tmp_path_factory.mktemp("long") / "long.mcap"
+    write_long_recording(path, 10.0)
+    _, metadata, windows = read_windows(path)
+    assert metadata["asset"] == "unsw-short"
+    return windows
+
+
+def test_a_long_recording_is_whole_and_holds_as_much_signal_as_asked_for(windows):
+    assert all(w.quality == "good" and not w.faults for w in windows)
+    copies = windows[8:]  # the campaign has eight windows of its own
+    assert sum(w.duration for w in copies) == pytest.approx(10.0, rel=0.05)
+    rates = {w.accelerations["y6"].rate for w in windows}
+    assert rates == {25600.0}
+
+
+def test_its_copies_are_the_same_window_whole_hunting_periods_later(windows):
+    first, *copies = windows[7:]
+    assert copies
+    for number, copy in enumerate(copies, 1):
+        assert np.array_equal(copy.accelerations["y6"].values, first.accelerations["y6"].values)
+        for shaft, turns in TURNS.items():
+            edges, before = copy.encoders[shaft], first.encoders[shaft]
+            assert (edges.first_index - before.first_index) == number * turns * edges.per_rev
+            assert edges.times - edges.times[0] == pytest.approx(before.times - before.times[0], abs=1e-9)
+
+
+def test_twice_the_rate_keeps_the_level(windows):
+    _, _, source = read_windows(ROOT / "recordings" / "short-campaign.mcap")
+    for fine, coarse in zip(windows, source, strict=False):
+        low, high = coarse.accelerations["y6"].values, fine.accelerations["y6"].values
+        assert high.size == 2 * low.size
+        assert np.std(high) == pytest.approx(np.std(low), rel=0.02)
+
+
+def test_figures_replace_what_stood_in_their_table_and_nothing_else():
+    command = "python -m benchmarks.figures none"  # runs no table: prints nothing
+    text = f"before\n<!-- figures: {command} -->\n```\nold\n```\n<!-- end of figures -->\nafter\n"
+    assert with_figures(text, ["other"]) == text
+    emptied = f"before\n<!-- figures: {command} -->\n```\n\n```\n<!-- end of figures -->\nafter\n"
+    assert with_figures(text, ["none"]) == emptied
+
+
+@pytest.mark.slow
+def test_all_benchmarks_run_and_meet_their_aims_within_a_factor_of_two():
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks", "--quick"], cwd=ROOT, capture_output=True, text=True, timeout=280
+    )
+    assert done.returncode == 0, done.stderr
+    for what in ("LSODA", "update of one window", "master curve", "assess of a campaign", "peak memory"):
+        assert what in done.stdout
