@@ -22,6 +22,7 @@ REPAIRABLE = 0.2  # share of a channel that may be missing before its window is 
 _TIME_SLACK_NS = 20_000  # of a frame's start, beyond one sample [ns]
 _EDGE_SLACK = 0.02  # share of edges that may come out of order by noise; more, and the shaft ran backwards
 _FLAT_RUN = 4  # equal extreme samples in a row that no vibration gives: clipped
+_PILE = 5  # samples at the extreme level, and times as many as at the level before it, that none gives either
 _MARGIN = 0.05  # [s] by which channels may start and end apart
 _SAME_RATE = 1e-5  # relative: a rate measured frame by frame is not a change of rate
 
@@ -200,10 +201,25 @@ def _note_clipping(label: str, values: np.ndarray, faults: list[Fault]) -> None:
         detail = f"every sample is {low:g}: cable or supply?"
         faults.append(Fault(kind="stuck", channel=label, count=finite.size, action="degraded", detail=detail))
         return
-    count = sum(_in_runs(values == extreme) for extreme in (low, high))
+    count = sum(_held(finite, sign) for sign in (-1, 1))
     if count:
         detail = f"samples held at {low:g} or {high:g}: measuring range exceeded"
         faults.append(Fault(kind="clipping", channel=label, count=count, action="degraded", detail=detail))
+
+
+def _held(finite: np.ndarray, sign: int) -> int:
+    """How many samples lie at one extreme because the range ended there; 0 where it was only reached.
+
+    The tail of a vibration thins out towards its extreme. A clipped one ends in a level that holds far more samples
+    than the level before it, or stays there for several samples in a row.
+    """
+    signed = sign * finite
+    extreme = signed.max()
+    at = signed == extreme
+    count = int(at.sum())
+    before = signed[~at].max(initial=-np.inf)
+    piled = count >= _PILE and count > _PILE * int((signed == before).sum())
+    return count if piled or _in_runs(at) else 0
 
 
 def _in_runs(flags: np.ndarray) -> int:

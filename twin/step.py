@@ -23,6 +23,7 @@ from twin.updating.update import Outcome, take
 from twin.windows import Window
 
 UPDATES = ("fused", "paper")
+LEVEL_FAULTS = ("clipping", "stuck")  # faults of an accelerometer that falsify its level
 RECENT = 3  # windows that `residual` speaks of
 
 
@@ -104,6 +105,7 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
             threshold=options.error_threshold,
             update=options.update,
             update_until=options.update_until,
+            level_fault=_level_fault(window, features.sensor),
         )
     except (NotAvailable, NotConverged) as reason:
         return _without_twin(rig, state, features, str(reason))
@@ -130,6 +132,14 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
         events.append(("rul", rul))
     estimate = _estimate(record, answer, events)
     return State(windows_seen=index + 1, memory=outcome.memory, recent=recent, standing=estimate.report), estimate
+
+
+def _level_fault(window: Window, sensor: str | None) -> str | None:
+    """Why the level of the reference accelerometer may not be compared; None where it may."""
+    for fault in window.faults:
+        if fault.channel == f"accel/{sensor}" and fault.action == "degraded" and fault.kind in LEVEL_FAULTS:
+            return f"{fault.channel}: {fault.kind}, {fault.detail}"
+    return None
 
 
 def _estimate(record: Mapping[str, Any], answer: Mapping[str, Any], events) -> Estimate:

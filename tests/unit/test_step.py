@@ -13,7 +13,7 @@ from service.sources.mcap import Recording, read_windows
 from twin.errors import ParameterError, WindowError
 from twin.rig import Rig
 from twin.step import Options, State, step
-from twin.windows import Samples, Window
+from twin.windows import Fault, Samples, Window
 
 SHORT = Path(__file__).resolve().parents[2] / "recordings" / "short-campaign.mcap"
 CALIBRATIONS, FIRST_WORN = 2, 3
@@ -252,3 +252,25 @@ def test_calibration_in_mid_campaign_carries_the_depth_on_with_its_uncertainty()
     assert record["wear_depth_um"] == pytest.approx(state.memory.depth * 1e6, rel=0.01)
     assert record["wear_depth_p05_um"] < 0.98 * record["wear_depth_um"] < record["wear_depth_um"]
     assert after.memory.fit == state.memory.fit, "worn teeth do not calibrate"
+
+
+def test_clipped_accelerometer_neither_updates_nor_teaches_but_leaves_the_depth():
+    rig, windows = recorded()
+    window = windows[FIRST_WORN]
+    samples = window.accelerations["y6"]
+    limit = 0.5 * np.abs(samples.values).max()
+    fault = Fault(kind="clipping", channel="accel/y6", count=9, action="degraded", detail="held at the end")
+    clipped = replace(
+        window,
+        accelerations={"y6": replace(samples, values=np.clip(samples.values, -limit, limit))},
+        faults=(fault,),
+        quality="degraded",
+    )
+    before = uninterrupted()[FIRST_WORN - 1][0]
+    state, estimate = step(rig, before, clipped)
+    assert not estimate.record["updated"]
+    assert any("clipping" in note for note in estimate.record["notes"])
+    assert state.memory.path == before.memory.path
+    assert state.memory.paper.rate == before.memory.paper.rate
+    true = uninterrupted()[FIRST_WORN][1].record["wear_depth_um"]
+    assert estimate.record["wear_depth_um"] == pytest.approx(true, rel=0.01)

@@ -47,9 +47,10 @@ class Measured:
     revolutions: float  # of the pinion since new
     rms: float  # in the rig's band [m/s²]
     noise: float  # the part of it that lies between the orders [m/s²]
+    level_fault: str | None  # why the level may not be compared (a clipped sensor), None where it may
 
     @classmethod
-    def of(cls, features: WindowFeatures, rig: Rig) -> Measured:
+    def of(cls, features: WindowFeatures, rig: Rig, level_fault: str | None = None) -> Measured:
         """Checks a window's features; NotAvailable says which are missing."""
         condition = condition_of(features, rig)
         if features.revolutions is None:
@@ -65,4 +66,5 @@ class Measured:
             revolutions=features.revolutions,
             rms=features.rms,
             noise=features.noise_rms or 0.0,
+            level_fault=level_fault,
         )

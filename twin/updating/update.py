@@ -122,14 +122,16 @@ def take(
     threshold: float,
     update: str,
     update_until: float,
+    level_fault: str | None = None,
 ) -> Outcome:
     """Takes one window into the twin; NotAvailable where the rig file or the window does not suffice."""
     rig.require("wear", *NEEDED)
-    window = Measured.of(features, rig)
+    window = Measured.of(features, rig, level_fault)
     memory = _started(rig, memory)
     unworn = window.kind == "calibration" or window.revolutions < UNWORN_REVOLUTIONS
     known_load = window.kind == "measurement" or features.torque_nm is not None
-    if unworn and known_load and memory.track.windows == 0 and len(memory.unworn) < MOST_UNWORN:
+    known = known_load and level_fault is None
+    if unworn and known and memory.track.windows == 0 and len(memory.unworn) < MOST_UNWORN:
         memory = _calibrated(rig, memory, features)
     if window.kind == "calibration":
         return _take_calibration(rig, memory, window, index)
@@ -185,6 +187,7 @@ def _take_measurement(
     base = memory.segments[-1].start_work
     revolutions = max(window.revolutions, memory.track.revolutions)
     allowed = window.revolutions <= update_until
+    heard = window.level_fault is None
 
     track = memory.track.predicted(revolutions)
     projected = max(curve.depth_at(track.work - base), float(curve.depth[0]))
@@ -205,7 +208,7 @@ def _take_measurement(
         memory = found.memory if allowed else memory
     level = _level(expectation, curve, base, teeth, band, noise)
     telling = allowed and window.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
-    paper = paper_way.update(memory.paper, revolutions, window.rms, level, threshold, allowed=telling)
+    paper = paper_way.update(memory.paper, revolutions, window.rms, level, threshold, allowed=telling and heard)
     paper_depth = curve.depth_at(paper.track.work - base)
     memory = replace(memory, paper=paper.track)
 
@@ -218,14 +221,17 @@ def _take_measurement(
                 * curve.work_per_depth(estimate.depth),
             )
         memory = encoders.learn(memory, features, model, expectation, estimate, estimate.from_lines, None)
-        path, mesh = encoders.factors(features, expectation, estimate.depth, estimate.phase, index, teeth)
+        learned_from = features if heard else replace(features, acceleration=None)
+        path, mesh = encoders.factors(learned_from, expectation, estimate.depth, estimate.phase, index, teeth)
         memory = replace(memory, path=with_lines(memory.path, path), mesh=with_lines(memory.mesh, mesh))
     memory = replace(memory, track=track)
 
+    if window.level_fault is not None:
+        notes.append(f"the level was not compared: {window.level_fault}")
     if features.torque_nm is None:
         notes.append(f"no torque in this window: the rig's nominal {condition.torque:g} N·m is taken")
     if update == "fused" and estimate is not None:
-        updated = allowed and abs(rms_predicted / window.rms - 1) > threshold
+        updated = allowed and heard and abs(rms_predicted / window.rms - 1) > threshold
         depth = estimate.depth if allowed else projected
         depth_band = _band(depth, estimate.std if allowed else _projected_std(track, projected))
         way = ("pinion encoder" if pinion_only else "transmission error") if allowed else "projection"
