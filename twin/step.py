@@ -50,6 +50,7 @@ class State:
     windows_seen: int = 0
     memory: Memory = field(default_factory=Memory)
     recent: tuple[Mapping[str, Any], ...] = ()  # the latest windows' residuals
+    standing: Mapping[str, Any] = field(default_factory=dict)  # the answer, for windows that have none of their own
 
     def to_dict(self) -> dict[str, Any]:
         """The state as JSON-safe data."""
@@ -57,6 +58,7 @@ class State:
             "windows_seen": self.windows_seen,
             "memory": self.memory.to_dict(),
             "recent": [dict(r) for r in self.recent],
+            "standing": dict(self.standing),
         }
 
     @classmethod
@@ -65,6 +67,7 @@ class State:
             windows_seen=int(data["windows_seen"]),
             memory=Memory.from_dict(data["memory"]),
             recent=tuple(data["recent"]),
+            standing=data["standing"],
         )
 
 
@@ -109,7 +112,6 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
         compared = report.comparison(features, outcome, rig.teeth)
         if compared is not None:
             recent = (*recent, report.plain(compared))[-RECENT:]
-    state = replace(state, windows_seen=index + 1, memory=outcome.memory, recent=recent)
     wear = report.wear_report(rig, outcome)
     rul = report.rul_report(rig, outcome)
     record = _record(rig, index, features, outcome)
@@ -126,7 +128,8 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
         events.append(("update", {k: record[k] for k in _UPDATE_FIELDS}))
     if outcome.kind == "measurement" and "revolutions" in rul:
         events.append(("rul", rul))
-    return state, _estimate(record, answer, events)
+    estimate = _estimate(record, answer, events)
+    return State(windows_seen=index + 1, memory=outcome.memory, recent=recent, standing=estimate.report), estimate
 
 
 def _estimate(record: Mapping[str, Any], answer: Mapping[str, Any], events) -> Estimate:
@@ -172,7 +175,10 @@ def _percent(share: float) -> float | None:
 
 
 def _without_twin(rig: Rig, state: State, features: WindowFeatures, reason: str) -> tuple[State, Estimate]:
-    """What can be said where no model of the machine can be built: level, speed, bands."""
+    """What can be said where no model of the machine can be built, or the window lacks what it needs.
+
+    Level, speed and bands; of wear and life what earlier windows told, where there are any.
+    """
     record = {
         "index": state.windows_seen,
         "kind": kind_of(features, rig),
@@ -215,6 +221,7 @@ def _without_twin(rig: Rig, state: State, features: WindowFeatures, reason: str)
         "effects": [],
         "unexplained": {"share_percent": None, "orders": [], "verdict": "insufficient_data", "reason": reason},
         "calibration": missing,
+        **state.standing,
     }
     state = replace(state, windows_seen=state.windows_seen + 1)
     return state, _estimate(record, answer, [("window", record)])

@@ -219,3 +219,36 @@ def test_window_with_neither_level_nor_speed_is_refused_with_the_reason():
 def test_options_that_cannot_be_are_refused(wrong, message):
     with pytest.raises(ParameterError, match=message):
         Options(**wrong)
+
+
+def test_window_that_cannot_be_used_leaves_the_answer_of_the_ones_before():
+    rig, windows = recorded()
+    before, told = uninterrupted()[4]
+    after, estimate = step(rig, before, without(windows[5], accelerations="y6"))
+    assert estimate.record["wear_depth_um"] is None
+    assert "no accelerometer" in estimate.record["notes"][0]
+    assert strict(estimate.report) == strict(told.report)
+    assert after.memory == before.memory
+    resumed, _ = step(rig, State.from_dict(json.loads(strict(after.to_dict()))), windows[6])
+    straight, _ = step(rig, after, windows[6])
+    assert strict(resumed.to_dict()) == strict(straight.to_dict())
+
+
+def test_accelerometer_that_reads_nothing_is_said_not_divided_by():
+    rig, windows = recorded()
+    window = windows[FIRST_WORN]
+    dead = {k: replace(s, values=np.zeros_like(s.values)) for k, s in window.accelerations.items()}
+    _, estimate = step(rig, State(), replace(window, accelerations=dead))
+    assert "y6 reads nothing" in estimate.record["notes"][0]
+    assert estimate.report["wear"]["status"] == "not available"
+
+
+def test_calibration_in_mid_campaign_carries_the_depth_on_with_its_uncertainty():
+    rig, windows = recorded()
+    state = uninterrupted()[4][0]
+    after, estimate = step(rig, state, windows[0])
+    record = estimate.record
+    assert record["kind"] == "calibration"
+    assert record["wear_depth_um"] == pytest.approx(state.memory.depth * 1e6, rel=0.01)
+    assert record["wear_depth_p05_um"] < 0.98 * record["wear_depth_um"] < record["wear_depth_um"]
+    assert after.memory.fit == state.memory.fit, "worn teeth do not calibrate"

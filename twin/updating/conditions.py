@@ -56,6 +56,8 @@ class Measured:
             raise NotAvailable("wear is not available: the window has no absolute revolution count (no encoder)")
         if features.rms is None:
             raise NotAvailable("the twin is not available: " + features.unavailable.get("rms", "no acceleration"))
+        if not features.rms > 0:
+            raise NotAvailable(f"the twin is not available: {features.sensor} reads nothing (0 m/s²): cable, supply?")
         return cls(
             features=features,
             condition=condition,

@@ -19,7 +19,7 @@ from twin.rig import Rig
 from twin.updating import encoders, half_width, paper_way
 from twin.updating.calibration import calibrate, compliance_scale
 from twin.updating.conditions import Measured
-from twin.updating.depth import DepthEstimate, estimate_depth
+from twin.updating.depth import MODEL_SCATTER, SHAPE_SCATTER, DepthEstimate, estimate_depth
 from twin.updating.memory import Memory, Segment, with_lines
 from twin.updating.moved_discs import settled
 from twin.updating.paper_way import PaperResult, PaperTrack
@@ -162,7 +162,7 @@ def _take_calibration(rig: Rig, memory: Memory, window: Measured, index: int) ->
     return Outcome(
         memory=memory, model=model, curve=curve, condition=condition, kind="calibration",
         rms_measured=window.rms, rms_predicted=rms,
-        rms_after=rms, updated=False, depth=depth, depth_band=(depth, depth),
+        rms_after=rms, updated=False, depth=depth, depth_band=_band(depth, _projected_std(track, depth)),
         way="projection" if track.windows else "unworn", estimate=estimate, paper=None, paper_depth=depth,
         expectation=expectation, lines=lines,
     )  # fmt: skip
@@ -227,8 +227,7 @@ def _take_measurement(
     if update == "fused" and estimate is not None:
         updated = allowed and abs(rms_predicted / window.rms - 1) > threshold
         depth = estimate.depth if allowed else projected
-        std = estimate.std if allowed else track.work_std / max(track.work, 1e-300) * projected
-        depth_band = (max(depth - Z95 * std, 0.0), depth + Z95 * std)
+        depth_band = _band(depth, estimate.std if allowed else _projected_std(track, projected))
         way = ("pinion encoder" if pinion_only else "transmission error") if allowed else "projection"
         after, _ = predicted_lines(memory, expectation, depth, index, teeth)
         if updated:
@@ -257,6 +256,17 @@ def _take_measurement(
         depth_band=depth_band, way=way, estimate=estimate, paper=paper, paper_depth=paper_depth,
         expectation=expectation, lines=lines, notes=tuple(notes),
     )  # fmt: skip
+
+
+def _band(depth: float, std: float) -> tuple[float, float]:
+    """5 and 95 % of a depth [m]."""
+    return max(depth - Z95 * std, 0.0), depth + Z95 * std
+
+
+def _projected_std(track: WearTrack, depth: float) -> float:
+    """Standard deviation of a depth [m] carried on from earlier windows: the track's, and what all depths share."""
+    relative = track.work_std / track.work if track.work > 0 else 0.0
+    return depth * float(np.hypot(relative, np.hypot(MODEL_SCATTER[0], SHAPE_SCATTER * depth)))
 
 
 def _depth_from(gauge, model, curve, expectation, projected, pinion_only):

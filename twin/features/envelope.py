@@ -1,0 +1,247 @@
+"""Impacts and modulations: spectral kurtosis to find their band, the squared envelope's spectrum for their rate.
+
+    y(t) = band-passed analytic signal,  s = |y|²                 squared envelope
+    K_s  = ⟨|y|⁴⟩/⟨|y|²⟩² − 2                                     spectral kurtosis of a band: 0 for Gaussian noise,
+                                                                  −1 for one line, above 0 for impacts; std 2/√n
+    S(α) = Σ w·(s − s̄)·exp(−2πi·α·t)                             a line at α: amplitude modulated at that rate
+
+n   independent values of y, one per bin of the band
+w   Hann window
+α   rate of modulation, per second or per pinion turn
+
+A line of S stands where its power passes the floor between the lines (noise_floor.py) with the false-alarm
+probability stated, over all rates searched. Signals on an even grid of angle give rates in orders, on an even grid
+of time in hertz; a defect that rolls along with the shaft is sharp in order, a foreign one in hertz.
+
+Source   J. Antoni, Mech. Syst. Signal Process. 20 (2006) 282–307 (spectral kurtosis), 21 (2007) 108–124 (kurtogram);
+         R. B. Randall, J. Antoni, Mech. Syst. Signal Process. 25 (2011) 485–520 (envelope analysis)
+Holds    rates below the band's width; impacts of at least one band width's length apart
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+from scipy import fft
+
+from twin.errors import NotAvailable, ParameterError
+from twin.features.level import TAPERED, tukey
+from twin.features.noise_floor import exceedance, noise_floor
+from twin.features.orders import hann
+from twin.features.resample import AngleSignal
+
+FALSE_ALARM = 1e-3
+LEVELS = 6  # the kurtogram's narrowest band is half the sampling rate over 2^LEVELS
+LEAST_VALUES = 64  # of y in a band of the kurtogram
+STANDING = 12.0  # power over floor from which a shaft line is taken out
+SKIRT = 0.35  # orders on either side over which a shaft line may be spread
+TRIM = 0.15  # share of the record at each end that the Hann window leaves too little of
+MOST_FOUND = 24
+EDGE = 0.1  # share of the band over which each of its edges falls
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BandKurtosis:
+    """Spectral kurtosis of one band."""
+
+    low: float  # in cycles per unit of the grid (Hz or order)
+    high: float
+    kurtosis: float
+    std: float  # for Gaussian noise
+
+    @property
+    def deviation(self) -> float:
+        """Kurtosis over what noise scatters."""
+        return self.kurtosis / self.std
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Modulation:
+    """One line of the squared envelope's spectrum."""
+
+    rate: float  # in the grid's unit: Hz, or order of pinion rotation
+    rate_std: float
+    depth: float  # amplitude of the line over the mean of the squared envelope
+    over_floor: float  # power over the floor
+    false_alarm: float  # probability that noise alone gives as much, at any rate searched
+    shaft: str | None  # pinion, gear, or None where the rate belongs to neither
+
+
+def without_shaft_lines(signal: AngleSignal, teeth: tuple[int, int]) -> AngleSignal:
+    """The middle 70 % of a signal less every pinion and gear order that stands out of its spectrum.
+
+    A line is taken out with its skirts, from its order outwards as long as they stand: a line near a mode follows
+    the slow wander of the speed, which spreads it over up to a third of an order.
+    """
+    z1, z2 = teeth
+    n = signal.values.size
+    weight = hann(n)
+    spectrum = fft.rfft(weight * (signal.values - (weight @ signal.values) / weight.sum()))
+    power = np.abs(spectrum) ** 2
+    standing = power / noise_floor(power).power
+    per_bin = 2 * pi / (n * signal.step)
+    highest = 0.98 * (power.size - 1) * per_bin
+    lines = [np.arange(1, int(highest / unit) + 1) * unit for unit in (1.0, z1 / z2)]
+    at = np.unique(np.rint(np.concatenate(lines) / per_bin).astype(int))
+    at = at[(at > 0) & (at < power.size - 1)]
+    at = at[np.maximum(standing[at], np.maximum(standing[at - 1], standing[at + 1])) > STANDING]
+    out = np.zeros(power.size, dtype=bool)
+    out[:2] = True
+    smooth = np.convolve(standing, np.ones(3) / 3, "same")
+    for side in (-1, 1):
+        going = at.copy()
+        for k in range(int(SKIRT / per_bin) + 1):
+            going = going[(going >= 0) & (going < power.size)]
+            out[going] = True
+            going = going[(k < 3) | (smooth[going] > 0.25 * STANDING)] + side
+    spectrum[out] = 0.0
+    cut = slice(int(TRIM * n), n - int(TRIM * n))
+    return AngleSignal(
+        start=signal.start + cut.start * signal.step,
+        step=signal.step,
+        values=fft.irfft(spectrum, n)[cut] / weight[cut],
+        usable=signal.usable[cut],
+    )
+
+
+def _analytic(spectrum, low: int, high: int, oversampling: int = 1) -> np.ndarray:
+    """Bins low … high of a one-sided spectrum back on a grid just fine enough, complex, scaled to the signal."""
+    size = high - low
+    band = np.zeros(size * oversampling, dtype=complex)
+    band[:size] = spectrum[low:high]
+    edge = max(1, int(EDGE * size))
+    ramp = np.sin(0.5 * pi * (np.arange(edge) + 0.5) / edge) ** 2
+    band[:edge] *= ramp
+    band[size - edge : size] *= ramp[::-1]
+    return fft.ifft(band) * band.size
+
+
+def kurtogram(values, rate: float, band: tuple[float, float] | None = None) -> tuple[BandKurtosis, ...]:
+    """Spectral kurtosis of bands of falling width, the most impulsive over its own scatter first.
+
+    values  (n,) without gaps
+    rate    values per unit of the grid
+    band    where to look; up to 0.45·rate where not given
+    """
+    n = len(values)
+    spectrum = fft.rfft(tukey(n) * (np.asarray(values) - np.mean(values))) * (2 / n)
+    low, high = (0.0, 0.45 * rate) if band is None else band
+    first, last = int(np.ceil(low * n / rate)), min(int(high * n / rate), spectrum.size)
+    out = []
+    for parts in sorted({p for k in range(LEVELS + 1) for p in (2**k, 3 * 2**k)}):
+        size = (last - first) // parts
+        if size < LEAST_VALUES:
+            break
+        for i in range(parts):
+            a = first + i * size
+            ends = int(TAPERED * size) + 1
+            power = np.abs(_analytic(spectrum, a, a + size)[ends:-ends]) ** 2
+            mean = power.mean()
+            if mean <= 0:
+                continue
+            kurtosis = float((power**2).mean() / mean**2 - 2)
+            out.append(
+                BandKurtosis(low=a * rate / n, high=(a + size) * rate / n, kurtosis=kurtosis, std=2 / sqrt(power.size))
+            )
+    if not out:
+        raise NotAvailable(f"the kurtogram is not available: {last - first} bins in the band, {LEAST_VALUES} needed")
+    return tuple(sorted(out, key=lambda b: -b.deviation))
+
+
+def _shaft_of(rate: float, tolerance: float, shafts: Sequence[tuple[str, float]]) -> str | None:
+    for name, unit in shafts:
+        if round(rate / unit) >= 1 and abs(rate - round(rate / unit) * unit) < tolerance:
+            return name
+    return None
+
+
+def _refined(s, weight, unit: float, bin_: int) -> float:
+    """Position of a spectral peak in bins, by parabolas through the logarithm of its power."""
+    t = (np.arange(s.size) - 0.5 * (s.size - 1)) / s.size
+    position, reach = float(bin_), 0.5
+    for _ in range(4):
+        trial = position + reach * np.array([-1.0, 0.0, 1.0])
+        p = np.log(np.abs(np.exp(-2j * pi * np.outer(trial, t)) @ (weight * s)) ** 2 + unit)
+        curve = p[0] - 2 * p[1] + p[2]
+        if curve >= 0:
+            return position
+        position += reach * float(np.clip(0.5 * (p[0] - p[2]) / curve, -1.0, 1.0))
+        reach *= 0.3
+    return position
+
+
+def modulations(
+    values,
+    rate: float,
+    band: tuple[float, float],
+    shafts: Sequence[tuple[str, float]] = (),
+    false_alarm: float = FALSE_ALARM,
+) -> tuple[Modulation, ...]:
+    """Lines of the squared envelope's spectrum of a band, those of no shaft first, then the strongest.
+
+    values       (n,) on an even grid of time or angle, without gaps
+    rate         values per unit of the grid: the sampling rate [Hz], or values per pinion turn
+    band         in cycles per unit
+    shafts       names and rates of shafts, in cycles per unit
+    false_alarm  probability that noise alone gives one line or more
+    """
+    n = len(values)
+    duration = n / rate
+    low, high = int(np.ceil(band[0] * duration)), int(band[1] * duration)
+    if not 0 <= low < high - 48 or band[1] > rate / 2:
+        raise ParameterError(
+            f"band {band[0]:g} … {band[1]:g} must lie within 0 … {rate / 2:g} and be {48 / duration:.3g} wide at least"
+        )
+    spectrum = fft.rfft(np.asarray(values) - np.mean(values)) * (2 / n)
+    s = np.abs(_analytic(spectrum, low, high, 2)) ** 2
+    weight = hann(s.size)
+    mean = float(weight @ s / weight.sum())
+    if mean <= 0:
+        return ()
+    s = s / mean - 1
+    power = np.abs(fft.rfft(weight * s)) ** 2
+    searched = power[: int(0.9 * (high - low))]  # beyond, too few pairs of bins beat
+    floor = noise_floor(searched)
+    ratio = searched / floor.power
+    over = floor.threshold(false_alarm, searched.size - 4)
+    peaks = 4 + np.flatnonzero(
+        (searched[4:-1] >= searched[3:-2]) & (searched[4:-1] > searched[5:]) & (ratio[4:-1] > over)
+    )
+    peaks = peaks[np.argsort(-ratio[peaks])][:MOST_FOUND]
+
+    w2, t2 = weight**2, ((np.arange(s.size) - 0.5 * (s.size - 1)) / s.size * duration) ** 2
+    widening = s.size * ((w2 * w2) @ t2) / (w2.sum() * (w2 @ t2))
+    out = []
+    for i in peaks:
+        at = _refined(s, weight, float(floor.power[i]) * 1e-6, int(i))
+        noise = 4 / weight.sum() ** 2 * float(floor.power[i])  # mean |amplitude|² of noise
+        depth = 2 * sqrt(searched[i]) / float(weight.sum())
+        slope = (2 * pi * depth) ** 2 * float(w2 @ t2) * s.size / float(weight.sum()) ** 2
+        q = float(exceedance(ratio[i], floor.freedom))
+        out.append(
+            Modulation(
+                rate=at / duration,
+                rate_std=sqrt(noise * widening / (2 * slope)),
+                depth=depth,
+                over_floor=float(ratio[i]),
+                false_alarm=float(-np.expm1(searched.size * np.log1p(-min(q, 0.5)))),
+                shaft=_shaft_of(at / duration, 1.5 / duration, shafts),
+            )
+        )
+    return tuple(sorted(out, key=lambda m: (m.shaft is not None, -m.over_floor)))
+
+
+def strange_modulations(
+    signal: AngleSignal, teeth: tuple[int, int], false_alarm: float = FALSE_ALARM
+) -> tuple[BandKurtosis, tuple[Modulation, ...]]:
+    """The most impulsive band of what no shaft line explains, and its modulations, in orders of pinion rotation."""
+    if not signal.usable.all():
+        raise NotAvailable("envelope analysis is not available: the record has gaps")
+    rest = without_shaft_lines(signal, teeth).values
+    per_turn = 2 * pi / signal.step
+    best = kurtogram(rest, per_turn)[0]
+    shafts = (("pinion", 1.0), ("gear", teeth[0] / teeth[1]))
+    return best, modulations(rest, per_turn, (best.low, best.high), shafts, false_alarm)
