@@ -59,7 +59,8 @@ def tracked() -> list[Path]:
     """The files of the project, as git knows them; all but what is ignored."""
     if not (ROOT / ".git").exists():
         pytest.skip("no git repository: the project's own files are not known")
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True).stdout
+    command = ["git", "-c", "safe.directory=*", "ls-files", "-z"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True).stdout
     return [ROOT / name for name in listed.split("\0") if name and (ROOT / name).is_file()]
 
 
