@@ -41,10 +41,13 @@ class BacklashRattle:
         Parameter(name="order", unit="", low=0.02, high=100.0, prior=5.0, shape=True),
         Parameter(name="phase", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
-    period: ClassVar[str] = "hunting"
 
     def __post_init__(self) -> None:
         check(self)
+
+    @property
+    def period(self) -> str:
+        return "pinion" if float(self.order).is_integer() else "hunting"
 
     def apply(self, setup: Setup) -> Setup:
         setup = setup.with_error(-self.extra_backlash * (1 - setup.drive), 0.0)

@@ -20,7 +20,7 @@ from typing import ClassVar
 
 from twin.dynamics.structure import direction
 from twin.effects.parameter import Parameter, check
-from twin.effects.setup import Setup
+from twin.effects.setup import Setup, common_period
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,10 +38,13 @@ class MassUnbalance:
         Parameter(name="pinion_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
         Parameter(name="gear_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
-    period: ClassVar[str] = "hunting"
 
     def __post_init__(self) -> None:
         check(self)
+
+    @property
+    def period(self) -> str:
+        return common_period(name for name, present in (("pinion", self.pinion), ("gear", self.gear)) if present)
 
     def apply(self, setup: Setup) -> Setup:
         z1, z2 = setup.pair.teeth

@@ -35,7 +35,7 @@ class PinionEccentricity:
         Parameter(name="eccentricity", unit="m", low=0.0, high=500e-6, prior=50e-6),
         Parameter(name="high_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
-    period: ClassVar[str] = "hunting"
+    period: ClassVar[str] = "pinion"
 
     def __post_init__(self) -> None:
         check(self)

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from twin.effects.parameter import Parameter, check
-from twin.effects.setup import Setup
+from twin.effects.setup import Setup, common_period
 from twin.errors import ParameterError
 
 
@@ -33,7 +33,6 @@ class PitchError:
         Parameter(name="pinion", unit="m", low=-100e-6, high=100e-6, prior=5e-6, teeth=0),
         Parameter(name="gear", unit="m", low=-100e-6, high=100e-6, prior=5e-6, teeth=1),
     )
-    period: ClassVar[str] = "hunting"
 
     def __post_init__(self) -> None:
         check(self)
@@ -44,6 +43,10 @@ class PitchError:
         rng = np.random.default_rng(seed)
         errors = [std * rng.standard_normal(z) for z, std in zip(teeth, (pinion_std, gear_std), strict=True)]
         return cls(pinion=tuple(errors[0] - errors[0].mean()), gear=tuple(errors[1] - errors[1].mean()))
+
+    @property
+    def period(self) -> str:
+        return common_period(name for name, present in (("pinion", self.pinion), ("gear", self.gear)) if any(present))
 
     def apply(self, setup: Setup) -> Setup:
         teeth = (setup.passages.pinion_tooth, setup.passages.gear_tooth)

@@ -17,7 +17,7 @@ import numpy as np
 from twin.dynamics.harmonic_balance import Contacts, SteadyState, solve_through_contact_loss
 from twin.dynamics.structure import direction
 from twin.effects.parameter import Parameter
-from twin.effects.setup import Setup, contacts_of, setup_of
+from twin.effects.setup import Setup, common_period, contacts_of, setup_of
 from twin.errors import ParameterError
 from twin.model import Condition, Model
 from twin.wear.profile import WornProfile
@@ -27,7 +27,11 @@ class Effect(Protocol):
     """One thing that a healthy gearbox does not have."""
 
     parameters: ClassVar[tuple[Parameter, ...]]
-    period: ClassVar[str]  # the shortest period over which it repeats: "mesh" or "hunting"
+
+    @property
+    def period(self) -> str:
+        """The shortest period over which it repeats: "mesh", "pinion" or "gear" (a turn of it) or "hunting"."""
+        ...
 
     def apply(self, setup: Setup) -> Setup: ...
 
@@ -161,17 +165,21 @@ def solve_with(
     """The steady state of a gearbox with effects; see `response.steady.converged`.
 
     profile  worn flanks, or one for every slice across the face
-    period   "mesh" or "hunting"; the shortest that all effects allow where None
+    period   "mesh", "pinion", "gear" or "hunting"; the shortest that all effects allow where None
     samples  a mesh period
     start    a steady state of similar contacts to start from
     """
     effects = tuple(effects)
     profiles = (profile,) if isinstance(profile, WornProfile) else tuple(profile)
-    needed = "hunting" if any(effect.period == "hunting" for effect in effects) else "mesh"
-    if period == "mesh" and needed == "hunting":
-        names = ", ".join(type(effect).__name__ for effect in effects if effect.period == "hunting")
-        raise ParameterError(f"{names} does not repeat with the mesh: the hunting-tooth period is needed")
-    setup = setup_of(model, condition, period or needed, len(profiles), samples)
+    needed = common_period(effect.period for effect in effects)
+    if period is None:
+        period = needed
+    elif common_period((period, needed)) != period:
+        names = ", ".join(
+            type(effect).__name__ for effect in effects if common_period((period, effect.period)) != period
+        )
+        raise ParameterError(f"{names} does not repeat over the period of the {period}: {needed} is needed")
+    setup = setup_of(model, condition, period, len(profiles), samples)
     for effect in effects:
         setup = effect.apply(setup)
     contacts = contacts_of(setup, profiles)

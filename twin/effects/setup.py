@@ -18,11 +18,11 @@ Ignores  slices and shifts on the back flanks: they stay whole, with the mean se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
-from math import pi
+from math import lcm, pi
 
 import numpy as np
 
@@ -71,7 +71,8 @@ class Setup:
     condition: Condition
     mesh: PairMesh  # of one mesh period, with the samples of this setup
     passages: Passages  # of the whole period
-    turns: Fraction  # pinion turns in the period: 1/z1 or lcm(z1, z2)/z1
+    turns: Fraction  # pinion turns in the period
+    any_order: bool  # whether an order between the lines may go to the nearest: on the hunting-tooth period alone
     slices: int
     stiffness: np.ndarray | float  # factor on every pair's stiffness
     separation: np.ndarray | float = 0.0  # added, positive where there is more material [m]
@@ -143,7 +144,7 @@ class Setup:
         """
         place = order * float(self.turns)
         k = round(place)
-        off_grid = self.turns < 1 and abs(place - k) > 1e-9
+        off_grid = not self.any_order and abs(place - k) > 1e-9
         if off_grid or not 1 <= k < self.samples // 2:
             highest = (self.samples // 2 - 1) / float(self.turns)
             raise ParameterError(
@@ -153,41 +154,49 @@ class Setup:
         return k
 
 
-@lru_cache(maxsize=4)
-def _one_mesh(mesh: PairMesh) -> Passages:
-    """Passages of a single mesh period, where all teeth are alike."""
-    z1, z2 = mesh.pair.teeth
-    turned = np.arange(mesh.samples) / mesh.samples
-    rows, n = 2 * len(ROWS), mesh.samples
+PERIODS = ("mesh", "pinion", "gear", "hunting")  # of a pair, a pinion tooth, a gear tooth, the same two teeth
+
+
+def common_period(periods: Iterable[str]) -> str:
+    """The shortest over which all repeat."""
+    wanted = set(periods)
+    if not wanted <= set(PERIODS):
+        raise ParameterError(f"{wanted - set(PERIODS)} is no period: {', '.join(PERIODS)}")
+    if "hunting" in wanted or {"pinion", "gear"} <= wanted:
+        return "hunting"
+    return next((name for name in ("pinion", "gear") if name in wanted), "mesh")
+
+
+@lru_cache(maxsize=8)
+def _passages(mesh: PairMesh, mesh_periods: int) -> Passages:
+    """The beginning of the hunting-tooth record, so many mesh periods long."""
+    whole, n = HuntingPeriod(mesh=mesh).passages, mesh_periods * mesh.samples
     return Passages(
-        position=np.concatenate((mesh.positions, mesh.back_positions)),
-        side=np.array([1.0] * len(ROWS) + [-1.0] * len(ROWS))[:, None],
-        pinion_angle=2 * pi / z1 * turned,
-        gear_angle=2 * pi / z2 * turned,
-        pinion_tooth=np.zeros((rows, n), dtype=int),
-        gear_tooth=np.zeros((rows, n), dtype=int),
+        position=np.ascontiguousarray(whole.position[:, :n]),
+        side=whole.side,
+        pinion_angle=whole.pinion_angle[:n],
+        gear_angle=whole.gear_angle[:n],
+        pinion_tooth=np.ascontiguousarray(whole.pinion_tooth[:, :n]),
+        gear_tooth=np.ascontiguousarray(whole.gear_tooth[:, :n]),
     )
 
 
 @lru_cache(maxsize=4)
-def _hunting(mesh: PairMesh, samples: int) -> HuntingPeriod:
-    return HuntingPeriod.of(mesh, samples)
+def _sampled(mesh: PairMesh, samples: int) -> PairMesh:
+    return HuntingPeriod.of(mesh, samples).mesh
 
 
 def setup_of(model: Model, condition: Condition, period: str, slices: int = 1, samples: int | None = None) -> Setup:
-    """The gearbox without effects over a "mesh" or "hunting" period.
+    """The gearbox without effects over one of `PERIODS`.
 
-    samples  a mesh period; the model's own, or 64 over the hunting-tooth period, where None
+    samples  a mesh period; the model's own over one, 64 over the longer periods, where None
     """
-    z1 = model.mesh.pair.teeth[0]
-    if period == "mesh":
-        mesh = model.mesh if samples is None else _hunting(model.mesh, samples).mesh
-        passages, turns = _one_mesh(mesh), Fraction(1, z1)
-    elif period == "hunting":
-        hunting = _hunting(model.mesh, SAMPLES if samples is None else samples)
-        mesh, passages, turns = hunting.mesh, hunting.passages, Fraction(hunting.pinion_turns)
-    else:
-        raise ParameterError(f'period = "{period}" must be "mesh" or "hunting"')
+    z1, z2 = model.mesh.pair.teeth
+    mesh_periods = {"mesh": 1, "pinion": z1, "gear": z2, "hunting": lcm(z1, z2)}[common_period([period])]
+    if samples is None:
+        samples = model.mesh.samples if period == "mesh" else SAMPLES
+    mesh = _sampled(model.mesh, samples)
+    passages, turns = _passages(mesh, mesh_periods), Fraction(mesh_periods, z1)
     return Setup(
         structure=model.structure,
         pair=mesh.pair,
@@ -195,6 +204,7 @@ def setup_of(model: Model, condition: Condition, period: str, slices: int = 1, s
         mesh=mesh,
         passages=passages,
         turns=turns,
+        any_order=period == "hunting",
         slices=slices,
         stiffness=model.calibration.stiffness_scale,
         damping_time=model.calibration.damping_time,

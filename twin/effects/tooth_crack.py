@@ -36,12 +36,15 @@ class ToothCrack:
         Parameter(name="stiffness_loss", unit="", low=0.0, high=0.95, prior=0.3),
         Parameter(name="tooth", unit="", low=0, high=10_000, prior=10_000, shape=True),
     )
-    period: ClassVar[str] = "hunting"
 
     def __post_init__(self) -> None:
         check(self)
         if self.on not in ("pinion", "gear"):
             raise ParameterError(f'on = "{self.on}" must be "pinion" or "gear"')
+
+    @property
+    def period(self) -> str:
+        return self.on
 
     def apply(self, setup: Setup) -> Setup:
         gear = self.on == "gear"

@@ -38,10 +38,13 @@ class TorqueRipple:
         Parameter(name="order", unit="", low=0.02, high=100.0, prior=10.0, shape=True),
         Parameter(name="phase", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
-    period: ClassVar[str] = "hunting"
 
     def __post_init__(self) -> None:
         check(self)
+
+    @property
+    def period(self) -> str:
+        return "pinion" if float(self.order).is_integer() else "hunting"
 
     def apply(self, setup: Setup) -> Setup:
         if self.amplitude == 0:
