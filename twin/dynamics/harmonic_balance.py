@@ -4,7 +4,7 @@ The contacts are the only non-linear and time-varying part, and they see the str
 coordinate d along the line of action. With G = gᵀH(ω)g of the structure without its contacts, the steady
 state over one period is a scalar problem, harmonic by harmonic:
 
-    F̂_k + Σ_c Â_ck·G_c/G + (d̂_k − Σ_l f̂_lk·G_l)/G = 0   (k ≠ 0),        F̂_0 = F_mean
+    F̂_k + Σ_c Â_ck·G_c/G + (d̂_k − Σ_l f̂_lk·G_l)/G = 0   (k ≠ 0),        F̂_0 + Σ_c m_c·Â_c0 = F_mean
 
     F = Σ_p σ_p·k_p·max(0, δ_p + τ·δ_p'),        δ_p = σ_p·d + e_p
 
@@ -13,7 +13,7 @@ e_p    separation of contact p from the perfect surfaces, negative where materia
 σ_p    +1 where compression closes the contact (drive flanks), −1 where it opens (back flanks)
 k_p, τ stiffness of a contact [N/m] and its relative damping time [s]
 A_c    further actions of the same contacts on the structure, Σ_p w_cp·σ_p·F_p along a direction of
-       their own (friction is one); G_c = gᵀH(ω)a_c
+       their own (friction is one); G_c = gᵀH(ω)a_c; m_c their moment on the driven shaft, of the mesh force's
 f_l    loads that do not depend on the motion (unbalance, torque ripple), along a direction of their own
 
 Newton's method with GMRES, contact forces in the time domain, the structure in the frequency domain,
@@ -59,6 +59,7 @@ class Action:
 
     direction: np.ndarray  # a_c (21,)
     weight: np.ndarray  # w_cp (p, n)
+    mean: float = 0.0  # m_c: moment about the driven shaft over that of the mesh force, a_c·r/(g·r)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -142,8 +143,13 @@ def quasi_static_deflection(contacts: Contacts, mean_force: float) -> np.ndarray
     drive = contacts.side > 0
     k, e = contacts.stiffness[drive], contacts.separation[drive]
     d = (mean_force / k).max(axis=0) + np.max(-e, axis=0)
+    before = None
     for _ in range(k.shape[0] + 1):
-        closed = k * (d + e > 0)
+        touching = d + e > 0
+        if before is not None and np.array_equal(touching, before):
+            break
+        before = touching
+        closed = k * touching
         d = d - ((closed * (d + e)).sum(axis=0) - mean_force) / closed.sum(axis=0)
     return d
 
@@ -158,6 +164,7 @@ def solve_through_contact_loss(
     contacts: Contacts,
     mean_force: float,
     *,
+    loads: tuple[Load, ...] = (),
     start: np.ndarray | SteadyState | None = None,
     tolerance: float = TOLERANCE,
 ) -> SteadyState:
@@ -166,14 +173,22 @@ def solve_through_contact_loss(
     Rounded over 30 F/k̄ hardly any contact is ever lost and the solution is easily found; each stage starts from
     the one before, and one that fails is tried again with a smaller change. The last is the sharp corner itself.
     """
-    steady = solve(structure, contacts, mean_force, start=start, tolerance=tolerance)
+    steady = solve(structure, contacts, mean_force, loads=loads, start=start, tolerance=tolerance)
     if steady.converged:
         return steady
     deflection = mean_force / float(contacts.stiffness.mean())
     rounding, ratio = WIDEST * deflection, 0.5
     reached: tuple[float, np.ndarray | None] = (rounding, None)
     for _ in range(MAX_STAGES):
-        stage = solve(structure, contacts, mean_force, start=reached[1], tolerance=tolerance, rounding=rounding)
+        stage = solve(
+            structure,
+            contacts,
+            mean_force,
+            loads=loads,
+            start=reached[1],
+            tolerance=tolerance,
+            rounding=rounding,
+        )
         if stage.converged:
             if rounding == 0:
                 return stage
@@ -228,6 +243,8 @@ def solve(
     G = to_mesh(structure.mesh)
     inverse = spectrum(1 / G)
     ratios = [spectrum(to_mesh(action.direction) / G) for action in contacts.actions]
+    for ratio, action in zip(ratios, contacts.actions, strict=True):
+        ratio[0] = action.mean
     driven = spectrum(sum((to_mesh(load.direction) * load.lines[1:] for load in loads), np.zeros_like(G)))
     side = contacts.side[:, None]
     open_by = contacts.separation + τ * contacts.separation_rate

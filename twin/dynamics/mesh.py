@@ -104,12 +104,12 @@ class PairMesh:
         return nearest + p * np.array(ROWS)[:, None]
 
     @cached_property
-    def _drive(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def drive_tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stiffness [N/m], corner gap [m] and its slope of every drive contact, each (3, n)."""
         return self.stiffness(self.positions), *self.corner(self.positions)
 
     @cached_property
-    def _back(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def back_tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The same for the back flanks."""
         return self.stiffness(self.back_positions), *self.corner(self.back_positions)
 
@@ -128,9 +128,9 @@ class PairMesh:
         if not pinion_speed_hz > 0:
             raise ParameterError(f"pinion_speed_hz = {pinion_speed_hz:g} Hz must be positive")
         speed = 2 * pi * pinion_speed_hz * self.pair.base_radius[0]  # s' [m/s]
-        k, gap, slope = self._drive
+        k, gap, slope = self.drive_tables
         worn, worn_slope = profile.at(self.positions)
-        k_b, gap_b, slope_b = self._back
+        k_b, gap_b, slope_b = self.back_tables
         return Contacts(
             stiffness=stiffness_scale * np.concatenate((k, k_b)),
             separation=-np.concatenate((gap + worn, gap_b + self.pair.backlash)),

@@ -1,0 +1,53 @@
+"""The effect that the documentation adds as its example is one, and the documentation names what there is."""
+
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from tests.dynamics_cases import relative
+from tests.effects_cases import solved
+from twin.effects import EFFECTS, Setup, neutral
+from twin.errors import ParameterError
+
+FOLDER = Path(__file__).parents[2] / "twin" / "effects"
+README = (FOLDER / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def crowning(monkeypatch):
+    """The class that the example defines."""
+    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    module = ModuleType("crowning")
+    monkeypatch.setitem(sys.modules, "crowning", module)
+    exec(code, module.__dict__)
+    return module.Crowning
+
+
+def test_effect_of_the_example_softens_the_mesh(crowning):
+    found, healthy = solved(crowning(crowning=20e-6)), solved()
+    assert found.mean_transmission_error > healthy.mean_transmission_error
+    assert relative(found.acceleration_lines, healthy.acceleration_lines) > 0.05
+    assert np.abs(found.face_moment).max() < 1e-9  # the same on both sides
+
+
+def test_effect_of_the_example_vanishes_and_is_bounded(crowning):
+    assert np.array_equal(solved(neutral(crowning(crowning=1e-6))).acceleration_lines, solved().acceleration_lines)
+    with pytest.raises(ParameterError, match=r"crowning = 0.001 m is outside 0 … 0.0002 m"):
+        crowning(crowning=1e-3)
+
+
+def test_documentation_names_what_a_setup_can_take():
+    for method in (name for name in dir(Setup) if name.startswith("with_") and name != "with_load_lines"):
+        assert f"setup.{method}(" in README, method
+
+
+@pytest.mark.parametrize("name", [name for name in EFFECTS if name != "none"])
+def test_file_of_an_effect_opens_with_equation_order_source_and_validity(name):
+    text = (FOLDER / f"{name}.py").read_text(encoding="utf-8").split('"""')[1]
+    assert "\n\n    " in text
+    for heading in ("Order  ", "Source  ", "Holds  "):
+        assert f"\n{heading}" in text, heading

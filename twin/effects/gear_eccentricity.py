@@ -1,0 +1,44 @@
+"""Eccentric gear: its teeth turn about a point beside their centre.
+
+    e_p(θ2) = e·cos(θ2 + φ)        and the shift of the contact along the flanks (eccentricity.py)
+
+e   eccentricity                                                             [m]
+θ2  angle of the gear, zero when pair 0 passes the pitch point                [rad]
+φ   angle of the high point, at θ2 = 0, from where the teeth press together most [rad]
+
+Order    z1/z2 of the pinion's rotation, and sidebands at that distance about the mesh orders
+Source   displacement: Feng et al., Wear 426–427 (2019), e_t of eqs 3–5; the shift: the internal tangent of two base
+         circles whose distance varies, derived in eccentricity.py
+Holds    e much smaller than the module
+Ignores  the pressure angle in the directions of the forces, e/L of a radian; unbalance of the eccentric mass
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from typing import ClassVar
+
+from twin.effects.eccentricity import eccentric
+from twin.effects.parameter import Parameter, check
+from twin.effects.setup import Setup
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GearEccentricity:
+    """The gear's teeth beside its axis."""
+
+    eccentricity: float  # e [m]
+    high_point: float = 0.0  # φ [rad]
+
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(name="eccentricity", unit="m", low=0.0, high=500e-6, prior=50e-6),
+        Parameter(name="high_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
+    )
+    period: ClassVar[str] = "gear"
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def apply(self, setup: Setup) -> Setup:
+        return eccentric(setup, self.eccentricity, self.high_point, shaft=1)

@@ -1,0 +1,60 @@
+"""Unbalance of pinion or gear: the centre of mass runs round the axis.
+
+    f_x = U·ω²·cos(θ + φ),   f_y = ∓U·ω²·sin(θ + φ)     at the gear's node; − pinion, + gear, which turns the other way
+
+U  unbalance, mass times eccentricity          [kg·m]
+φ  angle of the heavy point at θ = 0, from x   [rad]
+
+Order    1 of the pinion's rotation, z1/z2 for the gear
+Source   ISO 21940-11:2016, clause 3; Newton's second law on a circle
+Holds    rigid rotors
+Ignores  weight's moment about the axis, U·9.81 m/s²
+"""
+
+from __future__ import annotations
+
+from cmath import exp
+from dataclasses import dataclass
+from math import pi
+from typing import ClassVar
+
+from twin.dynamics.structure import direction
+from twin.effects.parameter import Parameter, check
+from twin.effects.setup import Setup, common_period
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MassUnbalance:
+    """Unbalance of both gears."""
+
+    pinion: float = 0.0  # U1 [kg·m]
+    gear: float = 0.0  # U2 [kg·m]
+    pinion_heavy_point: float = 0.0  # φ1 [rad]
+    gear_heavy_point: float = 0.0  # φ2 [rad]
+
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(name="pinion", unit="kg·m", low=0.0, high=0.05, prior=1e-4),
+        Parameter(name="gear", unit="kg·m", low=0.0, high=0.05, prior=1e-4),
+        Parameter(name="pinion_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
+        Parameter(name="gear_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @property
+    def period(self) -> str:
+        return common_period(name for name, present in (("pinion", self.pinion), ("gear", self.gear)) if present)
+
+    def apply(self, setup: Setup) -> Setup:
+        z1, z2 = setup.pair.teeth
+        rotors = (
+            (5, self.pinion, self.pinion_heavy_point, 1.0, 1j),
+            (10, self.gear, self.gear_heavy_point, z1 / z2, -1j),
+        )
+        for (node, U, φ, order, quadrature), ω in zip(rotors, setup.omega, strict=True):
+            if U:
+                force = U * ω**2 * exp(1j * φ)
+                setup = setup.with_load(direction({f"x{node}": 1.0}), {order: force})
+                setup = setup.with_load(direction({f"y{node}": 1.0}), {order: quadrature * force})
+        return setup

@@ -1,0 +1,34 @@
+"""Loss of mesh stiffness: every pair is softer by the same share.
+
+    k_p = (1 − q)·k(s_p)
+
+q  loss of stiffness; a share that grows makes all mesh orders move
+
+Order    mesh orders only
+Source   the paper's calibrated stiffness factor, Feng et al., Wear 426–427 (2019), section 3.3
+Holds    uniform loss (rim, hub, a wrong modulus), the same on all teeth
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from twin.effects.parameter import Parameter, check
+from twin.effects.setup import Setup
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshStiffnessLoss:
+    """A softer mesh."""
+
+    loss: float  # q
+
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter(name="loss", unit="", low=-0.5, high=0.9, prior=0.15),)
+    period: ClassVar[str] = "mesh"
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def apply(self, setup: Setup) -> Setup:
+        return setup.with_stiffness(1 - self.loss)

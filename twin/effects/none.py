@@ -1,0 +1,20 @@
+"""No effect: the gearbox as it was made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from twin.effects.parameter import Parameter
+from twin.effects.setup import Setup
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoEffect:
+    """Changes nothing."""
+
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    period: ClassVar[str] = "mesh"
+
+    def apply(self, setup: Setup) -> Setup:
+        return setup

@@ -1,0 +1,189 @@
+"""The gearbox with effects, solved: lines of acceleration, transmission error and torque at orders of the pinion.
+
+response = solve_with(model, (TheEffect(...),), profile, condition)
+response.acceleration([19, 19 + 19 / 52])
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import pi
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from twin.dynamics.harmonic_balance import Contacts, SteadyState, solve_through_contact_loss
+from twin.dynamics.structure import direction
+from twin.effects.parameter import Parameter
+from twin.effects.setup import Setup, common_period, contacts_of, setup_of
+from twin.errors import ParameterError
+from twin.model import Condition, Model
+from twin.wear.profile import WornProfile
+
+
+class Effect(Protocol):
+    """One thing that a healthy gearbox does not have."""
+
+    parameters: ClassVar[tuple[Parameter, ...]]
+
+    @property
+    def period(self) -> str:
+        """The shortest period over which it repeats: "mesh", "pinion" or "gear" (a turn of it) or "hunting"."""
+        ...
+
+    def apply(self, setup: Setup) -> Setup: ...
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Response:
+    """A steady state and what the channels see of it. Amplitudes: x(t) = Re Σ X·e^{i·order·θ1}, θ1 = 0 at t = 0."""
+
+    model: Model
+    setup: Setup
+    contacts: Contacts
+    steady: SteadyState
+
+    @cached_property
+    def orders(self) -> np.ndarray:
+        """Order of every line k ≥ 1, of the pinion's rotation (n//2,)."""
+        return np.arange(1, self.steady.omega.size) / float(self.setup.turns)
+
+    @cached_property
+    def acceleration_lines(self) -> np.ndarray:
+        """What the accelerometer reports at every order (n//2,) [m/s²]."""
+        ω = self.steady.omega[1:]
+        lines = -(ω**2) * self._lines(self.model.accelerometer)
+        for gain in self.setup.accelerometer:
+            lines = gain(ω / (2 * pi)) * lines
+        return lines
+
+    @cached_property
+    def transmission_error_lines(self) -> np.ndarray:
+        """r_b1·θ7 − r_b2·θ8 at every order (n//2,) [m]."""
+        return self._lines(self.setup.structure.transmission_error)
+
+    @cached_property
+    def torque_lines(self) -> np.ndarray:
+        """The torque meter, k_2_3·(θ2 − θ3), at every order (n//2,) [N·m]."""
+        (k,) = self.model.rig.require("the torque meter", "torsional_stiffness.k_2_3")
+        return self._lines(direction({"th2": k, "th3": -k}))
+
+    def acceleration(self, orders: Sequence[float] | np.ndarray) -> np.ndarray:
+        """At some orders (m,) → (m,) [m/s²]."""
+        return self.acceleration_lines[self._places(orders)]
+
+    def transmission_error(self, orders: Sequence[float] | np.ndarray) -> np.ndarray:
+        """At some orders (m,) → (m,) [m]."""
+        return self.transmission_error_lines[self._places(orders)]
+
+    def torque(self, orders: Sequence[float] | np.ndarray) -> np.ndarray:
+        """At some orders (m,) → (m,) [N·m]."""
+        return self.torque_lines[self._places(orders)]
+
+    def acceleration_rms(self, band: tuple[float, float] | None = None) -> float:
+        """RMS of the accelerometer in a band [Hz], the rig's by default [m/s²]."""
+        low, high = self.model.rig.band if band is None else band
+        f = self.steady.omega[1:] / (2 * pi)
+        inside = (f >= low) & (f <= high)
+        return float(np.sqrt(0.5 * np.sum(np.abs(self.acceleration_lines[inside]) ** 2)))
+
+    @property
+    def constant_loads(self) -> np.ndarray:
+        """Torques at motor and brake that keep the mean speed (21,) [N·m]: friction leaves the brake less."""
+        T1, driving = self.setup.condition.torque, direction({"th1": 1.0})
+        driven = direction({f"th{n}": 1.0 for n in (8, 10, 12, 13)})
+        T2 = float(driven @ self._mean_contact_forces)
+        return T1 * driving - T2 * direction({"th13": 1.0})
+
+    @property
+    def mean_transmission_error(self) -> float:
+        """Mean of r_b1·θ7 − r_b2·θ8 [m], zero for rigid perfect gears without load."""
+        beyond = self.setup.structure.transmission_error - self.setup.structure.mesh
+        balanced = self.constant_loads + self._mean_contact_forces
+        return float(self.steady.deflection.mean()) + self.setup.structure.static_response(beyond, balanced)
+
+    @property
+    def action_power(self) -> np.ndarray:
+        """Power that the actions of the contacts take from the mean rotation (n,) [W].
+
+        Those of an error that only varies in time give back what they take, over a period.
+        """
+        ω1, ω2 = self.setup.omega
+        turning = direction({f"th{n}": ω1 for n in (1, 2, 3, 5, 7)} | {f"th{n}": ω2 for n in (8, 10, 12, 13)})
+        power = np.zeros(self.steady.deflection.size)
+        for action in self.contacts.actions:
+            sides = self.contacts.side[:, None] * self.steady.contact_forces
+            power += float(action.direction @ turning) * (action.weight * sides).sum(axis=0)
+        return power
+
+    @property
+    def face_moment(self) -> np.ndarray:
+        """Moment of the drive flanks' forces about the middle of the face (n,) [N·m].
+
+        The bearings of both shafts take it up as a couple in the plane of the line of action, M/span each.
+        """
+        m, rows = self.setup.slices, (self.setup.passages.side > 0).sum()
+        forces = self.steady.contact_forces[: m * rows].reshape(m, rows, -1)
+        return self.setup.pair.face_width * (self.setup.face_position * forces).sum(axis=(0, 1))
+
+    @property
+    def _mean_contact_forces(self) -> np.ndarray:
+        """Mean generalised force of the contacts on the structure (21,)."""
+        force = -self.setup.structure.mesh * self.steady.force_lines[0].real
+        for along, lines in zip(self.steady.directions, self.steady.action_lines, strict=True):
+            force = force - along * lines[0].real
+        return force
+
+    def _lines(self, response: np.ndarray) -> np.ndarray:
+        return self.steady.lines(self.setup.structure, response)
+
+    def _places(self, orders: Sequence[float] | np.ndarray) -> np.ndarray:
+        wanted = np.asarray(orders, dtype=float)
+        place = wanted * float(self.setup.turns)
+        k = np.rint(place).astype(int)
+        wrong = (np.abs(place - k) > 1e-6) | (k < 1) | (k >= self.steady.omega.size)
+        if wrong.any():
+            raise ParameterError(
+                f"order {wanted[wrong][0]:g} of the pinion's rotation is no line of the period: multiples of "
+                f"{float(1 / self.setup.turns):g} up to {self.orders[-1]:g}"
+            )
+        return k - 1
+
+
+def solve_with(
+    model: Model,
+    effects: Iterable[Effect],
+    profile: WornProfile | Sequence[WornProfile],
+    condition: Condition,
+    period: str | None = None,
+    *,
+    samples: int | None = None,
+    start: SteadyState | None = None,
+) -> Response:
+    """The steady state of a gearbox with effects; see `response.steady.converged`.
+
+    profile  worn flanks, or one for every slice across the face
+    period   "mesh", "pinion", "gear" or "hunting"; the shortest that all effects allow where None
+    samples  a mesh period
+    start    a steady state of similar contacts to start from
+    """
+    effects = tuple(effects)
+    profiles = (profile,) if isinstance(profile, WornProfile) else tuple(profile)
+    needed = common_period(effect.period for effect in effects)
+    if period is None:
+        period = needed
+    elif common_period((period, needed)) != period:
+        names = ", ".join(
+            type(effect).__name__ for effect in effects if common_period((period, effect.period)) != period
+        )
+        raise ParameterError(f"{names} does not repeat over the period of the {period}: {needed} is needed")
+    setup = setup_of(model, condition, period, len(profiles), samples)
+    for effect in effects:
+        setup = effect.apply(setup)
+    contacts = contacts_of(setup, profiles)
+    steady = solve_through_contact_loss(
+        setup.structure, contacts, model.mean_force(condition), loads=setup.loads, start=start
+    )
+    return Response(model=model, setup=setup, contacts=contacts, steady=steady)

@@ -1,0 +1,40 @@
+"""Sensor gain: the accelerometer reports g times what it feels.
+
+    a_reported = g·a
+
+Order    all orders alike; transmission error and torque unmoved
+Source   ISO 16063-1 (sensitivity of a transducer)
+Holds    linear sensors
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from twin.effects.parameter import Parameter, check
+from twin.effects.setup import Setup
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorGain:
+    """A wrong sensitivity."""
+
+    gain: float  # g
+
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(name="gain", unit="", low=0.01, high=100.0, prior=0.15, neutral=1.0),
+    )
+    period: ClassVar[str] = "mesh"
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def response(self, frequency: np.ndarray) -> np.ndarray:
+        """Complex gain at each frequency [Hz]; (m,) → (m,)."""
+        return np.full(np.shape(frequency), self.gain)
+
+    def apply(self, setup: Setup) -> Setup:
+        return setup.with_sensor(self.response)
