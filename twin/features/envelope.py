@@ -15,7 +15,7 @@ of time in hertz; a defect that rolls along with the shaft is sharp in order, a 
 
 Source   J. Antoni, Mech. Syst. Signal Process. 20 (2006) 282–307 (spectral kurtosis), 21 (2007) 108–124 (kurtogram);
          R. B. Randall, J. Antoni, Mech. Syst. Signal Process. 25 (2011) 485–520 (envelope analysis)
-Holds    rates below the band's width; impacts of at least one band width's length apart
+Holds    rates below 0.6 of the band's width; impacts of at least one band width's length apart
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ STANDING = 12.0  # power over floor from which a shaft line is taken out
 SKIRT = 0.35  # orders on either side over which a shaft line may be spread
 TRIM = 0.15  # share of the record at each end that the Hann window leaves too little of
 MOST_FOUND = 24
+SEARCHED = 0.6  # share of the band's width up to which rates are sought
 EDGE = 0.1  # share of the band over which each of its edges falls
 
 
@@ -107,15 +108,27 @@ def without_shaft_lines(signal: AngleSignal, teeth: tuple[int, int]) -> AngleSig
     )
 
 
+def _ramped(size: int) -> np.ndarray:
+    """Weight of each bin of a band, 1 but for raised cosines at its edges; (size,)."""
+    edge = max(1, int(EDGE * size))
+    ramp = np.sin(0.5 * pi * (np.arange(edge) + 0.5) / edge) ** 2
+    out = np.ones(size)
+    out[:edge] *= ramp
+    out[size - edge :] *= ramp[::-1]
+    return out
+
+
+def _beats(size: int) -> np.ndarray:
+    """Noise power in the squared envelope's spectrum for white noise in a band, over that at rate 0; (size,)."""
+    power = np.abs(fft.fft(_ramped(size) ** 2, 2 * size)) ** 2
+    return np.abs(fft.ifft(power)[:size]) / np.sum(_ramped(size) ** 4)
+
+
 def _analytic(spectrum, low: int, high: int, oversampling: int = 1) -> np.ndarray:
     """Bins low … high of a one-sided spectrum back on a grid just fine enough, complex, scaled to the signal."""
     size = high - low
     band = np.zeros(size * oversampling, dtype=complex)
-    band[:size] = spectrum[low:high]
-    edge = max(1, int(EDGE * size))
-    ramp = np.sin(0.5 * pi * (np.arange(edge) + 0.5) / edge) ** 2
-    band[:edge] *= ramp
-    band[size - edge : size] *= ramp[::-1]
+    band[:size] = spectrum[low:high] * _ramped(size)
     return fft.ifft(band) * band.size
 
 
@@ -203,28 +216,30 @@ def modulations(
         return ()
     s = s / mean - 1
     power = np.abs(fft.rfft(weight * s)) ** 2
-    searched = power[: int(0.9 * (high - low))]  # beyond, too few pairs of bins beat
-    floor = noise_floor(searched)
-    ratio = searched / floor.power
+    searched = power[: int(SEARCHED * (high - low))]  # beyond, too few pairs of bins beat
+    beats = _beats(high - low)[: searched.size]
+    floor = noise_floor(searched / beats)
+    ratio = searched / beats / floor.power
     over = floor.threshold(false_alarm, searched.size - 4)
     peaks = 4 + np.flatnonzero(
         (searched[4:-1] >= searched[3:-2]) & (searched[4:-1] > searched[5:]) & (ratio[4:-1] > over)
     )
     peaks = peaks[np.argsort(-ratio[peaks])][:MOST_FOUND]
 
-    w2, t2 = weight**2, ((np.arange(s.size) - 0.5 * (s.size - 1)) / s.size * duration) ** 2
-    widening = s.size * ((w2 * w2) @ t2) / (w2.sum() * (w2 @ t2))
+    t2 = ((np.arange(s.size) - 0.5 * (s.size - 1)) / s.size * duration) ** 2
+    w2 = weight**2
+    # the peak of |Σ w·s·exp| answers to noise in quadrature, weighted by w·t
+    steadiness = float(w2 @ t2) / float(w2.sum()) / float(weight @ t2) ** 2
     out = []
     for i in peaks:
-        at = _refined(s, weight, float(floor.power[i]) * 1e-6, int(i))
-        noise = 4 / weight.sum() ** 2 * float(floor.power[i])  # mean |amplitude|² of noise
-        depth = 2 * sqrt(searched[i]) / float(weight.sum())
-        slope = (2 * pi * depth) ** 2 * float(w2 @ t2) * s.size / float(weight.sum()) ** 2
+        at = _refined(s, weight, float(floor.power[i] * beats[i]) * 1e-6, int(i))
+        depth = 2 * sqrt(power[i]) / float(weight.sum())
+        variance = 2 * float(floor.power[i] * beats[i]) * steadiness / (2 * pi * depth) ** 2
         q = float(exceedance(ratio[i], floor.freedom))
         out.append(
             Modulation(
                 rate=at / duration,
-                rate_std=sqrt(noise * widening / (2 * slope)),
+                rate_std=sqrt(variance),
                 depth=depth,
                 over_floor=float(ratio[i]),
                 false_alarm=float(-np.expm1(searched.size * np.log1p(-min(q, 0.5)))),
