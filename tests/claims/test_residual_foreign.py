@@ -16,7 +16,7 @@ TEETH = (19, 52)
 RATE, SECONDS, SPEED = 6400.0, 2.5, 10.0
 
 
-def machine(seed, tones=(), wander=1.5e-3, speed=SPEED, noise=0.1, colour=0.0, rate=RATE):
+def machine(seed, tones=(), wander=1.5e-3, speed=SPEED, noise=0.1, colour=0.0, rate=RATE, strange=()):
     """A window of order lines, steady tones and noise of a shaft whose speed wanders; samples and angle."""
     rng = np.random.default_rng(seed)
     t = np.arange(-0.1, SECONDS + 0.1, 1 / rate)
@@ -31,6 +31,8 @@ def machine(seed, tones=(), wander=1.5e-3, speed=SPEED, noise=0.1, colour=0.0, r
     for k in range(1, 9):  # mesh lines with sidebands, pinion orders
         for o, a in ((19 * k, 3 / k), (19 * k + 1, 0.2), (19 * k - 19 / 52, 0.3), (k + 5, 0.1)):
             x += a * np.cos(o * θ + rng.uniform(0, 6))
+    for o, a in strange:
+        x += a * np.cos(o * θ + rng.uniform(0, 6))
     for f, a in tones:
         x += a * np.cos(2 * np.pi * f * t + rng.uniform(0, 6))
     keep = (t >= 0) & (t < SECONDS)
@@ -73,6 +75,12 @@ def test_noise_and_order_lines_alone_give_no_tone(colour):
 def test_at_a_steady_speed_nothing_is_claimed():
     windows = [window_tones(*machine(seed, [(50.0, 1.0)], wander=0.0), TEETH) for seed in (1, 2)]
     assert foreign_tones(windows, [SECONDS] * 2) == ()
+
+
+@pytest.mark.parametrize("wander", [1e-4, 3e-4, 1.5e-3])
+def test_a_line_locked_to_the_angle_at_a_strange_order_is_no_foreign_tone(wander):
+    windows = [window_tones(*machine(seed, strange=((7.31, 1.0),), wander=wander), TEETH) for seed in range(4)]
+    assert foreign_tones(windows, [SECONDS] * 4) == ()
 
 
 def test_windows_together_are_surer_than_one_and_say_which_hold_the_tone():
