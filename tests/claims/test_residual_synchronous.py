@@ -7,7 +7,7 @@ from service.sources.mcap import read_windows
 from twin.errors import NotAvailable, ParameterError
 from twin.features.extract import _base_radius, pinion_angle
 from twin.features.resample import AngleSignal
-from twin.features.synchronous import Reading, own_mesh_keys, sampled_reading, stack, tooth_keys
+from twin.features.synchronous import Reading, hunting_key, own_mesh_keys, sampled_reading, stack, tooth_keys
 from twin.features.synchronous import transmission_error_reading as te_reading
 from twin.features.teeth import constant_share, local_change, tooth_pattern
 from twin.rig import Rig
@@ -77,6 +77,20 @@ def test_mesh_lines_that_grow_leave_shared_lines_alone():
     for j, expected in enumerate((1 + np.arange(5), 0.1j * np.arange(5), 5 - np.arange(5))):
         column = found.own_amplitudes[:, found.own_keys.index(mesh[j])]
         assert np.abs(column - expected).max() < 1e-9
+
+
+@pytest.mark.parametrize("teeth", [TEETH, (23, 46), (20, 52)])
+def test_hunting_keys_are_multiples_of_the_hunting_frequency(teeth):
+    turns = teeth[1] // np.gcd(*teeth)
+    for multiple in (1, 2, 17, turns, 3 * turns + 5):
+        _, p, g = hunting_key(multiple, teeth)
+        assert p + g * teeth[0] / teeth[1] == pytest.approx(multiple / turns)
+
+
+def test_hunting_lines_are_told_apart_by_absolute_count():
+    keys = [hunting_key(n, TEETH) for n in (105, 106, 107)]
+    found = stack([reading(s, keys, TRUE[:3]) for s in STARTS], keys, TEETH)
+    assert found.unresolved == () and np.abs(found.amplitudes - TRUE[:3]).max() < 1e-8
 
 
 def bump(tooth, height, highest=16):

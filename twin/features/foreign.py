@@ -51,7 +51,7 @@ MOST_REACH = 40
 FULL = 0.5  # share of the bins that columns of order lines may take
 SEEN = 8.0  # power over floor at which an order line is taken into the model
 LEAKAGE = 0.02  # a tone weaker than this share of an order line in its reach is put down to that line
-MOST_PEAKS = 48
+MOST_PEAKS = 32
 FINE = 4  # times per bin on which the local model is laid out
 CLOSE = 1.5  # resolution steps within which tones of two windows are one
 COLLINEAR = 1e-5  # share of a column's energy that must be left beside the order lines
@@ -176,8 +176,8 @@ def _peaks(record: _Record, band: tuple[float, float], false_alarm: float) -> tu
     over = threshold(false_alarm, high - low, record.freedom)
     found = low + np.flatnonzero(is_peak & (ratio > over))
     scale = 1 / (record.duration * record.speed * record.order_step)
-    kept = [j for j in found if _energy(record.ordered, round(j * scale)) < 1.05 * _energy(power, j)]
-    kept.sort(key=lambda j: -power[j] / record.floor[j])
+    kept = [j for j in map(int, found) if _energy(record.ordered, round(j * scale)) < 1.05 * _energy(power, j)]
+    kept.sort(key=lambda j: float(-power[j] / record.floor[j]))
     return np.array(kept[:MOST_PEAKS], dtype=int), high - low
 
 
@@ -311,6 +311,21 @@ def _refine(local: _Local, Q, frequency: float, spacing: float) -> _Fit | None:
     )
 
 
+def _best_order(local: _Local, Q, frequency: float, spacing: float) -> float:
+    """The most that one line locked to the angle can take, its order free, from a start in a grid of 0.2 bins."""
+    best, reach = 0.0, 0.1 * spacing
+    for _ in range(3):
+        trial = frequency + reach * np.array([-1.0, 0.0, 1.0])
+        gain, _ = _gains(local.y, Q, local.bins(local.orders(trial / local.speed)))
+        best = max(best, float(gain.max()))
+        curve = gain[0] - 2 * gain[1] + gain[2]
+        if curve >= 0:
+            break
+        frequency += reach * float(np.clip(0.5 * (gain[0] - gain[2]) / curve, -1.0, 1.0))
+        reach *= 0.2
+    return best
+
+
 def _tone(
     record: _Record, bin_: int, teeth: tuple[int, int], known: Sequence[float], searched: int, over: float
 ) -> tuple[Tone, float] | None:
@@ -337,7 +352,8 @@ def _tone(
 
     misfit = float(np.vdot(fit.left, fit.left).real) / max(local.y.size - fit.columns - 1, 1)
     noise = max(local.noise, misfit) * record.widening
-    evidence = float(fit.gained - other.max()) / noise
+    best = max(float(other.max()), _best_order(local, Q, float(trial[np.argmax(other)]), spacing))
+    evidence = (fit.gained - best) / noise
     strength = fit.gained / noise
 
     alone = _refine(local, _basis(near), fit.frequency, spacing)  # without order lines, where none is needed
@@ -357,7 +373,7 @@ def _tone(
         amplitude=fit.amplitude * np.exp(1j * turned),
         std=sqrt(noise / (2 * fit.own)),
         evidence=evidence,
-        false_alarm=float(-np.expm1(searched * np.log1p(-min(exceedance(strength, record.freedom), 0.5)))),
+        false_alarm=float(-np.expm1(searched * np.log1p(-min(float(exceedance(strength, record.freedom)), 0.5)))),
     )
     return tone, strength
 

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import gcd
 
 import numpy as np
 from scipy import fft, linalg
@@ -107,6 +108,15 @@ def tooth_keys(teeth: tuple[int, int]) -> list[Key]:
 def own_mesh_keys(teeth: tuple[int, int], harmonics: int = 3) -> list[Key]:
     """The mean and the mesh harmonics with two sidebands of each shaft, which each window has for itself."""
     return [(0, 0, 0), *mesh_keys(harmonics, harmonics)]
+
+
+def hunting_key(multiple: int, teeth: tuple[int, int]) -> Key:
+    """The key (0, p, g) of a multiple of the hunting frequency, gcd(z1, z2)/z2 of the pinion's."""
+    d = gcd(*teeth)
+    z1, z2 = teeth[0] // d, teeth[1] // d
+    g = multiple * pow(z1, -1, z2) % z2 if z2 > 1 else 0
+    g -= z2 if g > z2 // 2 else 0
+    return (0, (multiple - g * z1) // z2, g)
 
 
 def _block(A, B) -> np.ndarray:
