@@ -6,7 +6,7 @@ U  unbalance, mass times eccentricity          [kg·m]
 φ  angle of the heavy point at θ = 0, from x   [rad]
 
 Order    1 of the pinion's rotation, z1/z2 for the gear
-Source   ISO 21940-11:2016, clause 3; Newton's second law on a circle
+Source   ISO 21940-11:2016; Newton's second law on a circle
 Holds    rigid rotors
 Ignores  weight's moment about the axis, U·9.81 m/s²
 """

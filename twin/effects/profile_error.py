@@ -9,7 +9,7 @@ s_A, s_E  start (gear's tip) and end (pinion's tip) of the path         [m]
 
 Order    mesh orders only
 Source   ISO 21771-1:2024 (tip relief) and ISO 1328-1:2013 (profile slope f_Hα); parabolic relief as in
-         D. R. Houser, "Gear noise", Dudley's Handbook of Practical Gear Design
+         D. R. Houser, "Gear noise", Dudley's Gear Handbook, 2nd ed. 1991
 Holds    reliefs below a tenth of the module
 """
 

@@ -6,7 +6,7 @@ f_0  natural frequency of the sensor on its mount, infinite for a rigid one   [H
 ζ    damping ratio of the mount
 
 Order    acceleration alone, amplified about f_0 and turned in phase beyond; transmission error and torque unmoved
-Source   motion of a mass on a moving base: J. P. Den Hartog, Mechanical Vibrations, 4th ed. 1956, ch. 2.12;
+Source   motion of a mass on a moving base: J. P. Den Hartog, Mechanical Vibrations, 4th ed. 1956, ch. 2;
          mounts: ISO 5348:2021
 Holds    one degree of freedom; a sensor much lighter than its base
 """
