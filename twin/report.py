@@ -161,8 +161,8 @@ def rul_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
 
 def comparison(features: WindowFeatures, outcome: Outcome, teeth: tuple[int, int]) -> dict[str, Any] | None:
     """One window's residual, line by line: energies, bands and what is left; None without acceleration lines."""
-    lines = features.acceleration
-    if lines is None:
+    lines, rms = features.acceleration, outcome.rms_measured
+    if lines is None or rms is None:
         return None
     phase, speed = outcome.memory.phase, outcome.condition.speed_hz
     top = np.inf if features.band is None else features.band[1]
@@ -191,7 +191,7 @@ def comparison(features: WindowFeatures, outcome: Outcome, teeth: tuple[int, int
     ]
     orders.sort(reverse=True)
     return {
-        "rms_error_percent": 100 * (outcome.rms_after / outcome.rms_measured - 1),
+        "rms_error_percent": 100 * (outcome.rms_after / rms - 1),
         "measured": float(measured),
         "left": float(left),
         "noise": float(noise),

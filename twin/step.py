@@ -164,10 +164,10 @@ def _record(rig: Rig, index: int, features: WindowFeatures, outcome: Outcome) ->
         "torque_nm": features.torque_nm,
         "rms_measured": features.rms,
         "rms_predicted": outcome.rms_predicted,
-        "error_percent": 100 * (outcome.rms_predicted / outcome.rms_measured - 1),
+        "error_percent": _error_percent(outcome.rms_predicted, outcome.rms_measured),
         "updated": outcome.updated,
         "rms_after": outcome.rms_after,
-        "error_after_percent": 100 * (outcome.rms_after / outcome.rms_measured - 1),
+        "error_after_percent": _error_percent(outcome.rms_after, outcome.rms_measured),
         "k_wear_per_n": report.wear_coefficient(rig, outcome),
         "wear_depth_um": outcome.depth * 1e6,
         "wear_depth_p05_um": low * 1e6,
@@ -178,6 +178,10 @@ def _record(rig: Rig, index: int, features: WindowFeatures, outcome: Outcome) ->
         "notes": list(outcome.notes),
         "not_available": dict(features.unavailable),
     }
+
+
+def _error_percent(predicted: float, measured: float | None) -> float | None:
+    return None if measured is None else 100 * (predicted / measured - 1)
 
 
 def _percent(share: float) -> float | None:

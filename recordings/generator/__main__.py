@@ -9,9 +9,7 @@ from recordings.generator.errors import SimulationError
 
 def main() -> int:
     """Simulates one spec's campaign; 0 done, 2 the spec cannot be used."""
-    parser = argparse.ArgumentParser(
-        prog="python -m recordings.generator", description="Simulate a wear campaign."
-    )
+    parser = argparse.ArgumentParser(prog="python -m recordings.generator", description="Simulate a wear campaign.")
     parser.add_argument("spec", help="spec of the campaign (TOML)")
     parser.add_argument("--out", required=True, help="recording to write (MCAP)")
     parser.add_argument("--truth", help="where the truth goes (JSON); nowhere if left out")

@@ -139,17 +139,13 @@ class _Run:
         acceleration, clean = self._acceleration(record[:, 0], knobs, seconds)
         rate, noise = 1 / machine.dt, self.rng["noise"]
         factor = round(rate / spec["torque_rate_hz"])
-        torque = sensors.decimated(
-            record[:, 1], factor, round(PAD * rate), round(seconds * spec["torque_rate_hz"])
-        )
+        torque = sensors.decimated(record[:, 1], factor, round(PAD * rate), round(seconds * spec["torque_rate_hz"]))
         drifted = 1 - np.exp(-self.revolutions / spec["drift_revolutions"])
         torque += spec["torque_drift_nm"] * drifted
         gear_zero = spec["encoder_drift_um"] * 1e-6 * drifted / machine.pair.base_radius[1]
         jitter, clock = spec["encoder_jitter_ns"] * 1e-9, spec["encoder_clock_ns"] * 1e-9
         told = []
-        for disc, angle, turns in zip(
-            self.discs, (record[:, 2], record[:, 3] - gear_zero), (z2, z1), strict=True
-        ):
+        for disc, angle, turns in zip(self.discs, (record[:, 2], record[:, 3] - gear_zero), (z2, z1), strict=True):
             first, at = sensors.edges(disc, times, angle, 0.0, seconds, jitter, clock, noise)
             told.append((first + round(cycle * turns) * disc.edges_per_rev, at))
         recorded = Recorded(
@@ -189,9 +185,7 @@ def _machine(spec: dict[str, Any], rig: Mapping[str, Any], rng: np.random.Genera
     shape = (len(pair.points), m["slices"])
     accelerometer = rig["sensors"]["accelerometer"]
     if accelerometer not in INDEX:
-        raise SpecError(
-            f"the rig's sensors.accelerometer = {accelerometer!r} must be one of {', '.join(INDEX)}"
-        )
+        raise SpecError(f"the rig's sensors.accelerometer = {accelerometer!r} must be one of {', '.join(INDEX)}")
     return Machine(
         structure=build(rig, rng, m["stiffness_spread"], m["mass_spread"], m["damping_spread"]),
         pair=pair,

@@ -87,15 +87,11 @@ def write(campaign: Campaign, path, truth_path=None, rig_toml: str | None = None
         "encoder/pinion": "EncoderFrame",
         "encoder/gear": "EncoderFrame",
     }
-    channels = {
-        prefix + name: kind for name, kind in channels.items() if name not in spec["sensors"]["missing"]
-    }
+    channels = {prefix + name: kind for name, kind in channels.items() if name not in spec["sensors"]["missing"]}
     metadata = {key: spec[key] for key in ("asset", "description", "started")}
     write_mcap(Path(path), channels, frames(campaign), metadata, rig_toml)
     if truth_path is not None:
-        Path(truth_path).write_text(
-            json.dumps(campaign.truth, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-        )
+        Path(truth_path).write_text(json.dumps(campaign.truth, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def simulate_file(spec_path, out_path, truth_path=None, progress: Progress | None = None) -> Campaign:

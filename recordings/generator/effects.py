@@ -142,9 +142,7 @@ def _mains_interference(knobs, p, pair, rng):
     """Tones that do not come from the machine, on the accelerometer alone."""
     frequencies, amplitudes = p["frequencies_hz"], p["amplitudes"]
     if len(frequencies) != len(amplitudes):
-        raise SpecError(
-            f"mains_interference has {len(frequencies)} frequencies_hz and {len(amplitudes)} amplitudes"
-        )
+        raise SpecError(f"mains_interference has {len(frequencies)} frequencies_hz and {len(amplitudes)} amplitudes")
     knobs.tones.extend(zip(frequencies, amplitudes, strict=True))
 
 
@@ -210,9 +208,7 @@ EFFECTS: dict[str, Effect] = {
 }
 
 
-def knobs_at(
-    effects: tuple[Mapping, ...], revolutions: float, pair: Pair, seed: int
-) -> tuple[Knobs, list[str]]:
+def knobs_at(effects: tuple[Mapping, ...], revolutions: float, pair: Pair, seed: int) -> tuple[Knobs, list[str]]:
     """The knobs with every effect turned on whose onset has come, and the names of those."""
     knobs, active = Knobs(), []
     for i, effect in enumerate(effects):

@@ -69,8 +69,7 @@ def pair_of(rig: Mapping) -> Pair:
         start=start,
         end=end,
         points=s,
-        pair_stiffness=table(np.clip(s, table.x[0], table.x[-1]))
-        * float(rig["mesh"].get("stiffness_scale", 1)),
+        pair_stiffness=table(np.clip(s, table.x[0], table.x[-1])) * float(rig["mesh"].get("stiffness_scale", 1)),
         gap_start=corner_gap(x, flank_base=rb[0], tip_base=rb[1], tip_radius=ra[1], pressure_angle=α),
         gap_end=corner_gap(x, flank_base=rb[1], tip_base=rb[0], tip_radius=ra[0], pressure_angle=α),
     )

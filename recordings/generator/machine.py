@@ -99,18 +99,13 @@ class Machine:
             mesh=S.modes.T @ S.mesh_direction,
             back=S.modes.T @ S.back_direction,
             tangent=S.modes.T @ S.tangent,
-            **{
-                name: S.row(name)
-                for name in ("th1", "th5", "th7", "th8", "th10", "th13", "x5", "y5", "x10", "y10")
-            },
+            **{name: S.row(name) for name in ("th1", "th5", "th7", "th8", "th10", "th13", "x5", "y5", "x10", "y10")},
             bearing=S.row(self.accelerometer),
             accelerometer=S.row(self.accelerometer),
             torque_meter=S.modes.T @ S.torque_meter,
         )
 
-    def drive(
-        self, condition: Condition, knobs: Knobs, steps: int, rng: np.random.Generator
-    ) -> integrate.Drive:
+    def drive(self, condition: Condition, knobs: Knobs, steps: int, rng: np.random.Generator) -> integrate.Drive:
         """Set speed and load over `steps` steps."""
         z1, z2 = self.pair.teeth
         n, dt, S = steps + 1, self.dt, self.structure

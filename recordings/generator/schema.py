@@ -26,9 +26,7 @@ class Number:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise SpecError(f"{name} = {value!r} must be a number [{self.unit}]")
         if not self.low <= value <= self.high:
-            raise SpecError(
-                f"{name} = {value:g} {self.unit} is outside [{self.low:g}, {self.high:g}] {self.unit}"
-            )
+            raise SpecError(f"{name} = {value:g} {self.unit} is outside [{self.low:g}, {self.high:g}] {self.unit}")
         if self.integer and value != int(value):
             raise SpecError(f"{name} = {value:g} must be a whole number")
         return int(value) if self.integer else float(value)

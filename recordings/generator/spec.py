@@ -81,9 +81,7 @@ SCHEMA: dict[str, Any] = {
         "gear_graduation_um": Numbers(Number("µm", 0, 100), (1.4, 0.5, 0.2)),
     },
     "effects": Named("name", {"onset_revolutions": Number("rev", 0, 1e9, 0.0)}, EFFECTS),
-    "faults": Named(
-        "kind", {"window": Number("", 0, 10000, integer=True), "channel": Text("accel/y6")}, FAULTS
-    ),
+    "faults": Named("kind", {"window": Number("", 0, 10000, integer=True), "channel": Text("accel/y6")}, FAULTS),
     "truth": {"to_end_of_life": Flag(False)},
 }
 
@@ -119,6 +117,4 @@ def _moment(started: str) -> None:
     except ValueError:
         known = False
     if not known:
-        raise SpecError(
-            f"started = {started!r} must be ISO 8601 with a time zone, as 2026-01-05T08:00:00+00:00"
-        )
+        raise SpecError(f"started = {started!r} must be ISO 8601 with a time zone, as 2026-01-05T08:00:00+00:00")

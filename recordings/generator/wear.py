@@ -46,14 +46,10 @@ def coefficient(wear: dict, revolutions: float) -> float:
     return wear["k_m2_per_n"] * (1 + excess)
 
 
-def depth_per_revolution(
-    machine: Machine, rates, k: float, hardness, kernel
-) -> tuple[np.ndarray, np.ndarray]:
+def depth_per_revolution(machine: Machine, rates, k: float, hardness, kernel) -> tuple[np.ndarray, np.ndarray]:
     """Depth per pinion revolution [m] from force × distance [N·m] of one passage; pinion and gear."""
     z1, z2 = machine.pair.teeth
-    per_newton_metre = (
-        k / (machine.pair.face_width / machine.slices) * (1 + z1 / z2) / machine.pair.base_radius[0]
-    )
+    per_newton_metre = k / (machine.pair.face_width / machine.slices) * (1 + z1 / z2) / machine.pair.base_radius[0]
     out = []
     for rate, hard, passages in zip(rates, hardness, (1.0, z1 / z2), strict=True):
         smooth = correlate1d(rate, kernel, axis=1, mode="constant")

@@ -16,9 +16,7 @@ WIRE: Any = gearbox_pb2  # generated: its messages are made when it is imported
 Frame = tuple[int, Any]  # log time [ns], protobuf message
 
 
-def write_mcap(
-    path: Path, channels: Mapping[str, str], messages: Iterable[tuple[str, Frame]], metadata, rig_toml
-):
+def write_mcap(path: Path, channels: Mapping[str, str], messages: Iterable[tuple[str, Frame]], metadata, rig_toml):
     """Writes (topic, frame) pairs in the order given.
 
     channels   topic → message name, SampleFrame or EncoderFrame
@@ -50,14 +48,10 @@ def _register(writer: Writer, channels: Mapping[str, str]) -> dict[str, int]:
     files = FileDescriptorSet()
     gearbox_pb2.DESCRIPTOR.CopyToProto(files.file.add())
     schemas = {
-        name: writer.register_schema(
-            f"gearbox.v1.{name}", "protobuf", files.SerializeToString(deterministic=True)
-        )
+        name: writer.register_schema(f"gearbox.v1.{name}", "protobuf", files.SerializeToString(deterministic=True))
         for name in dict.fromkeys(channels.values())
     }
-    return {
-        topic: writer.register_channel(topic, "protobuf", schemas[name]) for topic, name in channels.items()
-    }
+    return {topic: writer.register_channel(topic, "protobuf", schemas[name]) for topic, name in channels.items()}
 
 
 def sample_frames(values, rate: float, start_ns: int, frame_seconds: float, sequence: int) -> list[Frame]:

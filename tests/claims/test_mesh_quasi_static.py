@@ -48,9 +48,7 @@ def test_deflection_is_the_root_that_a_search_finds():
     k, gap = rng.uniform(1e8, 2e8, (3, 20)), rng.normal(0, 2e-6, (3, 20))
     d = static_deflection(k, gap, FORCE)
     for j in range(20):
-        root = brentq(
-            lambda d, j=j: np.sum(k[:, j] * np.maximum(d - gap[:, j], 0)) - FORCE, -1e-4, 1e-4, xtol=1e-16
-        )
+        root = brentq(lambda d, j=j: np.sum(k[:, j] * np.maximum(d - gap[:, j], 0)) - FORCE, -1e-4, 1e-4, xtol=1e-16)
         assert d[j] == pytest.approx(root, abs=1e-15)
 
 

@@ -162,9 +162,7 @@ def test_shape_of_the_positions_is_kept():
 
 
 def test_wrong_bore_and_unknown_root_section_are_refused():
-    with pytest.raises(
-        ParameterError, match=r"bore_radius = 0\.02 m is outside \(0, 0\.0165\) m; a diameter"
-    ):
+    with pytest.raises(ParameterError, match=r"bore_radius = 0\.02 m is outside \(0, 0\.0165\) m; a diameter"):
         pair_stiffness(replace(UNSW, bore_radius=(0.02, 0.01)), 0.0)
     with pytest.raises(ParameterError, match=r"root_section = 'bore' must be one of flank, fillet"):
         pair_stiffness(UNSW, 0.0, "bore")

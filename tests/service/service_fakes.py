@@ -74,7 +74,9 @@ def report(revolutions: float, windows: int) -> dict:
             },
         },
         "rul": {
-            "criterion": "max_depth", "max_depth_um": END_OF_LIFE_UM, "reached": False,
+            "criterion": "max_depth",
+            "max_depth_um": END_OF_LIFE_UM,
+            "reached": False,
             "revolutions": band(left, 2 * spread),
             "hours": band(left / 36000.0, 2 * spread),
         },

@@ -56,7 +56,11 @@ SENSORS = {"accelerometer": "y6", "encoder_input": "th7", "encoder_output": "th8
 def make_pipeline(outcomes):
     """A pipeline that knows the machine's channels: keys of a stream may arrive one after the other."""
     return Pipeline(
-        lambda asset: Rig.from_mapping({"sensors": SENSORS}), None, outcomes.append, step=count_windows, new_state=lambda: {"n": 0}
+        lambda asset: Rig.from_mapping({"sensors": SENSORS}),
+        None,
+        outcomes.append,
+        step=count_windows,
+        new_state=lambda: {"n": 0},
     )
 
 

@@ -58,9 +58,7 @@ def test_a_recording_has_the_windows_of_its_spec(name):
     for channel in messages(RECORDINGS / name).values():
         assert len(channel) == sum(s / spec["sensors"]["frame_seconds"] for s in seconds)
     starts = {w["start_time_ns"] for w in truth["windows"]}
-    assert starts <= {
-        m.start_time_ns for m in messages(RECORDINGS / name)[f"gearbox/{entry['asset']}/accel/y6"]
-    }
+    assert starts <= {m.start_time_ns for m in messages(RECORDINGS / name)[f"gearbox/{entry['asset']}/accel/y6"]}
 
 
 def test_the_papers_campaign_wears_as_the_paper_tells():

@@ -68,9 +68,7 @@ def test_the_file_is_as_the_contract_asks(recording):
         assert message.log_time == message.publish_time
         if channel.topic == Y6:
             frame = gearbox_pb2.SampleFrame.FromString(message.data)
-            assert message.log_time - frame.start_time_ns == round(
-                len(frame.values) / frame.sample_rate_hz * 1e9
-            )
+            assert message.log_time - frame.start_time_ns == round(len(frame.values) / frame.sample_rate_hz * 1e9)
 
 
 def test_the_recording_does_not_hold_the_truth(recording):
@@ -90,9 +88,7 @@ def test_sequence_numbers_count_up_over_all_windows(campaign):
 def test_edges_are_counted_on_within_and_between_windows(campaign):
     channel = [m for _, m in by_topic(campaign)[PINION]]
     for one, two in ((0, 1), (2, 3), (4, 5)):
-        assert channel[two].first_edge_index == channel[one].first_edge_index + len(
-            channel[one].edge_offset_ns
-        )
+        assert channel[two].first_edge_index == channel[one].first_edge_index + len(channel[one].edge_offset_ns)
     for window, frame in zip(campaign.truth["windows"], channel[::2], strict=True):
         middle = frame.first_edge_index / 1024 + window["speed_hz"] * 0.25
         assert 0 <= middle - window["revolutions"] < 1.01  # the disc's own angle
@@ -101,9 +97,7 @@ def test_edges_are_counted_on_within_and_between_windows(campaign):
 
 def test_both_encoders_tell_the_ratio_of_the_teeth(campaign):
     pinion, gear = (by_topic(campaign)[t] for t in (PINION, GEAR))
-    turns = [
-        (c[-1][1].first_edge_index - c[0][1].first_edge_index) / n for c, n in ((pinion, 1024), (gear, 2048))
-    ]
+    turns = [(c[-1][1].first_edge_index - c[0][1].first_edge_index) / n for c, n in ((pinion, 1024), (gear, 2048))]
     assert turns[0] / turns[1] == pytest.approx(52 / 19, rel=2e-3)
 
 
@@ -231,9 +225,7 @@ def test_progress_is_told_and_the_rig_file_is_attached(tmp_path):
         encoding="utf-8",
     )
     told = []
-    simulate_file(
-        tmp_path / "spec.toml", tmp_path / "x.mcap", progress=lambda share, what: told.append((share, what))
-    )
+    simulate_file(tmp_path / "spec.toml", tmp_path / "x.mcap", progress=lambda share, what: told.append((share, what)))
     assert told[0][0] == 0.0 and told[-1] == (1.0, "done")
     with (tmp_path / "x.mcap").open("rb") as stream:
         assert next(iter(make_reader(stream).iter_attachments())).data.decode() == text

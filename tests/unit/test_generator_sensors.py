@@ -56,9 +56,7 @@ def test_edges_of_an_even_turn_are_even_and_counted_on():
 def test_a_graduation_error_shows_once_a_turn_with_its_size_on_the_line_of_action():
     radius, disc = 0.02, sensors.make_disc(1000, [1.5e-6], 0.02, np.random.default_rng(1))
     times = np.arange(-0.1, 1.1, 1e-5)
-    first, at = sensors.edges(
-        disc, times, 2 * np.pi * 10 * times + 9.0, 0.0, 1.0, 0.0, 1e-12, np.random.default_rng(0)
-    )
+    first, at = sensors.edges(disc, times, 2 * np.pi * 10 * times + 9.0, 0.0, 1.0, 0.0, 1e-12, np.random.default_rng(0))
     told = 2 * np.pi * (first + np.arange(at.size)) / 1000
     error = told - 2 * np.pi * 10 * at
     error -= error.mean()

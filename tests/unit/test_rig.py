@@ -150,8 +150,7 @@ def test_typing_error_is_named_with_the_nearest_key_or_what_is_allowed(path, val
         (
             "gears.gear.base_radius",
             0.05,
-            "gears.gear.base_radius = 0.05 m contradicts module·teeth/2·cos α = 0.048864 m; "
-            "another pressure angle?",
+            "gears.gear.base_radius = 0.05 m contradicts module·teeth/2·cos α = 0.048864 m; another pressure angle?",
         ),
         (
             "gears.pinion.bore_radius",
@@ -178,9 +177,7 @@ def test_coordinates_in_another_order_are_refused():
 
 def test_addendum_coefficient_in_millimetres_is_found_by_the_contact_ratio():
     rig = Rig.from_mapping(rig_with("gears.addendum", 0.001))
-    with pytest.raises(
-        ParameterError, match=r"contact ratio = 0\.89\d must be above 1 .*coefficient given in mm"
-    ):
+    with pytest.raises(ParameterError, match=r"contact ratio = 0\.89\d must be above 1 .*coefficient given in mm"):
         rig.gear_pair()
 
 
@@ -202,9 +199,7 @@ def test_missing_tables_make_unavailable_what_needs_them_and_nothing_else():
 def test_an_empty_rig_is_unnamed_and_has_no_tooth_ratio():
     rig = Rig.from_mapping({})
     assert rig.name == "unnamed"
-    with pytest.raises(
-        NotAvailable, match=r"tooth ratio is not available.*gears\.pinion\.teeth, gears\.gear\.teeth"
-    ):
+    with pytest.raises(NotAvailable, match=r"tooth ratio is not available.*gears\.pinion\.teeth, gears\.gear\.teeth"):
         _ = rig.teeth
 
 

@@ -175,14 +175,25 @@ def test_missing_gear_encoder_leaves_the_pinions_with_a_wider_band():
     assert "transmission_error" in estimate.record["not_available"]
 
 
-def test_missing_accelerometer_leaves_no_prediction_but_says_why():
+def test_missing_accelerometer_leaves_the_depth_to_the_encoders_and_says_why_no_level_is_compared():
     rig, windows = recorded()
-    _, estimate = step(rig, State(), without(windows[FIRST_WORN], accelerations="y6"))
-    assert estimate.record["rms_measured"] is None
-    assert estimate.record["rms_predicted"] is None
-    assert estimate.record["revolutions"] == pytest.approx(400, abs=2)
-    assert "accel" in estimate.report["wear"]["reason"]
+    window = without(windows[FIRST_WORN], accelerations="y6")
+    _, estimate = step(rig, uninterrupted()[FIRST_WORN - 1][0], window)
+    record = estimate.record
+    assert record["rms_measured"] is None
+    assert record["error_percent"] is None
+    assert not record["updated"]
+    assert any("no accelerometer" in note for note in record["notes"])
+    true = uninterrupted()[FIRST_WORN][1].record["wear_depth_um"]
+    assert record["wear_depth_um"] == pytest.approx(true, rel=0.01)
     strict(estimate.record), strict(estimate.report)
+
+
+def test_neither_accelerometer_nor_encoder_leaves_wear_not_available():
+    rig, windows = recorded()
+    window = replace(without(windows[FIRST_WORN], accelerations="y6"), encoders={})
+    with pytest.raises(WindowError, match="neither level nor speed"):
+        step(rig, State(), window)
 
 
 def test_rig_of_tooth_counts_alone_gives_level_speed_and_bands_and_says_what_is_missing():
@@ -224,9 +235,9 @@ def test_options_that_cannot_be_are_refused(wrong, message):
 def test_window_that_cannot_be_used_leaves_the_answer_of_the_ones_before():
     rig, windows = recorded()
     before, told = uninterrupted()[4]
-    after, estimate = step(rig, before, without(windows[5], accelerations="y6"))
+    after, estimate = step(rig, before, replace(windows[5], encoders={}))
     assert estimate.record["wear_depth_um"] is None
-    assert "no accelerometer" in estimate.record["notes"][0]
+    assert "no absolute revolution count" in estimate.record["notes"][0]
     assert strict(estimate.report) == strict(told.report)
     assert after.memory == before.memory
     resumed, _ = step(rig, State.from_dict(json.loads(strict(after.to_dict()))), windows[6])
@@ -239,8 +250,8 @@ def test_accelerometer_that_reads_nothing_is_said_not_divided_by():
     window = windows[FIRST_WORN]
     dead = {k: replace(s, values=np.zeros_like(s.values)) for k, s in window.accelerations.items()}
     _, estimate = step(rig, State(), replace(window, accelerations=dead))
-    assert "y6 reads nothing" in estimate.record["notes"][0]
-    assert estimate.report["wear"]["status"] == "not available"
+    assert any("y6 reads nothing" in note for note in estimate.record["notes"])
+    assert estimate.record["error_percent"] is None
 
 
 def test_calibration_in_mid_campaign_carries_the_depth_on_with_its_uncertainty():

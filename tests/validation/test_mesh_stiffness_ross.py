@@ -59,9 +59,7 @@ def ross_body(pair, wheel, ξ):
 
 
 def beam(pair, wheel, ξ):
-    return tooth_compliance(
-        pair.tooth(wheel), ξ, youngs_modulus=E, poisson_ratio=ν, face_width=pair.face_width
-    )
+    return tooth_compliance(pair.tooth(wheel), ξ, youngs_modulus=E, poisson_ratio=ν, face_width=pair.face_width)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -176,8 +176,8 @@ def _peaks(record: _Record, band: tuple[float, float], false_alarm: float) -> tu
     over = threshold(false_alarm, high - low, record.freedom)
     found = low + np.flatnonzero(is_peak & (ratio > over))
     scale = 1 / (record.duration * record.speed * record.order_step)
-    kept = [j for j in map(int, found) if _energy(record.ordered, round(j * scale)) < 1.05 * _energy(power, j)]
-    kept.sort(key=lambda j: float(-power[j] / record.floor[j]))
+    kept = [j for j in map(int, found) if _energy(record.ordered, int(j * scale + 0.5)) < 1.05 * _energy(power, j)]
+    kept.sort(key=lambda j: -float(power[j] / record.floor[j]))
     return np.array(kept[:MOST_PEAKS], dtype=int), high - low
 
 

@@ -45,7 +45,7 @@ class Measured:
     condition: Condition
     kind: str  # `measurement` or `calibration`
     revolutions: float  # of the pinion since new
-    rms: float  # in the rig's band [m/s²]
+    rms: float | None  # in the rig's band [m/s²]; None without a usable accelerometer
     noise: float  # the part of it that lies between the orders [m/s²]
     level_fault: str | None  # why the level may not be compared (a clipped sensor), None where it may
 
@@ -55,16 +55,19 @@ class Measured:
         condition = condition_of(features, rig)
         if features.revolutions is None:
             raise NotAvailable("wear is not available: the window has no absolute revolution count (no encoder)")
-        if features.rms is None:
-            raise NotAvailable("the twin is not available: " + features.unavailable.get("rms", "no acceleration"))
-        if not features.rms > 0:
-            raise NotAvailable(f"the twin is not available: {features.sensor} reads nothing (0 m/s²): cable, supply?")
+        rms = features.rms
+        if rms is None:
+            level_fault = features.unavailable.get("rms", "no acceleration")
+        elif not rms > 0:
+            rms, level_fault = None, f"{features.sensor} reads nothing (0 m/s²): cable, supply?"
+        if rms is None and features.transmission_error is None and features.pinion_motion is None:
+            raise NotAvailable(f"the twin is not available: {level_fault}, and no encoder tells the depth either")
         return cls(
             features=features,
             condition=condition,
             kind=kind_of(features, rig),
             revolutions=features.revolutions,
-            rms=features.rms,
+            rms=rms,
             noise=features.noise_rms or 0.0,
             level_fault=level_fault,
         )

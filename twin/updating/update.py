@@ -13,6 +13,7 @@ from math import pi
 
 import numpy as np
 
+from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
 from twin.rig import Rig
@@ -46,7 +47,7 @@ class Outcome:
     curve: MasterCurve
     condition: Condition
     kind: str
-    rms_measured: float  # [m/s²]
+    rms_measured: float | None  # [m/s²], None without a usable accelerometer
     rms_predicted: float  # before any update [m/s²]
     rms_after: float
     updated: bool
@@ -130,7 +131,7 @@ def take(
     memory = _started(rig, memory)
     unworn = window.kind == "calibration" or window.revolutions < UNWORN_REVOLUTIONS
     known_load = window.kind == "measurement" or features.torque_nm is not None
-    known = known_load and level_fault is None
+    known = known_load and window.level_fault is None
     if unworn and known and memory.track.windows == 0 and len(memory.unworn) < MOST_UNWORN:
         memory = _calibrated(rig, memory, features)
     if window.kind == "calibration":
@@ -208,9 +209,11 @@ def _take_measurement(
         memory = found.memory if allowed else memory
     level = _level(expectation, curve, base, teeth, band, noise)
     telling = allowed and window.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
-    paper = paper_way.update(memory.paper, revolutions, window.rms, level, threshold, allowed=telling and heard)
-    paper_depth = curve.depth_at(paper.track.work - base)
-    memory = replace(memory, paper=paper.track)
+    paper = None
+    if window.rms is not None:
+        paper = paper_way.update(memory.paper, revolutions, window.rms, level, threshold, allowed=telling and heard)
+        memory = replace(memory, paper=paper.track)
+    paper_depth = curve.depth_at(memory.paper.work - base)
 
     if estimate is not None and allowed:
         if telling:
@@ -231,17 +234,20 @@ def _take_measurement(
     if features.torque_nm is None:
         notes.append(f"no torque in this window: the rig's nominal {condition.torque:g} N·m is taken")
     if update == "fused" and estimate is not None:
-        updated = allowed and heard and abs(rms_predicted / window.rms - 1) > threshold
+        error = 0.0 if window.rms is None else rms_predicted / window.rms - 1
+        updated = allowed and heard and abs(error) > threshold
         depth = estimate.depth if allowed else projected
         depth_band = _band(depth, estimate.std if allowed else _projected_std(track, projected))
         way = ("pinion encoder" if pinion_only else "transmission error") if allowed else "projection"
         after, _ = predicted_lines(memory, expectation, depth, index, teeth)
-        if updated:
+        if updated and window.rms is not None:
             lines, rms_after = after, expectation.rms(after, teeth, band, noise)
             if abs(rms_after / window.rms - 1) > threshold:
                 notes.append(_why_not(features, after, frequencies, band))
         else:
             rms_after = rms_predicted
+    elif paper is None:
+        raise NotAvailable(f"the depth is not available: {window.level_fault}, and update = {update} needs the level")
     else:
         rms_predicted, rms_after, updated = paper.rms_predicted, paper.rms_after, paper.updated
         depth, way = paper_depth, "rms" if allowed else "projection"

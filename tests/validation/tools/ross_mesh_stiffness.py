@@ -19,9 +19,7 @@ import numpy as np
 import ross
 from ross.gear_element import GearElementTVMS, Mesh
 
-COMMAND = (
-    "ross-env/bin/python tests/validation/tools/ross_mesh_stiffness.py tests/data/ross_mesh_stiffness.json"
-)
+COMMAND = "ross-env/bin/python tests/validation/tools/ross_mesh_stiffness.py tests/data/ross_mesh_stiffness.json"
 # teeth, module [m], face width [m], bore radii [m]; 20 degrees, addendum 1 module, clearance 0.25 module
 PAIRS = {
     "19/52": ((19, 52), 2.0e-3, 20e-3, (7e-3, 10e-3)),
