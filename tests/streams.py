@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 
 from service.frames import NS, EncoderFrame, Frame, SampleFrame
@@ -63,16 +65,20 @@ def unbroken(seconds: float, channels: tuple[Channel, ...] = CHANNELS) -> list[F
     return bursts(1, round(seconds / LENGTH), channels=channels)
 
 
+def _digest(values: np.ndarray) -> str:
+    return hashlib.sha256(values.tobytes()).hexdigest()[:16]
+
+
 def content(windows) -> list:
-    """Windows as comparable data."""
+    """Windows as comparable data, the arrays by their digest so that a difference can be read."""
     return [
         (
             window.start_time_ns,
             window.quality,
             window.faults,
-            {k: (s.rate, s.start, s.values.tobytes()) for k, s in window.accelerations.items()},
-            {k: (s.rate, s.start, s.values.tobytes()) for k, s in window.torques.items()},
-            {k: (e.per_rev, e.first_index, e.times.tobytes()) for k, e in window.encoders.items()},
+            {k: (s.rate, s.start, s.values.size, _digest(s.values)) for k, s in window.accelerations.items()},
+            {k: (s.rate, s.start, s.values.size, _digest(s.values)) for k, s in window.torques.items()},
+            {k: (e.per_rev, e.first_index, e.times.size, _digest(e.times)) for k, e in window.encoders.items()},
         )
         for window in windows
     ]
