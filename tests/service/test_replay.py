@@ -50,13 +50,16 @@ def count_windows(rig, state, window, options):
     return {"n": state["n"] + 1}, estimate
 
 
-SENSORS = {"accelerometer": "y6", "encoder_input": "th7", "encoder_output": "th8", "torque": "k_2_3*(th2-th3)"}
+MACHINE = {
+    "sensors": {"accelerometer": "y6", "torque": "k_2_3*(th2-th3)"},
+    "encoders": {"pinion_edges_per_rev": 64, "gear_edges_per_rev": 128},
+}
 
 
 def make_pipeline(outcomes):
     """A pipeline that knows the machine's channels: keys of a stream may arrive one after the other."""
     return Pipeline(
-        lambda asset: Rig.from_mapping({"sensors": SENSORS}),
+        lambda asset: Rig.from_mapping(MACHINE),
         None,
         outcomes.append,
         step=count_windows,
