@@ -34,6 +34,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 HARMONICS = 3  # mesh harmonics that carry the depth
+PHASES = np.linspace(-np.pi, np.pi, 120, endpoint=False)  # of the mesh, where the scan looks first [rad]
+TURNS = np.exp(-1j * np.outer(PHASES, np.arange(1, HARMONICS + 1)))
 MODEL_SCATTER = np.array([0.02, 0.05, 0.12])  # σ_k/|m_k| of a structure within ±3 % of the rig file's
 PINION_SCATTER = np.array([0.06, 0.08, 0.14])  # the same of the pinion's motion: its inertias and shaft join in (4–6 %)
 SHAPE_SCATTER = 0.015 / 100e-6  # relative, per depth: what the profile's shape may do [1/m]
@@ -79,12 +81,11 @@ def _best_phase(model: np.ndarray, gauge: Gauge, weight: np.ndarray) -> float:
     """ψ that fits the lines at a given depth: a scan, then Newton steps, prior included."""
     k = np.arange(1, model.size + 1)
     product = np.conj(model) * gauge.lines * weight
-    scan = np.linspace(-np.pi, np.pi, 120, endpoint=False)
-    prior = np.zeros_like(scan)
+    prior = np.zeros_like(PHASES)
     if gauge.phase is not None:
-        prior = 0.5 * (_wrap(scan - gauge.phase) / gauge.phase_std) ** 2
-    cost = -(np.exp(-1j * np.outer(scan, k)) @ product).real + prior
-    ψ = float(scan[np.argmin(cost)])
+        prior = 0.5 * (_wrap(PHASES - gauge.phase) / gauge.phase_std) ** 2
+    cost = -(TURNS @ product).real + prior
+    ψ = float(PHASES[np.argmin(cost)])
     for _ in range(6):
         turned = np.exp(-1j * k * ψ) * product
         gradient, curvature = -float((k * turned).imag.sum()), float((k**2 * turned).real.sum())
@@ -93,7 +94,7 @@ def _best_phase(model: np.ndarray, gauge: Gauge, weight: np.ndarray) -> float:
             curvature += 1 / gauge.phase_std**2
         if curvature <= 0:
             break
-        ψ -= float(np.clip(gradient / curvature, -0.05, 0.05))
+        ψ -= min(max(gradient / curvature, -0.05), 0.05)
     return float(_wrap(ψ))
 
 

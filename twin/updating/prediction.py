@@ -84,12 +84,16 @@ class Expectation:
 
     def gauge(self, depth: float, pinion_only: bool, from_unworn: bool) -> tuple[np.ndarray, float]:
         """The lines that the encoders see at a depth [m], or what wear changed of them, and the mean [m]."""
-        lines = self.lines(depth)
-        seen = lines.pinion_motion if pinion_only else lines.transmission_error
-        if from_unworn:
-            start = self.lines(0.0)
-            seen = seen - (start.pinion_motion if pinion_only else start.transmission_error)
-        return seen[:HARMONICS], lines.mean
+        base, ratio = self.curve.lines_at(depth), self.ratio
+        start = self.curve.lines_at(0.0) if from_unworn else None
+        if pinion_only:
+            seen, scale = base.pinion_motion, ratio.pinion_motion
+            before = None if start is None else start.pinion_motion
+        else:
+            seen, scale = base.transmission_error, ratio.transmission_error
+            before = None if start is None else start.transmission_error
+        changed = seen * scale if before is None else seen * scale - before * scale
+        return changed[:HARMONICS], base.mean + ratio.mean
 
 
 def band_rms(lines: np.ndarray, frequencies: np.ndarray, band: tuple[float, float], noise: float) -> float:

@@ -138,18 +138,19 @@ class MasterCurve:
 
     def lines_at(self, depth: float) -> Lines:
         """The condition's lines at a depth [m]; held beyond the end."""
+        if self.depth.size == 1:
+            i, j, t = 0, 0, 0.0
+        else:
+            i = min(max(int(np.searchsorted(self.depth, depth)) - 1, 0), self.depth.size - 2)
+            j = i + 1
+            t = min(max(float((depth - self.depth[i]) / (self.depth[j] - self.depth[i])), 0.0), 1.0)
+
+        def at(values: np.ndarray) -> np.ndarray:
+            return (1 - t) * values[i] + t * values[j]
+
         return Lines(
-            transmission_error=_interpolate(depth, self.depth, self.transmission_error),
-            mean=float(np.interp(depth, self.depth, self.mean_transmission_error)),
-            pinion_motion=_interpolate(depth, self.depth, self.pinion_motion),
-            acceleration=_interpolate(depth, self.depth, self.acceleration),
+            transmission_error=at(self.transmission_error),
+            mean=float(at(self.mean_transmission_error)),
+            pinion_motion=at(self.pinion_motion),
+            acceleration=at(self.acceleration),
         )
-
-
-def _interpolate(x: float, grid: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Linear along the first axis, held outside; (m,), (m, k) → (k,)."""
-    if grid.size == 1:
-        return values[0]
-    i = int(np.clip(np.searchsorted(grid, x) - 1, 0, grid.size - 2))
-    t = float(np.clip((x - grid[i]) / (grid[i + 1] - grid[i]), 0, 1))
-    return (1 - t) * values[i] + t * values[i + 1]
