@@ -1,18 +1,23 @@
 """What the two eccentricities share: a gear whose teeth turn about a point beside their centre.
 
 The gear's centre moves by δ against the pinion's: along the line of action (unit vector t, from the pinion's base
-circle to the gear's) and across it (n). The internal tangent of both base circles lengthens and turns:
+circle to the gear's) and across it (n). The flanks part by the displacement along their common normal, and the
+internal tangent of both base circles turns:
 
-    δL = δ·t = −e_p        δψ = δ·n/L,   L = (r_b1 + r_b2)·tan α
-    σ1 = r_b1·δψ           σ2 = σ1 − δL
+    gap = δ·t = −e_p        L·δL = c·δ = (r_b1 + r_b2)·δ·n + L·δ·t        δψ = δ·n/L
+    σ1 = r_b1·δψ            σ2 = −r_b2·δψ
 
 e_p     added separation, the same at every contact                               [m]
-L       length of the line of action between the base circles                     [m]
+c       from the pinion's centre to the gear's, c·n = r_b1 + r_b2, c·t = L        [m]
+L       length of the line of action between the base circles, (r_b1 + r_b2)·tan α [m]
 σ1, σ2  shift of the contact along the pinion's and the gear's flank, in s        [m]
 
-From c·n = r_b1 + r_b2 and c·t = L for the centres' distance c. The shift moves wear, stiffness and corner contact
-against the angle, which is what makes sidebands. And because the separation depends on the shaft's own angle, the
-contacts do work on it: a moment −de_p/dθ·F (virtual work), the torque's line.
+The lengths unwound from the two base circles grow by r_b1·δψ and r_b2·δψ, which is what δL exceeds δ·t by; on the
+path they run from opposite ends, hence the signs. Contact so wanders outward on both flanks when the centres draw
+apart. It begins and ends elsewhere, which is what makes sidebands; worn flanks hardly add to them, for the wear
+that moves with the pinion's flank and that which moves with the gear's, shared as z2 to z1, move against each other by
+r_b1 to r_b2 and cancel to first order. And because the separation depends on the shaft's own angle, the contacts do
+work on it: a moment −de_p/dθ·F (virtual work), the torque's line.
 """
 
 from __future__ import annotations
@@ -36,12 +41,12 @@ def eccentric(setup: Setup, e: float, high_point: float, shaft: int) -> Setup:
     along, across = e * np.cos(angle), e * np.sin(angle)
     L = (rb1 + rb2) * tan(setup.pair.pressure_angle)
     sign = (1.0, -1.0)[shaft]  # δ·n = ± e·sin: the shafts turn opposite ways
-    turn = sign * rb1 / L
+    σ1, σ2 = sign * rb1 / L, -sign * rb2 / L
     shift = Shift(
-        pinion=turn * across,
-        gear=turn * across + along,
-        pinion_slope=turn * ratio * along,
-        gear_slope=turn * ratio * along - ratio * across,
+        pinion=σ1 * across,
+        gear=σ2 * across,
+        pinion_slope=σ1 * ratio * along,
+        gear_slope=σ2 * ratio * along,
     )
     return (
         setup.with_error(passages.side * along, -ratio * passages.side * across)

@@ -1,0 +1,367 @@
+"""Mesh lines of several windows fitted together: depth of each, the calibration, and the parameters of effects.
+
+    minimise  Σ_lines 2·rᴴ·C⁻¹·r + 2·ln det C + Σ ((p − p₀)/s)²       r_w = z_w·e^{−ikψ} − m_w(depth_w, p)
+
+p      logarithms of stiffness scale, modal damping and damping time about the rig file's; effect parameters; priors s
+ψ      phase of the mesh against the encoder's zero
+C      scatter.py
+
+Gauss–Newton steps with C held, accepted by the whole function; every window's lines depend on its own depth and on
+what all share, so one step takes 1 + 1 + (shared parameters) steady states a window.
+
+    ln evidence = −½·minimum − ½·ln det(H·S²)         H = JᵀJ + S⁻²: Laplace's approximation
+
+Source   D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms, 2003, ch. 27 and 28;
+         the mean transmission error joins as differences: its zero and drift are free
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.dynamics.structure import direction
+from twin.effects.response import Effect, Response, solve_with
+from twin.errors import NotConverged, TwinError
+from twin.model import Model
+from twin.tracing.observed import CHANNELS, HARMONICS, Observed
+from twin.tracing.scatter import weight
+from twin.updating.calibration import NAMES, PRIOR_SPREAD
+from twin.wear.profile import WornProfile
+
+SAMPLES = 256  # a mesh period: lines to harmonic 10 within 2e-4
+MEAN_STD = 1.2e-6  # of the mean transmission error from window to window: drift of the discs, torque wander [m]
+STEP = 1e-3  # of a parameter over its prior, for its derivative
+DEPTH_STEP = 0.3e-6  # [m]
+MOST_STEPS = 10
+POOR = 2.0  # misfit of a start whose calibration is not worth having
+SAME_SPEED = 0.05
+DEPTH_SCALE = 10e-6  # [m]: depths are in these units inside; no prior
+
+Profiles = Callable[[float, tuple[Effect, ...], Observed], "WornProfile | Sequence[WornProfile]"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Free:
+    """One free number of an effect, in units of its prior."""
+
+    name: str
+    start: float
+    low: float = -np.inf
+    high: float = np.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Trial:
+    """An effect with free numbers: `make(values)` gives it, `acts(window)` says in which windows it is there."""
+
+    name: str
+    free: tuple[Free, ...]
+    make: Callable[[np.ndarray], Effect]
+    onset: float = 0.0  # revolutions
+
+    def acts(self, window: Observed) -> bool:
+        return window.revolutions >= self.onset
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Prediction:
+    """Lines of one window by the twin."""
+
+    lines: dict[str, np.ndarray]
+    mean: float
+    response: Response
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class JointFit:
+    """A fit with everything that stands on it."""
+
+    trials: tuple[Trial, ...]
+    shared: np.ndarray  # calibration and effect numbers, in units of their priors
+    phase: float  # ψ [rad]
+    depth: np.ndarray  # (W,) [m]
+    covariance: np.ndarray  # of shared, phase, depths of worn windows
+    objective: float
+    misfit: float  # squares of the whitened residuals over their number
+    log_evidence: float
+    predictions: tuple[Prediction, ...]
+    squares: np.ndarray  # (W, channels) of the whitened residuals, where windows are told apart by their own weight
+
+    def numbers(self, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
+        """Values and standard deviations of one trial's free numbers, in units of their priors."""
+        at = len(NAMES)
+        for other in self.trials:
+            if other is trial:
+                where = slice(at, at + len(other.free))
+                return self.shared[where], np.sqrt(self.covariance.diagonal()[where])
+            at += len(other.free)
+        raise KeyError(trial.name)
+
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects at the fitted values."""
+        at, out = len(NAMES), []
+        for trial in self.trials:
+            out.append(trial.make(self.shared[at : at + len(trial.free)]))
+            at += len(trial.free)
+        return tuple(out)
+
+
+def predict(
+    model: Model, effects: tuple[Effect, ...], profile, window: Observed, start: Response | None = None
+) -> Prediction:
+    """The mesh lines that the window's channels would show; NotConverged where there is no steady state."""
+    first = None if start is None or start.setup.samples != _samples(effects, model) else start.steady
+    response = solve_with(model, effects, profile, window.condition, samples=_per_mesh(effects), start=first)
+    if not response.steady.converged:
+        raise NotConverged(f"no steady state at {window.condition.speed_hz:g} Hz with {len(effects)} effects")
+    z1 = model.mesh.pair.teeth[0]
+    orders = z1 * np.arange(1, max(HARMONICS.values()) + 1)
+    if window.pinion_only:
+        motion = direction({"th7": model.mesh.pair.base_radius[0]})
+        step = round(z1 * float(response.setup.turns))
+        encoder = response.steady.lines(response.setup.structure, motion)[step - 1 :: step][: HARMONICS["encoder"]]
+    else:
+        encoder = response.transmission_error(orders[: HARMONICS["encoder"]])
+    return Prediction(
+        lines={
+            "encoder": encoder,
+            "torque": response.torque(orders[: HARMONICS["torque"]]),
+            "acceleration": response.acceleration(orders[: HARMONICS["acceleration"]]),
+        },
+        mean=response.mean_transmission_error,
+        response=response,
+    )
+
+
+def _per_mesh(effects: tuple[Effect, ...]) -> int | None:
+    """Samples a mesh period: fewer than the model's own over one period, the usual ones over longer."""
+    return SAMPLES if all(e.period == "mesh" for e in effects) else None
+
+
+def _samples(effects: tuple[Effect, ...], model: Model) -> int:
+    return SAMPLES if all(e.period == "mesh" for e in effects) else -1
+
+
+@dataclass(eq=False)
+class Problem:
+    """Windows, twin and trials, ready to be fitted."""
+
+    model: Model
+    windows: Sequence[Observed]
+    profiles: Profiles
+    trials: tuple[Trial, ...]
+    fixed: tuple[tuple[Effect, float], ...] = ()  # effects found before, with their onsets
+    channels: tuple[str, ...] = CHANNELS
+
+    def __post_init__(self) -> None:
+        speeds = np.array([w.condition.speed_hz for w in self.windows])
+        self.group = np.zeros(len(speeds), dtype=int)
+        for i, f in enumerate(speeds):
+            same = [j for j in range(i) if abs(speeds[j] / f - 1) < SAME_SPEED]
+            self.group[i] = self.group[same[0]] if same else self.group[:i].max(initial=-1) + 1
+        self.worn = np.array([w.worn for w in self.windows])
+        self.shared = len(NAMES) + sum(len(t.free) for t in self.trials)
+
+    def calibrated(self, shared: np.ndarray) -> Model:
+        prior = self.model.calibration
+        values = {
+            n: getattr(prior, n) * float(np.exp(u * s)) for n, u, s in zip(NAMES, shared, PRIOR_SPREAD, strict=False)
+        }
+        return self.model.calibrated(**values)
+
+    def effects(self, shared: np.ndarray, window: Observed) -> tuple[Effect, ...]:
+        out = [effect for effect, onset in self.fixed if window.revolutions >= onset]
+        at = len(NAMES)
+        for trial in self.trials:
+            if trial.acts(window):
+                out.append(trial.make(shared[at : at + len(trial.free)]))
+            at += len(trial.free)
+        return tuple(out)
+
+    def predict(self, i: int, shared: np.ndarray, depth: float, start: Prediction | None = None) -> Prediction:
+        window = self.windows[i]
+        effects = self.effects(shared, window)
+        profile = self.profiles(depth, effects, window)
+        return predict(self.calibrated(shared), effects, profile, window, None if start is None else start.response)
+
+    def residual(
+        self, predictions: Sequence[Prediction], phase: float, depth: np.ndarray, weights=None
+    ) -> tuple[np.ndarray, float, list]:
+        """Whitened residual, Σ ln det, and the weights that were used (or given)."""
+        out, log_det, used = [], 0.0, []
+        for channel in self.channels:
+            for k in range(1, HARMONICS[channel] + 1):
+                z = np.array([w.lines[channel][k - 1] for w in self.windows])
+                σ = np.array([w.std[channel][k - 1] for w in self.windows])
+                there = np.isfinite(z) & np.isfinite(σ)
+                if not there.any():
+                    continue
+                m = np.array([p.lines[channel][k - 1] for p in predictions])[there]
+                if weights is None:
+                    w = weight(channel, k, m, σ[there], depth[there], self.group[there])
+                else:
+                    w = weights[len(used)]
+                out.append(w.whitened(z[there] * np.exp(-1j * k * phase) - m))
+                log_det += 2 * w.log_det
+                used.append(w)
+        out.append(self._mean(predictions))
+        return np.concatenate(out), log_det, used
+
+    def _mean(self, predictions: Sequence[Prediction]) -> np.ndarray:
+        """Means of the transmission error over their drift, their own mean left out."""
+        rest = np.array(
+            [
+                np.nan if w.mean is None or not w.torque_known else w.mean - p.mean
+                for w, p in zip(self.windows, predictions, strict=True)
+            ]
+        )
+        there = np.isfinite(rest)
+        if there.sum() < 2 or "encoder" not in self.channels:
+            return np.empty(0)
+        return (rest[there] - rest[there].mean()) / MEAN_STD
+
+
+def fit(problem: Problem, start: JointFit | None, phase: float, depth: np.ndarray) -> JointFit:
+    """The best values from a start; NotConverged where not even the start has a steady state.
+
+    start  an earlier fit of the same windows with fewer trials, whose calibration and depths are taken over
+    """
+    n, W = problem.shared, len(problem.windows)
+    shared = np.zeros(n)
+    at = len(NAMES)
+    for trial in problem.trials:
+        shared[at : at + len(trial.free)] = [f.start for f in trial.free]
+        at += len(trial.free)
+    if start is not None:
+        if start.misfit < POOR:  # a calibration bent by what the model lacks leads astray
+            shared[: len(NAMES)] = start.shared[: len(NAMES)]
+        at = len(NAMES)
+        for trial in problem.trials:
+            for other in start.trials:
+                if other is trial:
+                    shared[at : at + len(trial.free)] = start.numbers(trial)[0]
+            at += len(trial.free)
+        phase, depth = start.phase, start.depth
+    low = np.concatenate((np.full(len(NAMES), -3.0), [f.low for t in problem.trials for f in t.free]))
+    high = np.concatenate((np.full(len(NAMES), 3.0), [f.high for t in problem.trials for f in t.free]))
+    worn = np.flatnonzero(problem.worn)
+    depth = np.where(problem.worn, depth, 0.0)
+
+    def all_predicted(shared, depth, before=None):
+        return [problem.predict(i, shared, depth[i], None if before is None else before[i]) for i in range(W)]
+
+    def total(predictions, shared, phase, depth):
+        rest, log_det, used = problem.residual(predictions, phase, depth)
+        return float(rest @ rest + log_det + shared @ shared), rest, used
+
+    predictions = all_predicted(shared, depth)
+    objective, rest, used = total(predictions, shared, phase, depth)
+    λ = 1e-3
+    for _ in range(MOST_STEPS):
+        J = _jacobian(problem, predictions, shared, phase, depth, rest, used)
+        prior = np.zeros(J.shape[1])
+        prior[:n] = 1.0
+        H = J.T @ J + np.diag(prior)
+        gradient = J.T @ rest
+        gradient[:n] += shared
+        improved = False
+        for _ in range(6):
+            step = -np.linalg.solve(H + λ * np.diag(H.diagonal()), gradient)
+            shared2 = np.clip(shared + step[:n], low, high)
+            depth2 = depth.copy()
+            depth2[worn] = np.maximum(depth[worn] + DEPTH_SCALE * step[n + 1 :], 1e-8)
+            phase2 = phase + step[n]
+            try:
+                trial = all_predicted(shared2, depth2, predictions)
+            except TwinError:
+                λ = max(10 * λ, 1e-2)
+                continue
+            objective2, rest2, used2 = total(trial, shared2, phase2, depth2)
+            if objective2 < objective:
+                improved = True
+                break
+            λ = max(10 * λ, 1e-2)
+        if not improved:
+            break
+        gain = objective - objective2
+        shared, depth, phase, predictions = shared2, depth2, phase2, trial
+        objective, rest, used = objective2, rest2, used2
+        λ = max(λ / 10, 1e-6)
+        if gain < 0.05:
+            break
+    J = _jacobian(problem, predictions, shared, phase, depth, rest, used)
+    prior = np.zeros(J.shape[1])
+    prior[:n] = 1.0
+    H = J.T @ J + np.diag(prior)
+    _, log_det = np.linalg.slogdet(H)
+    return JointFit(
+        trials=problem.trials,
+        shared=shared,
+        phase=phase,
+        depth=depth,
+        covariance=np.linalg.inv(H),
+        objective=objective,
+        misfit=float(rest @ rest / rest.size),
+        log_evidence=-0.5 * (objective + log_det),
+        predictions=tuple(predictions),
+        squares=_squares(problem, predictions, phase, depth),
+    )
+
+
+def _jacobian(problem: Problem, predictions, shared, phase, depth, rest, used) -> np.ndarray:
+    """∂(whitened residual)/∂(shared, phase, depths of worn windows), weights held."""
+    n = problem.shared
+    worn = np.flatnonzero(problem.worn)
+    J = np.zeros((rest.size, n + 1 + worn.size))
+
+    def column(changed, ψ=phase):
+        return problem.residual(changed, ψ, depth, used)[0] - rest
+
+    for j in range(n):
+        moved = shared.copy()
+        moved[j] += STEP
+        changed = []
+        for i, window in enumerate(problem.windows):
+            if j >= len(NAMES) and not _trial_of(problem, j).acts(window):
+                changed.append(predictions[i])
+            else:
+                changed.append(problem.predict(i, moved, depth[i], predictions[i]))
+        J[:, j] = column(changed) / STEP
+    J[:, n] = column(predictions, phase + 1e-5) / 1e-5
+    for c, i in enumerate(worn):
+        changed = list(predictions)
+        changed[i] = problem.predict(i, shared, depth[i] + DEPTH_STEP, predictions[i])
+        J[:, n + 1 + c] = column(changed) / (DEPTH_STEP / DEPTH_SCALE)
+    return J
+
+
+def _trial_of(problem: Problem, j: int) -> Trial:
+    at = len(NAMES)
+    for trial in problem.trials:
+        at += len(trial.free)
+        if j < at:
+            return trial
+    raise IndexError(j)
+
+
+def _squares(problem: Problem, predictions, phase, depth) -> np.ndarray:
+    """Squares of each window's residuals over what that window alone may scatter, by channel (W, channels)."""
+    out = np.zeros((len(problem.windows), len(problem.channels)))
+    for c, channel in enumerate(problem.channels):
+        for i, window in enumerate(problem.windows):
+            total, count = 0.0, 0
+            for k in range(1, HARMONICS[channel] + 1):
+                z, σ = window.lines[channel][k - 1], window.std[channel][k - 1]
+                if np.isfinite(z) and np.isfinite(σ):
+                    m = predictions[i].lines[channel][k - 1]
+                    w = weight(channel, k, np.array([m]), np.array([σ]), depth[[i]], problem.group[[i]])
+                    total += float((w.whitened(np.array([z * np.exp(-1j * k * phase) - m])) ** 2).sum())
+                    count += 2
+            out[i, c] = total / max(count, 1)
+    return out
+
+
+__all__ = ["Free", "JointFit", "Observed", "Prediction", "Problem", "Trial", "fit", "predict", "replace"]

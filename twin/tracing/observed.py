@@ -1,0 +1,92 @@
+"""What tracing takes of a window: the mesh lines of every channel, with their noise.
+
+A channel's lines are complex amplitudes at k·z1, k = 1 … n, of the pinion's rotation; what was not read is NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.errors import NotAvailable
+from twin.features.window_features import Lines, WindowFeatures
+from twin.model import Condition
+from twin.rig import Rig
+from twin.updating.conditions import condition_of, kind_of
+
+CHANNELS = ("encoder", "torque", "acceleration")
+HARMONICS = {"encoder": 5, "torque": 3, "acceleration": 10}
+UNWORN_REVOLUTIONS = 150.0  # before so many turns of the pinion the flanks count as new
+WEAK_TORQUE = 0.05  # of the mean: a window without a meter has the rig's nominal torque, known so well
+METER_TORQUE = 0.005
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Observed:
+    """The mesh lines of one window."""
+
+    index: int
+    condition: Condition
+    revolutions: float
+    worn: bool  # whether the flanks may have worn when it was recorded
+    pinion_only: bool  # whether `encoder` is the pinion's own motion, for want of the gear's encoder
+    lines: dict[str, np.ndarray]  # by channel (n,), complex [m], [N·m], [m/s²]
+    std: dict[str, np.ndarray]  # of the real and of the imaginary part (n,)
+    mean: float | None  # of the transmission error [m], its zero unknown
+    torque_known: bool
+
+    @property
+    def loaded(self) -> float:
+        """Torque [N·m]."""
+        return self.condition.torque
+
+
+def _read(lines: Lines | None, count: int) -> tuple[np.ndarray, np.ndarray]:
+    y, std = np.full(count, np.nan, dtype=complex), np.full(count, np.nan)
+    if lines is not None:
+        for k in range(1, count + 1):
+            value, σ = lines.get(k), lines.get_std(k)
+            if value is not None and σ is not None:
+                y[k - 1], std[k - 1] = value, σ
+    return y, std
+
+
+def observed(rig: Rig, features: WindowFeatures, index: int, level_fault: str | None = None) -> Observed:
+    """One window; NotAvailable where it has no speed or no count of revolutions."""
+    condition = condition_of(features, rig)
+    if features.revolutions is None:
+        raise NotAvailable("no absolute count of revolutions: the window cannot be put beside others")
+    te = features.transmission_error
+    pinion_only = te is None
+    encoder = features.pinion_motion if pinion_only else te
+    if encoder is not None and encoder.unit != "m":
+        encoder = None
+    heard = features.acceleration if level_fault is None else None
+    found = {
+        name: _read(lines, HARMONICS[name])
+        for name, lines in (("encoder", encoder), ("torque", features.torque), ("acceleration", heard))
+    }
+    mean = None if te is None or te.get(0) is None or te.unit != "m" else te.at(0).real
+    return Observed(
+        index=index,
+        condition=condition,
+        revolutions=features.revolutions,
+        worn=kind_of(features, rig) == "measurement" and features.revolutions >= UNWORN_REVOLUTIONS,
+        pinion_only=pinion_only,
+        lines={name: y for name, (y, _) in found.items()},
+        std={name: σ for name, (_, σ) in found.items()},
+        mean=mean,
+        torque_known=features.torque_nm is not None,
+    )
+
+
+def chosen(windows: Sequence[Observed], most: int) -> list[Observed]:
+    """At most so many windows: those of new flanks first, then the worn ones, evenly over the campaign."""
+    fresh = [w for w in windows if not w.worn][: max(2, most // 2)]
+    worn = [w for w in windows if w.worn]
+    room = most - len(fresh)
+    if len(worn) > room:
+        worn = [worn[i] for i in np.unique(np.linspace(0, len(worn) - 1, room).round().astype(int))]
+    return [*fresh, *worn]
