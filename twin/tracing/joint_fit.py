@@ -21,18 +21,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import null_space
 
 from twin.dynamics.structure import direction
 from twin.effects.response import Effect, Response, solve_with
 from twin.errors import NotConverged, TwinError
 from twin.model import Model
 from twin.tracing.observed import CHANNELS, HARMONICS, Observed
-from twin.tracing.scatter import weight
+from twin.tracing.scatter import Weight, weight
 from twin.updating.calibration import NAMES, PRIOR_SPREAD
 from twin.wear.profile import WornProfile
 
 SAMPLES = 256  # a mesh period: lines to harmonic 10 within 2e-4
-MEAN_STD = 1.2e-6  # of the mean transmission error from window to window: drift of the discs, torque wander [m]
+MEAN_STD = 0.5e-6  # of the mean transmission error from window to window: torque wander, depth [m]
+MEAN_DRIFT = 10e-6  # of the discs over the whole campaign: heat, creep of a mounting [m]
+SAME_TORQUE = 0.1
 STEP = 1e-3  # of a parameter over its prior, for its derivative
 DEPTH_STEP = 0.3e-6  # [m]
 MOST_STEPS = 10
@@ -145,6 +148,40 @@ def _samples(effects: tuple[Effect, ...], model: Model) -> int:
     return SAMPLES if all(e.period == "mesh" for e in effects) else -1
 
 
+def _alike(values: Sequence[float], tolerance: float) -> np.ndarray:
+    """A number for each value, the same where two agree within a relative tolerance (n,)."""
+    out = np.zeros(len(values), dtype=int)
+    for i, value in enumerate(values):
+        same = [j for j in range(i) if abs(values[j] / value - 1) < tolerance]
+        out[i] = out[same[0]] if same else out[:i].max(initial=-1) + 1
+    return out
+
+
+def _paths(model: Model, windows: Sequence[Observed]) -> dict[str, np.ndarray]:
+    """Size of every channel's line per metre of transmission error at the mesh orders, (W, n)."""
+    structure, z1 = model.structure, model.mesh.pair.teeth[0]
+    (k23,) = model.rig.require("the torque meter", "torsional_stiffness.k_2_3")
+    meter = direction({"th2": k23, "th3": -k23})
+    motion = direction({"th7": model.mesh.pair.base_radius[0]})
+    out: dict[str, list[np.ndarray]] = {channel: [] for channel in CHANNELS}
+    for w in windows:
+        ω = 2 * np.pi * w.condition.speed_hz * z1 * np.arange(1, max(HARMONICS.values()) + 1)
+
+        def heard(response: np.ndarray, ω: np.ndarray = ω) -> np.ndarray:
+            return np.abs(structure.receptance(ω, structure.mesh, response))
+
+        error = heard(structure.transmission_error)
+        encoder = heard(motion) / error if w.pinion_only else np.ones(ω.size)
+        paths = {
+            "encoder": encoder,
+            "torque": heard(meter) / error,
+            "acceleration": ω**2 * heard(model.accelerometer) / error,
+        }
+        for channel, count in HARMONICS.items():
+            out[channel].append(paths[channel][:count])
+    return {channel: np.array(rows) for channel, rows in out.items()}
+
+
 @dataclass(eq=False)
 class Problem:
     """Windows, twin and trials, ready to be fitted."""
@@ -157,11 +194,9 @@ class Problem:
     channels: tuple[str, ...] = CHANNELS
 
     def __post_init__(self) -> None:
-        speeds = np.array([w.condition.speed_hz for w in self.windows])
-        self.group = np.zeros(len(speeds), dtype=int)
-        for i, f in enumerate(speeds):
-            same = [j for j in range(i) if abs(speeds[j] / f - 1) < SAME_SPEED]
-            self.group[i] = self.group[same[0]] if same else self.group[:i].max(initial=-1) + 1
+        self.group = _alike([w.condition.speed_hz for w in self.windows], SAME_SPEED)
+        self.load = _alike([w.condition.torque for w in self.windows], SAME_TORQUE)
+        self.path = _paths(self.model, self.windows)
         self.worn = np.array([w.worn for w in self.windows])
         self.shared = len(NAMES) + sum(len(t.free) for t in self.trials)
 
@@ -191,7 +226,9 @@ class Problem:
         self, predictions: Sequence[Prediction], phase: float, depth: np.ndarray, weights=None
     ) -> tuple[np.ndarray, float, list]:
         """Whitened residual, Σ ln det, and the weights that were used (or given)."""
-        out, log_det, used = [], 0.0, []
+        out: list[np.ndarray] = []
+        used: list[Weight] = []
+        log_det = 0.0
         for channel in self.channels:
             for k in range(1, HARMONICS[channel] + 1):
                 z = np.array([w.lines[channel][k - 1] for w in self.windows])
@@ -201,7 +238,8 @@ class Problem:
                     continue
                 m = np.array([p.lines[channel][k - 1] for p in predictions])[there]
                 if weights is None:
-                    w = weight(channel, k, m, σ[there], depth[there], self.group[there])
+                    path = self.path[channel][there, k - 1]
+                    w = weight(channel, k, m, σ[there], depth[there], path, self.group[there])
                 else:
                     w = weights[len(used)]
                 out.append(w.whitened(z[there] * np.exp(-1j * k * phase) - m))
@@ -211,7 +249,7 @@ class Problem:
         return np.concatenate(out), log_det, used
 
     def _mean(self, predictions: Sequence[Prediction]) -> np.ndarray:
-        """Means of the transmission error over their drift, their own mean left out."""
+        """Whitened means of the transmission error: their zero, its drift and what load adds are free."""
         rest = np.array(
             [
                 np.nan if w.mean is None or not w.torque_known else w.mean - p.mean
@@ -221,7 +259,15 @@ class Problem:
         there = np.isfinite(rest)
         if there.sum() < 2 or "encoder" not in self.channels:
             return np.empty(0)
-        return (rest[there] - rest[there].mean()) / MEAN_STD
+        turns = np.array([w.revolutions for w in self.windows])[there]
+        drift = MEAN_DRIFT * (turns - turns.mean()) / max(float(np.ptp(turns)), 1.0)
+        C = MEAN_STD**2 * np.eye(turns.size) + np.outer(drift, drift)
+        zeros = self.load[there][:, None] == np.unique(self.load[there])  # one unknown zero for each load
+        contrasts = null_space(zeros.T.astype(float))
+        if contrasts.shape[1] == 0:
+            return np.empty(0)
+        rest = contrasts.T @ (rest[there] - rest[there][0])
+        return np.linalg.solve(np.linalg.cholesky(contrasts.T @ C @ contrasts), rest)
 
 
 def fit(problem: Problem, start: JointFit | None, phase: float, depth: np.ndarray) -> JointFit:
@@ -357,7 +403,8 @@ def _squares(problem: Problem, predictions, phase, depth) -> np.ndarray:
                 z, σ = window.lines[channel][k - 1], window.std[channel][k - 1]
                 if np.isfinite(z) and np.isfinite(σ):
                     m = predictions[i].lines[channel][k - 1]
-                    w = weight(channel, k, np.array([m]), np.array([σ]), depth[[i]], problem.group[[i]])
+                    path = problem.path[channel][[i], k - 1]
+                    w = weight(channel, k, np.array([m]), np.array([σ]), depth[[i]], path, problem.group[[i]])
                     total += float((w.whitened(np.array([z * np.exp(-1j * k * phase) - m])) ** 2).sum())
                     count += 2
             out[i, c] = total / max(count, 1)

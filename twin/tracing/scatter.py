@@ -5,12 +5,13 @@ For one line of one channel over W windows of one speed, measured z and predicte
     z = (1 + g)·m + b + ε        C = E[r·rᴴ] = ρ²·m·mᴴ + β²·1·1ᵀ + diag(2σ² + (κ·|m|)² + φ²)
 
 g, ρ   the machine's structure against the rig file's: one complex factor for all windows, and its size
-b, β   what the instrument adds to every window alike: the discs' graduation, and its size
+b, β   the same in every window: the discs' graduation, the mean form of real teeth, and its size
 κ      departure from window to window: speed and torque off their mean, the worn shape; grows with depth
-φ      what real teeth do that no model has
+φ      what unworn and slightly worn teeth do that no model has
 σ      noise of the real and of the imaginary part
 
-With C the likelihood of a line is that of a circular complex Gaussian: −rᴴ·C⁻¹·r − ln det C.
+b and φ are stated as transmission error; the torque meter and the accelerometer hear them through the structure, P_k in
+their unit per metre. With C the likelihood of a line is that of a circular complex Gaussian: −rᴴ·C⁻¹·r − ln det C.
 
 The sizes: transmission error within 2, 5, 12 % for 21 degrees of freedom perturbed by ± 3 %, 3–8 % for a finite-element
 machine of the same frequencies; the acceleration by half and more there, so that its own level says nothing until many
@@ -23,7 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-HALF = 0.5
+COMMON = 0.06e-6  # β [m]
+EACH = 0.06e-6  # φ [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,10 +33,9 @@ class ChannelScatter:
     """Sizes for one channel, by mesh harmonic; the last holds for all above."""
 
     structure: tuple[float, ...]  # ρ
-    instrument: float  # β, in the channel's unit
     windows: tuple[float, ...]  # κ
     per_depth: float  # added to κ per metre of depth, times the harmonic [1/m]
-    floor: float  # φ, in the channel's unit
+    floor: float  # added to φ, in the channel's unit
 
     def sizes(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """ρ and κ of the first harmonics, (count,) each."""
@@ -47,18 +48,10 @@ def _extended(values: tuple[float, ...], count: int) -> np.ndarray:
 
 SCATTER = {
     "encoder": ChannelScatter(
-        structure=(0.03, 0.06, 0.12, 0.25, 0.25),
-        instrument=0.03e-6,
-        windows=(0.008, 0.02, 0.04, 0.08, 0.08),
-        per_depth=200.0,
-        floor=0.04e-6,
+        structure=(0.03, 0.06, 0.12, 0.25, 0.25), windows=(0.008, 0.02, 0.04, 0.08), per_depth=200.0, floor=0.0
     ),
-    "torque": ChannelScatter(
-        structure=(0.15, 0.3, 0.5), instrument=1e-3, windows=(0.03, 0.06, 0.1), per_depth=200.0, floor=2e-3
-    ),
-    "acceleration": ChannelScatter(
-        structure=(0.6,), instrument=5e-3, windows=(0.05, 0.05, 0.05, 0.08), per_depth=400.0, floor=0.01
-    ),
+    "torque": ChannelScatter(structure=(0.15, 0.3, 0.5), windows=(0.03, 0.06, 0.1), per_depth=200.0, floor=2e-3),
+    "acceleration": ChannelScatter(structure=(0.6,), windows=(0.05, 0.05, 0.05, 0.08), per_depth=400.0, floor=0.01),
 }
 
 
@@ -76,20 +69,27 @@ class Weight:
 
 
 def weight(
-    channel: str, k: int, predicted: np.ndarray, std: np.ndarray, depth: np.ndarray, group: np.ndarray
+    channel: str,
+    k: int,
+    predicted: np.ndarray,
+    std: np.ndarray,
+    depth: np.ndarray,
+    path: np.ndarray,
+    group: np.ndarray,
 ) -> Weight:
     """Weight of line k (from 1) of a channel.
 
     predicted  m (W,)
     std        σ (W,)
     depth      of wear (W,) [m]
+    path       P_k (W,), 1 for the encoders
     group      number of the speed that each window was taken at (W,): each has a factor of its own
     """
     scatter = SCATTER[channel]
     ρ, κ = (size[k - 1] for size in scatter.sizes(k))
     κ = κ + scatter.per_depth * k * depth
-    C = np.diag(2 * std**2 + (κ * np.abs(predicted)) ** 2 + scatter.floor**2).astype(complex)
-    C += scatter.instrument**2
+    C = np.diag(2 * std**2 + (κ * np.abs(predicted)) ** 2 + scatter.floor**2 + (EACH * path) ** 2).astype(complex)
+    C += COMMON**2 * np.outer(path, path)
     for g in np.unique(group):
         m = np.where(group == g, predicted, 0.0)
         C += ρ**2 * np.outer(m, m.conj())
