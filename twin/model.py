@@ -94,6 +94,11 @@ class Model:
             structure = replace(structure, modal_damping=calibration.modal_damping)
         return replace(self, calibration=calibration, structure=structure)
 
+    @property
+    def slices(self) -> int:
+        """Slices across the face that wear on their own: one, unless an effect loads the face unevenly."""
+        return 1
+
     @cached_property
     def unworn(self) -> WornProfile:
         return WornProfile.unworn(self.mesh.pair)

@@ -182,7 +182,7 @@ def _passages(mesh: PairMesh, mesh_periods: int) -> Passages:
 
 
 @lru_cache(maxsize=4)
-def _sampled(mesh: PairMesh, samples: int) -> PairMesh:
+def sampled(mesh: PairMesh, samples: int) -> PairMesh:
     return HuntingPeriod.of(mesh, samples).mesh
 
 
@@ -195,7 +195,7 @@ def setup_of(model: Model, condition: Condition, period: str, slices: int = 1, s
     mesh_periods = {"mesh": 1, "pinion": z1, "gear": z2, "hunting": lcm(z1, z2)}[common_period([period])]
     if samples is None:
         samples = model.mesh.samples if period == "mesh" else SAMPLES
-    mesh = _sampled(model.mesh, samples)
+    mesh = sampled(model.mesh, samples)
     passages, turns = _passages(mesh, mesh_periods), Fraction(mesh_periods, z1)
     return Setup(
         structure=model.structure,

@@ -29,9 +29,10 @@ from twin.errors import NotConverged, TwinError
 from twin.model import Model
 from twin.tracing.observed import CHANNELS, HARMONICS, Observed
 from twin.tracing.scatter import Weight, weight
-from twin.updating.calibration import NAMES, PRIOR_SPREAD
+from twin.updating.calibration import NAMES
 from twin.wear.profile import WornProfile
 
+PRIOR_SPREAD = (0.06, 0.2, 0.3)  # of the logarithms of stiffness scale, modal damping, damping time of healthy machines
 SAMPLES = 256  # a mesh period: lines to harmonic 10 within 2e-4
 MEAN_STD = 0.5e-6  # of the mean transmission error from window to window: torque wander, depth [m]
 MEAN_DRIFT = 10e-6  # of the discs over the whole campaign: heat, creep of a mounting [m]
@@ -377,7 +378,7 @@ def _jacobian(problem: Problem, predictions, shared, phase, depth, rest, used) -
                 changed.append(problem.predict(i, moved, depth[i], predictions[i]))
         J[:, j] = column(changed) / STEP
     J[:, n] = column(predictions, phase + 1e-5) / 1e-5
-    for c, i in enumerate(worn):
+    for c, i in enumerate(worn.tolist()):
         changed = list(predictions)
         changed[i] = problem.predict(i, shared, depth[i] + DEPTH_STEP, predictions[i])
         J[:, n + 1 + c] = column(changed) / (DEPTH_STEP / DEPTH_SCALE)

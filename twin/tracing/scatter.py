@@ -24,8 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-COMMON = 0.06e-6  # β [m]
-EACH = 0.06e-6  # φ [m]
+COMMON = 0.05e-6  # β [m]
+EACH = 0.03e-6  # φ [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +51,7 @@ SCATTER = {
         structure=(0.03, 0.06, 0.12, 0.25, 0.25), windows=(0.008, 0.02, 0.04, 0.08), per_depth=200.0, floor=0.0
     ),
     "torque": ChannelScatter(structure=(0.15, 0.3, 0.5), windows=(0.03, 0.06, 0.1), per_depth=200.0, floor=2e-3),
-    "acceleration": ChannelScatter(structure=(0.6,), windows=(0.05, 0.05, 0.05, 0.08), per_depth=400.0, floor=0.01),
+    "acceleration": ChannelScatter(structure=(0.6,), windows=(0.03, 0.03, 0.03, 0.05), per_depth=400.0, floor=0.01),
 }
 
 

@@ -20,10 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from twin.effects.extended import ExtendedModel, window_lines
 from twin.features.window_features import WindowFeatures
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
 from twin.updating.conditions import condition_of
+from twin.wear.curve import LINES, Lines
 
 NAMES = ("stiffness_scale", "modal_damping", "damping_time")
 PRIOR_SPREAD = np.array([0.10, 0.25, 0.5])  # of the logarithms
@@ -47,10 +49,30 @@ class Fit:
     misfit: float  # sum of squared normalised residuals over their number
 
 
-def _residuals(model: Model, windows: Sequence[WindowFeatures]) -> np.ndarray:
+def _beyond_the_mesh(model: Model, windows: Sequence[WindowFeatures]) -> list[tuple[np.ndarray, np.ndarray] | float]:
+    """What effects that need more than a mesh period do to each window: factors, 1 where there are none."""
+    if not isinstance(model, ExtendedModel) or all(e.period == "mesh" for e in model.effects):
+        return [1.0] * len(windows)
+    out: list[tuple[np.ndarray, np.ndarray] | float] = []
+    for w in windows:
+        condition = condition_of(w, model.rig)
+        steady = model.steady(model.unworn, condition)
+        whole = window_lines(model, model.unworn, condition).lines
+        part = Lines.of(model, steady, condition)
+        out.append(
+            (
+                np.abs(whole.transmission_error / part.transmission_error),
+                np.abs(whole.acceleration / part.acceleration),
+            )
+        )
+    return out
+
+
+def _residuals(model: Model, windows: Sequence[WindowFeatures], factors: Sequence) -> np.ndarray:
     """Normalised differences of all windows."""
     out: list[np.ndarray] = []
-    for w in windows:
+    for w, factor in zip(windows, factors, strict=True):
+        of_error, of_level = (factor, factor) if isinstance(factor, float) else factor
         condition = condition_of(w, model.rig)
         steady = model.steady(model.unworn, condition)
         if not steady.converged:
@@ -59,13 +81,13 @@ def _residuals(model: Model, windows: Sequence[WindowFeatures]) -> np.ndarray:
         if w.transmission_error is not None:
             _, y, std = w.transmission_error.mesh()
             n = min(HARMONICS, y.size)
-            m = model.transmission_error_lines(steady)[:n]
+            m = (model.transmission_error_lines(steady)[:LINES] * of_error)[:n]
             σ = np.sqrt((LINE_SCATTER * np.abs(m)) ** 2 + LINE_FLOOR**2 + std[:n] ** 2)
             out.append((np.abs(y[:n]) - np.abs(m)) / σ)
         if w.acceleration is not None and model.rig.band[1] > 0:
             _, y, std = w.acceleration.mesh()
             n = min(LEVEL_HARMONICS, y.size)
-            m = np.abs(model.acceleration_lines(steady)[:n])
+            m = np.abs((model.acceleration_lines(steady)[:LINES] * of_level)[:n])
             heard = np.abs(y[:n]) > 10 * std[:n]
             out.append((np.log(np.abs(y[:n]) / m) / LEVEL_SCATTER)[heard])
     return np.concatenate(out) if out else np.empty(0)
@@ -75,12 +97,13 @@ def calibrate(model: Model, windows: Sequence[WindowFeatures]) -> Fit:
     """Fits the calibrated values around those of the model given; windows must be unworn, with speed and torque."""
     prior = model.calibration
     centre = np.log([getattr(prior, name) for name in NAMES])
+    factors = _beyond_the_mesh(model, windows)
 
     def at(θ: np.ndarray) -> Model:
         return model.calibrated(**dict(zip(NAMES, np.exp(θ).tolist(), strict=True)))
 
     def residuals(θ: np.ndarray) -> np.ndarray:
-        return np.concatenate((_residuals(at(θ), windows), (θ - centre) / PRIOR_SPREAD))
+        return np.concatenate((_residuals(at(θ), windows, factors), (θ - centre) / PRIOR_SPREAD))
 
     limits = centre - WIDEST * PRIOR_SPREAD, centre + WIDEST * PRIOR_SPREAD
     found = least_squares(

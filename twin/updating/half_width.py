@@ -29,15 +29,16 @@ def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Cond
         return memory
     fit, old_curve = memory.fit, curve_of(rig, memory)
     pinion_only = features.transmission_error is None
+    new = model_of(rig, memory) if memory.active(0.0) else None
 
     def misfit(half_width: float) -> float:
         calibration = replace(fit.calibration, contact_half_width=half_width)
         trial = replace(memory, fit=replace(fit, calibration=calibration), offset=None)
-        model, curve = model_of(rig, trial), curve_of(rig, trial, 1.2 * depth)
+        model, curve = model_of(rig, trial, features.revolutions or 0.0), curve_of(rig, trial, 1.2 * depth)
         gauge = encoders.gauge_of(features, trial, model, condition)
         if gauge is None:
             raise NotAvailable("the contact half-width is not available: the window has no encoder lines")
-        expectation = Expectation.at(model, curve, condition, depth)
+        expectation = Expectation.at(model, curve, condition, depth, new)
         found = estimate_depth(
             gauge, lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), 0.85 * depth, 1.15 * depth
         )

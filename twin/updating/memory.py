@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from twin.effects.addition import Addition
+from twin.effects.response import Effect
 from twin.features.window_features import WindowFeatures
 from twin.model import Calibration
 from twin.updating.calibration import Fit
@@ -18,12 +20,13 @@ MOST_LINES = 200  # of each learned factor: some sixteen windows
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Segment:
-    """A stretch of the campaign under one operating condition."""
+    """A stretch of the campaign under one operating condition, with one set of effects."""
 
     speed_hz: float
     torque: float
     start_depth: float  # on the curve of the segment before [m]
     start_work: float  # x at its start [rad/N]
+    start_revolutions: float = 0.0  # pinion turns at its start
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +57,11 @@ class Memory:
     path: tuple[Line, ...] = ()
     mesh: tuple[Line, ...] = ()
     updates: int = 0
+    effects: tuple[Addition, ...] = ()  # what the twin has beside wear
+
+    def active(self, revolutions: float) -> tuple[Effect, ...]:
+        """The effects that are there after so many turns of the pinion."""
+        return tuple(a.effect for a in self.effects if a.onset_revolutions <= revolutions)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
@@ -73,6 +81,7 @@ class Memory:
             "path": [[j, f, ρ.real, ρ.imag, σ] for j, f, ρ, σ in self.path],
             "mesh": [[j, f, ρ.real, ρ.imag, σ] for j, f, ρ, σ in self.mesh],
             "updates": self.updates,
+            "effects": [a.to_dict() for a in self.effects],
         }
 
     @classmethod
@@ -98,6 +107,7 @@ class Memory:
             path=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["path"]),
             mesh=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["mesh"]),
             updates=data["updates"],
+            effects=tuple(Addition.from_dict(a) for a in data["effects"]),
         )
 
 

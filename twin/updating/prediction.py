@@ -17,6 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.effects.extended import window_lines
+from twin.errors import NotConverged
 from twin.model import Condition, Model
 from twin.updating.depth import HARMONICS
 from twin.updating.frequency_correction import FrequencyCorrection
@@ -37,33 +39,43 @@ class Expectation:
     contact_loss: float  # share of the mesh without contact, at the expected depth
     ratio: Lines  # own condition over the curve's; `mean` is a difference [m]
     beyond: np.ndarray  # acceleration lines above the LINES-th, at the expected depth [m/s²]
+    unworn: Lines | None = None  # lines of new flanks at this condition, where effects make them another curve's
 
     @classmethod
-    def at(cls, model: Model, curve: MasterCurve, condition: Condition, depth: float) -> Expectation:
-        """Solves the steady state of the curve's profile at a depth [m] under a condition."""
+    def at(
+        cls, model: Model, curve: MasterCurve, condition: Condition, depth: float, new: Model | None = None
+    ) -> Expectation:
+        """Solves the steady state of the curve's profile at a depth [m] under a condition.
+
+        new  the model of the time when the flanks were new, with the effects of then; None where it had none
+        """
         depth = max(depth, float(curve.depth[0]))
-        steady = model.steady(curve.profile(depth), condition)
-        beyond = np.empty(0, dtype=complex)
-        if steady.converged:
-            beyond = model.acceleration_lines(steady)[LINES:]
-            own, base = Lines.of(model, steady, condition), curve.lines_at(depth)
+        beyond, loss, solved = np.empty(0, dtype=complex), float("nan"), True
+        try:
+            found = window_lines(model, curve.profile(depth), condition)
+        except NotConverged:
+            solved = False
+        else:
+            beyond, loss = found.beyond, found.contact_loss
+            own, base = found.lines, curve.lines_at(depth)
             ratio = Lines(
                 transmission_error=own.transmission_error / base.transmission_error,
                 mean=own.mean - base.mean,
                 pinion_motion=own.pinion_motion / base.pinion_motion,
                 acceleration=own.acceleration / base.acceleration,
             )
-        else:
+        if not solved:
             one = np.ones(LINES, dtype=complex)
             shift = model.compliance_outside_mesh * (condition.torque - curve.condition.torque)
             ratio = Lines(transmission_error=one, mean=shift, pinion_motion=one, acceleration=one)
         return cls(
             curve=curve,
             condition=condition,
-            solved=steady.converged,
-            contact_loss=steady.contact_loss if steady.converged else float("nan"),
+            solved=solved,
+            contact_loss=loss,
             ratio=ratio,
             beyond=beyond,
+            unworn=None if new is None else window_lines(new, new.unworn, condition).lines,
         )
 
     def rms(self, lines: np.ndarray, teeth: int, band: tuple[float, float], noise: float) -> float:
@@ -85,6 +97,10 @@ class Expectation:
     def gauge(self, depth: float, pinion_only: bool, from_unworn: bool) -> tuple[np.ndarray, float]:
         """The lines that the encoders see at a depth [m], or what wear changed of them, and the mean [m]."""
         base, ratio = self.curve.lines_at(depth), self.ratio
+        if from_unworn and self.unworn is not None:
+            both = self.lines(depth), self.unworn
+            now, new = (x.pinion_motion if pinion_only else x.transmission_error for x in both)
+            return (now - new)[:HARMONICS], both[0].mean
         start = self.curve.lines_at(0.0) if from_unworn else None
         if pinion_only:
             seen, scale = base.pinion_motion, ratio.pinion_motion

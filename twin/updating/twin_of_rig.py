@@ -8,11 +8,17 @@ from __future__ import annotations
 import json
 from functools import lru_cache
 
+from twin.effects.addition import Addition
+from twin.effects.extended import extend
+from twin.effects.response import Effect
+from twin.effects.sensor_gain import SensorGain
+from twin.effects.sensor_resonance import SensorResonance
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
 from twin.updating.memory import Memory, Segment
 from twin.wear.curve import MasterCurve
 
+SENSORS = (SensorGain, SensorResonance)  # wear nothing
 DEEPEST = 5e-4  # depth to which curves are made where the rig file gives no end of life [m]
 
 
@@ -37,13 +43,21 @@ def _model(key: _Key, calibration: Calibration) -> Model:
     return Model.of(key.rig, calibration)
 
 
+@lru_cache(maxsize=32)
+def _extended(key: _Key, calibration: Calibration, effects: tuple[Effect, ...]) -> Model:
+    return extend(_model(key, calibration), effects)
+
+
 @lru_cache(maxsize=24)
-def _curve(key: _Key, calibration: Calibration, segments: tuple[Segment, ...], until: float) -> MasterCurve:
-    model = _model(key, calibration)
+def _curve(
+    key: _Key, calibration: Calibration, segments: tuple[Segment, ...], effects: tuple[Addition, ...], until: float
+) -> MasterCurve:
     last = segments[-1]
+    there = tuple(a.effect for a in effects if a.onset_revolutions <= last.start_revolutions)
+    model = _extended(key, calibration, tuple(e for e in there if e.period == "mesh" and not isinstance(e, SENSORS)))
     start = model.unworn
     if len(segments) > 1 and last.start_depth > 0:
-        before = _curve(key, calibration, segments[:-1], until)
+        before = _curve(key, calibration, segments[:-1], effects, until)
         start = before.profile(last.start_depth)
     return MasterCurve.build(model, Condition(speed_hz=last.speed_hz, torque=last.torque), start, until)
 
@@ -58,14 +72,17 @@ def deepest(rig: Rig, depth: float) -> float:
     return end if depth < NEAR_END * end else BEYOND * end
 
 
-def model_of(rig: Rig, memory: Memory) -> Model:
-    """The model with what is calibrated so far; NotAvailable where the rig file does not suffice."""
+def model_of(rig: Rig, memory: Memory, revolutions: float = 0.0) -> Model:
+    """The model with what is calibrated so far and the effects that are there after so many turns of the pinion.
+
+    NotAvailable where the rig file does not suffice.
+    """
     calibration = Calibration.prior(rig) if memory.fit is None else memory.fit.calibration
-    return _model(_Key(rig), calibration)
+    return _extended(_Key(rig), calibration, memory.active(revolutions))
 
 
 def curve_of(rig: Rig, memory: Memory, until: float | None = None) -> MasterCurve:
     """The master curve of the present segment, to the rig's end of life and beyond, or to a lesser depth [m]."""
     calibration = model_of(rig, memory).calibration
     until = deepest(rig, memory.depth) if until is None else until
-    return _curve(_Key(rig), calibration, memory.segments, until)
+    return _curve(_Key(rig), calibration, memory.segments, memory.effects, until)

@@ -86,11 +86,12 @@ def _started(rig: Rig, memory: Memory) -> Memory:
     return replace(memory, track=WearTrack.unworn(rate), paper=PaperTrack(rate=rate))
 
 
-def _with_segment(rig: Rig, memory: Memory, condition: Condition) -> Memory:
-    """The memory with a segment that fits the condition, a new one from the present depth where it changed."""
+def _with_segment(rig: Rig, memory: Memory, condition: Condition, revolutions: float = 0.0) -> Memory:
+    """The memory with a segment that fits the condition and the effects, a new one from the present depth else."""
     last = memory.segments[-1] if memory.segments else None
     if last is not None:
         same = abs(condition.speed_hz / last.speed_hz - 1) < SPEED_STEP
+        same = same and memory.active(revolutions) == memory.active(last.start_revolutions)
         if same and abs(condition.torque / last.torque - 1) < TORQUE_STEP:
             return memory
     speed, torque = condition.speed_hz, condition.torque
@@ -102,16 +103,20 @@ def _with_segment(rig: Rig, memory: Memory, condition: Condition) -> Memory:
     depth = work = 0.0
     if last is not None and memory.track.windows:
         work = memory.track.work
+        onsets = [a.onset_revolutions for a in memory.effects if a.onset_revolutions <= revolutions]
+        if onsets and max(onsets) > max(memory.track.revolutions, last.start_revolutions):
+            work = memory.track.predicted(max(onsets)).work
         depth = curve_of(rig, memory).depth_at(work - last.start_work)
-    segment = Segment(speed_hz=speed, torque=torque, start_depth=depth, start_work=work)
+    segment = Segment(speed_hz=speed, torque=torque, start_depth=depth, start_work=work, start_revolutions=revolutions)
     return replace(memory, segments=(*memory.segments, segment) if depth > 0 else (segment,))
 
 
 def _calibrated(rig: Rig, memory: Memory, features: WindowFeatures) -> Memory:
     """The memory with the calibration refitted on one more unworn window."""
     memory = replace(memory, unworn=(*memory.unworn, features))
-    memory = replace(memory, fit=calibrate(model_of(rig, Memory()), memory.unworn))
-    return replace(memory, compliance_scale=compliance_scale(model_of(rig, memory), memory.unworn))
+    then = features.revolutions or 0.0
+    memory = replace(memory, fit=calibrate(model_of(rig, replace(memory, fit=None), then), memory.unworn))
+    return replace(memory, compliance_scale=compliance_scale(model_of(rig, memory, then), memory.unworn))
 
 
 def take(
@@ -136,7 +141,7 @@ def take(
         memory = _calibrated(rig, memory, features)
     if window.kind == "calibration":
         return _take_calibration(rig, memory, window, index)
-    memory = _with_segment(rig, memory, window.condition)
+    memory = _with_segment(rig, memory, window.condition, window.revolutions)
     return _take_measurement(rig, memory, window, index, threshold=threshold, update=update, update_until=update_until)
 
 
@@ -146,10 +151,10 @@ def _take_calibration(rig: Rig, memory: Memory, window: Measured, index: int) ->
     if not memory.segments:
         speed, torque = rig.require("the wear curve", "operating.pinion_speed_hz", "operating.input_torque")
         memory = _with_segment(rig, memory, Condition(speed_hz=speed, torque=torque))
-    model = model_of(rig, memory)
+    model = model_of(rig, memory, window.revolutions)
     curve = curve_of(rig, memory, None if track.windows else 0.0)
     depth = curve.depth_at(track.work - memory.segments[-1].start_work)
-    expectation = Expectation.at(model, curve, condition, depth)
+    expectation = Expectation.at(model, curve, condition, depth, _when_new(rig, memory))
     lines, _ = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
     rms = expectation.rms(lines, rig.teeth[0], rig.band, window.noise)
     gauge = encoders.gauge_of(features, memory, model, condition)
@@ -184,7 +189,8 @@ def _take_measurement(
     """A window of the campaign: predict, compare, update."""
     features, condition, noise = window.features, window.condition, window.noise
     band, teeth = rig.band, rig.teeth[0]
-    model, curve = model_of(rig, memory), curve_of(rig, memory)
+    model, curve = model_of(rig, memory, window.revolutions), curve_of(rig, memory)
+    new = _when_new(rig, memory)
     base = memory.segments[-1].start_work
     revolutions = max(window.revolutions, memory.track.revolutions)
     allowed = window.revolutions <= update_until
@@ -192,7 +198,7 @@ def _take_measurement(
 
     track = memory.track.predicted(revolutions)
     projected = max(curve.depth_at(track.work - base), float(curve.depth[0]))
-    expectation = Expectation.at(model, curve, condition, projected)
+    expectation = Expectation.at(model, curve, condition, projected, new)
     lines, frequencies = predicted_lines(memory, expectation, projected, index, teeth)
     rms_predicted = expectation.rms(lines, teeth, band, noise)
 
@@ -201,7 +207,7 @@ def _take_measurement(
     pinion_only, expected = features.transmission_error is None, expectation
     found = settled(
         memory, features, model, condition,
-        lambda gauge: _depth_from(gauge, model, curve, expected, projected, pinion_only),
+        lambda gauge: _depth_from(gauge, model, curve, expected, projected, pinion_only, new),
     )  # fmt: skip
     if found is not None:
         expectation, estimate = found.expectation, found.estimate
@@ -281,7 +287,12 @@ def _projected_std(track: WearTrack, depth: float) -> float:
     return depth * float(np.hypot(relative, np.hypot(MODEL_SCATTER[0], SHAPE_SCATTER * depth)))
 
 
-def _depth_from(gauge, model, curve, expectation, projected, pinion_only):
+def _when_new(rig: Rig, memory: Memory) -> Model | None:
+    """The model of the time when the flanks were new; None where it had no effects."""
+    return model_of(rig, memory) if memory.active(0.0) else None
+
+
+def _depth_from(gauge, model, curve, expectation, projected, pinion_only, new):
     """The depth that the encoders show, and the expectation solved near it.
 
     Searched to four times what was expected; to the curve's end where that does not hold it.
@@ -297,7 +308,7 @@ def _depth_from(gauge, model, curve, expectation, projected, pinion_only):
         deep = curve.valid_to
         estimate = found(expectation)
     if not expectation.solved or abs(estimate.depth - projected) > 0.1 * max(projected, 5e-6):
-        again = Expectation.at(model, curve, expectation.condition, estimate.depth)
+        again = Expectation.at(model, curve, expectation.condition, estimate.depth, new)
         if again.solved:
             return again, found(again)
     return expectation, estimate

@@ -73,15 +73,21 @@ def _elliptic_weights(half_width: float, spacing: float) -> np.ndarray:
     return np.diff(area)
 
 
-def wear_per_revolution(mesh: PairMesh, contact_forces: np.ndarray, half_width: float) -> np.ndarray:
+def wear_per_revolution(mesh: PairMesh, contact_forces: np.ndarray, half_width: float, slices: int = 1) -> np.ndarray:
     """Combined depth lost per pinion revolution and unit K·τ·ω1, on the worn profile's grid; (m,) [N·m].
+
+    With several slices across the face each wears by its own force per width: (slices, m).
 
         (1 + z1/z2)·(1 + z1/z2)·F·|s|     since v = |s|·ω1·(1 + z1/z2)
 
-    contact_forces  of all contacts over one mesh period, drive flanks first (p, n); n a multiple of the
-                    profile's points a pitch
+    contact_forces  of all contacts over one mesh period, drive flanks first, slice by slice (p, n); n a multiple
+                    of the profile's points a pitch
     half_width      a of the elliptic contact [m]
     """
+    if slices > 1:
+        rows = len(ROWS)
+        parts = [slices * contact_forces[i * rows : (i + 1) * rows] for i in range(slices)]
+        return np.array([wear_per_revolution(mesh, part, half_width) for part in parts])
     n = mesh.samples
     order = np.argsort(mesh.phase, kind="stable")  # time order → rising s
     force = contact_forces[: len(ROWS), order].reshape(-1)  # rows follow each other along s

@@ -51,12 +51,12 @@ class MasterCurve:
     start: WornProfile
     depth: np.ndarray  # largest combined depth (m,) [m], strictly rising
     work: np.ndarray  # x (m,) [rad/N], strictly rising
-    profiles: np.ndarray  # combined depth along the path (m, p) [m]
+    profiles: np.ndarray  # combined depth along the path (m, p), or of every slice (m, slices, p) [m]
     transmission_error: np.ndarray  # complex lines of mesh harmonics 1 … LINES (m, LINES) [m]
     mean_transmission_error: np.ndarray  # (m,) [m]
     pinion_motion: np.ndarray  # complex lines of r_b1·θ7, the pinion's encoder alone (m, LINES) [m]
     acceleration: np.ndarray  # complex lines (m, LINES) [m/s²]
-    final_rate: np.ndarray  # dh/dx at the deepest point (p,) [m·N/rad]
+    final_rate: np.ndarray  # dh/dx at the deepest point (p,), or of every slice (slices, p) [m·N/rad]
     loss_from: float | None  # depth from which the teeth part for some of the mesh [m]
     complete: bool  # whether the requested depth was reached with a steady state
 
@@ -64,6 +64,7 @@ class MasterCurve:
     def build(cls, model: Model, condition: Condition, start: WornProfile, until_depth: float) -> MasterCurve:
         """Wears the profile on until `until_depth` [m] or until no steady state is found."""
         half_width = model.calibration.contact_half_width
+        start = start.across(model.slices)
         points: list[WearPoint] = []
         complete = True
         try:
@@ -88,7 +89,7 @@ class MasterCurve:
             mean_transmission_error=np.array([line.mean for line in lines]),
             pinion_motion=np.array([line.pinion_motion for line in lines]),
             acceleration=np.array([line.acceleration for line in lines]),
-            final_rate=wear_per_revolution(model.mesh, points[-1].steady.contact_forces, half_width),
+            final_rate=wear_per_revolution(model.mesh, points[-1].steady.contact_forces, half_width, model.slices),
             loss_from=min(lost, default=None),
             complete=complete,
         )
@@ -101,7 +102,8 @@ class MasterCurve:
     @cached_property
     def _depth_rate(self) -> float:
         """d(depth)/dx held beyond the last point [m·N/rad]."""
-        return float(self.final_rate[self.start.on_active].max())
+        rate = self.final_rate if self.final_rate.ndim == 1 else self.final_rate.mean(axis=0)
+        return float(rate[self.start.on_active].max())
 
     @cached_property
     def _profile_spline(self) -> CubicSpline | None:

@@ -67,21 +67,22 @@ def evolve(
     """Points from the start profile until the largest combined depth reaches `until_depth` [m].
 
     solver        gives the steady state of a profile, starting from that of an earlier one
-    largest_step  [m]; steps are never longer than `stable_step`, whatever it says
+    start         worn flanks, across the face in slices where the solver's contacts are
+    largest_step  [m]; steps are never longer than `stable_step`, whatever it says; of the slice that wears fastest
     Raises NotConverged where a steady state does not exist; what was yielded before stays valid.
     """
     if not 0 < largest_step < 1e-4:
         raise ParameterError(f"largest_step = {largest_step:g} m is outside (0, 1e-4); micrometres?")
-    work, profile = 0.0, start
+    work, profile, slices = 0.0, start, len(start.slices)
     steady = solver(profile, None).require_converged()
     largest = min(largest_step, stable_step(mesh, float(steady.force_lines[0].real)))
     while True:
         yield WearPoint(work=work, profile=profile, steady=steady)
         if profile.max_depth >= until_depth:
             return
-        rate = wear_per_revolution(mesh, steady.contact_forces, half_width)
-        dx = min(step(profile.max_depth, largest), largest) / float(rate[profile.on_active].max())
+        rate = wear_per_revolution(mesh, steady.contact_forces, half_width, slices)
+        dx = min(step(profile.max_depth, largest), largest) / float(rate[..., profile.on_active].max())
         halfway = solver(profile.worn_by(0.5 * dx * rate), steady).require_converged()
-        grown = dx * wear_per_revolution(mesh, halfway.contact_forces, half_width)
+        grown = dx * wear_per_revolution(mesh, halfway.contact_forces, half_width, slices)
         work, profile = work + dx, profile.worn_by(grown)
         steady = solver(profile, halfway).require_converged()

@@ -2,6 +2,9 @@
 
     h(s) = h1(s) + h2(s)
 
+It may differ across the face, where the load does (misaligned shafts): then it is kept slice by slice, and its depth
+is that of the mean over the face.
+
 Both flanks lose the same depth in one passage; a pinion tooth passes once a pinion turn and a gear tooth
 z1/z2 times, so the pinion's share of h is 1/(1 + z1/z2) everywhere (73.2 % for 19/52).
 
@@ -31,14 +34,14 @@ def worn_grid(pair: GearPair, points_per_pitch: int = POINTS_PER_PITCH) -> np.nd
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WornProfile:
-    """Combined wear depth on an even grid of path positions."""
+    """Combined wear depth on an even grid of path positions, of the whole face or of every slice across it."""
 
     positions: np.ndarray  # s (m,) [m]
-    depth: np.ndarray  # h ≥ 0 (m,) [m]
+    depth: np.ndarray  # h ≥ 0 (m,) or (slices, m) [m]
     active: tuple[float, float]  # nominal path of contact [m]
 
     def __post_init__(self) -> None:
-        if self.positions.shape != self.depth.shape:
+        if self.positions.shape != self.depth.shape[-1:] or self.depth.ndim > 2:
             raise ParameterError(f"depth has shape {self.depth.shape}, positions {self.positions.shape}: one each")
 
     @classmethod
@@ -48,10 +51,28 @@ class WornProfile:
 
     @cached_property
     def _spline(self) -> CubicSpline:
-        return CubicSpline(self.positions, self.depth)
+        return CubicSpline(self.positions, self.mean)
+
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """Mean depth over the face (m,) [m]."""
+        return self.depth if self.depth.ndim == 1 else self.depth.mean(axis=0)
+
+    @cached_property
+    def slices(self) -> tuple[WornProfile, ...]:
+        """One profile a slice; itself where the face is worn evenly."""
+        if self.depth.ndim == 1:
+            return (self,)
+        return tuple(WornProfile(positions=self.positions, depth=h, active=self.active) for h in self.depth)
+
+    def across(self, slices: int) -> WornProfile:
+        """The same wear, kept for so many slices across the face; itself where it is sliced already or need not be."""
+        if slices == 1 or self.depth.ndim == 2:
+            return self
+        return WornProfile(positions=self.positions, depth=np.tile(self.depth, (slices, 1)), active=self.active)
 
     def at(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Depth [m] and its slope along s at any positions within the grid; C2."""
+        """Mean depth over the face [m] and its slope along s at any positions within the grid; C2."""
         if not self.depth.any():
             return np.zeros_like(s), np.zeros_like(s)
         return self._spline(s), self._spline(s, 1)
@@ -64,9 +85,9 @@ class WornProfile:
 
     @property
     def max_depth(self) -> float:
-        """Largest combined depth on the nominal path of contact [m]."""
-        return float(self.depth[self.on_active].max())
+        """Largest combined depth on the nominal path of contact, of the mean over the face [m]."""
+        return float(self.mean[self.on_active].max())
 
     def worn_by(self, depth: np.ndarray) -> WornProfile:
-        """A profile with this much more material gone (m,) [m]."""
+        """A profile with this much more material gone, (m,) or (slices, m) as it is itself [m]."""
         return WornProfile(positions=self.positions, depth=self.depth + depth, active=self.active)

@@ -1,0 +1,70 @@
+"""The history of a machine taken again from its first window, with other effects in the twin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from twin.effects.addition import Addition
+from twin.errors import NotAvailable, NotConverged
+from twin.features.window_features import WindowFeatures
+from twin.rig import Rig
+from twin.updating.memory import Memory
+from twin.updating.update import Outcome, take
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Taken:
+    """One window of the history as it was taken."""
+
+    index: int
+    features: WindowFeatures
+    level_fault: str | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-safe and exact."""
+        return {"index": self.index, "features": self.features.to_dict(), "level_fault": self.level_fault}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Taken:
+        return cls(
+            index=data["index"],
+            features=WindowFeatures.from_dict(data["features"]),
+            level_fault=data["level_fault"],
+        )
+
+
+def retake(
+    rig: Rig,
+    effects: Iterable[Addition],
+    history: Sequence[Taken],
+    *,
+    threshold: float,
+    update: str,
+    update_until: float,
+) -> tuple[Memory, tuple[Outcome | None, ...]]:
+    """What the twin would remember and have said had it had these effects from the start; pure.
+
+    An outcome is None where the window could not be taken, as it would have been then.
+    """
+    memory = Memory(effects=tuple(effects))
+    outcomes: list[Outcome | None] = []
+    for window in history:
+        try:
+            outcome = take(
+                rig,
+                memory,
+                window.features,
+                window.index,
+                threshold=threshold,
+                update=update,
+                update_until=update_until,
+                level_fault=window.level_fault,
+            )
+        except (NotAvailable, NotConverged):
+            outcomes.append(None)
+            continue
+        memory = outcome.memory
+        outcomes.append(outcome)
+    return memory, tuple(outcomes)
