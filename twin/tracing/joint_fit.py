@@ -193,6 +193,7 @@ class Problem:
     trials: tuple[Trial, ...]
     fixed: tuple[tuple[Effect, float], ...] = ()  # effects found before, with their onsets
     channels: tuple[str, ...] = CHANNELS
+    factors: Sequence[dict[str, np.ndarray]] | None = None  # of each window's lines, by effects of longer periods
 
     def __post_init__(self) -> None:
         self.group = _alike([w.condition.speed_hz for w in self.windows], SAME_SPEED)
@@ -221,7 +222,12 @@ class Problem:
         window = self.windows[i]
         effects = self.effects(shared, window)
         profile = self.profiles(depth, effects, window)
-        return predict(self.calibrated(shared), effects, profile, window, None if start is None else start.response)
+        before = None if start is None else start.response
+        found = predict(self.calibrated(shared), effects, profile, window, before)
+        if self.factors is None:
+            return found
+        lines = {channel: found.lines[channel] * factor for channel, factor in self.factors[i].items()}
+        return replace(found, lines=found.lines | lines)
 
     def residual(
         self, predictions: Sequence[Prediction], phase: float, depth: np.ndarray, weights=None

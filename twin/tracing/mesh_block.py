@@ -1,0 +1,252 @@
+"""Which effects on the mesh explain what all channels show at the mesh orders.
+
+First the windows are fitted with wear alone. Where that leaves more than healthy machines do, every candidate is
+tried with the wear it would cause; the one with the best evidence joins; then the rest are tried beside it, and so on,
+while the evidence gains more than GAIN. Onset: the last window up to which wear alone, or what was found before, still
+explains everything is where later effects may set in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from twin.effects.extended import extend
+from twin.effects.response import Effect
+from twin.errors import NotConverged, TwinError
+from twin.model import Condition, Model
+from twin.tracing.candidates import LEAST, TRIALS, started
+from twin.tracing.joint_fit import JointFit, Problem, Trial, fit
+from twin.tracing.observed import Observed
+from twin.wear.curve import MasterCurve
+from twin.wear.profile import WornProfile
+
+GAIN = 6.0  # nats that an effect must gain
+QUIET = 0.3  # misfit up to which nothing is sought: healthy machines of the rig's structure have 0.1 to 0.3
+WORTH = 2.0  # nats in the first trial from which a candidate is tried with the wear that it causes
+MOST_EFFECTS = 3
+ROUNDS = 2  # of fitting and of wearing with what was fitted
+JUMP = 2.5  # misfit of a window by itself from which something has set in
+SHARPER = 3.0  # times the misfit of the windows before
+
+
+@lru_cache(maxsize=48)
+def _curve(model: Model, effects: tuple[Effect, ...], condition: Condition, start: tuple, until: float) -> MasterCurve:
+    """Wear with effects, from new flanks or from those of an earlier curve at a depth."""
+    worn = extend(model, effects)
+    begin = worn.unworn
+    if start:
+        before, depth = start
+        begin = before.profile(depth)
+    return MasterCurve.build(worn, condition, begin, until)
+
+
+def _rounded(effect: Effect) -> Effect:
+    """The effect with its numbers to two digits: flanks worn by it are the same, and are computed once."""
+    values = {}
+    for parameter in effect.parameters:
+        v = getattr(effect, parameter.name)
+        values[parameter.name] = float(f"{v:.2g}") if isinstance(v, float) else v
+    return replace(effect, **values)  # type: ignore[type-var]
+
+
+@dataclass(eq=False)
+class Wear:
+    """Profiles by depth for whatever effects are in the twin, as `joint_fit.Profiles`."""
+
+    model: Model
+    condition: Condition
+    until: float
+    with_effects: tuple[tuple[Effect, float], ...] = ()  # that shape the wear, with their onsets
+    onset_depth: dict[float, float] = field(default_factory=dict)
+
+    def __call__(self, depth: float, effects: tuple[Effect, ...], window: Observed) -> WornProfile | Sequence[WornProfile]:
+        shaping = tuple((e, onset) for e, onset in self.with_effects if onset <= window.revolutions)
+        if not window.worn:
+            return self.model.unworn
+        early = tuple(e for e, onset in shaping if onset == 0)
+        curve = _curve(self.model, early, self.condition, (), self.until)
+        late = [(e, onset) for e, onset in shaping if onset > 0]
+        for effect, onset in late:
+            start = min(self.onset_depth.get(onset, 0.0), depth)
+            early = (*early, effect)
+            curve = _curve(self.model, early, self.condition, (curve, float(f"{start:.2g}")), self.until)
+        return curve.profile(max(depth, float(curve.depth[0]))).slices
+
+
+SHAPING = ("misalignment", "profile_error")  # effects under which flanks wear otherwise
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Candidate:
+    """One effect tried."""
+
+    trial: Trial
+    fit: JointFit
+    gain: float  # ln evidence over the fit without it
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MeshFindings:
+    """What the mesh lines say."""
+
+    windows: tuple[Observed, ...]
+    base: JointFit  # wear alone
+    best: JointFit  # with what was found
+    found: tuple[Candidate, ...]  # in the order found
+    table: tuple[tuple[str, float], ...]  # every candidate's gain over what was there when it was tried first
+    runner_up: dict[str, tuple[str, float]]  # of each one found: the next best, and how far behind [nat]
+
+
+class MeshBlock:
+    """The windows of one machine, ready to be explained."""
+
+    def __init__(
+        self,
+        model: Model,
+        windows: Sequence[Observed],
+        depth: np.ndarray,
+        phase: float,
+        factors: Sequence[dict[str, np.ndarray]] | None = None,
+        channels: tuple[str, ...] = ("encoder", "torque", "acceleration"),
+    ) -> None:
+        self.model, self.windows, self.depth, self.phase = model, tuple(windows), depth, phase
+        self.factors, self.channels = factors, channels
+        worn = [w for w in windows if w.worn] or list(windows)
+        self.condition = worn[0].condition
+        self.until = max(1.4 * float(depth.max(initial=0.0)), 30e-6)
+
+    def problem(self, trials: Sequence[Trial], wear: Wear, windows: Sequence[int] | None = None) -> Problem:
+        chosen = range(len(self.windows)) if windows is None else windows
+        return Problem(
+            model=self.model,
+            windows=[self.windows[i] for i in chosen],
+            profiles=wear,
+            trials=tuple(trials),
+            channels=self.channels,
+            factors=None if self.factors is None else [self.factors[i] for i in chosen],
+        )
+
+    def wear(self, effects: Sequence[tuple[Effect, float]] = (), fitted: JointFit | None = None) -> Wear:
+        shaping = tuple(
+            (_rounded(e), onset) for e, onset in effects if any(isinstance(e, _KINDS[name]) for name in SHAPING)
+        )
+        depths: dict[float, float] = {}
+        known = self.depth if fitted is None else fitted.depth
+        for _, onset in shaping:
+            if onset > 0:
+                turns = np.array([w.revolutions for w in self.windows])
+                order = np.argsort(turns)
+                depths[onset] = float(np.interp(onset, turns[order], known[order]))
+        return Wear(
+            model=self.model, condition=self.condition, until=self.until, with_effects=shaping, onset_depth=depths
+        )
+
+    def fitted(self, trials: Sequence[Trial], start: JointFit | None, rounds: int) -> JointFit:
+        """Trials fitted together, with the wear that they cause as of the round before."""
+        shaping = any(t.name in SHAPING for t in trials)
+        effects = [(t.make(np.array([f.start for f in t.free])), t.onset) for t in trials]
+        if start is not None:
+            known = dict(zip((t.name for t in start.trials), start.effects(), strict=True))
+            effects = [(known.get(t.name, e), t.onset) for t, (e, _) in zip(trials, effects, strict=True)]
+        wear = self.wear(effects if rounds > 1 else (), start)
+        result = fit(self.problem(trials, wear), start, self.phase, self.depth)
+        for _ in range(rounds - 1 if shaping else 0):
+            again = tuple(started(t, result.numbers(t)[0], t.onset) for t in result.trials)
+            wear = self.wear(list(zip(result.effects(), (t.onset for t in again), strict=True)), result)
+            result = fit(self.problem(again, wear), replace(result, trials=again), self.phase, self.depth)
+        return result
+
+    def onsets(self, base: JointFit, trials: Sequence[Trial]) -> list[float]:
+        """Revolutions at which something may have set in: 0, and just before the first window that breaks off."""
+        out = [0.0]
+        order = sorted(range(len(self.windows)), key=lambda i: self.windows[i].revolutions)
+        worn = [i for i in order if self.windows[i].worn]
+        fresh = [i for i in order if not self.windows[i].worn]
+        for count in range(2 if fresh else 3, len(worn)):
+            prefix = [*fresh, *worn[:count]]
+            following = [*prefix, worn[count]]
+            try:
+                before = self._misfit(prefix, trials)
+                after = self._misfit(following, trials)
+            except NotConverged:
+                continue
+            if before > JUMP:
+                break
+            if after > QUIET and after > SHARPER * max(before, 0.1):
+                out.append(
+                    0.5 * (self.windows[worn[count - 1]].revolutions + self.windows[worn[count]].revolutions)
+                )
+                break
+        return out
+
+    def _misfit(self, chosen: Sequence[int], trials: Sequence[Trial]) -> float:
+        problem = self.problem(trials, self.wear(), chosen)
+        return fit(problem, None, self.phase, self.depth[list(chosen)]).misfit
+
+    def explained(self, skip: Sequence[str] = (), quiet: float = QUIET, kept: Sequence[Trial] = ()) -> MeshFindings:
+        """The greedy search; `kept` trials are in from the start (pinned by an engineer)."""
+        base = self.fitted((), None, 1)
+        best = base if not kept else self.fitted(kept, base, ROUNDS)
+        found: list[Candidate] = [Candidate(trial=t, fit=best, gain=float("nan")) for t in kept]
+        table: dict[str, float] = {}
+        runner_up: dict[str, tuple[str, float]] = {}
+        while len(found) < MOST_EFFECTS and best.misfit > quiet:
+            present = tuple(best.trials)
+            onsets = self.onsets(best, present)
+            tried: list[Candidate] = []
+            for name, trial in TRIALS.items():
+                if name in skip or any(t.name == name for t in present):
+                    continue
+                for onset in onsets:
+                    candidate = self._tried(replace(trial, onset=onset), present, best, 1)
+                    if candidate is not None:
+                        tried.append(candidate)
+            refined: list[Candidate] = []
+            for candidate in sorted(tried, key=lambda c: -c.gain)[:4]:
+                better = None
+                if candidate.trial.name in SHAPING and candidate.gain > WORTH:
+                    numbers, _ = candidate.fit.numbers(candidate.fit.trials[-1])
+                    again = started(candidate.trial, numbers, candidate.trial.onset)
+                    better = self._tried(again, present, best, ROUNDS)
+                refined.append(candidate if better is None else better)
+            refined.sort(key=lambda c: -c.gain)
+            for candidate in (*tried, *refined):
+                name = candidate.trial.name
+                table[name] = max(table.get(name, -np.inf), candidate.gain) if not found else table.get(name, candidate.gain)
+            usable = [c for c in refined if c.gain > GAIN and _big_enough(c)]
+            if not usable:
+                break
+            chosen = usable[0]
+            others = [c for c in refined if c.trial.name != chosen.trial.name]
+            if others:
+                runner_up[chosen.trial.name] = (others[0].trial.name, chosen.gain - others[0].gain)
+            found.append(chosen)
+            best = chosen.fit
+        return MeshFindings(
+            windows=self.windows,
+            base=base,
+            best=best,
+            found=tuple(found),
+            table=tuple(sorted(table.items(), key=lambda item: -item[1])),
+            runner_up=runner_up,
+        )
+
+    def _tried(self, trial: Trial, present: Sequence[Trial], best: JointFit, rounds: int) -> Candidate | None:
+        try:
+            result = self.fitted((*present, trial), best, rounds)
+        except TwinError:
+            return None
+        return Candidate(trial=result.trials[-1], fit=result, gain=result.log_evidence - best.log_evidence)
+
+
+def _big_enough(candidate: Candidate) -> bool:
+    numbers, _ = candidate.fit.numbers(candidate.fit.trials[-1])
+    shown = numbers[:3] if candidate.trial.name == "profile_error" else numbers[:1]
+    return float(np.abs(shown).max()) >= LEAST[candidate.trial.name]
+
+
+_KINDS = {name: type(trial.make(np.full(len(trial.free), 0.5))) for name, trial in TRIALS.items()}
