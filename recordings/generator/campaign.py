@@ -249,6 +249,8 @@ def simulate(spec: Mapping[str, Any], rig: Mapping[str, Any], progress: Progress
     if limit is not None:
         if progress:
             progress(1.0, "on to the end of life")
+        if checked["truth"]["life_step_um"] is not None:
+            run.wearing.wear = run.wearing.wear | {"step_um": checked["truth"]["life_step_um"]}
         campaign.truth["end_of_life"] = end_of_life(
             run.machine, run.wear_to, run.revolutions, limit, run.operating(run.revolutions)
         )

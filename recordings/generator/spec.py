@@ -82,7 +82,7 @@ SCHEMA: dict[str, Any] = {
     },
     "effects": Named("name", {"onset_revolutions": Number("rev", 0, 1e9, 0.0)}, EFFECTS),
     "faults": Named("kind", {"window": Number("", 0, 10000, integer=True), "channel": Text("accel/y6")}, FAULTS),
-    "truth": {"to_end_of_life": Flag(False)},
+    "truth": {"to_end_of_life": Flag(False), "life_step_um": Number("µm", 0.05, 20, None)},
 }
 
 

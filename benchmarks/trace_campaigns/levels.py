@@ -1,0 +1,116 @@
+"""Sizes of the effects: small, medium and large of each, and what is drawn anew for every campaign.
+
+Small lies near where an effect is expected to be seen at all, large where nobody would overlook it. A campaign
+scales the size by a factor of its own draw (SPREAD), so no two campaigns have the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+LEVELS = ("small", "medium", "large")
+SPREAD = (0.88, 1.14)  # factor of the drawn size on the level's
+_PHASE = (0.0, 6.28)
+
+SIZES: Mapping[str, tuple[Mapping[str, float], ...]] = {
+    "pinion_eccentricity": ({"e_um": 10.0}, {"e_um": 28.0}, {"e_um": 65.0}),
+    "gear_eccentricity": ({"e_um": 14.0}, {"e_um": 40.0}, {"e_um": 90.0}),
+    "misalignment": ({"lead_um": 11.0}, {"lead_um": 24.0}, {"lead_um": 42.0}),
+    "tooth_friction": ({"mu": 0.03}, {"mu": 0.065}, {"mu": 0.11}),
+    "pitch_error": (
+        {"pinion_um": 1.0, "gear_um": 0.8},
+        {"pinion_um": 2.5, "gear_um": 2.0},
+        {"pinion_um": 5.0, "gear_um": 4.0},
+    ),
+    "profile_error": ({"tip_relief_um": 5.0}, {"tip_relief_um": 12.0}, {"tip_relief_um": 25.0}),
+    "tooth_crack": ({"loss": 0.2}, {"loss": 0.4}, {"loss": 0.65}),
+    "mass_unbalance": ({"pinion_g_mm": 1500.0}, {"pinion_g_mm": 6000.0}, {"pinion_g_mm": 20000.0}),
+    "torque_ripple": ({"amplitude_nm": 0.12}, {"amplitude_nm": 0.5}, {"amplitude_nm": 1.5}),
+    "bearing_defect": ({"force_n": 5.0}, {"force_n": 15.0}, {"force_n": 45.0}),
+    "backlash_rattle": ({"load_ripple_nm": 12.0}, {"load_ripple_nm": 18.0}, {"load_ripple_nm": 28.0}),
+    "mesh_stiffness_loss": ({"loss": 0.14}, {"loss": 0.25}, {"loss": 0.4}),
+    "mesh_damping": ({"factor": 2.0}, {"factor": 3.5}, {"factor": 7.0}),
+    "sensor_gain": ({"change": 0.1}, {"change": 0.2}, {"change": 0.4}),
+    "sensor_resonance": ({"frequency_hz": 3200.0}, {"frequency_hz": 1900.0}, {"frequency_hz": 1100.0}),
+    "mains_interference": ({"level": 0.6}, {"level": 1.5}, {"level": 4.0}),
+}
+
+
+def drawn(name: str, level: str, rng: np.random.Generator) -> dict[str, Any]:
+    """Parameters of the generator for an effect of a level, with this campaign's own size and position."""
+    sizes = {key: _rounded(value * rng.uniform(*SPREAD)) for key, value in SIZES[name][LEVELS.index(level)].items()}
+    shape = _SHAPES.get(name)
+    return sizes if shape is None else shape(sizes, rng)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.3g}")
+
+
+def _phased(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {**sizes, "phase": _rounded(rng.uniform(*_PHASE))}
+
+
+def _sided(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {"lead_um": sizes["lead_um"] * float(rng.choice([-1.0, 1.0]))}
+
+
+def _relieved(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    slope = sizes["tip_relief_um"] * rng.uniform(-0.3, 0.3)
+    return {**sizes, "relief_length_mm": _rounded(rng.uniform(1.0, 2.2)), "slope_um": _rounded(slope)}
+
+
+def _cracked(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {"tooth": int(rng.integers(0, 19)), "remaining_stiffness": _rounded(1 - sizes["loss"])}
+
+
+def _rippling(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return _phased({**sizes, "order": float(rng.choice([2.0, 3.0, 4.0, 6.0, 8.0]))}, rng)
+
+
+def _rolling(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """Outer or inner race of a ball bearing with 8 or 9 balls."""
+    order = float(rng.choice([3.05, 3.58, 4.95, 5.42])) * rng.uniform(0.99, 1.01)
+    return {**sizes, "order": round(order, 3), "slip": _rounded(rng.uniform(0.004, 0.015))}
+
+
+def _rattling(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {
+        **sizes,
+        "extra_backlash_um": _rounded(rng.uniform(20, 120)),
+        "order": float(rng.choice([1.0, 2.0])),
+    }
+
+
+def _gained(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {"gain": _rounded(1 + sizes["change"] * float(rng.choice([-1.0, 1.0])))}
+
+
+def _resonant(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {**sizes, "damping_ratio": _rounded(rng.uniform(0.02, 0.06))}
+
+
+def _mains(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """50 or 60 Hz with odd harmonics."""
+    base = float(rng.choice([50.0, 60.0]))
+    amplitudes = [_rounded(sizes["level"] * a * rng.uniform(0.8, 1.2)) for a in (1.0, 0.8, 0.5)]
+    return {"frequencies_hz": [base, 3 * base, 5 * base], "amplitudes": amplitudes}
+
+
+_SHAPES: Mapping[str, Callable[[dict[str, Any], np.random.Generator], dict[str, Any]]] = {
+    "pinion_eccentricity": _phased,
+    "gear_eccentricity": _phased,
+    "misalignment": _sided,
+    "profile_error": _relieved,
+    "tooth_crack": _cracked,
+    "mass_unbalance": _phased,
+    "torque_ripple": _rippling,
+    "bearing_defect": _rolling,
+    "backlash_rattle": _rattling,
+    "sensor_gain": _gained,
+    "sensor_resonance": _resonant,
+    "mains_interference": _mains,
+}
