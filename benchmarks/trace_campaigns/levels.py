@@ -29,13 +29,17 @@ SIZES: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "tooth_crack": ({"loss": 0.2}, {"loss": 0.4}, {"loss": 0.65}),
     "mass_unbalance": ({"pinion_g_mm": 1500.0}, {"pinion_g_mm": 6000.0}, {"pinion_g_mm": 20000.0}),
     "torque_ripple": ({"amplitude_nm": 0.12}, {"amplitude_nm": 0.5}, {"amplitude_nm": 1.5}),
-    "bearing_defect": ({"force_n": 5.0}, {"force_n": 15.0}, {"force_n": 45.0}),
-    "backlash_rattle": ({"load_ripple_nm": 12.0}, {"load_ripple_nm": 18.0}, {"load_ripple_nm": 28.0}),
+    "bearing_defect": ({"force_n": 1.2}, {"force_n": 4.0}, {"force_n": 12.0}),
+    "backlash_rattle": ({"load_ripple_nm": 11.5}, {"load_ripple_nm": 14.0}, {"load_ripple_nm": 18.0}),
     "mesh_stiffness_loss": ({"loss": 0.14}, {"loss": 0.25}, {"loss": 0.4}),
     "mesh_damping": ({"factor": 2.0}, {"factor": 3.5}, {"factor": 7.0}),
     "sensor_gain": ({"change": 0.1}, {"change": 0.2}, {"change": 0.4}),
     "sensor_resonance": ({"frequency_hz": 3200.0}, {"frequency_hz": 1900.0}, {"frequency_hz": 1100.0}),
     "mains_interference": ({"level": 0.6}, {"level": 1.5}, {"level": 4.0}),
+    "order_tone": ({"amplitude": 0.8}, {"amplitude": 2.0}, {"amplitude": 5.0}),
+    "level_modulation": ({"depth": 0.15}, {"depth": 0.3}, {"depth": 0.5}),
+    "random_impacts": ({"amplitude": 5.0}, {"amplitude": 15.0}, {"amplitude": 40.0}),
+    "rub": ({"amplitude": 1.0}, {"amplitude": 3.0}, {"amplitude": 8.0}),
 }
 
 
@@ -100,6 +104,24 @@ def _mains(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     return {"frequencies_hz": [base, 3 * base, 5 * base], "amplitudes": amplitudes}
 
 
+def _belted(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """A belt's ratio, between the orders of the shafts."""
+    return {**sizes, "order": round(rng.uniform(4.1, 17.9) // 1 + rng.uniform(0.3, 0.7), 3), "harmonics": 2}
+
+
+def _breathing(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """Tens of hertz, as the 39.6 Hz of a measured rig at 33 Hz."""
+    return {**sizes, "frequency_hz": _rounded(rng.uniform(21, 47))}
+
+
+def _striking(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {**sizes, "rate_hz": _rounded(rng.uniform(4, 12)), "frequency_hz": _rounded(rng.uniform(700, 2200))}
+
+
+def _rubbing(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {**sizes, "share": _rounded(rng.uniform(0.15, 0.4))}
+
+
 _SHAPES: Mapping[str, Callable[[dict[str, Any], np.random.Generator], dict[str, Any]]] = {
     "pinion_eccentricity": _phased,
     "gear_eccentricity": _phased,
@@ -113,4 +135,8 @@ _SHAPES: Mapping[str, Callable[[dict[str, Any], np.random.Generator], dict[str, 
     "sensor_gain": _gained,
     "sensor_resonance": _resonant,
     "mains_interference": _mains,
+    "order_tone": _belted,
+    "level_modulation": _breathing,
+    "random_impacts": _striking,
+    "rub": _rubbing,
 }

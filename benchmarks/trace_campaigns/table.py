@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ class Put:
     name: str
     level: str
     onset: float = 0.0
+    given: Mapping[str, Any] = field(default_factory=dict)  # parameters that are not drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +96,7 @@ def spec_of(row: Row, *, two_conditions: bool | None = None) -> dict[str, Any]:
                 "name": put.name,
                 "onset_revolutions": float(round(put.onset * worn)),
                 **drawn(put.name, put.level, np.random.default_rng([row.seed, 12, i])),
+                **put.given,
             }
             for i, put in enumerate(row.effects)
         ],
@@ -105,7 +108,7 @@ def spec_of(row: Row, *, two_conditions: bool | None = None) -> dict[str, Any]:
     if row.running_in:
         spec["wear"] |= {"running_in_factor": round(rng.uniform(1.4, 2.2), 2), "running_in_revolutions": worn / 4}
     if row.two_conditions if two_conditions is None else two_conditions:
-        spec["conditions"] = alternating(speed, torque, at)
+        spec["conditions"] = alternating(speed, torque, at.tolist())
     return merged(spec, row.extra)
 
 
@@ -114,7 +117,7 @@ def alternating(speed: float, torque: float, at: Sequence[float]) -> list[dict[s
     fast, light = DETUNED
     other = {"speed_hz": round(min(speed * fast, 17.0), 2), "torque_nm": round(torque * light, 2)}
     both = ({"speed_hz": speed, "torque_nm": torque}, other)
-    ends = [(a + b) / 2 for a, b in zip(at[:-1], at[1:], strict=True)]
+    ends = [(a + b) / 2 for a, b in pairwise(at)]
     rows = [{**both[i % 2], "until_revolutions": float(end)} for i, end in enumerate(ends)]
     return [*rows, dict(both[len(ends) % 2])]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks.trace_campaigns.table import CONTRACT_EFFECTS, Put, Row
 
-_MEDIUM_ONSETS = {"tooth_crack": 0.5}
+_MEDIUM_ONSETS = {"tooth_crack": 0.45}
 
 
 def _singles() -> list[Row]:
@@ -63,16 +63,19 @@ def _pairs() -> list[Row]:
 def _unknown() -> list[Row]:
     return [
         Row("T30-unknown-mains", 41401, "unknown", (Put("mains_interference", "medium", 0.3),), windows=7),
+        Row("T31-unknown-order_tone", 41408, "unknown", (Put("order_tone", "medium"),)),
+        Row("T32-unknown-level_modulation", 41415, "unknown", (Put("level_modulation", "medium"),)),
+        Row("T33-unknown-random_impacts", 41422, "unknown", (Put("random_impacts", "medium", 0.4),), windows=7),
     ]
 
 
 def _levels() -> list[Row]:
     """Other sizes of what is hard, and effects that set in."""
     put = (
-        ("misalignment", "small", 0.0), ("misalignment", "large", 0.5), ("tooth_friction", "small", 0.0),
-        ("tooth_friction", "medium", 0.5), ("tooth_crack", "small", 0.4), ("tooth_crack", "large", 0.0),
+        ("misalignment", "small", 0.0), ("misalignment", "large", 0.55), ("tooth_friction", "small", 0.0),
+        ("tooth_friction", "medium", 0.45), ("tooth_crack", "small", 0.4), ("tooth_crack", "large", 0.0),
         ("pitch_error", "small", 0.0), ("gear_eccentricity", "small", 0.0), ("pinion_eccentricity", "large", 0.0),
-        ("bearing_defect", "small", 0.5), ("sensor_gain", "small", 0.0), ("sensor_gain", "large", 0.5),
+        ("bearing_defect", "small", 0.45), ("sensor_gain", "small", 0.0), ("sensor_gain", "large", 0.55),
         ("profile_error", "large", 0.0), ("mesh_stiffness_loss", "large", 0.0),
     )  # fmt: skip
     return [

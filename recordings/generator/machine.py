@@ -57,10 +57,11 @@ class Machine:
 
     def mesh(self, knobs: Knobs) -> Mesh:
         """The contact as it is now, with the present wear and the effects' knobs."""
-        pair, z1 = self.pair, self.pair.teeth[0]
-        teeth = np.ones(z1)
-        for tooth, share in knobs.tooth_stiffness.items():
-            teeth[tooth] = share
+        pair = self.pair
+        teeth = tuple(np.ones(z) for z in pair.teeth)
+        for shares, cracked in zip(teeth, (knobs.tooth_stiffness, knobs.gear_tooth_stiffness), strict=True):
+            for tooth, share in cracked.items():
+                shares[tooth] = share
         form1, form2 = (np.atleast_2d(form) for form in (knobs.pinion_form, knobs.gear_form))
         rb, α = pair.base_radius, pair.pressure_angle
         κ = pair.pair_stiffness * self.stiffness_scale * knobs.stiffness
@@ -83,7 +84,8 @@ class Machine:
             pinion=self.pinion_worn + form1[:, :, None],
             gear=self.gear_worn + form2[:, :, None],
             lead=knobs.lead * z,
-            tooth_stiffness=teeth,
+            tooth_stiffness=teeth[0],
+            gear_tooth_stiffness=teeth[1],
             friction=knobs.friction,
             backlash=pair.backlash + knobs.backlash,
             ρ1=rb[0] * np.tan(α),
