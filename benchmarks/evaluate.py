@@ -1,6 +1,6 @@
 """Recordings with undeclared effects through `assess`: what was named, and the errors before and after.
 
-    python -m benchmarks.evaluate [--set judge|tune|shared|all] [--only TEXT …] [--json OUT] [--processes N]
+    python -m benchmarks.evaluate [--set judge|tune|shared|all …] [--only TEXT …] [--json OUT] [--processes N]
                                   [--channels all|accel+encoders|accel] [--conditions own|one|two] [--folder DIR]
 
 The campaigns of the tables `judge` and `tune` are made by the project's own generator where they are not kept yet;
@@ -61,18 +61,22 @@ def evaluate(path: Path, channels: str = "all") -> Traced:
     return replace(score_tracing(truth, answer, before, name=name), seconds=used)
 
 
-def campaigns(chosen: str, folder: Path, processes: int, names: Sequence[str], conditions: str) -> Iterator[Path]:
-    """The recordings of a set, or of all; those that are missing are made."""
+def campaigns(
+    chosen: Sequence[str], folder: Path, processes: int, names: Sequence[str], conditions: str
+) -> Iterator[Path]:
+    """The recordings of some sets; those that are missing are made."""
     for table, rows in TABLES.items():
-        if chosen not in (table, "all"):
+        if table not in chosen and "all" not in chosen:
             continue
         wanted = [row for row in rows if _named(row.name, names)]
-        start = time.monotonic()
-        for i, (row, path) in enumerate(make_all(wanted, folder, processes, CONDITIONS[conditions]), start=1):
-            if time.monotonic() - start > 1:
-                _tell(f"campaign {i} of {len(wanted)}: {row.name}")
-            yield path
-    if chosen in ("shared", "all"):
+        made = make_all(wanted, folder, processes, CONDITIONS[conditions])
+        for i, (row, path, why) in enumerate(made, start=1):
+            _tell(f"campaign {i} of {len(wanted)}: {row.name}")
+            if path is None:
+                print(f"left out: {row.name} could not be made: {why}", file=sys.stderr)
+            else:
+                yield path
+    if "shared" in chosen or "all" in chosen:
         beside = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared")) / "campaigns"
         found = [p for p in sorted(beside.glob("*.mcap")) if truth_beside(p) and _named(p.stem, names)]
         if not found:
@@ -102,7 +106,9 @@ def evaluated(paths: Sequence[Path], processes: int, channels: str = "all") -> l
 
 def arguments_of(parser: argparse.ArgumentParser) -> None:
     """What this command and the ablation share."""
-    parser.add_argument("--set", choices=[*TABLES, "shared", "all"], default="judge", help="which campaigns")
+    parser.add_argument(
+        "--set", nargs="+", choices=[*TABLES, "shared", "all"], default=["judge", "shared"], help="which campaigns"
+    )
     parser.add_argument("--only", nargs="+", metavar="TEXT", default=[], help="campaigns with this in their name")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write all figures to this file")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
@@ -119,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     paths = list(campaigns(given.set, given.folder, given.processes, given.only, given.conditions))
     if not paths:
-        print(f"no campaign of the set {given.set} is named {' or '.join(given.only)}", file=sys.stderr)
+        print(f"no campaign of {', '.join(given.set)} is named {' or '.join(given.only)}", file=sys.stderr)
         return 2
     results = evaluated(paths, given.processes, given.channels)
     if without_tracing() is None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.trace_campaigns.table import Row, spec_of
-from recordings.generator import simulate, write
+from recordings.generator import SimulationError, simulate, write
 
 ROOT = Path(__file__).resolve().parents[2]
 RIG = ROOT / "recordings" / "rigs" / "unsw.toml"
@@ -63,9 +63,17 @@ def make(row: Row, path: Path, two_conditions: bool | None = None) -> Path:
 
 def make_all(
     rows: Iterable[Row], folder: Path, processes: int = 1, two_conditions: bool | None = None
-) -> Iterator[tuple[Row, Path]]:
-    """All rows' recordings, in order, over several processes."""
+) -> Iterator[tuple[Row, Path | None, str]]:
+    """All rows' recordings, in order, over several processes; None, and why, for one that could not be made."""
     rows = list(rows)
-    paths = [recording_of(row, folder, two_conditions) for row in rows]
     with ProcessPoolExecutor(max(1, min(processes, len(rows)))) as pool:
-        yield from zip(rows, pool.map(make, rows, paths, [two_conditions] * len(rows)), strict=True)
+        work = pool.map(_made, rows, [folder] * len(rows), [two_conditions] * len(rows))
+        for row, (path, why) in zip(rows, work, strict=True):
+            yield row, path, why
+
+
+def _made(row: Row, folder: Path, two_conditions: bool | None) -> tuple[Path | None, str]:
+    try:
+        return make(row, recording_of(row, folder, two_conditions), two_conditions), ""
+    except SimulationError as why:
+        return None, str(why)
