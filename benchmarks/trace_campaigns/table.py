@@ -83,6 +83,7 @@ def spec_of(row: Row, *, two_conditions: bool | None = None) -> dict[str, Any]:
         "wear": {
             "k_m2_per_n": float(f"{k * depth / reached * load / torque * revolutions / worn:.4g}"),
             "from_revolutions": NEW,
+            "dynamic_forces": True,
             "contact_half_width_um": round(rng.uniform(150, 260)),
         },
         "machine": {

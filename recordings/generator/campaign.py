@@ -85,7 +85,8 @@ class _Run:
             now = self.revolutions
             until = min([stop] + [t for t in turning if now < t])
             if now >= first:
-                self.wearing.advance(now, until, forced or self.operating(now), self.knobs(now)[0])
+                knobs, active = self.knobs(now)
+                self.wearing.advance(now, until, forced or self.operating(now), knobs, len(active))
             self.revolutions = until
 
     def window(self, kind: str, index: int, target: float, condition: Condition, seconds: float):

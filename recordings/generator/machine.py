@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
@@ -17,6 +17,9 @@ from recordings.generator.structure import Structure
 from recordings.generator.sweep import sweep
 
 SPEED_BANDWIDTH = 4.0  # of the motor's speed control [rad/s]
+FORCE_BINS = 64  # of a mesh period, for the force that wears
+FORCE_SECONDS = (0.12, 0.25)  # that the machine settles, and is then looked at for that force [s]
+LEAST_RATIO = 0.02  # of the force that wears to its mean, where contact is lost
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,10 +163,22 @@ class Machine:
         """Runs on without recording."""
         self._run(motion, condition, knobs, round(seconds / self.dt), rng, np.zeros((0, 8)))
 
-    def carried(self, condition: Condition, knobs: Knobs, start: float, turns: float):
-        """Mean of slice force × distance from the pitch point [N·m] of one passage at rest, over `turns`.
+    def force_ratio(self, condition: Condition, knobs: Knobs) -> np.ndarray:
+        """The mesh force of the turning machine over the mesh period, over its mean; (FORCE_BINS,)."""
+        steady, rng = replace(condition, speed_wander=0.0, torque_wander=0.0), np.random.default_rng(0)
+        motion = self.at_rest(steady, knobs, 0.0)
+        self.settle(motion, steady, knobs, FORCE_SECONDS[0], rng)
+        record = self.run(motion, steady, knobs, FORCE_SECONDS[1], rng)
+        passed = (self.pair.base_radius[0] * record[:, 2] + self.phase) / self.pair.base_pitch
+        at = np.minimum(((passed - np.floor(passed)) * FORCE_BINS).astype(int), FORCE_BINS - 1)
+        force = np.bincount(at, record[:, 4], FORCE_BINS) / np.bincount(at, minlength=FORCE_BINS)
+        return np.maximum(force / force.mean(), LEAST_RATIO)
+
+    def carried(self, condition: Condition, knobs: Knobs, start: float, turns: float, ratio: np.ndarray | None = None):
+        """Mean of slice force × distance from the pitch point [N·m] of one passage, over `turns`.
 
         From pinion angle `start` [rad] on. For pinion (z1, points, slices) and gear (z2, points, slices).
+        `ratio` (bins,) is the load over the mesh period against its mean; even where there is none.
         """
         shape1, shape2 = self.pinion_worn.shape, self.gear_worn.shape
         worn1, worn2, passed1, passed2 = (
@@ -177,7 +192,8 @@ class Machine:
         force = condition.torque / self.pair.base_radius[0]
         eccentricity = np.array(knobs.pinion_eccentricity + knobs.gear_eccentricity)
         missed = sweep(
-            mesh, start, positions, force, eccentricity, work_space(mesh), worn1, worn2, passed1, passed2
+            mesh, start, positions, force, np.ones(1) if ratio is None else ratio, eccentricity,
+            work_space(mesh), worn1, worn2, passed1, passed2,
         )  # fmt: skip
         if missed:
             raise SimulationError(f"the load sharing found no balance at {missed} of {positions} positions")

@@ -34,6 +34,7 @@ SCHEMA: dict[str, Any] = {
         "contact_half_width_um": Number("µm", 20, 1000, 200.0),
         "step_um": Number("µm", 0.05, 2, 1.0),
         "tooth_scatter": Number("", 0, 0.1, 0.01),
+        "dynamic_forces": Flag(False),
         "running_in_factor": Number("", 0.1, 10, 1.0),
         "running_in_revolutions": Number("rev", 1, 1e9, 2000.0),
     },
