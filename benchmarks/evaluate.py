@@ -23,6 +23,7 @@ from typing import Any
 
 from benchmarks.channels import SETS, only
 from benchmarks.evaluate_tables import campaign_table, figure_table, size_table, summary
+from benchmarks.realised import with_draws
 from benchmarks.scoring import ROOT, read_truth, truth_beside
 from benchmarks.trace_campaigns import judge, tune
 from benchmarks.trace_campaigns.generate import FOLDER, make_all
@@ -47,7 +48,7 @@ def evaluate(path: Path, channels: str = "all") -> Traced:
     """One recording's score: assessed without and with tracing."""
     beside = truth_beside(path)
     assert beside is not None
-    truth = read_truth(beside)
+    truth = with_draws(read_truth(beside))
     name = truth.get("id", path.stem)
     untraced = without_tracing()
     try:

@@ -156,6 +156,8 @@ def _levels(results: Sequence[Traced]) -> list[str]:
         depth = _median(_relative(r.depth_error(when), r.depth_true) for r in results)
         life = _median(_relative(_off(getattr(r, f"life_{when}"), r.life_true), r.life_true) for r in results)
         out.append(f"{f'depth and life error {when}, medians':46s}{number(depth, '6.1f')} % {number(life, '7.1f')} %")
+    false = sum(len(r.false) for r in results)
+    out.append(f"{'names given to what is not there':46s}{false:4d} in {len(results)} campaigns")
     tones = sum(len(r.foreign_hz) for r in results)
     if tones:
         out.append(f"{'foreign tones among the lines left':46s}{sum(r.lines_found for r in results):4d} of {tones}")

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from benchmarks import evaluate
 from benchmarks.channels import SETS, once_a_turn, only
 from benchmarks.trace_campaigns import generate, judge, tune
 from benchmarks.trace_campaigns.levels import LEVELS, SIZES, SPREAD
@@ -16,6 +21,7 @@ from service import assess
 from service.sources.mcap import Recording
 from tests.generator_instances import SPEC
 
+ROOT = Path(__file__).parents[2]
 EVERY = (*tune.ROWS, *judge.ROWS)
 
 
@@ -182,3 +188,23 @@ def test_a_tachometer_gives_every_whole_turn_of_the_encoder_and_nothing_between(
             continue
         assert seen.edges_per_rev == 1 and seen.first_edge_index == turns[0]
         assert seen.edge_offsets_ns.size == len(turns)
+
+
+@pytest.mark.slow
+def test_a_campaign_is_made_assessed_and_printed_beside_the_aims(tmp_path):
+    out = tmp_path / "out.json"
+    command = ["--set", "tune", "--only", "T16", "--folder", str(tmp_path), "--json", str(out), "--processes", "1"]
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.evaluate", *command], cwd=ROOT, capture_output=True, text=True, timeout=280
+    )
+    assert done.returncode == 0, done.stderr
+    for what in ("T16-clean", "clean campaigns given an effect", "depth within 5 % or 2 µm after"):
+        assert what in done.stdout
+    (result,) = json.loads(out.read_text(encoding="utf-8"))
+    assert result["kind"] == "clean" and result["depth_true"] > 20 and result["depth_after"] is not None
+
+
+def test_a_name_that_no_campaign_has_is_said_before_anything_is_made(tmp_path, capsys):
+    given = ["--set", "judge", "--only", "no-such-campaign", "--folder", str(tmp_path)]
+    assert evaluate.main(given) == 2
+    assert "no campaign of the set judge is named no-such-campaign" in capsys.readouterr().err

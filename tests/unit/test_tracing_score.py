@@ -8,9 +8,12 @@ import pytest
 
 from benchmarks.ablation import cell, matrix, needs
 from benchmarks.evaluate_tables import AIMS, campaign_table, figure_table, size_table, summary
+from benchmarks.realised import with_draws
 from benchmarks.trace_campaigns.table import CONTRACT_EFFECTS
 from benchmarks.tracing_score import SAME, figures, no_answer, score_tracing
 from recordings.generator.effects import EFFECTS as GENERATED
+from recordings.generator.effects import knobs_at
+from tests.generator_instances import pair
 from twin.effects import EFFECTS
 
 TRUTH = {
@@ -42,6 +45,8 @@ ANSWER = {
     "wear": {"max_depth_um": {"combined": {"median": 40.5, "p05": 39.0, "p95": 42.0}}},
     "rul": {"revolutions": {"median": 81000.0, "p05": 1.0, "p95": 2.0}},
 }
+
+PROFILE = {"tip_relief_um": 6.0, "gear_tip_relief_um": None, "relief_length_mm": 1.0, "slope_um": 2.0}
 
 
 def changed(base, **more):
@@ -84,6 +89,21 @@ def test_a_crack_is_told_by_its_loss_and_a_list_of_teeth_by_its_spread():
     pitch = {"name": "pitch_error", "parameters": {"pinion_um": 2.0, "gear_um": 1.0}}
     (f,) = figures(pitch, {"parameters": {"pinion": {"value": [2e-6, -2e-6], "unit": "m", "std": None}}})
     assert (f.true, f.said, f.std) == (2.0, pytest.approx(2.0), None)
+
+
+def test_pitch_errors_are_compared_with_what_was_drawn():
+    """The campaign's own teeth, found again from its seed; others' truths stay as they are."""
+    sizes = {"pinion_um": 4.0, "gear_um": 0.0}
+    pitch = {"name": "pitch_error", "onset_revolutions": 0.0, "parameters": sizes}
+    effects = [{"name": "profile_error", "onset_revolutions": 0.0, "parameters": PROFILE}, pitch]
+    drawn = with_draws(changed(TRUTH, seed=7, effects=effects))["effects"]
+    rows = ({"name": "profile_error", "onset_revolutions": 0.0, **PROFILE}, {**pitch, **sizes})
+    form = knobs_at(rows, 0.0, pair(), 7)[0].pinion_form[:, 0]
+    assert drawn[1]["parameters"]["pinion_um"] == pytest.approx(1e6 * form.std(), rel=1e-9)
+    assert 2.0 < drawn[1]["parameters"]["pinion_um"] < 6.0 and drawn[1]["parameters"]["gear_um"] == 0.0
+    assert drawn[0] == effects[0]
+    other = changed(TRUTH, effects=[{**pitch, "parameters": {"p1_um": 4.0}}])
+    assert with_draws(other) == other
 
 
 def test_every_effect_has_parameters_to_compare_that_both_sides_know():
@@ -164,6 +184,7 @@ def test_the_tables_show_what_was_found_beside_the_aims():
     lines = {line[:46].strip(): line for line in summary(results)}
     assert "100 %  ( 1 of  1)  ≥ 90 %" in lines["single effects named right, all sizes"]
     assert lines["clean campaigns given an effect"].endswith("≤ 2 %   missed")
+    assert "1 in 2 campaigns" in lines["names given to what is not there"]
     assert len(AIMS) == 9 and "both of a pair named" not in lines  # no such campaign, no line
 
 
