@@ -207,4 +207,4 @@ def test_a_campaign_is_made_assessed_and_printed_beside_the_aims(tmp_path):
 def test_a_name_that_no_campaign_has_is_said_before_anything_is_made(tmp_path, capsys):
     given = ["--set", "judge", "--only", "no-such-campaign", "--folder", str(tmp_path)]
     assert evaluate.main(given) == 2
-    assert "no campaign of the set judge is named no-such-campaign" in capsys.readouterr().err
+    assert "no campaign of judge is named no-such-campaign" in capsys.readouterr().err
