@@ -13,6 +13,7 @@ import numpy as np
 
 LEVELS = ("small", "medium", "large")
 SPREAD = (0.88, 1.14)  # factor of the drawn size on the level's
+FIRST_MODE = 21.8  # torsional, of the reference rig [Hz]
 _PHASE = (0.0, 6.28)
 
 SIZES: Mapping[str, tuple[Mapping[str, float], ...]] = {
@@ -30,7 +31,7 @@ SIZES: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "mass_unbalance": ({"pinion_g_mm": 1500.0}, {"pinion_g_mm": 6000.0}, {"pinion_g_mm": 20000.0}),
     "torque_ripple": ({"amplitude_nm": 0.12}, {"amplitude_nm": 0.5}, {"amplitude_nm": 1.5}),
     "bearing_defect": ({"force_n": 1.2}, {"force_n": 4.0}, {"force_n": 12.0}),
-    "backlash_rattle": ({"load_ripple_nm": 11.5}, {"load_ripple_nm": 14.0}, {"load_ripple_nm": 18.0}),
+    "backlash_rattle": ({"severity": 0.95}, {"severity": 1.25}, {"severity": 1.8}),
     "mesh_stiffness_loss": ({"loss": 0.14}, {"loss": 0.25}, {"loss": 0.4}),
     "mesh_damping": ({"factor": 2.0}, {"factor": 3.5}, {"factor": 7.0}),
     "sensor_gain": ({"change": 0.1}, {"change": 0.2}, {"change": 0.4}),
@@ -43,9 +44,16 @@ SIZES: Mapping[str, tuple[Mapping[str, float], ...]] = {
 }
 
 
-def drawn(name: str, level: str, rng: np.random.Generator) -> dict[str, Any]:
-    """Parameters of the generator for an effect of a level, with this campaign's own size and position."""
+def drawn(
+    name: str, level: str, rng: np.random.Generator, speed_hz: float = 10.0, torque_nm: float = 10.0
+) -> dict[str, Any]:
+    """Parameters of the generator for an effect of a level, with this campaign's own size and position.
+
+    Whether a load rattles depends on the operating condition; all else leaves it aside.
+    """
     sizes = {key: _rounded(value * rng.uniform(*SPREAD)) for key, value in SIZES[name][LEVELS.index(level)].items()}
+    if name == "backlash_rattle":
+        return _rattling(sizes["severity"], rng, speed_hz, torque_nm)
     shape = _SHAPES.get(name)
     return sizes if shape is None else shape(sizes, rng)
 
@@ -81,11 +89,16 @@ def _rolling(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     return {**sizes, "order": round(order, 3), "slip": _rounded(rng.uniform(0.004, 0.015))}
 
 
-def _rattling(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+def _rattling(severity: float, rng: np.random.Generator, speed_hz: float, torque_nm: float) -> dict[str, Any]:
+    """A load that pulsates once a pinion turn: its swing, swollen by the first torsional mode, over its mean.
+
+    From a severity of about 0.8 on the teeth part at every turn.
+    """
+    swing = severity * torque_nm * abs(1 - (speed_hz / FIRST_MODE) ** 2)
     return {
-        **sizes,
+        "load_ripple_nm": _rounded(swing),
         "extra_backlash_um": _rounded(rng.uniform(20, 120)),
-        "order": float(rng.choice([1.0, 2.0])),
+        "order": 1.0,
     }
 
 
@@ -131,7 +144,6 @@ _SHAPES: Mapping[str, Callable[[dict[str, Any], np.random.Generator], dict[str, 
     "mass_unbalance": _phased,
     "torque_ripple": _rippling,
     "bearing_defect": _rolling,
-    "backlash_rattle": _rattling,
     "sensor_gain": _gained,
     "sensor_resonance": _resonant,
     "mains_interference": _mains,

@@ -2,6 +2,10 @@
 
 A row says what is in a campaign; everything else, the machine, the operating condition, the depth, the sizes
 within their level, is drawn from its seed.
+
+What keeps a campaign at a quarter of a minute of one core: five slices across the face instead of nine (seven
+where the face is misaligned), five to seven windows of 2.5 s, and a march to the end of life in steps of 5 µm, which
+moves it by 0.02 %. The integration, the contact and the wear up to the last window are those of longer campaigns.
 """
 
 from __future__ import annotations
@@ -71,8 +75,6 @@ def spec_of(row: Row, *, two_conditions: bool | None = None) -> dict[str, Any]:
     rng = np.random.default_rng([row.seed, 11])
     speed, torque = round(rng.uniform(*SPEED), 2), round(rng.uniform(*TORQUE), 2)
     depth, worn = rng.uniform(*DEPTH), round(rng.uniform(*WORN), -2)
-    if any(put.name == "backlash_rattle" for put in row.effects):
-        torque = round(torque * 0.6 + 3.2, 2)  # rattle needs a light load
     k, revolutions, load, reached = REFERENCE
     at = np.round(np.linspace(0.0, worn, row.windows))
     spec: dict[str, Any] = {
@@ -96,7 +98,7 @@ def spec_of(row: Row, *, two_conditions: bool | None = None) -> dict[str, Any]:
             {
                 "name": put.name,
                 "onset_revolutions": float(round(put.onset * worn)),
-                **drawn(put.name, put.level, np.random.default_rng([row.seed, 12, i])),
+                **drawn(put.name, put.level, np.random.default_rng([row.seed, 12, i]), speed, torque),
                 **put.given,
             }
             for i, put in enumerate(row.effects)
