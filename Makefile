@@ -8,13 +8,14 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 WORKERS ?= 2
 ARGS ?=
 
-.PHONY: help install install-dev demo serve test test-slow test-all bench figures check format lint-docker lock clean
+.PHONY: help install install-dev demo serve test test-slow test-all bench figures evaluate check format lint-docker lock clean
 
 help:
 	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
 	@echo 'make serve        the service alone'
 	@echo 'make test         the test suite; test-slow: the longer proofs; test-all: both'
 	@echo 'make bench        all benchmarks, with their aims'
+	@echo 'make evaluate     campaigns with undeclared effects: named, and errors before and after (ARGS=--help: options)'
 	@echo 'make figures      writes the tables of figures in the README anew (ARGS=PART: one of them)'
 	@echo 'make check        ruff and mypy; format: put the code in form; lint-docker: the Dockerfile'
 	@echo 'make lock         resolve the locked packages again (needs uv)'
@@ -59,6 +60,9 @@ bench: install-dev
 
 figures: install-dev
 	$(BIN)/python -m benchmarks.figures $(ARGS)
+
+evaluate: install-dev
+	$(BIN)/python -m benchmarks.evaluate --processes $(WORKERS) $(ARGS)
 
 check: install-dev
 	$(BIN)/ruff check .

@@ -43,6 +43,10 @@ EFFECT_INSTANCES = {
     "mesh_stiffness_loss": {"loss": 0.2},
     "backlash_rattle": {"load_ripple_nm": 12.0, "order": 2.0},
     "mains_interference": {"frequencies_hz": [50.0, 150.0], "amplitudes": [1.0, 0.5]},
+    "order_tone": {"amplitude": 2.0, "order": 7.43},
+    "level_modulation": {"depth": 0.3, "frequency_hz": 39.6},
+    "random_impacts": {"amplitude": 20.0, "rate_hz": 8.0, "frequency_hz": 1200.0},
+    "rub": {"amplitude": 3.0},
 }
 
 

@@ -56,7 +56,7 @@ class _Run:
         self.spec, self.rig = spec, rig
         self.rng = {
             name: np.random.default_rng([spec["seed"], i])
-            for i, name in enumerate(("machine", "discs", "drive", "noise", "wear", "time"))
+            for i, name in enumerate(("machine", "discs", "drive", "noise", "wear", "time", "foreign"))
         }
         self.machine = _machine(spec, rig, self.rng["machine"])
         self.wearing = Wearing(self.machine, spec["wear"], self.rng["wear"])
@@ -85,7 +85,8 @@ class _Run:
             now = self.revolutions
             until = min([stop] + [t for t in turning if now < t])
             if now >= first:
-                self.wearing.advance(now, until, forced or self.operating(now), self.knobs(now)[0])
+                knobs, active = self.knobs(now)
+                self.wearing.advance(now, until, forced or self.operating(now), knobs, len(active))
             self.revolutions = until
 
     def window(self, kind: str, index: int, target: float, condition: Condition, seconds: float):
@@ -136,7 +137,7 @@ class _Run:
         record = machine.run(motion, condition, knobs, seconds + 2 * PAD, self.rng["drive"])
         times = machine.dt * np.arange(len(record)) - PAD
         inside = (times >= 0) & (times < seconds)
-        acceleration, clean = self._acceleration(record[:, 0], knobs, seconds)
+        acceleration, clean = self._acceleration(record[:, 0], record[:, 2], knobs, seconds)
         rate, noise = 1 / machine.dt, self.rng["noise"]
         factor = round(rate / spec["torque_rate_hz"])
         torque = sensors.decimated(record[:, 1], factor, round(PAD * rate), round(seconds * spec["torque_rate_hz"]))
@@ -161,16 +162,23 @@ class _Run:
         )
         return recorded, facts
 
-    def _acceleration(self, raw: np.ndarray, knobs, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-        """The accelerometer's samples, and the housing's true acceleration in its band."""
+    def _acceleration(self, raw: np.ndarray, angle, knobs, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+        """The accelerometer's samples, and the housing's true acceleration in its band.
+
+        From acceleration [m/s²] and pinion angle [rad] at every step; what is foreign to the machine is
+        not in its true acceleration.
+        """
         spec, rate = self.spec["sensors"], 1 / self.machine.dt
         out_rate = spec["acceleration_rate_hz"]
         cut = round(rate / out_rate), round(PAD * rate), round(seconds * out_rate)
         clean = felt = sensors.decimated(raw, *cut)
         if knobs.resonance[0]:
             felt = sensors.decimated(sensors.mounted(raw, rate, *knobs.resonance), *cut)
-        felt = felt * knobs.gain
         t = np.arange(felt.size) / out_rate
+        for shaken in knobs.foreign:
+            at = angle[cut[1] :: cut[0]][: felt.size]
+            felt = shaken(felt, t + self.clock % 1.0, at, self.rng["foreign"])
+        felt = felt * knobs.gain
         for frequency, amplitude in knobs.tones:
             felt = felt + amplitude * np.sin(2 * pi * frequency * (t + self.clock % 1.0))
         noisy = sensors.converted(
@@ -249,6 +257,8 @@ def simulate(spec: Mapping[str, Any], rig: Mapping[str, Any], progress: Progress
     if limit is not None:
         if progress:
             progress(1.0, "on to the end of life")
+        if checked["truth"]["life_step_um"] is not None:
+            run.wearing.wear = run.wearing.wear | {"step_um": checked["truth"]["life_step_um"]}
         campaign.truth["end_of_life"] = end_of_life(
             run.machine, run.wear_to, run.revolutions, limit, run.operating(run.revolutions)
         )

@@ -46,6 +46,7 @@ class Mesh(NamedTuple):
     gear: np.ndarray  # missing material (z2, points, slices) [m]
     lead: np.ndarray  # approach of each slice by misalignment (slices,) [m]
     tooth_stiffness: np.ndarray  # relative stiffness of the pinion's teeth (z1,)
+    gear_tooth_stiffness: np.ndarray  # and the gear's (z2,)
     friction: float
     backlash: float
     ρ1: float  # curvature radius at the pitch point, pinion
@@ -105,6 +106,7 @@ def forces(mesh, angle, d, rate, away, out, slice_force):
         j1 = (newest - k) % mesh.pinion.shape[0]
         j2 = (newest - k) % mesh.gear.shape[0]
         κ = (mesh.κ[i1] + w1 * (mesh.κ[i1 + 1] - mesh.κ[i1])) * mesh.tooth_stiffness[j1] / n
+        κ *= mesh.gear_tooth_stiffness[j2]
         total = 0.0
         for m in range(n):
             worn = (1.0 - w1) * mesh.pinion[j1, i1, m] + w1 * mesh.pinion[j1, i1 + 1, m]

@@ -13,7 +13,8 @@ import numpy as np
 
 from recordings.generator.errors import SpecError
 from recordings.generator.flanks import Pair
-from recordings.generator.schema import REQUIRED, Number, Numbers
+from recordings.generator.foreign import Felt, LevelModulation, OrderTone, RandomImpacts, Rub
+from recordings.generator.schema import REQUIRED, Number, Numbers, Text
 
 
 @dataclass(slots=True)
@@ -28,6 +29,7 @@ class Knobs:
     damping: float = 1.0  # of the mesh
     backlash: float = 0.0  # added [m]
     tooth_stiffness: dict[int, float] = field(default_factory=dict)  # of pinion teeth
+    gear_tooth_stiffness: dict[int, float] = field(default_factory=dict)
     pinion_form: np.ndarray | float = 0.0  # missing material, broadcast to (teeth, points) [m]
     gear_form: np.ndarray | float = 0.0
     pinion_unbalance: tuple[float, float] = (0.0, 0.0)  # [kg·m], phase
@@ -38,13 +40,14 @@ class Knobs:
     gain: float = 1.0  # of the accelerometer
     resonance: tuple[float, float] = (0.0, 0.0)  # of the accelerometer's mounting [Hz], damping ratio
     tones: list[tuple[float, float]] = field(default_factory=list)  # (Hz, m/s²) added to the acceleration
+    foreign: list[Felt] = field(default_factory=list)  # what else shakes the housing
 
 
 @dataclass(frozen=True, slots=True)
 class Effect:
     """One effect: its parameters and what it does to the knobs."""
 
-    parameters: Mapping[str, Number | Numbers]
+    parameters: Mapping[str, Number | Numbers | Text]
     apply: Callable[[Knobs, Mapping[str, Any], Pair, np.random.Generator], None]
 
 
@@ -85,19 +88,27 @@ def _pitch_error(knobs, p, pair, rng):
 
 
 def _profile_error(knobs, p, pair, rng):
-    """Tip relief (parabolic from its start to the tip) and a profile slope, on both gears alike."""
+    """Tip relief (parabolic from its start to the tip), the gear's as the pinion's unless given, and a slope."""
     s, length = pair.points, p["relief_length_mm"] * 1e-3
     relief, slope = p["tip_relief_um"] * 1e-6, p["slope_um"] * 1e-6
+    on_gear = relief if p["gear_tip_relief_um"] is None else p["gear_tip_relief_um"] * 1e-6
     lean = slope * (s - pair.start) / (pair.end - pair.start)
     pinion = relief * np.clip((s - pair.end + length) / length, 0, None) ** 2 + lean
-    gear = relief * np.clip((pair.start + length - s) / length, 0, None) ** 2
+    gear = on_gear * np.clip((pair.start + length - s) / length, 0, None) ** 2
     knobs.pinion_form = knobs.pinion_form + pinion[None, :]
     knobs.gear_form = knobs.gear_form + gear[None, :]
 
 
 def _tooth_crack(knobs, p, pair, rng):
-    """One pinion tooth keeps only a share of its pair's stiffness."""
-    knobs.tooth_stiffness[p["tooth"] % pair.teeth[0]] = p["remaining_stiffness"]
+    """One tooth, of the pinion or the gear, keeps only a share of its pair's stiffness."""
+    if p["shaft"] not in ("pinion", "gear"):
+        raise SpecError(f"tooth_crack has shaft = {p['shaft']!r}, must be 'pinion' or 'gear'")
+    cracked, z = (
+        (knobs.tooth_stiffness, pair.teeth[0])
+        if p["shaft"] == "pinion"
+        else (knobs.gear_tooth_stiffness, pair.teeth[1])
+    )
+    cracked[p["tooth"] % z] = p["remaining_stiffness"]
 
 
 def _mass_unbalance(knobs, p, pair, rng):
@@ -146,6 +157,28 @@ def _mains_interference(knobs, p, pair, rng):
     knobs.tones.extend(zip(frequencies, amplitudes, strict=True))
 
 
+def _order_tone(knobs, p, pair, rng):
+    """A part driven by belt, in no whole ratio to the shafts."""
+    knobs.foreign.append(OrderTone(p["amplitude"], p["order"], p["harmonics"]))
+
+
+def _level_modulation(knobs, p, pair, rng):
+    """All vibration at the sensor breathes at a rate that no shaft turns at."""
+    knobs.foreign.append(LevelModulation(p["depth"], p["frequency_hz"]))
+
+
+def _random_impacts(knobs, p, pair, rng):
+    """Something loose strikes the housing now and then."""
+    knobs.foreign.append(RandomImpacts(p["amplitude"], p["rate_hz"], p["frequency_hz"], p["damping_ratio"]))
+
+
+def _rub(knobs, p, pair, rng):
+    """Something brushes along the housing over a share of every pinion turn."""
+    knobs.foreign.append(Rub(p["amplitude"], p["low_hz"], p["high_hz"], p["share"]))
+
+
+_LEVEL = Number("m/s²", 0, 1000)
+
 EFFECTS: dict[str, Effect] = {
     "pinion_eccentricity": Effect({"e_um": _um(0, 500), "phase": _PHASE}, _pinion_eccentricity),
     "gear_eccentricity": Effect({"e_um": _um(0, 500), "phase": _PHASE}, _gear_eccentricity),
@@ -155,13 +188,19 @@ EFFECTS: dict[str, Effect] = {
     "profile_error": Effect(
         {
             "tip_relief_um": _um(0, 100),
+            "gear_tip_relief_um": _um(0, 100, None),
             "relief_length_mm": Number("mm", 0.05, 20, 1.0),
             "slope_um": _um(-100, 100, 0.0),
         },
         _profile_error,
     ),
     "tooth_crack": Effect(
-        {"tooth": Number("", 0, 1000, integer=True), "remaining_stiffness": Number("", 0.05, 1)}, _tooth_crack
+        {
+            "tooth": Number("", 0, 1000, integer=True),
+            "remaining_stiffness": Number("", 0.05, 1),
+            "shaft": Text("pinion"),
+        },
+        _tooth_crack,
     ),
     "mass_unbalance": Effect(
         {
@@ -204,6 +243,29 @@ EFFECTS: dict[str, Effect] = {
             "amplitudes": Numbers(Number("m/s²", 0, 1000)),
         },
         _mains_interference,
+    ),
+    "order_tone": Effect(
+        {"amplitude": _LEVEL, "order": Number("", 0.05, 200), "harmonics": Number("", 1, 10, 1, integer=True)},
+        _order_tone,
+    ),
+    "level_modulation": Effect({"depth": Number("", 0, 1), "frequency_hz": Number("Hz", 0.5, 2000)}, _level_modulation),
+    "random_impacts": Effect(
+        {
+            "amplitude": _LEVEL,
+            "rate_hz": Number("1/s", 0, 1000),
+            "frequency_hz": Number("Hz", 50, 5000),
+            "damping_ratio": Number("", 0.001, 0.9, 0.03),
+        },
+        _random_impacts,
+    ),
+    "rub": Effect(
+        {
+            "amplitude": _LEVEL,
+            "low_hz": Number("Hz", 50, 20000, 800.0),
+            "high_hz": Number("Hz", 60, 50000, 3000.0),
+            "share": Number("", 0.05, 0.95, 0.3),
+        },
+        _rub,
     ),
 }
 

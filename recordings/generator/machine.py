@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
@@ -17,6 +17,9 @@ from recordings.generator.structure import Structure
 from recordings.generator.sweep import sweep
 
 SPEED_BANDWIDTH = 4.0  # of the motor's speed control [rad/s]
+FORCE_BINS = 64  # of a mesh period, for the force that wears
+FORCE_SECONDS = (0.12, 0.25)  # that the machine settles, and is then looked at for that force [s]
+LEAST_RATIO = 0.02  # of the force that wears to its mean, where contact is lost
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +60,11 @@ class Machine:
 
     def mesh(self, knobs: Knobs) -> Mesh:
         """The contact as it is now, with the present wear and the effects' knobs."""
-        pair, z1 = self.pair, self.pair.teeth[0]
-        teeth = np.ones(z1)
-        for tooth, share in knobs.tooth_stiffness.items():
-            teeth[tooth] = share
+        pair = self.pair
+        teeth = tuple(np.ones(z) for z in pair.teeth)
+        for shares, cracked in zip(teeth, (knobs.tooth_stiffness, knobs.gear_tooth_stiffness), strict=True):
+            for tooth, share in cracked.items():
+                shares[tooth] = share
         form1, form2 = (np.atleast_2d(form) for form in (knobs.pinion_form, knobs.gear_form))
         rb, α = pair.base_radius, pair.pressure_angle
         κ = pair.pair_stiffness * self.stiffness_scale * knobs.stiffness
@@ -83,7 +87,8 @@ class Machine:
             pinion=self.pinion_worn + form1[:, :, None],
             gear=self.gear_worn + form2[:, :, None],
             lead=knobs.lead * z,
-            tooth_stiffness=teeth,
+            tooth_stiffness=teeth[0],
+            gear_tooth_stiffness=teeth[1],
             friction=knobs.friction,
             backlash=pair.backlash + knobs.backlash,
             ρ1=rb[0] * np.tan(α),
@@ -158,10 +163,22 @@ class Machine:
         """Runs on without recording."""
         self._run(motion, condition, knobs, round(seconds / self.dt), rng, np.zeros((0, 8)))
 
-    def carried(self, condition: Condition, knobs: Knobs, start: float, turns: float):
-        """Mean of slice force × distance from the pitch point [N·m] of one passage at rest, over `turns`.
+    def force_ratio(self, condition: Condition, knobs: Knobs) -> np.ndarray:
+        """The mesh force of the turning machine over the mesh period, over its mean; (FORCE_BINS,)."""
+        steady, rng = replace(condition, speed_wander=0.0, torque_wander=0.0), np.random.default_rng(0)
+        motion = self.at_rest(steady, knobs, 0.0)
+        self.settle(motion, steady, knobs, FORCE_SECONDS[0], rng)
+        record = self.run(motion, steady, knobs, FORCE_SECONDS[1], rng)
+        passed = (self.pair.base_radius[0] * record[:, 2] + self.phase) / self.pair.base_pitch
+        at = np.minimum(((passed - np.floor(passed)) * FORCE_BINS).astype(int), FORCE_BINS - 1)
+        force = np.bincount(at, record[:, 4], FORCE_BINS) / np.bincount(at, minlength=FORCE_BINS)
+        return np.maximum(force / force.mean(), LEAST_RATIO)
+
+    def carried(self, condition: Condition, knobs: Knobs, start: float, turns: float, ratio: np.ndarray | None = None):
+        """Mean of slice force × distance from the pitch point [N·m] of one passage, over `turns`.
 
         From pinion angle `start` [rad] on. For pinion (z1, points, slices) and gear (z2, points, slices).
+        `ratio` (bins,) is the load over the mesh period against its mean; even where there is none.
         """
         shape1, shape2 = self.pinion_worn.shape, self.gear_worn.shape
         worn1, worn2, passed1, passed2 = (
@@ -175,7 +192,8 @@ class Machine:
         force = condition.torque / self.pair.base_radius[0]
         eccentricity = np.array(knobs.pinion_eccentricity + knobs.gear_eccentricity)
         missed = sweep(
-            mesh, start, positions, force, eccentricity, work_space(mesh), worn1, worn2, passed1, passed2
+            mesh, start, positions, force, np.ones(1) if ratio is None else ratio, eccentricity,
+            work_space(mesh), worn1, worn2, passed1, passed2,
         )  # fmt: skip
         if missed:
             raise SimulationError(f"the load sharing found no balance at {missed} of {positions} positions")

@@ -34,6 +34,7 @@ SCHEMA: dict[str, Any] = {
         "contact_half_width_um": Number("µm", 20, 1000, 200.0),
         "step_um": Number("µm", 0.05, 2, 1.0),
         "tooth_scatter": Number("", 0, 0.1, 0.01),
+        "dynamic_forces": Flag(False),
         "running_in_factor": Number("", 0.1, 10, 1.0),
         "running_in_revolutions": Number("rev", 1, 1e9, 2000.0),
     },
@@ -82,7 +83,7 @@ SCHEMA: dict[str, Any] = {
     },
     "effects": Named("name", {"onset_revolutions": Number("rev", 0, 1e9, 0.0)}, EFFECTS),
     "faults": Named("kind", {"window": Number("", 0, 10000, integer=True), "channel": Text("accel/y6")}, FAULTS),
-    "truth": {"to_end_of_life": Flag(False)},
+    "truth": {"to_end_of_life": Flag(False), "life_step_um": Number("µm", 0.05, 20, None)},
 }
 
 

@@ -1,11 +1,12 @@
-"""Load sharing of the pair at rest, tooth by tooth along the path: what wears the flanks.
+"""Load sharing of the pair, tooth by tooth along the path: what wears the flanks.
 
 At every position the approach d is sought at which the slices carry the load:
 
-    Σ F(d) − Σ ρ2·Φ(d)/rb2 = T/rb1
+    Σ F(d) − Σ ρ2·Φ(d)/rb2 = T/rb1·r(phase of the mesh)
 
-with the present surfaces, the effects' geometry and friction. Each position lies one flank point further,
-so that every pair deposits once on every point it passes over.
+r = 1, or the ratio of the turning machine's mesh force to its mean, with the present surfaces, the effects'
+geometry and friction. Each position lies one flank point further, so that every pair deposits once on every
+point it passes over.
 """
 
 from __future__ import annotations
@@ -43,11 +44,12 @@ def balance(mesh, angle, guess, away, force, out, slices):
 
 
 @nb.njit(cache=True)
-def sweep(mesh, start, positions, force, eccentricity, slices, worn1, worn2, passed1, passed2):
+def sweep(mesh, start, positions, force, ratio, eccentricity, slices, worn1, worn2, passed1, passed2):
     """Adds slice force × distance from the pitch point [N·m] to worn1 (z1, points, slices) and worn2 (z2, …).
 
     passed1 (z1, points) and passed2 count how often each point was passed over. From pinion angle `start`
-    [rad], one flank point a position. Returns at how many positions no balance was found.
+    [rad], one flank point a position. The load is force [N] times ratio (bins,), even steps of a mesh period.
+    Returns at how many positions no balance was found.
     """
     out = np.zeros(4)
     points, n = mesh.κ.size, mesh.lead.size
@@ -56,12 +58,14 @@ def sweep(mesh, start, positions, force, eccentricity, slices, worn1, worn2, pas
         angle = start + position * mesh.spacing / mesh.base_radius[0]
         away = eccentricity[2] * np.cos(angle * mesh.base_radius[0] / mesh.base_radius[1] + eccentricity[3])
         away -= eccentricity[0] * np.cos(angle + eccentricity[1])
-        found = balance(mesh, angle, d, away, force, out, slices)
+        base = mesh.base_radius[0] * angle + mesh.phase
+        u = base / mesh.base_pitch
+        load = force * ratio[int((u - np.floor(u)) * ratio.size) % ratio.size]
+        found = balance(mesh, angle, d, away, load, out, slices)
         if np.isnan(found):
             missed += 1
             continue
         d = found
-        base = mesh.base_radius[0] * angle + mesh.phase
         newest = int(np.floor((base - mesh.first) / mesh.base_pitch))
         for p in range(slices.shape[0]):
             s1 = base - (newest - p) * mesh.base_pitch

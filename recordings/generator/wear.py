@@ -6,15 +6,16 @@ the same on both flanks. F/W line force of the slice, s distance of the contact 
 pinion tooth is passed once a pinion revolution, a gear tooth z1/z2 times: the pinion has 1/(1 + z1/z2) of
 the depth.
 
-The forces are those of the pair at rest under the mean load (`sweep`), every geometrical effect and friction
+The forces are those of the pair at rest under the mean load (`sweep`), or, with `dynamic_forces`, under the
+mesh force of the turning machine, averaged over its mesh periods; every geometrical effect and friction
 included, over TURNS turns of the present surfaces, on which every tooth of both gears is passed; each block
 goes on from where the last one ended, so other teeth meet each time. The mean depth of one passage, spread
 over a worn-in contact width, is extrapolated until the deepest point has gone `step` deeper. The spread is
 elliptic, as the pressure of a contact is, on both flanks: applied twice, its effect on a corrugation is
 never negative.
 
-Ignores  dynamic forces in the wear (with them a corrugation grows at the mesh resonance, which real teeth in
-         oil do not show), hardness profiles, temperature, lubrication
+Ignores  dynamic forces unless asked for (a corrugation may grow with them at the mesh resonance), and always
+         their difference from tooth to tooth; hardness profiles, temperature, lubrication
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from recordings.generator.flanks import SPACING
 from recordings.generator.machine import Condition, Machine
 
 TURNS = 3.0  # of the pinion in one block: at least one of the gear
+ANEW = 8e-6, 0.1  # wear after which the dynamic force is sought anew: depth [m], or share of the depth
 
 
 def elliptic_kernel(half_width: float) -> np.ndarray:
@@ -66,12 +68,18 @@ class Wearing:
         self.hardness = tuple(1 + wear["tooth_scatter"] * rng.normal(0, 1, z) for z in machine.pair.teeth)
         self.turns = max(TURNS, np.ceil(machine.pair.teeth[1] / machine.pair.teeth[0]))
         self.angle = 0.0
+        self.ratio: np.ndarray | None = None  # of the dynamic force to its mean, over the mesh period
+        self.sought = (0.0, 0.0, -1, 0.0)  # speed, torque, effects and depth [m] that it was sought at
 
-    def advance(self, start: float, stop: float, condition: Condition, knobs: Knobs) -> None:
-        """Wears the flanks from pinion revolution `start` to `stop`, one condition and set of effects."""
+    def advance(self, start: float, stop: float, condition: Condition, knobs: Knobs, active: int = 0) -> None:
+        """Wears the flanks from pinion revolution `start` to `stop`, one condition and set of effects.
+
+        `active` counts the effects at work: with another one the dynamic force is another.
+        """
         done, machine = start, self.machine
         while done < stop:
-            rates = machine.carried(condition, knobs, self.angle, self.turns)
+            self._seek_ratio(condition, knobs, active)
+            rates = machine.carried(condition, knobs, self.angle, self.turns, self.ratio)
             self.angle = (self.angle + 2 * pi * self.turns) % (2 * pi * machine.pair.teeth[1])
             k = coefficient(self.wear, done)
             pinion, gear = depth_per_revolution(machine, rates, k, self.hardness, self.kernel)
@@ -82,6 +90,17 @@ class Wearing:
             machine.pinion_worn += turns * pinion
             machine.gear_worn += turns * gear
             done += turns
+
+    def _seek_ratio(self, condition: Condition, knobs: Knobs, active: int) -> None:
+        """The dynamic force anew, where the machine has changed enough since it was sought last."""
+        if not self.wear["dynamic_forces"]:
+            return
+        depth = float((self.machine.pinion_worn.mean((0, 2)) + self.machine.gear_worn.mean((0, 2))).max())
+        run_as = (condition.speed, condition.torque, active)
+        least, share = ANEW
+        if self.sought[:3] != run_as or depth - self.sought[3] > max(least, share * depth):
+            self.ratio = self.machine.force_ratio(condition, knobs)
+            self.sought = (*run_as, depth)
 
 
 def depths(machine: Machine) -> dict[str, float]:

@@ -23,7 +23,10 @@ from tests.generator_instances import (
     transmission_error,
 )
 
-INSTRUMENTS = ("sensor_gain", "sensor_resonance", "mains_interference")  # shown by the sensors' tests
+INSTRUMENTS = (  # shown by the tests of the sensors and of what is foreign to the gears
+    "sensor_gain", "sensor_resonance", "mains_interference",
+    "order_tone", "level_modulation", "random_impacts", "rub",
+)  # fmt: skip
 
 
 def test_natural_frequencies_are_those_that_the_rig_file_states():
@@ -138,6 +141,31 @@ def test_friction_costs_the_power_of_the_gear_loss_factor():
     loss = μ * pi * (1 / 19 + 1 / 52) * (1 - ε1 - ε2 + ε1**2 + ε2**2)
     record = steady(machine(), knobs("tooth_friction", mu=μ), 1.0)
     assert record[:, 1].mean() / RATED.torque - 1 == pytest.approx(loss, rel=0.08)
+
+
+def stepped_away(m, cracked) -> np.ndarray:
+    """Largest change of the transmission error within each tooth of the gear's turn [m]; (52,)."""
+    record, healthy = (steady(m, k, 0.4) for k in (cracked, knobs()))
+    passed = (record[:, 2] * pair().base_radius[0] + m.phase) / pair().base_pitch
+    change = abs(transmission_error(record) - transmission_error(healthy))
+    change -= np.median(change)
+    return np.array([change[np.floor(passed).astype(int) % 52 == tooth].max() for tooth in range(52)])
+
+
+def test_a_cracked_gear_tooth_yields_once_a_gear_turn_where_it_carries():
+    tooth = 31
+    away = stepped_away(machine(), knobs("tooth_crack", tooth=tooth, remaining_stiffness=0.5, shaft="gear"))
+    near = [(tooth + shift) % 52 for shift in (-1, 0, 1, 2)]
+    assert away[near].max() > 4 * np.delete(away, near).max()
+
+
+def test_the_gears_relief_is_the_pinions_unless_it_is_given():
+    alike, own, none = (
+        knobs("profile_error", tip_relief_um=8.0, **more)
+        for more in ({}, {"gear_tip_relief_um": 4.0}, {"gear_tip_relief_um": 0.0})
+    )
+    assert np.array_equal(own.pinion_form, alike.pinion_form)
+    assert np.allclose(2 * own.gear_form, alike.gear_form) and not np.any(none.gear_form)
 
 
 def test_an_eccentric_gear_moves_the_transmission_error_once_a_turn_by_its_eccentricity():

@@ -1,5 +1,7 @@
 """Wear of the simulated machine against Archard's law in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ LAW = {
     "tooth_scatter": 0.0,
     "running_in_factor": 1.0,
     "running_in_revolutions": 2000.0,
+    "dynamic_forces": False,
 }
 
 
@@ -86,6 +89,24 @@ def test_running_in_wears_faster_by_the_integral_of_its_excess():
     extra = (factor - 1) * age * (1 - np.exp(-n / age)) / n
     plain, quick = (depths(worn(n, running_in_factor=f, running_in_revolutions=age)) for f in (1.0, factor))
     assert quick["combined_um"] / plain["combined_um"] == pytest.approx(1 + extra, rel=0.02)
+
+
+def test_dynamic_forces_wear_as_static_ones_where_the_machine_hardly_turns():
+    """At a crawl the mesh force is that at rest at every phase of the mesh."""
+    crawl = replace(RATED, speed=2 * np.pi * 0.5)
+    ratio = machine().force_ratio(crawl, knobs())
+    assert np.max(abs(ratio - 1)) < 0.02
+    rest, turning = (worn(300, condition=crawl, dynamic_forces=d).pinion_worn.mean((0, 2)) for d in (False, True))
+    assert np.max(abs(turning - rest)) < 0.02 * rest.max()
+
+
+def test_dynamic_forces_have_the_mean_of_the_static_ones_and_wear_more_where_they_are_high():
+    """The wear of one phase of the mesh follows the force there; over the path its mean is kept."""
+    ratio = machine().force_ratio(RATED, knobs())
+    assert ratio.mean() == pytest.approx(1.0, abs=1e-6) and np.ptp(ratio) > 0.02
+    m = machine()
+    even, high = (m.carried(RATED, knobs(), 0.0, 3.0, r)[0].mean((0, 2)) for r in (np.ones(64), np.full(64, 1.5)))
+    assert high.max() == pytest.approx(1.5 * even.max(), rel=0.02)
 
 
 def test_every_tooth_wears_and_pitch_errors_spread_the_depths():

@@ -1,0 +1,143 @@
+"""Recordings with undeclared effects through `assess`: what was named, and the errors before and after.
+
+    python -m benchmarks.evaluate [--set judge|tune|shared|all …] [--only TEXT …] [--json OUT] [--processes N]
+                                  [--channels all|accel+encoders|accel] [--conditions own|one|two] [--folder DIR]
+
+The campaigns of the tables `judge` and `tune` are made by the project's own generator where they are not kept yet;
+`shared` are the reference campaigns beside the project (GEAR_TWIN_SHARED sets where). Prints one line a campaign, the
+parameters against the truth, and a summary beside the aims. The status is 0 whenever it ran: an aim missed is a line.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from benchmarks.channels import SETS, only
+from benchmarks.evaluate_tables import campaign_table, figure_table, size_table, summary
+from benchmarks.realised import with_draws
+from benchmarks.scoring import ROOT, read_truth, truth_beside
+from benchmarks.trace_campaigns import judge, tune
+from benchmarks.trace_campaigns.generate import FOLDER, make_all
+from benchmarks.tracing_score import Traced, no_answer, score_tracing
+from service.assess import assess
+from service.errors import InputError
+from twin.step import Options
+
+TABLES = {"judge": judge.ROWS, "tune": tune.ROWS}
+CONDITIONS = {"own": None, "one": False, "two": True}
+
+
+def without_tracing() -> Options | None:
+    """Options that leave the tracing out; None where the program has no such option."""
+    if "trace" not in {f.name for f in fields(Options)}:
+        return None
+    left_out: dict[str, Any] = {"trace": False}
+    return Options(**left_out)
+
+
+def evaluate(path: Path, channels: str = "all") -> Traced:
+    """One recording's score: assessed without and with tracing."""
+    beside = truth_beside(path)
+    assert beside is not None
+    truth = with_draws(read_truth(beside))
+    name = truth.get("id", path.stem)
+    untraced = without_tracing()
+    try:
+        with only(SETS[channels]):
+            before = None if untraced is None else assess(path, options=untraced)
+            start = time.process_time()
+            answer = assess(path)
+            used = time.process_time() - start
+    except InputError as why:
+        return no_answer(truth, str(why), name=name)
+    return replace(score_tracing(truth, answer, before, name=name), seconds=used)
+
+
+def campaigns(
+    chosen: Sequence[str], folder: Path, processes: int, names: Sequence[str], conditions: str
+) -> Iterator[Path]:
+    """The recordings of some sets; those that are missing are made."""
+    for table, rows in TABLES.items():
+        if table not in chosen and "all" not in chosen:
+            continue
+        wanted = [row for row in rows if _named(row.name, names)]
+        made = make_all(wanted, folder, processes, CONDITIONS[conditions])
+        for i, (row, path, why) in enumerate(made, start=1):
+            _tell(f"campaign {i} of {len(wanted)}: {row.name}")
+            if path is None:
+                print(f"left out: {row.name} could not be made: {why}", file=sys.stderr)
+            else:
+                yield path
+    if "shared" in chosen or "all" in chosen:
+        beside = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared")) / "campaigns"
+        found = [p for p in sorted(beside.glob("*.mcap")) if truth_beside(p) and _named(p.stem, names)]
+        if not found:
+            print(f"left out: no reference campaigns in {beside} (GEAR_TWIN_SHARED)", file=sys.stderr)
+        yield from found
+
+
+def _named(name: str, names: Sequence[str]) -> bool:
+    return not names or any(text in name for text in names)
+
+
+def _tell(what: str) -> None:
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{what}", end="", file=sys.stderr)
+
+
+def evaluated(paths: Sequence[Path], processes: int, channels: str = "all") -> list[Traced]:
+    """All recordings' scores, in order, over several processes."""
+    out = []
+    with ProcessPoolExecutor(max(1, min(processes, len(paths)))) as pool:
+        for result in pool.map(evaluate, paths, [channels] * len(paths)):
+            out.append(result)
+            _tell(f"assessed {len(out)} of {len(paths)}: {result.name}")
+    _tell("")
+    return out
+
+
+def arguments_of(parser: argparse.ArgumentParser) -> None:
+    """What this command and the ablation share."""
+    parser.add_argument(
+        "--set", nargs="+", choices=[*TABLES, "shared", "all"], default=["judge", "shared"], help="which campaigns"
+    )
+    parser.add_argument("--only", nargs="+", metavar="TEXT", default=[], help="campaigns with this in their name")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write all figures to this file")
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--folder", type=Path, default=FOLDER, help="where recordings are kept")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.evaluate", description=__doc__)
+    arguments_of(parser)
+    parser.add_argument("--channels", choices=list(SETS), default="all", help="what the twin is shown")
+    parser.add_argument(
+        "--conditions", choices=list(CONDITIONS), default="own", help="operating conditions of the campaigns"
+    )
+    given = parser.parse_args(arguments)
+    paths = list(campaigns(given.set, given.folder, given.processes, given.only, given.conditions))
+    if not paths:
+        print(f"no campaign of {', '.join(given.set)} is named {' or '.join(given.only)}", file=sys.stderr)
+        return 2
+    results = evaluated(paths, given.processes, given.channels)
+    if without_tracing() is None:
+        print("this program has no tracing: what stands after is what stands before", end="\n\n")
+    for table in (campaign_table(results), figure_table(results), size_table(results), summary(results)):
+        print("\n".join(table), end="\n\n")
+    if given.json:
+        text = json.dumps([r.to_dict() for r in results], ensure_ascii=False, indent=1)
+        given.json.write_text(text + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,210 @@
+"""The campaigns that the tracing is judged by: whole tables, disjoint, and kept under what they depend on."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks import evaluate
+from benchmarks.channels import SETS, once_a_turn, only
+from benchmarks.trace_campaigns import generate, judge, tune
+from benchmarks.trace_campaigns.levels import LEVELS, SIZES, SPREAD
+from benchmarks.trace_campaigns.table import CONTRACT_EFFECTS, UNKNOWN, Put, Row, alternating, merged, spec_of
+from recordings.generator.effects import EFFECTS
+from recordings.generator.spec import read
+from service import assess
+from service.sources.mcap import Recording
+from tests.generator_instances import SPEC
+
+ROOT = Path(__file__).parents[2]
+EVERY = (*tune.ROWS, *judge.ROWS)
+
+
+@pytest.mark.parametrize("row", EVERY, ids=lambda row: row.name)
+def test_every_row_is_a_spec_that_the_generator_takes(row):
+    spec = read(spec_of(row))
+    assert len(spec["windows"]["at_revolutions"]) == row.windows
+    assert len(spec["effects"]) == len(row.effects)
+
+
+def test_judge_and_tune_share_no_seed_no_name_and_no_operating_condition():
+    for what in (lambda r: {r.seed}, lambda r: {r.name}, conditions):
+        mine, yours = (set().union(*map(what, rows)) for rows in (judge.ROWS, tune.ROWS))
+        assert not mine & yours
+    assert len({row.seed for row in EVERY}) == len({row.name for row in EVERY}) == len(EVERY)
+
+
+def conditions(row):
+    return {(c["speed_hz"], c["torque_nm"]) for c in spec_of(row)["conditions"]}
+
+
+def test_no_two_campaigns_to_judge_by_run_at_the_same_condition():
+    """Those of two conditions have a first one of their own."""
+    first = [(c["speed_hz"], c["torque_nm"]) for c in (spec_of(row)["conditions"][0] for row in judge.ROWS)]
+    assert len(set(first)) == len(first)
+    assert all(9 <= speed <= 16 and 8 <= torque <= 15 for speed, torque in first)
+
+
+def test_there_are_sixty_to_judge_by_and_every_effect_of_the_contract_at_three_sizes():
+    assert len(judge.ROWS) >= 60
+    assert sum(row.kind == "clean" for row in judge.ROWS) >= 12
+    assert sum(row.kind == "pair" for row in judge.ROWS) >= 8
+    singles = [(row.effects[0].name, row.effects[0].level) for row in judge.ROWS if row.kind == "single"]
+    assert sorted(singles) == sorted((name, level) for name in CONTRACT_EFFECTS for level in LEVELS)
+
+
+def test_tuning_sees_every_effect_and_judging_one_unknown_that_tuning_never_saw():
+    assert {put.name for row in tune.ROWS for put in row.effects} >= set(CONTRACT_EFFECTS)
+    unknown = [
+        {p.name for row in rows if row.kind == "unknown" for p in row.effects} for rows in (tune.ROWS, judge.ROWS)
+    ]
+    assert len(unknown[1]) >= 4 and unknown[1] - unknown[0]
+    assert all(row.expected == (UNKNOWN,) for row in judge.ROWS if row.kind == "unknown")
+
+
+@pytest.mark.parametrize("row", EVERY, ids=lambda row: row.name)
+def test_a_kind_says_what_is_in_a_campaign(row):
+    listed = [put.name in CONTRACT_EFFECTS for put in row.effects]
+    assert listed == {"single": [True], "pair": [True, True], "unknown": [False], "clean": []}[row.kind]
+
+
+@pytest.mark.parametrize("row", [r for r in EVERY if any(p.onset for p in r.effects)], ids=lambda row: row.name)
+def test_what_sets_in_does_so_between_two_windows_with_windows_on_both_sides(row):
+    spec = spec_of(row)
+    at = spec["windows"]["at_revolutions"]
+    for effect in spec["effects"]:
+        onset = effect["onset_revolutions"]
+        if onset:
+            assert sum(r < onset for r in at) >= 2 and sum(r > onset for r in at) >= 2
+            assert min(abs(r - onset) for r in at) > 60  # no window straddles it: a window lasts 25 to 43 turns
+
+
+def test_every_effect_of_the_generator_has_three_sizes_that_rise():
+    assert set(SIZES) == set(EFFECTS)
+    for name, sizes in SIZES.items():
+        assert len(sizes) == len(LEVELS)
+        for key in sizes[0]:
+            small, medium, large = (size[key] for size in sizes)
+            rising = (small < medium < large) or (name == "sensor_resonance" and small > medium > large)
+            assert rising, (name, key)
+
+
+def test_the_size_of_a_level_is_drawn_anew_for_every_seed_within_its_spread():
+    drawn = [
+        spec_of(Row("x", seed, "single", (Put("tooth_friction", "large"),)))["effects"][0]["mu"] for seed in range(8)
+    ]
+    nominal = SIZES["tooth_friction"][2]["mu"]
+    assert len(set(drawn)) > 4
+    assert all(0.99 * SPREAD[0] <= mu / nominal <= 1.01 * SPREAD[1] for mu in drawn)
+
+
+def test_a_spec_depends_on_its_row_alone():
+    row = judge.ROWS[5]
+    assert spec_of(row) == spec_of(replace(row, kind="pair"))
+    assert spec_of(row) != spec_of(replace(row, seed=row.seed + 1))
+
+
+def test_two_conditions_change_from_window_to_window():
+    at = [0.0, 1000.0, 2000.0, 3000.0]
+    rows = alternating(10.0, 12.0, at)
+    assert [r.get("until_revolutions") for r in rows] == [500.0, 1500.0, 2500.0, None]
+    assert [r["speed_hz"] for r in rows] == [10.0, 12.7, 10.0, 12.7]
+    one, two = (spec_of(judge.ROWS[0], two_conditions=both) for both in (False, True))
+    assert len(one["conditions"]) == 1 and len(two["conditions"]) == judge.ROWS[0].windows
+    assert one["effects"] == two["effects"] and one["machine"] == two["machine"]
+
+
+def test_what_is_merged_goes_over_table_by_table():
+    assert merged({"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"c": 4}, "e": [5]}) == {
+        "a": {"b": 1, "c": 4},
+        "d": 3,
+        "e": [5],
+    }
+
+
+TINY = merged(SPEC, {"truth": {"to_end_of_life": False}, "windows": {"seconds": 0.5, "at_revolutions": [0, 60, 120]}})
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A tiny campaign made by the way of the tables, and its row."""
+    row = Row("tiny", 5, "clean", tolerated=("mesh_damping",), extra=TINY)
+    folder = tmp_path_factory.mktemp("campaigns")
+    ((_, path, why),) = generate.make_all([row], folder)
+    assert path is not None, why
+    return row, folder, path
+
+
+def test_a_recording_is_made_once_and_kept_with_its_truth(kept):
+    row, folder, path = kept
+    made = path.stat().st_mtime_ns
+    assert generate.make(row, path) == path and path.stat().st_mtime_ns == made
+    assert generate.recording_of(row, folder) == path
+    assert (folder / "truth" / f"{path.stem}.json").is_file()
+    assert not list(folder.glob("*.part"))
+
+
+def test_another_spec_or_another_generator_is_another_recording(kept, monkeypatch):
+    row, folder, path = kept
+    assert generate.recording_of(replace(row, seed=6), folder) != path
+    monkeypatch.setattr(generate, "_generator_digest", lambda: b"another")
+    assert generate.recording_of(row, folder) != path
+
+
+def test_a_campaign_that_cannot_be_made_is_named_and_does_not_stop_the_others(tmp_path):
+    row = Row("wrong", 5, "clean", extra=merged(TINY, {"faults": [{"kind": "lost", "window": 99}]}))
+    ((_, path, why),) = generate.make_all([row], tmp_path)
+    assert path is None and "window = 99" in why
+
+
+def test_channels_left_out_are_not_read(kept):
+    *_, path = kept
+    for kinds, labels in (
+        (SETS["all"], {"accel/y6", "torque/pinion", "encoder/pinion", "encoder/gear"}),
+        (SETS["accel+encoders"], {"accel/y6", "encoder/pinion", "encoder/gear"}),
+        (SETS["accel"], {"accel/y6", "encoder/pinion"}),
+    ):
+        with only(kinds), assess.Recording(path) as partial:  # what `assess` reads
+            read_from = {frame.channel.label for frame in partial.frames(print)}
+        assert read_from == labels
+    assert assess.Recording is Recording
+
+
+def test_a_tachometer_gives_every_whole_turn_of_the_encoder_and_nothing_between(kept):
+    *_, path = kept
+    with Recording(path) as recording:
+        frames = [f for f in recording.frames(print) if f.channel.label == "encoder/pinion"]
+    for frame in frames:
+        seen = once_a_turn(frame)
+        first, size = frame.first_edge_index, frame.edge_offsets_ns.size
+        turns = [i // 1024 for i in range(first, first + size) if i % 1024 == 0]
+        if seen is None:
+            assert not turns
+            continue
+        assert seen.edges_per_rev == 1 and seen.first_edge_index == turns[0]
+        assert seen.edge_offsets_ns.size == len(turns)
+
+
+@pytest.mark.slow
+def test_a_campaign_is_made_assessed_and_printed_beside_the_aims(tmp_path):
+    out = tmp_path / "out.json"
+    command = ["--set", "tune", "--only", "T16", "--folder", str(tmp_path), "--json", str(out), "--processes", "1"]
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.evaluate", *command], cwd=ROOT, capture_output=True, text=True, timeout=280
+    )
+    assert done.returncode == 0, done.stderr
+    for what in ("T16-clean", "clean campaigns given an effect", "depth within 5 % or 2 µm after"):
+        assert what in done.stdout
+    (result,) = json.loads(out.read_text(encoding="utf-8"))
+    assert result["kind"] == "clean" and result["depth_true"] > 20 and result["depth_after"] is not None
+
+
+def test_a_name_that_no_campaign_has_is_said_before_anything_is_made(tmp_path, capsys):
+    given = ["--set", "judge", "--only", "no-such-campaign", "--folder", str(tmp_path)]
+    assert evaluate.main(given) == 2
+    assert "no campaign of judge is named no-such-campaign" in capsys.readouterr().err
