@@ -24,16 +24,21 @@ import numpy as np
 
 from twin.dynamics.harmonic_balance import SteadyState, solve_through_contact_loss
 from twin.dynamics.structure import direction
+from twin.effects.backlash_rattle import BacklashRattle
+from twin.effects.bearing_defect import BearingDefect
+from twin.effects.mass_unbalance import MassUnbalance
 from twin.effects.misalignment import SLICES, Misalignment
 from twin.effects.response import Effect, Response, solve_with
 from twin.effects.sensor_gain import SensorGain
 from twin.effects.sensor_resonance import SensorResonance
 from twin.effects.setup import contacts_of, sampled, setup_of
+from twin.effects.torque_ripple import TorqueRipple
 from twin.errors import NotConverged
 from twin.model import Condition, Model
 from twin.wear.curve import LINES, Lines
 from twin.wear.profile import WornProfile
 
+BESIDE_THE_MESH = (BearingDefect, MassUnbalance, TorqueRipple, BacklashRattle)  # their lines are no mesh orders
 SLICED_SAMPLES = 512  # a mesh period, where the face is sliced
 
 
@@ -91,7 +96,7 @@ class ExtendedModel(Model):
 
 def extend(model: Model, effects: Iterable[Effect]) -> Model:
     """The model with effects in it; the very model where there are none."""
-    effects = tuple(effects)
+    effects = tuple(e for e in effects if not isinstance(e, BESIDE_THE_MESH))
     if not effects:
         return model
     sliced = any(isinstance(e, Misalignment) for e in effects)

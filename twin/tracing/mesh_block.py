@@ -63,7 +63,9 @@ class Wear:
     with_effects: tuple[tuple[Effect, float], ...] = ()  # that shape the wear, with their onsets
     onset_depth: dict[float, float] = field(default_factory=dict)
 
-    def __call__(self, depth: float, effects: tuple[Effect, ...], window: Observed) -> WornProfile | Sequence[WornProfile]:
+    def __call__(
+        self, depth: float, effects: tuple[Effect, ...], window: Observed
+    ) -> WornProfile | Sequence[WornProfile]:
         shaping = tuple((e, onset) for e, onset in self.with_effects if onset <= window.revolutions)
         if not window.worn:
             return self.model.unworn
@@ -177,9 +179,7 @@ class MeshBlock:
             if before > JUMP:
                 break
             if after > QUIET and after > SHARPER * max(before, 0.1):
-                out.append(
-                    0.5 * (self.windows[worn[count - 1]].revolutions + self.windows[worn[count]].revolutions)
-                )
+                out.append(0.5 * (self.windows[worn[count - 1]].revolutions + self.windows[worn[count]].revolutions))
                 break
         return out
 
@@ -216,7 +216,9 @@ class MeshBlock:
             refined.sort(key=lambda c: -c.gain)
             for candidate in (*tried, *refined):
                 name = candidate.trial.name
-                table[name] = max(table.get(name, -np.inf), candidate.gain) if not found else table.get(name, candidate.gain)
+                table[name] = (
+                    max(table.get(name, -np.inf), candidate.gain) if not found else table.get(name, candidate.gain)
+                )
             usable = [c for c in refined if c.gain > GAIN and _big_enough(c)]
             if not usable:
                 break

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -237,7 +238,7 @@ def _local_onset(seen: Sequence[Pattern], z: int, gear: int) -> tuple[int, np.nd
     """First window with a local pattern, and the change that came with it (n,)."""
     m = seen[0].orders
     X = np.array([p.lines for p in seen])
-    steps = np.array([np.sqrt(0.5 * np.sum(np.abs(b - a) ** 2)) for a, b in zip(X, X[1:], strict=False)])
+    steps = np.array([np.sqrt(0.5 * np.sum(np.abs(b - a) ** 2)) for a, b in pairwise(X)])
     candidates = []
     for at in range(1, len(seen)):
         change = X[at:].mean(axis=0) - X[:at].mean(axis=0)

@@ -11,7 +11,7 @@ Source   twin/effects/torque_ripple.py, mass_unbalance.py, backlash_rattle.py
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,9 +23,10 @@ from twin.features.window_features import Lines, WindowFeatures
 from twin.model import Condition, Model
 from twin.wear.profile import WornProfile
 
-LEAST_TORQUE = 0.02  # of a line of the torque meter [N·m]: pitch errors and eccentricity make 0.01
-LEAST_ACCELERATION = 0.02  # at the pinion's own order [m/s²]
-STEADY = 0.8  # |mean| over mean of absolute values
+LEAST_TORQUE = 0.005  # of a line of the torque meter that keeps its phase [N·m]
+LEAST_ACCELERATION = 0.002  # at the pinion's own order [m/s²]
+LEAST_WINDOWS = 4
+STEADY = 0.85  # |mean| over mean of absolute values
 ORDERS = range(1, 11)
 PARTING = 0.6  # of the mean torque: a swing that parts the teeth
 NOISY = 0.3  # share of the level that lies between the orders, when teeth strike
@@ -47,7 +48,7 @@ def _steady(windows: Sequence[WindowFeatures], name: str, key: tuple[int, int, i
         lines: Lines | None = getattr(w, name)
         if lines is not None and lines.get(*key) is not None:
             seen.append((lines.at(*key), lines.std_at(*key)))
-    if len(seen) < 2:
+    if len(seen) < LEAST_WINDOWS:
         return None
     y = np.array([v for v, _ in seen])
     if abs(y.mean()) < STEADY * np.abs(y).mean():
@@ -58,7 +59,7 @@ def _steady(windows: Sequence[WindowFeatures], name: str, key: tuple[int, int, i
 def rattling(windows: Sequence[WindowFeatures]) -> bool:
     """Whether the teeth part and strike in most of the windows."""
     noisy = [(w.noise_rms or 0.0) > NOISY * w.rms for w in windows if w.rms]
-    return bool(noisy) and np.mean(noisy) > 0.5
+    return bool(noisy) and float(np.mean(noisy)) > 0.5
 
 
 def find_turning(
@@ -67,14 +68,20 @@ def find_turning(
     condition: Condition,
     profile: WornProfile,
     phase: float,
+    taken: Collection[int] = (),
 ) -> list[Turning]:
-    """Ripple or rattle, and unbalance, from measurement windows."""
+    """Ripple or rattle, and unbalance, from measurement windows.
+
+    taken  orders of the torque that effects found before explain
+    """
     out: list[Turning] = []
     z1 = model.mesh.pair.teeth[0]
     swings = []
     for p in ORDERS:
+        if p in taken:
+            continue
         line = _steady(windows, "torque", (0, p, 0))
-        if line is not None and abs(line[0]) > LEAST_TORQUE and abs(line[0]) > 8 * line[1]:
+        if line is not None and abs(line[0]) > LEAST_TORQUE and abs(line[0]) > 6 * line[1]:
             swings.append((abs(line[0]), p, line))
     rattle = rattling(windows)
     if rattle:
@@ -119,7 +126,7 @@ def find_turning(
                 )
             )
     line = _steady(windows, "acceleration", (0, 1, 0))
-    if line is not None and abs(line[0]) > LEAST_ACCELERATION and abs(line[0]) > 6 * line[1]:
+    if line is not None and abs(line[0]) > LEAST_ACCELERATION and abs(line[0]) > 5 * line[1]:
         unit = EFFECTS["mass_unbalance"](pinion=1e-3)
         try:
             (seen,) = solve_with(model, (unit,), profile, condition).acceleration([1.0])

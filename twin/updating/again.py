@@ -8,6 +8,7 @@ from typing import Any
 
 from twin.effects.addition import Addition
 from twin.errors import NotAvailable, NotConverged
+from twin.features.beside import Beside
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.updating.memory import Memory
@@ -21,10 +22,16 @@ class Taken:
     index: int
     features: WindowFeatures
     level_fault: str | None = None
+    beside: Beside | None = None  # what the acceleration holds beside the gears
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
-        return {"index": self.index, "features": self.features.to_dict(), "level_fault": self.level_fault}
+        return {
+            "index": self.index,
+            "features": self.features.to_dict(),
+            "level_fault": self.level_fault,
+            "beside": None if self.beside is None else self.beside.to_dict(),
+        }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Taken:
@@ -32,6 +39,7 @@ class Taken:
             index=data["index"],
             features=WindowFeatures.from_dict(data["features"]),
             level_fault=data["level_fault"],
+            beside=None if data["beside"] is None else Beside.from_dict(data["beside"]),
         )
 
 
