@@ -7,19 +7,25 @@ No hidden memory: the same three things give the same answer. `State.to_dict()` 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
 
 from twin import report
 from twin.errors import NotAvailable, NotConverged, ParameterError, WindowError
+from twin.features.beside import beside
 from twin.features.extract import extract
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
+from twin.tracing.decisions import Decision
+from twin.tracing.following import Followed, Tracing, follow
+from twin.tracing.following import decide as follow_decision
+from twin.tracing.reporting import effects_report, tracing_report, unexplained_with
+from twin.updating.again import Taken, Taking, retake, taken_in
 from twin.updating.conditions import kind_of
 from twin.updating.memory import Memory
-from twin.updating.update import Outcome, take
+from twin.updating.update import Outcome
 from twin.windows import Window
 
 UPDATES = ("fused", "paper")
@@ -34,6 +40,7 @@ class Options:
     update: str = "fused"  # what sets the wear depth: the encoders ("fused") or the RMS ("paper")
     error_threshold: float = 0.05  # relative RMS error above which a window updates the twin (paper 4.2)
     update_until: float = inf  # pinion revolutions after which the twin only predicts
+    trace: bool = True  # whether effects that the model lacks are sought and added
 
     def __post_init__(self) -> None:
         if self.update not in UPDATES:
@@ -52,6 +59,7 @@ class State:
     memory: Memory = field(default_factory=Memory)
     recent: tuple[Mapping[str, Any], ...] = ()  # the latest windows' residuals
     standing: Mapping[str, Any] = field(default_factory=dict)  # the answer, for windows that have none of their own
+    tracing: Tracing = field(default_factory=Tracing)  # effects, with what they rest on
 
     def to_dict(self) -> dict[str, Any]:
         """The state as JSON-safe data."""
@@ -60,6 +68,7 @@ class State:
             "memory": self.memory.to_dict(),
             "recent": [dict(r) for r in self.recent],
             "standing": dict(self.standing),
+            "tracing": self.tracing.to_dict(),
         }
 
     @classmethod
@@ -69,6 +78,7 @@ class State:
             memory=Memory.from_dict(data["memory"]),
             recent=tuple(data["recent"]),
             standing=data["standing"],
+            tracing=Tracing.from_dict(data.get("tracing", {})),
         )
 
 
@@ -95,43 +105,103 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
     if features.rms is None and features.speed_hz is None:
         reasons = "; ".join(dict.fromkeys(features.unavailable.values()))
         raise WindowError(f"the window tells neither level nor speed: {reasons}")
-    index = state.windows_seen
+    taken = Taken(
+        index=state.windows_seen,
+        features=features,
+        level_fault=_level_fault(window, features.sensor),
+        beside=beside(rig, window) if options.trace else None,
+    )
     try:
-        outcome = take(
-            rig,
-            state.memory,
-            features,
-            index,
-            threshold=options.error_threshold,
-            update=options.update,
-            update_until=options.update_until,
-            level_fault=_level_fault(window, features.sensor),
-        )
+        outcome = taken_in(rig, state.memory, taken, _taking(options))
     except (NotAvailable, NotConverged) as reason:
         return _without_twin(rig, state, features, str(reason))
-    recent = state.recent
-    if outcome.kind == "measurement":
-        compared = report.comparison(features, outcome, rig.teeth)
-        if compared is not None:
-            recent = (*recent, report.plain(compared))[-RECENT:]
-    wear = report.wear_report(rig, outcome)
-    rul = report.rul_report(rig, outcome)
-    record = _record(rig, index, features, outcome)
-    answer = {
-        "wear": wear,
-        "rul": rul,
+    followed = Followed(tracing=state.tracing, outcome=outcome)
+    if options.trace:
+        followed = follow(rig, state.tracing, taken, outcome, _taking(options))
+    outcome = followed.outcome
+    recent = _recent(rig, state.recent, ((taken, outcome),))
+    if followed.again:
+        recent = _recent(rig, (), followed.again)
+    record = _record(rig, taken.index, features, outcome)
+    answer = _answer(rig, followed.tracing, recent, outcome)
+    events: list[tuple[str, Mapping[str, Any]]] = [("window", record), *followed.events]
+    if outcome.updated:
+        events.append(("update", {k: record[k] for k in _UPDATE_FIELDS}))
+    if outcome.kind == "measurement" and "revolutions" in answer["rul"]:
+        events.append(("rul", answer["rul"]))
+    estimate = _estimate(record, answer, events)
+    state = State(
+        windows_seen=taken.index + 1,
+        memory=outcome.memory,
+        recent=recent,
+        standing=estimate.report,
+        tracing=followed.tracing,
+    )
+    return state, estimate
+
+
+def decide(rig: Rig, state: State, decision: Decision, options: Options = Options()) -> tuple[State, Estimate]:
+    """Takes an engineer's decision about an effect; the estimate has no record of a window.
+
+    Raises NotAvailable where it cannot be followed: nothing is traced yet, or the effect is not in the twin.
+    """
+    history = state.tracing.history
+    if not history or not state.standing:
+        raise NotAvailable("no effect can be decided on before the first window has been taken and traced")
+    latest = history[-1]
+    _, outcomes = retake(rig, state.memory.effects, history, _taking(options))
+    known = [(t, o) for t, o in zip(history, outcomes, strict=True) if o is not None]
+    if not known:
+        raise NotAvailable(f"the history up to window {latest.index} has no steady state")
+    outcome = replace(known[-1][1], memory=state.memory)
+    followed = follow_decision(rig, state.tracing, decision, outcome, _taking(options))
+    recent = _recent(rig, (), followed.again or tuple(known))
+    answer = _answer(rig, followed.tracing, recent, followed.outcome)
+    events = [*followed.events, ("effect", {"action": decision.verb, "name": decision.name, "window": latest.index})]
+    estimate = _estimate({}, answer, events)
+    return (
+        replace(
+            state,
+            memory=followed.outcome.memory,
+            recent=recent,
+            standing=estimate.report,
+            tracing=followed.tracing,
+        ),
+        estimate,
+    )
+
+
+def _taking(options: Options) -> Taking:
+    return Taking(threshold=options.error_threshold, update=options.update, update_until=options.update_until)
+
+
+def _recent(
+    rig: Rig, before: tuple[Mapping[str, Any], ...], windows: Iterable[tuple[Taken, Outcome]]
+) -> tuple[Mapping[str, Any], ...]:
+    """The latest windows' residuals with more windows."""
+    recent = before
+    for taken, outcome in windows:
+        if outcome.kind == "measurement":
+            compared = report.comparison(taken.features, outcome, rig.teeth)
+            if compared is not None:
+                recent = (*recent, report.plain(compared))[-RECENT:]
+    return recent
+
+
+def _answer(rig: Rig, tracing: Tracing, recent: tuple[Mapping[str, Any], ...], outcome: Outcome) -> dict[str, Any]:
+    """The twin's present answer."""
+    answer: dict[str, Any] = {
+        "wear": report.wear_report(rig, outcome),
+        "rul": report.rul_report(rig, outcome),
         "residual": report.residual_report(recent),
-        "effects": [],
+        "effects": effects_report(tracing),
         "unexplained": report.unexplained_report(recent, report.doubts(rig, outcome)),
         "calibration": report.calibration_report(rig, outcome.memory),
     }
-    events: list[tuple[str, Mapping[str, Any]]] = [("window", record)]
-    if outcome.updated:
-        events.append(("update", {k: record[k] for k in _UPDATE_FIELDS}))
-    if outcome.kind == "measurement" and "revolutions" in rul:
-        events.append(("rul", rul))
-    estimate = _estimate(record, answer, events)
-    return State(windows_seen=index + 1, memory=outcome.memory, recent=recent, standing=estimate.report), estimate
+    if tracing.history:
+        answer["unexplained"] = unexplained_with(tracing, answer["unexplained"])
+        answer["tracing"] = tracing_report(tracing)
+    return answer
 
 
 def _level_fault(window: Window, sensor: str | None) -> str | None:

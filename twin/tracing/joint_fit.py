@@ -197,7 +197,8 @@ class Problem:
 
     def __post_init__(self) -> None:
         self.group = _alike([w.condition.speed_hz for w in self.windows], SAME_SPEED)
-        self.load = _alike([w.condition.torque for w in self.windows], SAME_TORQUE)
+        load = _alike([w.condition.torque for w in self.windows], SAME_TORQUE)
+        self.load = load + (load.max() + 1) * np.array([w.mounting for w in self.windows])
         self.path = _paths(self.model, self.windows)
         self.worn = np.array([w.worn for w in self.windows])
         self.shared = len(NAMES) + sum(len(t.free) for t in self.trials)

@@ -188,10 +188,14 @@ class MeshBlock:
         return fit(problem, None, self.phase, self.depth[list(chosen)]).misfit
 
     def explained(self, skip: Sequence[str] = (), quiet: float = QUIET, kept: Sequence[Trial] = ()) -> MeshFindings:
-        """The greedy search; `kept` trials are in from the start (pinned by an engineer)."""
+        """The greedy search, until the misfit is below `quiet`; `kept` trials are in from the start.
+
+        The gain of those kept is over wear alone, of all of them together.
+        """
         base = self.fitted((), None, 1)
         best = base if not kept else self.fitted(kept, base, ROUNDS)
-        found: list[Candidate] = [Candidate(trial=t, fit=best, gain=float("nan")) for t in kept]
+        gain = best.log_evidence - base.log_evidence
+        found: list[Candidate] = [Candidate(trial=t, fit=best, gain=gain) for t in best.trials]
         table: dict[str, float] = {}
         runner_up: dict[str, tuple[str, float]] = {}
         while len(found) < MOST_EFFECTS and best.misfit > quiet:

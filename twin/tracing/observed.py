@@ -36,6 +36,7 @@ class Observed:
     std: dict[str, np.ndarray]  # of the real and of the imaginary part (n,)
     mean: float | None  # of the transmission error [m], its zero unknown
     torque_known: bool
+    mounting: int = 0  # counts up where the discs' zeros have jumped: means are compared within one
 
     @property
     def loaded(self) -> float:

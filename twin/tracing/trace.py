@@ -7,8 +7,9 @@ Windows held out take no part in any fit; errors before and after are those of t
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +19,11 @@ from twin.effects.response import Effect
 from twin.errors import NotAvailable, TwinError
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
-from twin.tracing.candidates import REPORTED
+from twin.tracing.candidates import REPORTED, TRIALS, started
 from twin.tracing.eccentricities import Beside as EccentricWindow
 from twin.tracing.eccentricities import fit_eccentricity
-from twin.tracing.mesh_block import MeshBlock, MeshFindings
+from twin.tracing.joint_fit import Trial
+from twin.tracing.mesh_block import GAIN, QUIET, MeshBlock, MeshFindings
 from twin.tracing.observed import Observed, chosen, observed
 from twin.tracing.path import fit_sensor, quotients
 from twin.tracing.strangers import Strangers, strangers
@@ -29,13 +31,16 @@ from twin.tracing.teeth import find_crack, find_pitch_errors
 from twin.tracing.turning import find_turning, rattling
 from twin.updating.again import Taken
 from twin.wear.curve import MasterCurve
+from twin.wear.profile import WornProfile
 
 MOST_WINDOWS = 8  # that the mesh lines are fitted on
-HELD_OUT = 3  # every so many measurement windows, from the third on, one is kept from all fits
+HELD_OUT = 3  # of so many windows one is kept from all fits
+LEAST_TO_HOLD_OUT = 4  # measurement windows
 GAIN_EVIDENCE, OTHER_EVIDENCE = 6.0, 2.0  # nats: against a good sensor, and against a structure of another kind
 LEAST_GAIN = 0.06  # of ln g
 RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
 TOOTH_EVIDENCE = 5.0
+MOVED = 15e-6  # jump of the mean transmission error that is a disc's: an edge of 10,000 is 30 µm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,10 +53,42 @@ class Found:
     runner_up: str | None = None
     over_runner_up: float | None = None
     detail: str = ""
+    numbers: tuple[float, ...] = ()  # of an effect on the mesh: as fitted, in units of the priors
 
     @property
     def name(self) -> str:
         return self.addition.name
+
+    @property
+    def kept(self) -> Trial | None:
+        """The trial that starts from here; None of effects that are not fitted to the mesh lines."""
+        if not self.numbers:
+            return None
+        return started(TRIALS[self.name], np.array(self.numbers), self.addition.onset_revolutions)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-safe and exact."""
+        return {
+            "addition": self.addition.to_dict(),
+            "parameters": {name: list(figures) for name, figures in self.parameters.items()},
+            "log_evidence": self.log_evidence,
+            "runner_up": self.runner_up,
+            "over_runner_up": self.over_runner_up,
+            "detail": self.detail,
+            "numbers": list(self.numbers),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Found:
+        return cls(
+            addition=Addition.from_dict(data["addition"]),
+            parameters={name: (v, unit, std) for name, (v, unit, std) in data["parameters"].items()},
+            log_evidence=data["log_evidence"],
+            runner_up=data["runner_up"],
+            over_runner_up=data["over_runner_up"],
+            detail=data["detail"],
+            numbers=tuple(data["numbers"]),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -70,8 +107,8 @@ class Traced:
 
 
 def held_out(measurement: Sequence[int]) -> set[int]:
-    """Indices kept from all fits."""
-    return set(measurement[HELD_OUT - 1 :: HELD_OUT]) if len(measurement) >= 4 else set()
+    """Indices of the windows that are kept from all fits: by their number, so that they stay the same."""
+    return {i for i in measurement if i % HELD_OUT == HELD_OUT - 1} if len(measurement) >= LEAST_TO_HOLD_OUT else set()
 
 
 def trace(
@@ -79,16 +116,25 @@ def trace(
     history: Sequence[Taken],
     depths: dict[int, float],
     phase: float | None,
+    *,
     rejected: Collection[str] = (),
+    kept: Sequence[Found] = (),
+    tolerated: float = 0.0,
+    since_ns: int = 0,
 ) -> Traced:
     """The effects that the history shows; NotAvailable where it does not suffice.
 
-    depths    wear depth of each window by index [m], as a start
-    phase     of the mesh against the encoder's zero [rad]
-    rejected  names that an engineer has ruled out
+    depths     wear depth of each window by index [m], as a start
+    phase      of the mesh against the encoder's zero [rad]
+    rejected   names that an engineer has ruled out
+    kept       effects that the mesh lines are fitted with from the start
+    tolerated  misfit of the mesh lines up to which no more effects are sought
+    since_ns   when the pinion's disc was last turned: the mesh phase of what was recorded before is another [Unix ns]
     """
     every: list[tuple[Taken, Observed]] = []
     for taken in history:
+        if taken.features.start_time_ns < since_ns:
+            continue
         try:
             every.append((taken, observed(rig, taken.features, taken.index, taken.level_fault)))
         except NotAvailable:
@@ -124,6 +170,8 @@ def trace(
         o.index: curve.profile(max(depths.get(o.index, 0.0), float(curve.depth[0]))) if o.worn else model.unworn
         for _, o in every
     }
+    every = _mounted(model, every, profiles)
+    fitting = [(t, o) for t, o in every if o.index in {o.index for _, o in fitting}]
     pitch = None if "pitch_error" in rejected else find_pitch_errors(model, features, condition, model.unworn, phase)
     crack = None
     if "tooth_crack" not in rejected:
@@ -182,8 +230,9 @@ def trace(
     start = np.array([depths.get(o.index, 0.0) for o in picked])
     factors = _factors(model, picked, profiles, [f.addition for f in found if f.name in ("pitch_error", "tooth_crack")])
     block = MeshBlock(model, picked, start, phase, factors)
-    findings = block.explained(skip=tuple(rejected))
-    for item in _mesh(findings):
+    trials = [t for t in (f.kept for f in kept if f.name not in rejected) if t is not None]
+    findings = block.explained(skip=tuple(rejected), quiet=max(QUIET, tolerated), kept=trials)
+    for item in _mesh(findings, kept):
         add(item)
 
     other = False
@@ -213,6 +262,23 @@ def trace(
     )
 
 
+def _mounted(
+    model: Model, windows: list[tuple[Taken, Observed]], profiles: dict[int, WornProfile]
+) -> list[tuple[Taken, Observed]]:
+    """The windows, with a new mounting from each on whose mean transmission error has jumped as no wear can."""
+    out: list[tuple[Taken, Observed]] = []
+    last, mounting = None, 0
+    for taken, o in windows:
+        if o.mean is not None and o.torque_known:
+            steady = model.steady(profiles[o.index], o.condition)
+            offset = o.mean - model.mean_transmission_error(steady, o.condition)
+            if last is not None and abs(offset - last) > MOVED:
+                mounting += 1
+            last = offset
+        out.append((taken, replace(o, mounting=mounting)))
+    return out
+
+
 def _factors(model: Model, windows: Sequence[Observed], profiles, additions: Sequence[Addition]):
     """What effects of longer periods make of each window's mesh lines; None where there are none."""
     if not additions:
@@ -238,7 +304,9 @@ def _factors(model: Model, windows: Sequence[Observed], profiles, additions: Seq
     return out
 
 
-def _mesh(findings: MeshFindings) -> list[Found]:
+def _mesh(findings: MeshFindings, kept: Sequence[Found]) -> list[Found]:
+    """What the mesh lines show; those kept from before with the evidence that they had then."""
+    before = {f.name: f for f in kept}
     out = []
     effects = findings.best.effects()
     widen = max(1.0, float(np.sqrt(findings.best.misfit)))
@@ -252,13 +320,23 @@ def _mesh(findings: MeshFindings) -> list[Found]:
             value = scale(float(u))
             parameters[parameter] = (value, unit, float(np.hypot(abs(scale(float(u + s)) - value), 0.05 * abs(value))))
         other = findings.runner_up.get(name)
+        evidence = candidate.gain
+        if name in before and other is None:
+            known = before[name]
+            if known.runner_up is not None and known.over_runner_up is not None:
+                other = (known.runner_up, known.over_runner_up)
+            if len(before) > 1:
+                evidence = known.log_evidence
+        if name in before and evidence < GAIN:
+            continue
         out.append(
             Found(
                 addition=Addition(effect=_plain(effect), onset_revolutions=float(trial.onset)),
                 parameters=parameters,
-                log_evidence=candidate.gain,
+                log_evidence=float(evidence),
                 runner_up=None if other is None else other[0],
                 over_runner_up=None if other is None else float(other[1]),
+                numbers=tuple(float(u) for u in numbers),
             )
         )
     return out

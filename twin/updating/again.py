@@ -43,14 +43,31 @@ class Taken:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Taking:
+    """How windows are taken: as `twin.step.Options` has it."""
+
+    threshold: float
+    update: str
+    update_until: float
+
+
+def taken_in(rig: Rig, memory: Memory, window: Taken, taking: Taking) -> Outcome:
+    """One window more; raises NotAvailable, NotConverged."""
+    return take(
+        rig,
+        memory,
+        window.features,
+        window.index,
+        threshold=taking.threshold,
+        update=taking.update,
+        update_until=taking.update_until,
+        level_fault=window.level_fault,
+    )
+
+
 def retake(
-    rig: Rig,
-    effects: Iterable[Addition],
-    history: Sequence[Taken],
-    *,
-    threshold: float,
-    update: str,
-    update_until: float,
+    rig: Rig, effects: Iterable[Addition], history: Sequence[Taken], taking: Taking
 ) -> tuple[Memory, tuple[Outcome | None, ...]]:
     """What the twin would remember and have said had it had these effects from the start; pure.
 
@@ -60,16 +77,7 @@ def retake(
     outcomes: list[Outcome | None] = []
     for window in history:
         try:
-            outcome = take(
-                rig,
-                memory,
-                window.features,
-                window.index,
-                threshold=threshold,
-                update=update,
-                update_until=update_until,
-                level_fault=window.level_fault,
-            )
+            outcome = taken_in(rig, memory, window, taking)
         except (NotAvailable, NotConverged):
             outcomes.append(None)
             continue

@@ -17,6 +17,7 @@ from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
 from twin.updating.memory import Memory, Segment
 from twin.wear.curve import MasterCurve
+from twin.wear.profile import WornProfile
 
 SENSORS = (SensorGain, SensorResonance)  # wear nothing
 DEEPEST = 5e-4  # depth to which curves are made where the rig file gives no end of life [m]
@@ -86,3 +87,17 @@ def curve_of(rig: Rig, memory: Memory, until: float | None = None) -> MasterCurv
     calibration = model_of(rig, memory).calibration
     until = deepest(rig, memory.depth) if until is None else until
     return _curve(_Key(rig), calibration, memory.segments, memory.effects, until)
+
+
+def profile_of(rig: Rig, memory: Memory, revolutions: float, depth: float) -> WornProfile:
+    """The flanks at a depth [m] as they had worn after so many turns of the pinion: of that time's segment."""
+    calibration = model_of(rig, memory).calibration
+    passed = [s for s in memory.segments if s.start_revolutions <= revolutions] or list(memory.segments[:1])
+    curve = _curve(_Key(rig), calibration, tuple(passed), memory.effects, deepest(rig, memory.depth))
+    return curve.profile(max(depth, float(curve.depth[0])))
+
+
+def healthy_model_of(rig: Rig, memory: Memory) -> Model:
+    """The calibrated model without any effect."""
+    calibration = Calibration.prior(rig) if memory.fit is None else memory.fit.calibration
+    return _model(_Key(rig), calibration)

@@ -110,12 +110,14 @@ class MasterCurve:
         return CubicSpline(self.depth, self.profiles, axis=0) if self.depth.size > 1 else None
 
     def profile(self, depth: float) -> WornProfile:
-        """The worn profile of a largest depth [m], at or beyond the start's."""
+        """The worn profile of a largest depth [m], at or beyond the start's; NotConverged where wear has ended."""
         if depth < self.depth[0] - 1e-12:
             raise ParameterError(
                 f"depth = {depth * 1e6:.2f} µm lies before the curve's start at {self.depth[0] * 1e6:.2f} µm"
             )
         if depth > self.valid_to or self._profile_spline is None:
+            if depth > self.valid_to and not self._depth_rate > 0:
+                raise NotConverged(f"no wear goes on beyond {self.valid_to * 1e6:.1f} µm: the teeth do not touch there")
             worn = self.profiles[-1] + self.final_rate * (max(depth, self.valid_to) - self.valid_to) / self._depth_rate
         else:
             worn = self._profile_spline(max(depth, self.depth[0]))

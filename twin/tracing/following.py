@@ -1,0 +1,448 @@
+"""Closing the loop: watch the residual window by window, trace it, add the effect, re-run the history.
+
+    tracing, outcome, events = follow(rig, tracing, memory, taken, outcome, taking)
+
+Beside the twin in use there are twins with fewer effects, wear alone first: one for every effect that changes the mesh
+or the path, so that depth and life stand before and after each of them. All of them see every window.
+
+The search from scratch is made at LEAST_WINDOWS measurement windows and again each time there are half as many more;
+between, what was found is fitted anew beside everything else, and a search starts at once where the misfit has grown.
+What changes by less than its own uncertainty leaves the twin as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from twin.effects.addition import Addition
+from twin.effects.extended import BESIDE_THE_MESH
+from twin.errors import NotAvailable, NotConverged, TwinError
+from twin.report import rul_report
+from twin.rig import Rig
+from twin.tracing.candidates import TRIALS
+from twin.tracing.decisions import Decision
+from twin.tracing.strangers import Strangers
+from twin.tracing.trace import Found, Traced, held_out, trace
+from twin.tracing.unseen import Compared, by_band_and_order, compare, figures, learned_path
+from twin.updating.again import Taken, Taking, retake, taken_in
+from twin.updating.conditions import kind_of
+from twin.updating.memory import Memory
+from twin.updating.update import Outcome
+
+LEAST_WINDOWS = 3  # measurement windows before the first search
+MOST_HISTORY = 40  # windows that are kept, to be run again
+MOST_LOG = 200
+MOST_UNSEEN = 3  # held-out windows that errors are computed on, the newest
+MORE = 1.3  # times the misfit of before, from which a search starts at once
+SAME_ONSET = 1.0  # revolutions
+CHANGED_STD, CHANGED_SHARE = 1.0, 0.05  # change of a parameter that is worth another run: of its std, of its value
+WORSE = 1.02  # times the error on held-out windows, from which an effect is not believed
+MOST_STRANGE = 12
+
+Event = tuple[str, Mapping[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """The twin with the first few effects, or with none."""
+
+    memory: Memory
+    depth: float = 0.0  # at the latest measurement window [m]
+    depths: Mapping[int, float] = field(default_factory=dict)  # by window [m]
+    life: float | None = None  # left at the latest measurement window [revolutions of the pinion]
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "memory": self.memory.to_dict(),
+            "depth": self.depth,
+            "depths": [[i, d] for i, d in self.depths.items()],
+            "life": self.life,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Stage:
+        return cls(
+            memory=Memory.from_dict(data["memory"]),
+            depth=data["depth"],
+            depths={int(i): d for i, d in data["depths"]},
+            life=data["life"],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracing:
+    """What the tracing remembers of one machine; plain serialisable data."""
+
+    history: tuple[Taken, ...] = ()
+    measured: int = 0  # measurement windows so far
+    next_search: int = LEAST_WINDOWS
+    found: tuple[Found, ...] = ()  # what is in the twin, in the order found
+    stages: tuple[Stage, ...] = ()  # with 0, 1, … of the effects that change the mesh or the path; the last is in use
+    decisions: Mapping[str, str] = field(default_factory=dict)  # name → accepted, rejected or pinned
+    errors: tuple[Mapping[str, Any], ...] = ()  # on held-out windows, with 0, 1, … of `found`
+    residual: Mapping[str, Any] | None = None  # of one held-out window, by band and order
+    strange: tuple[Mapping[str, Any], ...] = ()  # lines that no gear makes
+    unknown: str = ""  # what has no name, in words
+    standing: Mapping[str, Any] = field(default_factory=dict)  # of the latest trace
+    log: tuple[Mapping[str, Any], ...] = ()
+
+    @property
+    def rejected(self) -> tuple[str, ...]:
+        return tuple(name for name, verdict in self.decisions.items() if verdict == "rejected")
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-safe and exact."""
+        return {
+            "history": [t.to_dict() for t in self.history],
+            "measured": self.measured,
+            "next_search": self.next_search,
+            "found": [f.to_dict() for f in self.found],
+            "stages": [s.to_dict() for s in self.stages],
+            "decisions": dict(self.decisions),
+            "errors": [dict(e) for e in self.errors],
+            "residual": self.residual,
+            "strange": [dict(s) for s in self.strange],
+            "unknown": self.unknown,
+            "standing": dict(self.standing),
+            "log": [dict(entry) for entry in self.log],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Tracing:
+        if not data:
+            return cls()
+        return cls(
+            history=tuple(Taken.from_dict(t) for t in data["history"]),
+            measured=data["measured"],
+            next_search=data["next_search"],
+            found=tuple(Found.from_dict(f) for f in data["found"]),
+            stages=tuple(Stage.from_dict(s) for s in data["stages"]),
+            decisions=dict(data["decisions"]),
+            errors=tuple(data["errors"]),
+            residual=data["residual"],
+            strange=tuple(data["strange"]),
+            unknown=data["unknown"],
+            standing=data["standing"],
+            log=tuple(data["log"]),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Followed:
+    """The tracing after a window, and the twin with what it has found."""
+
+    tracing: Tracing
+    outcome: Outcome
+    again: tuple[tuple[Taken, Outcome], ...] = ()  # the latest windows as the changed twin took them, oldest first
+    events: tuple[Event, ...] = ()
+
+
+def relevant(found: Iterable[Found]) -> tuple[Addition, ...]:
+    """The effects that change the mesh or the path: those beside them change no depth."""
+    return tuple(f.addition for f in found if not isinstance(f.addition.effect, BESIDE_THE_MESH))
+
+
+def follow(rig: Rig, tracing: Tracing, taken: Taken, outcome: Outcome, taking: Taking) -> Followed:
+    """One window more, already taken into the twin in use."""
+    measurement = outcome.kind == "measurement"
+    before = [_advanced(rig, stage, taken, taking) for stage in tracing.stages[:-1]]
+    latest = tracing.stages[-1] if tracing.stages else Stage(memory=outcome.memory)
+    stages = (*before, _staged(rig, latest, taken, outcome))
+    tracing = replace(
+        tracing,
+        history=_thinned(rig, (*tracing.history, taken)),
+        stages=stages,
+        measured=tracing.measured + measurement,
+    )
+    if not measurement or tracing.measured < LEAST_WINDOWS:
+        return Followed(tracing=tracing, outcome=outcome)
+    search = tracing.measured >= tracing.next_search
+    kept = [f for f in tracing.found if not search or tracing.decisions.get(f.name) in ("accepted", "pinned")]
+    try:
+        traced = trace(
+            rig,
+            tracing.history,
+            dict(stages[-1].depths),
+            outcome.memory.phase,
+            rejected=tracing.rejected,
+            kept=kept,
+            since_ns=outcome.memory.discs_since_ns,
+            tolerated=0.0 if search else MORE * (tracing.standing.get("misfit_after") or 0.0),
+        )
+    except (NotAvailable, NotConverged) as reason:
+        return Followed(tracing=replace(tracing, standing={"reason": str(reason)}), outcome=outcome)
+    if search:
+        tracing = replace(tracing, next_search=tracing.measured + max(2, tracing.measured // 2))
+    return _joined(rig, tracing, traced, outcome, taking)
+
+
+def decide(rig: Rig, tracing: Tracing, decision: Decision, outcome: Outcome, taking: Taking) -> Followed:
+    """The tracing after an engineer's decision; `outcome` of the latest window."""
+    decisions = dict(tracing.decisions)
+    decisions.pop(decision.name, None)
+    if decision.verb != "release":
+        decisions[decision.name] = {"accept": "accepted", "reject": "rejected", "pin": "pinned"}[decision.verb]
+    present = any(f.name == decision.name for f in tracing.found)
+    if decision.verb in ("accept", "pin") and not present:
+        raise NotAvailable(
+            f"{decision.name} is not in the twin: only an effect that was found can be {decision.verb}ed"
+        )
+    entry = _entry(
+        tracing, {"accept": "accepted", "reject": "rejected", "pin": "pinned"}.get(decision.verb, "released")
+    )
+    tracing = replace(
+        tracing,
+        decisions=decisions,
+        log=(*tracing.log, {**entry, "name": decision.name})[-MOST_LOG:],
+        next_search=tracing.measured + 1 if decision.verb in ("reject", "release") else tracing.next_search,
+    )
+    rest = tuple(f for f in tracing.found if f.name not in tracing.rejected)
+    if len(rest) == len(tracing.found):
+        return Followed(tracing=tracing, outcome=outcome)
+    return _changed(rig, tracing, rest, outcome, taking)
+
+
+def _joined(rig: Rig, tracing: Tracing, traced: Traced, outcome: Outcome, taking: Taking) -> Followed:
+    """The twin with what a trace has found."""
+    old = {f.name: f for f in tracing.found}
+    new: list[Found] = []
+    for item in traced.found:
+        known = old.get(item.name)
+        if known is not None and (tracing.decisions.get(item.name) == "pinned" or _same(known, item)):
+            item = replace(known, log_evidence=item.log_evidence, detail=item.detail)
+        new.append(item)
+    names = {f.name for f in new}
+    new += [f for f in tracing.found if f.name not in names and tracing.decisions.get(f.name) in ("accepted", "pinned")]
+    rank = {name: i for i, name in enumerate(old)}
+    new.sort(key=lambda f: rank.get(f.name, len(rank)))
+    unbelieved = tracing.standing.get("unbelieved", {})
+    new = [f for f in new if not _unbelieved(f, unbelieved)]
+    tracing = replace(
+        tracing,
+        strange=_strange(tracing, traced.strangers),
+        unknown=traced.strangers.sentence(),
+        standing={
+            "candidates": [list(row) for row in traced.table],
+            "other_structure": traced.other_structure,
+            "misfit_before": traced.misfit_before,
+            "misfit_after": traced.misfit_after,
+            "held_out": list(traced.held_out),
+            "fitted": list(traced.fitted),
+            "unbelieved": unbelieved,
+        },
+    )
+    if [f.addition for f in new] == [f.addition for f in tracing.found]:
+        tracing = replace(tracing, found=tuple(new))
+        return Followed(tracing=_with_errors(rig, tracing), outcome=outcome)
+    followed = _changed(rig, tracing, tuple(new), outcome, taking)
+    doubted = _not_confirmed(followed.tracing, old)
+    if not doubted:
+        return followed
+    unbelieved = {**unbelieved, **{f.name: list(f.numbers) for f in doubted}}
+    tracing = replace(tracing, standing={**tracing.standing, "unbelieved": unbelieved})
+    rest = tuple(f for f in new if f not in doubted)
+    if [f.addition for f in rest] == [f.addition for f in tracing.found]:
+        return Followed(tracing=_with_errors(rig, replace(tracing, found=rest)), outcome=outcome)
+    return _changed(rig, tracing, rest, outcome, taking)
+
+
+def _same(old: Found, new: Found) -> bool:
+    """Whether a refit says what the twin has already."""
+    if abs(old.addition.onset_revolutions - new.addition.onset_revolutions) > SAME_ONSET:
+        return False
+    if type(old.addition.effect) is not type(new.addition.effect) or set(old.parameters) != set(new.parameters):
+        return False
+    for name, (value, _, std) in new.parameters.items():
+        before = old.parameters[name][0]
+        if abs(value - before) > max(CHANGED_STD * std, CHANGED_SHARE * abs(before)):
+            return False
+    return True
+
+
+def _unbelieved(item: Found, known: Mapping[str, Sequence[float]]) -> bool:
+    """Whether held-out windows have spoken against much the same numbers before."""
+    before = known.get(item.name)
+    if before is None or len(before) != len(item.numbers):
+        return False
+    return bool(np.allclose(before, item.numbers, rtol=0.3, atol=0.1))
+
+
+def _not_confirmed(tracing: Tracing, old: Mapping[str, Found]) -> list[Found]:
+    """New effects on the mesh that make neither the vibration nor the transmission error of held-out windows better."""
+    out = []
+    for i, item in enumerate(tracing.found):
+        if item.name not in TRIALS or item.name in old or i + 1 >= len(tracing.errors):
+            continue
+        before, after = tracing.errors[i], tracing.errors[i + 1]
+        worse = [
+            after[key] > WORSE * before[key]
+            for key in ("waveform_percent", "transmission_error_percent")
+            if before.get(key) is not None and after.get(key) is not None
+        ]
+        if worse and all(worse):
+            out.append(item)
+    return out
+
+
+def _changed(rig: Rig, tracing: Tracing, found: tuple[Found, ...], outcome: Outcome, taking: Taking) -> Followed:
+    """The history run again with other effects; every stage that they change."""
+    old, additions = relevant(tracing.found), relevant(found)
+    stages = list(tracing.stages)
+    common = 0
+    while common < min(len(old), len(additions)) and old[common] == additions[common]:
+        common += 1
+    stages = stages[: common + 1]
+    again: tuple[tuple[Taken, Outcome], ...] = ()
+    for count in range(common + 1, len(additions) + 1):
+        memory, outcomes = retake(rig, additions[:count], tracing.history, taking)
+        stage = Stage(memory=memory)
+        for taken, result in zip(tracing.history, outcomes, strict=True):
+            if result is not None:
+                stage = _staged(rig, stage, taken, result)
+        stages.append(stage)
+        again = tuple((t, o) for t, o in zip(tracing.history, outcomes, strict=True) if o is not None)
+    if len(additions) == common and common < len(old):  # effects have gone: the twin in use is an earlier stage
+        _, outcomes = retake(rig, additions, tracing.history, taking)
+        again = tuple((t, o) for t, o in zip(tracing.history, outcomes, strict=True) if o is not None)
+    if again and again[-1][0] is tracing.history[-1]:
+        outcome = replace(again[-1][1], memory=stages[-1].memory)
+    else:
+        outcome = replace(outcome, memory=stages[-1].memory)
+    before = {f.name: f for f in tracing.found}
+    now = {f.name: f for f in found}
+    events: list[Event] = []
+    for name, item in now.items():
+        if name not in before or before[name].addition != item.addition:
+            action = "changed" if name in before else "found"
+            events.append(("effect", {**_entry(tracing, action), **_described(item)}))
+    for name, item in before.items():
+        if name not in now:
+            events.append(("effect", {**_entry(tracing, "dropped"), **_described(item)}))
+    tracing = replace(
+        tracing,
+        found=found,
+        stages=tuple(stages),
+        errors=(),
+        log=(*tracing.log, *(dict(data) for _, data in events))[-MOST_LOG:],
+    )
+    return Followed(tracing=_with_errors(rig, tracing), outcome=outcome, again=again, events=tuple(events))
+
+
+def _with_errors(rig: Rig, tracing: Tracing) -> Tracing:
+    """The errors on held-out windows with 0, 1, … of the effects; none without effects."""
+    out = held_out([t.index for t in tracing.history if kind_of(t.features, rig) == "measurement"])
+    unseen = [t for t in tracing.history if t.index in out][-MOST_UNSEEN:]
+    if not tracing.found or not unseen:
+        return replace(tracing, errors=(), residual=None)
+    path = learned_path(tracing.stages[-1].memory, out)
+    rows: list[list[Compared]] = []
+    for count in range(len(tracing.found) + 1):
+        additions = [f.addition for f in tracing.found[:count]]
+        stage = tracing.stages[len(relevant(tracing.found[:count]))]
+        row = []
+        for window in unseen:
+            try:
+                row.append(
+                    compare(rig, stage.memory, additions, path, window, stage.depths.get(window.index, stage.depth))
+                )
+            except TwinError:
+                continue
+        rows.append(row)
+    errors = tuple(figures(row) for row in rows)
+    residual = None
+    if rows[0] and rows[-1] and rows[0][-1].index == rows[-1][-1].index:
+        residual = by_band_and_order(rows[0][-1], rows[-1][-1], rig.teeth[0])
+    return replace(tracing, errors=errors, residual=residual)
+
+
+def _advanced(rig: Rig, stage: Stage, taken: Taken, taking: Taking) -> Stage:
+    """A stage after one window more."""
+    try:
+        outcome = taken_in(rig, stage.memory, taken, taking)
+    except (NotAvailable, NotConverged):
+        return stage
+    return _staged(rig, stage, taken, outcome)
+
+
+def _staged(rig: Rig, stage: Stage, taken: Taken, outcome: Outcome) -> Stage:
+    if outcome.kind != "measurement":
+        return replace(stage, memory=outcome.memory)
+    depths = {**stage.depths, taken.index: outcome.depth}
+    for index in list(depths)[:-MOST_HISTORY]:
+        del depths[index]
+    life = rul_report(rig, outcome).get("revolutions")
+    return Stage(
+        memory=outcome.memory,
+        depth=outcome.depth,
+        depths=depths,
+        life=None if life is None else life["median"],
+    )
+
+
+def _thinned(rig: Rig, history: tuple[Taken, ...]) -> tuple[Taken, ...]:
+    """At most MOST_HISTORY windows: every second of the older measurement windows goes."""
+    if len(history) <= MOST_HISTORY:
+        return history
+    measurement = [i for i, t in enumerate(history) if kind_of(t.features, rig) == "measurement"]
+    old = measurement[: 2 * len(measurement) // 3]
+    drop = set(old[1::2]) or {1}
+    return tuple(t for i, t in enumerate(history) if i not in drop)
+
+
+def _entry(tracing: Tracing, action: str) -> dict[str, Any]:
+    last = tracing.history[-1] if tracing.history else None
+    return {
+        "action": action,
+        "window": None if last is None else last.index,
+        "revolutions": None if last is None else last.features.revolutions,
+    }
+
+
+def _described(item: Found) -> dict[str, Any]:
+    return {
+        "name": item.name,
+        "parameters": parameters_of(item),
+        "onset_revolutions": item.addition.onset_revolutions,
+        "log_evidence": item.log_evidence,
+        "runner_up": item.runner_up,
+        "over_runner_up": item.over_runner_up,
+    }
+
+
+def parameters_of(item: Found) -> dict[str, dict[str, Any]]:
+    """As the contract reports them."""
+    return {name: {"value": value, "unit": unit, "std": std} for name, (value, unit, std) in item.parameters.items()}
+
+
+def _strange(tracing: Tracing, heard: Strangers) -> tuple[Mapping[str, Any], ...]:
+    """Lines that no gear makes, by frequency and order, the strongest first."""
+    windows = [t for t in tracing.history if t.features.speed_hz and t.features.rms]
+    if not heard.unknown or not windows:
+        return ()
+    speed = windows[-1].features.speed_hz or 1.0
+    energy = float(np.mean([(t.features.rms or 0.0) ** 2 for t in windows[-MOST_UNSEEN:]]))
+    rows: list[dict[str, Any]] = []
+    for tone in heard.tones:
+        amplitude = max((a or 0.0) for a in tone.amplitudes)
+        rows.append(
+            {
+                "order": tone.frequency / speed,
+                "frequency_hz": tone.frequency,
+                "share_percent": 100 * 0.5 * amplitude**2 / energy,
+                "kind": "steady in hertz",
+            }
+        )
+    for order, amplitude in heard.orders:
+        rows.append(
+            {
+                "order": order,
+                "frequency_hz": order * speed,
+                "share_percent": 100 * 0.5 * amplitude**2 / energy,
+                "kind": "order of no shaft",
+            }
+        )
+    return tuple(sorted(rows, key=lambda r: -r["share_percent"])[:MOST_STRANGE])
