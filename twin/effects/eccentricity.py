@@ -30,8 +30,11 @@ from twin.dynamics.structure import direction
 from twin.effects.setup import Setup, Shift
 
 
-def eccentric(setup: Setup, e: float, high_point: float, shaft: int) -> Setup:
-    """A pinion (shaft 0) or gear (shaft 1) with its teeth's centre e [m] off the axis."""
+def eccentric(setup: Setup, e: float, high_point: float, shift_share: float, shaft: int) -> Setup:
+    """A pinion (shaft 0) or gear (shaft 1) with its teeth's centre e [m] off the axis.
+
+    shift_share  1 for flanks whose wear ends at the nominal ends of the path; less where contact has worn beyond
+    """
     if e == 0:
         return setup
     passages = setup.passages
@@ -41,7 +44,7 @@ def eccentric(setup: Setup, e: float, high_point: float, shaft: int) -> Setup:
     along, across = e * np.cos(angle), e * np.sin(angle)
     L = (rb1 + rb2) * tan(setup.pair.pressure_angle)
     sign = (1.0, -1.0)[shaft]  # δ·n = ± e·sin: the shafts turn opposite ways
-    σ1, σ2 = sign * rb1 / L, -sign * rb2 / L
+    σ1, σ2 = shift_share * sign * rb1 / L, -shift_share * sign * rb2 / L
     shift = Shift(
         pinion=σ1 * across,
         gear=σ2 * across,

@@ -30,10 +30,12 @@ class GearEccentricity:
 
     eccentricity: float  # e [m]
     high_point: float = 0.0  # φ [rad]
+    shift_share: float = 1.0  # of the contact's shift: run-in ends of the path feel less of it
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(name="eccentricity", unit="m", low=0.0, high=500e-6, prior=50e-6),
         Parameter(name="high_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
+        Parameter(name="shift_share", unit="", low=0.0, high=1.5, prior=0.5, shape=True),
     )
     period: ClassVar[str] = "gear"
 
@@ -41,4 +43,4 @@ class GearEccentricity:
         check(self)
 
     def apply(self, setup: Setup) -> Setup:
-        return eccentric(setup, self.eccentricity, self.high_point, shaft=1)
+        return eccentric(setup, self.eccentricity, self.high_point, self.shift_share, shaft=1)

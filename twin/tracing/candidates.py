@@ -54,7 +54,7 @@ TRIALS: dict[str, Trial] = {
             ),
             make=_profile,
         ),
-        Trial(name="mesh_stiffness_loss", free=(Free(name="loss", start=1.0, low=-2.0, high=5.0),), make=_stiffness),
+        Trial(name="mesh_stiffness_loss", free=(Free(name="loss", start=1.0, low=0.0, high=5.0),), make=_stiffness),
         Trial(name="mesh_damping", free=(Free(name="factor", start=0.5, low=-4.0, high=4.0),), make=_damping),
     )
 }

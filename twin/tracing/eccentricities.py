@@ -8,9 +8,8 @@ o    order of the shaft: 1 or z1/z2
 
 An encoder disc sits off its own centre by a micrometre or two, which looks like run-out but moves no tooth: the
 order of the shaft alone never proves an eccentricity, its sidebands must agree with it. The mesh's sidebands of a
-healthy machine are not zero: teeth differ, the speed wanders. First the linear fit says whether there is an
-eccentricity at all; then e, φ, the share of the shift that worn flanks feel and the tips' own run-out are fitted to
-the sidebands by least squares on the whole response.
+healthy machine are not zero: teeth differ, the speed wanders. Worn flanks show less of the contact's shift than flanks
+that end sharply where the nominal path does; how much less, the sidebands of the worn windows say.
 
 Sizes    graduation 1.5 µm (once a turn of the disc), sidebands of worn machines some 0.4 % of their mesh line
 Source   twin/effects/eccentricity.py; R. B. Randall, J. Mech. Des. 104 (1982) 259–267 (sidebands of gear vibration)
@@ -23,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import minimize
 
 from twin.effects import EFFECTS
 from twin.effects.response import Effect, Response, solve_with
@@ -39,7 +38,6 @@ SCATTER = 0.3  # relative, of a predicted sideband
 HARMONICS = (1, 2, 3, 4, 5)
 REFERENCE = 20e-6  # [m]
 PRIOR = 50e-6  # [m]
-SHAPED = 0.15  # relative, of a predicted sideband once the shift's shape is fitted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +48,7 @@ class _Line:
     std: float  # of noise, per complex value
     per_metre: complex
     lower: bool
+    worn: bool
 
     def predicted(self, E: complex) -> complex:
         return self.per_metre * (E.conjugate() if self.lower else E)
@@ -67,10 +66,13 @@ class EccentricityFit:
     by_sidebands: float  # the part of it that the sidebands alone give
     run_out: float | None  # |E| at the shaft's own order in the transmission error [m]
     disagreement: float  # of run-out and sidebands, over what both may be off
+    shift_share: float  # of the contact's shift that the worn windows' sidebands show
 
     @property
     def effect(self) -> Effect:
-        return KINDS[self.shaft](eccentricity=self.eccentricity, high_point=self.high_point)
+        return KINDS[self.shaft](
+            eccentricity=self.eccentricity, high_point=self.high_point, shift_share=self.shift_share
+        )
 
     @property
     def proven(self) -> bool:
@@ -120,6 +122,7 @@ def _sidebands(
                     std=float(noise),
                     per_metre=complex(factor * s / REFERENCE),
                     lower=side < 0,
+                    worn=worn,
                 )
             )
     return out
@@ -211,6 +214,7 @@ def fit_eccentricity(model: Model, windows: Sequence[Beside], phase: float, shaf
         allowed = np.hypot(2 * GRADUATION, 0.5 * max(abs(run_out), abs(E_alone)))
         disagreement = float(abs(abs(run_out) - abs(E_alone)) / allowed)
         std = min(std, GRADUATION)
+    seen = E if run_out is None else run_out
     return EccentricityFit(
         shaft=shaft,
         eccentricity=abs(E) if run_out is None else abs(run_out),
@@ -220,45 +224,15 @@ def fit_eccentricity(model: Model, windows: Sequence[Beside], phase: float, shaf
         by_sidebands=-float(alone.fun) + occam,
         run_out=None if run_out is None else abs(run_out),
         disagreement=disagreement,
+        shift_share=_shift_share([line for line in sidebands if line.worn], seen),
     )
 
 
-def shaped(model: Model, windows: Sequence[Beside], phase: float, fit: EccentricityFit) -> Effect:
-    """The effect with the shape of its shift fitted to the sidebands; as it was where that does not help."""
-    kind, shaft = KINDS[fit.shaft], fit.shaft
-
-    def effect(x: np.ndarray) -> Effect:
-        E, tip = complex(x[0], x[1]) * 1e-5, complex(x[2], x[3]) * 1e-5
-        return kind(
-            eccentricity=abs(E),
-            high_point=float(np.angle(E)),
-            tip_run_out=min(abs(tip), 2e-3),
-            tip_high_point=float(np.angle(tip)),
-            flank_shift=float(x[4]),
-        )
-
-    def residual(x: np.ndarray) -> np.ndarray:
-        sidebands, run_outs = _read(model, windows, phase, effect(x), shaft)
-        y = np.array([line.measured for line in sidebands])
-        m = np.array([line.per_metre for line in sidebands]) * REFERENCE
-        u = (y - m) / np.sqrt(np.array([line.std for line in sidebands]) ** 2 + (SHAPED * np.abs(y)) ** 2)
-        prior = [x[2] * 1e-5 / PRIOR, x[3] * 1e-5 / PRIOR, x[4] - 1.0]
-        if not run_outs:
-            return np.concatenate((u.real, u.imag, prior))
-        E = complex(x[0], x[1]) * 1e-5
-        seen = np.mean([r * abs(E) / REFERENCE for r in run_outs]) * np.exp(1j * np.angle(E))
-        apart = (seen - E) / GRADUATION
-        return np.concatenate((u.real, u.imag, prior, [apart.real, apart.imag]))
-
-    E = fit.eccentricity * np.exp(1j * fit.high_point) * 1e5
-    start = np.array([E.real, E.imag, 0.0, 0.0, 0.5])
-    low, high = [-60.0, -60.0, -150.0, -150.0, 0.0], [60.0, 60.0, 150.0, 150.0, 2.0]
-    tried = []
-    for turn in (0.0, 2 * np.pi / 3, 4 * np.pi / 3):
-        start[2:4] = 0.7 * abs(E) * np.cos(fit.high_point + turn), 0.7 * abs(E) * np.sin(fit.high_point + turn)
-        tried.append(
-            least_squares(
-                residual, np.clip(start, low, high), bounds=(low, high), diff_step=1e-2, x_scale=5.0, max_nfev=6
-            )
-        )
-    return effect(min(tried, key=lambda r: r.cost).x)
+def _shift_share(worn: Sequence[_Line], E: complex) -> float:
+    """How much of the predicted sidebands of worn windows is there, by linear least squares; 1 without any."""
+    m, y = np.array([line.predicted(E) for line in worn]), np.array([line.measured for line in worn])
+    weight = 1 / np.array([line.std for line in worn]) ** 2
+    energy = float(np.sum(weight * np.abs(m) ** 2)) if worn else 0.0
+    if energy == 0:
+        return 1.0
+    return float(np.clip(np.sum(weight * (np.conj(m) * y).real) / energy, 0.0, 1.5))

@@ -27,7 +27,7 @@ from twin.tracing.candidates import TRIALS
 from twin.tracing.decisions import Decision
 from twin.tracing.strangers import Strangers
 from twin.tracing.trace import Found, Traced, held_out, trace
-from twin.tracing.unseen import Compared, by_band_and_order, compare, figures, learned_path
+from twin.tracing.unseen import Compared, Learned, by_band_and_order, compare, figures
 from twin.updating.again import Taken, Taking, retake, taken_in
 from twin.updating.conditions import kind_of
 from twin.updating.memory import Memory
@@ -338,7 +338,7 @@ def _with_errors(rig: Rig, tracing: Tracing) -> Tracing:
     unseen = [t for t in tracing.history if t.index in out][-MOST_UNSEEN:]
     if not tracing.found or not unseen:
         return replace(tracing, errors=(), residual=None)
-    path = learned_path(tracing.stages[-1].memory, out)
+    learned = Learned.of(tracing.stages[-1].memory, out)
     rows: list[list[Compared]] = []
     for count in range(len(tracing.found) + 1):
         additions = [f.addition for f in tracing.found[:count]]
@@ -347,7 +347,7 @@ def _with_errors(rig: Rig, tracing: Tracing) -> Tracing:
         for window in unseen:
             try:
                 row.append(
-                    compare(rig, stage.memory, additions, path, window, stage.depths.get(window.index, stage.depth))
+                    compare(rig, stage.memory, additions, learned, window, stage.depths.get(window.index, stage.depth))
                 )
             except TwinError:
                 continue

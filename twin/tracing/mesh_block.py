@@ -26,6 +26,7 @@ from twin.wear.profile import WornProfile
 
 GAIN = 6.0  # nats that an effect must gain
 QUIET = 0.3  # misfit up to which nothing is sought: healthy machines of the rig's structure have 0.1 to 0.3
+SOFT = -2.0  # of the calibrated stiffness, in spreads of its prior: something has softened the mesh
 WORTH = 2.0  # nats in the first trial from which a candidate is tried with the wear that it causes
 MOST_EFFECTS = 3
 ROUNDS = 2  # of fitting and of wearing with what was fitted
@@ -154,7 +155,8 @@ class MeshBlock:
         if start is not None:
             known = dict(zip((t.name for t in start.trials), start.effects(), strict=True))
             effects = [(known.get(t.name, e), t.onset) for t, (e, _) in zip(trials, effects, strict=True)]
-        wear = self.wear(effects if rounds > 1 else (), start)
+        late = any(t.name in SHAPING and t.onset > 0 for t in trials)  # long since run in, as the flanks may be
+        wear = self.wear(effects if rounds > 1 or late else (), start)
         result = fit(self.problem(trials, wear), start, self.phase, self.depth)
         for _ in range(rounds - 1 if shaping else 0):
             again = tuple(started(t, result.numbers(t)[0], t.onset) for t in result.trials)
@@ -168,7 +170,7 @@ class MeshBlock:
         order = sorted(range(len(self.windows)), key=lambda i: self.windows[i].revolutions)
         worn = [i for i in order if self.windows[i].worn]
         fresh = [i for i in order if not self.windows[i].worn]
-        for count in range(2 if fresh else 3, len(worn)):
+        for count in range(1 if fresh else 3, len(worn)):
             prefix = [*fresh, *worn[:count]]
             following = [*prefix, worn[count]]
             try:
@@ -198,7 +200,7 @@ class MeshBlock:
         found: list[Candidate] = [Candidate(trial=t, fit=best, gain=gain) for t in best.trials]
         table: dict[str, float] = {}
         runner_up: dict[str, tuple[str, float]] = {}
-        while len(found) < MOST_EFFECTS and best.misfit > quiet:
+        while len(found) < MOST_EFFECTS and (best.misfit > quiet or best.shared[0] < SOFT):
             present = tuple(best.trials)
             onsets = self.onsets(best, present)
             tried: list[Candidate] = []
@@ -242,11 +244,30 @@ class MeshBlock:
         )
 
     def _tried(self, trial: Trial, present: Sequence[Trial], best: JointFit, rounds: int) -> Candidate | None:
-        try:
-            result = self.fitted((*present, trial), best, rounds)
-        except TwinError:
+        """The trial beside those present; an effect that sets in also from the depths that would have gone on."""
+        starts = [best]
+        if trial.onset > 0 and rounds == 1:
+            starts.append(replace(best, depth=self._went_on(best.depth, trial.onset)))
+        results = []
+        for start in starts:
+            try:
+                results.append(self.fitted((*present, trial), start, rounds))
+            except TwinError:
+                continue
+        if not results:
             return None
+        result = max(results, key=lambda r: r.log_evidence)
         return Candidate(trial=result.trials[-1], fit=result, gain=result.log_evidence - best.log_evidence)
+
+    def _went_on(self, depth: np.ndarray, onset: float) -> np.ndarray:
+        """Depths (W,) as they would be had the wear rate of before the onset stayed [m]."""
+        turns = np.array([w.revolutions for w in self.windows])
+        before = (turns < onset) & np.array([w.worn for w in self.windows])
+        if not before.any():
+            return depth
+        rate = float(np.sum(depth[before] * turns[before]) / np.sum(turns[before] ** 2))
+        late = (turns >= onset) & ~before
+        return np.where(late, rate * turns, depth)
 
 
 def _big_enough(candidate: Candidate) -> bool:

@@ -25,6 +25,7 @@ ORDERS = (0.3, 12.0)  # sought, of the pinion's rotation
 MATCHES = 3  # multiples that must be there in a window
 SAME_ORDER = 0.03
 SHARE_OF_WINDOWS = 0.5
+SAME_HERTZ = 1.0
 LEAST_AMPLITUDE = 0.05  # of a foreign tone [m/s²]
 
 
@@ -108,9 +109,10 @@ def _defect(windows: Sequence[tuple[float, Beside]]) -> Defect | None:
     )
 
 
-def strangers(windows: Sequence[tuple[float, Beside]], lattice_full: bool) -> Strangers:
+def strangers(windows: Sequence[tuple[float, Beside]], lattice_full: bool, struck: bool = False) -> Strangers:
     """What all windows, with their revolutions, have beside the gears.
 
+    struck        whether a cracked tooth strikes already
     lattice_full  whether teeth differ so much that their own lines fill the spectrum between the shafts' orders
     """
     defect = _defect(windows)
@@ -122,9 +124,9 @@ def strangers(windows: Sequence[tuple[float, Beside]], lattice_full: bool) -> St
     if defect is not None:
         tones = ()
     elif not lattice_full:
-        orders = _common_orders([w for _, w in windows])
+        orders = _common_orders([w for _, w in windows], tones)
         impulsive = [w.kurtosis > 2.5 * IMPULSIVE for _, w in windows]
-        impacts = sum(impulsive) >= LEAST_WINDOWS
+        impacts = sum(impulsive) >= LEAST_WINDOWS and not struck
     first = None
     if tones:
         seen = [r for i, (r, _) in enumerate(windows) if any(t.amplitudes[i] is not None for t in tones)]
@@ -134,9 +136,17 @@ def strangers(windows: Sequence[tuple[float, Beside]], lattice_full: bool) -> St
     return Strangers(defect=defect, tones=tones, orders=tuple(orders), impacts=impacts, first=first)
 
 
-def _common_orders(windows: Sequence[Beside]) -> list[tuple[float, float]]:
-    """Lines that stand at the same order, or the same frequency, in half of the windows."""
-    every = sorted(((o, a, i) for i, w in enumerate(windows) for o, a in w.lines), key=lambda x: -x[1])
+def _common_orders(windows: Sequence[Beside], tones: Sequence[ForeignTone]) -> list[tuple[float, float]]:
+    """Lines that stand at the same order in half of the windows, without the tones that are steady in hertz."""
+    every = sorted(
+        (
+            (o, a, i)
+            for i, w in enumerate(windows)
+            for o, a in w.lines
+            if all(abs(o * w.speed_hz - t.frequency) > SAME_HERTZ for t in tones)
+        ),
+        key=lambda x: -x[1],
+    )
     out: list[tuple[float, float]] = []
     for order, amplitude, _ in every:
         if any(abs(order - o) < 0.3 for o, _ in out):

@@ -39,7 +39,9 @@ LEAST_TO_HOLD_OUT = 4  # measurement windows
 GAIN_EVIDENCE, OTHER_EVIDENCE = 6.0, 2.0  # nats: against a good sensor, and against a structure of another kind
 LEAST_GAIN = 0.06  # of ln g
 RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
-TOOTH_EVIDENCE = 5.0
+TOOTH_EVIDENCE = 25.0  # nats for pitch errors
+LEAST_WITHOUT_RUN_OUT = 10e-6  # of an eccentricity that only sidebands show [m]
+BESIDE_UNBALANCE = 10e-6  # run-out that an unbalance does not make [m]
 MOVED = 15e-6  # jump of the mean transmission error that is a disc's: an edge of 10,000 is 30 µm
 
 
@@ -192,7 +194,7 @@ def trace(
         return tuple(f.addition.effect for f in found if f.addition.onset_revolutions <= o.revolutions)
 
     beside = [(t.features.revolutions or 0.0, t.beside) for t, _ in measured if t.beside is not None]
-    heard = strangers(beside, "pitch_error" in toothed)
+    heard = strangers(beside, "pitch_error" in toothed, "tooth_crack" in toothed)
     if heard.defect is not None:
         if abs(heard.defect.effect.order - round(heard.defect.effect.order)) < 0.02:  # type: ignore[attr-defined]
             heard = strangers([], True)
@@ -203,12 +205,18 @@ def trace(
         EccentricWindow(features=t.features, condition=o.condition, profile=profiles[o.index], worn=o.worn)
         for t, o in [fitting[i] for i in sorted({0, len(fitting) // 2, len(fitting) - 1})]
     ]
+    turns = [] if toothed else find_turning(model, features, condition, model.unworn, phase)
+    unbalanced = any(name_of(t.effect) == "mass_unbalance" for t in turns)
     taken_orders: set[int] = set()
     for shaft in (0, 1):
         result = fit_eccentricity(model, eccentric, phase, shaft)
         if result is None or not result.proven:
             continue
         if toothed and not (result.run_out is not None and result.run_out > RUN_OUT_WITH_PITCH):
+            continue
+        if result.run_out is None and result.eccentricity < LEAST_WITHOUT_RUN_OUT:
+            continue
+        if shaft == 0 and unbalanced and result.eccentricity < BESIDE_UNBALANCE:
             continue
         taken_orders |= {1} if shaft == 0 else set()
         add(
@@ -217,6 +225,7 @@ def trace(
                 parameters={
                     "eccentricity": (result.eccentricity, "m", result.std),
                     "high_point": (result.high_point, "rad", min(result.std / max(result.eccentricity, 1e-9), 3.0)),
+                    "shift_share": (result.shift_share, "", 0.2),
                 },
                 log_evidence=result.log_evidence,
                 detail=""
@@ -247,8 +256,8 @@ def trace(
             if best.log_evidence > GAIN_EVIDENCE and best.over_other > OTHER_EVIDENCE and size > LEAST_GAIN:
                 rest = [s for s in sensors if s is not best]
                 add(_sensor(best, rest))
-    if not toothed:
-        for turning in find_turning(model, features, condition, model.unworn, phase, taken_orders):
+    for turning in turns:
+        if not (name_of(turning.effect) == "torque_ripple" and getattr(turning.effect, "order", 0) in taken_orders):
             add(_turning(turning))
     return Traced(
         found=tuple(found),

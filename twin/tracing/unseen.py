@@ -2,9 +2,9 @@
 
     waveform = 100·‖measured − predicted‖/‖measured‖          over the lines of the synchronous averages
 
-A window is predicted from its speed, torque and encoder depth, by the twin with some effects and by the twin without,
-both through the same path to the housing: the one learned from the windows that were fitted, by the twin with all
-effects. What mesh lines measured over predicted were there is not used, so an effect cannot hide in a factor.
+A window is predicted from its speed, torque and encoder depth, by the twin with some effects and by the twin without.
+Both use the same learned factors, of the path to the housing and of the mesh lines: those that the twin with all effects
+took from the windows that were fitted. So the only difference between them is the effects, and none can hide in a factor.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.rig import Rig
 from twin.updating.again import Taken
 from twin.updating.conditions import condition_of
 from twin.updating.memory import Line, Memory
-from twin.updating.prediction import PATH
+from twin.updating.prediction import MESH, PATH
 from twin.updating.twin_of_rig import healthy_model_of, profile_of
 
 NOT_SYNCHRONOUS = (BearingDefect, BacklashRattle)  # no line of a synchronous average is theirs
@@ -63,13 +63,23 @@ class Compared:
         return float(np.sum(2 * self.std**2))
 
 
-def learned_path(memory: Memory, unseen: set[int]) -> tuple[Line, ...]:
-    """The path to the housing as the windows that were fitted taught it."""
-    return tuple(line for line in memory.path if int(line[0]) not in unseen)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Learned:
+    """Factors of path and mesh as the windows that were fitted taught them."""
+
+    path: tuple[Line, ...]
+    mesh: tuple[Line, ...]
+
+    @classmethod
+    def of(cls, memory: Memory, unseen: set[int]) -> Learned:
+        return cls(
+            path=tuple(line for line in memory.path if int(line[0]) not in unseen),
+            mesh=tuple(line for line in memory.mesh if int(line[0]) not in unseen),
+        )
 
 
 def compare(
-    rig: Rig, memory: Memory, additions: Sequence[Addition], path: Sequence[Line], window: Taken, depth: float
+    rig: Rig, memory: Memory, additions: Sequence[Addition], learned: Learned, window: Taken, depth: float
 ) -> Compared:
     """One window at a depth [m] beside the twin with some effects; raises NotAvailable, NotConverged."""
     features = window.features
@@ -87,8 +97,8 @@ def compare(
         raise NotConverged(f"no steady state at {condition.speed_hz:g} Hz with {len(effects)} effects")
     per_turn = memory.phase / rig.teeth[0]
     orders, y, std, m = _lines(features.acceleration, response, "acceleration", per_turn)
-    ρ, _ = PATH.predict(path, np.maximum(orders * condition.speed_hz, 1.0), window.index)
-    m = m * ρ
+    f = np.maximum(orders * condition.speed_hz, 1.0)
+    m = m * PATH.predict(learned.path, f, window.index)[0] * MESH.predict(learned.mesh, f, window.index)[0]
     top = min(TOP, np.inf if features.band is None else features.band[1])
     inside = orders * condition.speed_hz <= top
     band = rig.band
@@ -96,7 +106,8 @@ def compare(
     te = features.transmission_error
     left = measured = 0.0
     if te is not None and te.unit == "m":
-        _, e, _, predicted = _lines(te, response, "transmission_error", per_turn)
+        at, e, _, predicted = _lines(te, response, "transmission_error", per_turn)
+        predicted = predicted * MESH.predict(learned.mesh, at * condition.speed_hz, window.index)[0]
         left, measured = float(np.sum(np.abs(e - predicted) ** 2)), float(np.sum(np.abs(e) ** 2))
     return Compared(
         index=window.index,

@@ -13,6 +13,7 @@ from math import pi
 
 import numpy as np
 
+from twin.effects.misalignment import Misalignment
 from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
@@ -107,8 +108,16 @@ def _with_segment(rig: Rig, memory: Memory, condition: Condition, revolutions: f
         if onsets and max(onsets) > max(memory.track.revolutions, last.start_revolutions):
             work = memory.track.predicted(max(onsets)).work
         depth = curve_of(rig, memory).depth_at(work - last.start_work)
+    if last is not None and _tilted(memory, last.start_revolutions, revolutions):
+        memory = replace(memory, offset=None)
     segment = Segment(speed_hz=speed, torque=torque, start_depth=depth, start_work=work, start_revolutions=revolutions)
     return replace(memory, segments=(*memory.segments, segment) if depth > 0 else (segment,))
+
+
+def _tilted(memory: Memory, before: float, now: float) -> bool:
+    """Whether a shaft has tilted between two counts of revolutions, which moves the mean by an unknown step."""
+    there = sum(isinstance(e, Misalignment) for e in memory.active(before))
+    return sum(isinstance(e, Misalignment) for e in memory.active(now)) > there
 
 
 def _calibrated(rig: Rig, memory: Memory, features: WindowFeatures) -> Memory:
