@@ -25,6 +25,8 @@ from twin.wear.curve import MasterCurve
 from twin.wear.profile import WornProfile
 
 GAIN = 6.0  # nats that an effect must gain
+HARDLY_VISIBLE = {"mesh_damping": 15.0}
+BESIDE_TEETH = 15.0  # what pitch errors make of the mesh lines is known to some tenths
 QUIET = 0.3  # misfit up to which nothing is sought: healthy machines of the rig's structure have 0.1 to 0.3
 SOFT = -2.0  # of the calibrated stiffness, in spreads of its prior: something has softened the mesh
 WORTH = 2.0  # nats in the first trial from which a candidate is tried with the wear that it causes
@@ -90,12 +92,14 @@ class Candidate:
     trial: Trial
     fit: JointFit
     gain: float  # ln evidence over the fit without it
+    worn_with: bool = False  # whether the wear is that which the effect causes
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MeshFindings:
     """What the mesh lines say."""
 
+    model: Model
     windows: tuple[Observed, ...]
     base: JointFit  # wear alone
     best: JointFit  # with what was found
@@ -121,6 +125,11 @@ class MeshBlock:
         worn = [w for w in windows if w.worn] or list(windows)
         self.condition = worn[0].condition
         self.until = max(1.4 * float(depth.max(initial=0.0)), 30e-6)
+
+    def least_gain(self, name: str) -> float:
+        """Evidence that an effect needs [nat]: more where it is hardly visible, and beside pitch errors."""
+        gain = max(GAIN, HARDLY_VISIBLE.get(name, 0.0))
+        return gain if self.factors is None else max(gain, BESIDE_TEETH)
 
     def problem(self, trials: Sequence[Trial], wear: Wear, windows: Sequence[int] | None = None) -> Problem:
         chosen = range(len(self.windows)) if windows is None else windows
@@ -214,7 +223,7 @@ class MeshBlock:
             refined: list[Candidate] = []
             for candidate in sorted(tried, key=lambda c: -c.gain)[:4]:
                 better = None
-                if candidate.trial.name in SHAPING and candidate.gain > WORTH:
+                if candidate.trial.name in SHAPING and candidate.gain > WORTH and not candidate.worn_with:
                     numbers, _ = candidate.fit.numbers(candidate.fit.trials[-1])
                     again = started(candidate.trial, numbers, candidate.trial.onset)
                     better = self._tried(again, present, best, ROUNDS)
@@ -225,7 +234,7 @@ class MeshBlock:
                 table[name] = (
                     max(table.get(name, -np.inf), candidate.gain) if not found else table.get(name, candidate.gain)
                 )
-            usable = [c for c in refined if c.gain > GAIN and _big_enough(c)]
+            usable = [c for c in refined if c.gain > self.least_gain(c.trial.name) and _big_enough(c)]
             if not usable:
                 break
             chosen = usable[0]
@@ -235,6 +244,7 @@ class MeshBlock:
             found.append(chosen)
             best = chosen.fit
         return MeshFindings(
+            model=self.model,
             windows=self.windows,
             base=base,
             best=best,
@@ -245,19 +255,37 @@ class MeshBlock:
 
     def _tried(self, trial: Trial, present: Sequence[Trial], best: JointFit, rounds: int) -> Candidate | None:
         """The trial beside those present; an effect that sets in also from the depths that would have gone on."""
-        starts = [best]
+        starts = [(trial, best, rounds)]
         if trial.onset > 0 and rounds == 1:
-            starts.append(replace(best, depth=self._went_on(best.depth, trial.onset)))
+            starts.append((trial, replace(best, depth=self._went_on(best.depth, trial.onset)), rounds))
+        elif trial.name in SHAPING and rounds == 1:
+            new = self._when_new(trial, present, best)
+            if new is not None:
+                starts.append((new, best, ROUNDS))
         results = []
-        for start in starts:
+        for first, start, count in starts:
             try:
-                results.append(self.fitted((*present, trial), start, rounds))
+                results.append((self.fitted((*present, first), start, count), count > 1))
             except TwinError:
                 continue
         if not results:
             return None
-        result = max(results, key=lambda r: r.log_evidence)
-        return Candidate(trial=result.trials[-1], fit=result, gain=result.log_evidence - best.log_evidence)
+        result, worn_with = max(results, key=lambda r: r[0].log_evidence)
+        gain = result.log_evidence - best.log_evidence
+        return Candidate(trial=result.trials[-1], fit=result, gain=gain, worn_with=worn_with)
+
+    def _when_new(self, trial: Trial, present: Sequence[Trial], best: JointFit) -> Trial | None:
+        """The trial with the numbers that windows of new flanks ask for, whatever the wear; None where too small."""
+        fresh = [i for i, w in enumerate(self.windows) if not w.worn]
+        if not fresh:
+            return None
+        start = replace(best, depth=best.depth[fresh])
+        try:
+            result = fit(self.problem((*present, trial), self.wear(), fresh), start, self.phase, self.depth[fresh])
+        except TwinError:
+            return None
+        candidate = Candidate(trial=result.trials[-1], fit=result, gain=0.0)
+        return started(trial, result.numbers(candidate.trial)[0], trial.onset) if _big_enough(candidate) else None
 
     def _went_on(self, depth: np.ndarray, onset: float) -> np.ndarray:
         """Depths (W,) as they would be had the wear rate of before the onset stayed [m]."""

@@ -42,6 +42,7 @@ RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
 TOOTH_EVIDENCE = 25.0  # nats for pitch errors
 LEAST_WITHOUT_RUN_OUT = 10e-6  # of an eccentricity that only sidebands show [m]
 BESIDE_UNBALANCE = 10e-6  # run-out that an unbalance does not make [m]
+TOOTHED = ("pitch_error", "tooth_crack")
 MOVED = 15e-6  # jump of the mean transmission error that is a disc's: an edge of 10,000 is 30 µm
 
 
@@ -237,10 +238,12 @@ def trace(
     fresh = [o for _, o in every if o.index not in out]
     picked = chosen(fresh, MOST_WINDOWS)
     start = np.array([depths.get(o.index, 0.0) for o in picked])
-    factors = _factors(model, picked, profiles, [f.addition for f in found if f.name in ("pitch_error", "tooth_crack")])
+    factors = _factors(model, picked, profiles, [f.addition for f in found if f.name in TOOTHED])
     block = MeshBlock(model, picked, start, phase, factors)
     trials = [t for t in (f.kept for f in kept if f.name not in rejected) if t is not None]
     findings = block.explained(skip=tuple(rejected), quiet=max(QUIET, tolerated), kept=trials)
+    if factors is not None and findings.found:
+        findings = _with_teeth(findings, picked, profiles, found, tuple(rejected))
     for item in _mesh(findings, kept):
         add(item)
 
@@ -271,6 +274,27 @@ def trace(
     )
 
 
+def _with_teeth(
+    findings: MeshFindings,
+    windows: Sequence[Observed],
+    profiles: Mapping[int, WornProfile],
+    found: Sequence[Found],
+    rejected: tuple[str, ...],
+) -> MeshFindings:
+    """The mesh lines explained once more, with what the teeth's differences make of them beside what was found."""
+    best = findings.best
+    model = findings.model
+    beside = [
+        Addition(effect=_plain(e), onset_revolutions=t.onset) for t, e in zip(best.trials, best.effects(), strict=True)
+    ]
+    teeth = [f.addition for f in found if f.name in TOOTHED]
+    factors = _factors(model, windows, profiles, teeth, beside)
+    block = MeshBlock(model, windows, best.depth, best.phase, factors)
+    trials = [started(t, best.numbers(t)[0], t.onset) for t in best.trials]
+    again = block.explained(skip=rejected, kept=trials)
+    return replace(again, table=findings.table, runner_up={**findings.runner_up, **again.runner_up})
+
+
 def _mounted(
     model: Model, windows: list[tuple[Taken, Observed]], profiles: dict[int, WornProfile]
 ) -> list[tuple[Taken, Observed]]:
@@ -288,19 +312,29 @@ def _mounted(
     return out
 
 
-def _factors(model: Model, windows: Sequence[Observed], profiles, additions: Sequence[Addition]):
-    """What effects of longer periods make of each window's mesh lines; None where there are none."""
+def _factors(
+    model: Model,
+    windows: Sequence[Observed],
+    profiles: Mapping[int, WornProfile],
+    additions: Sequence[Addition],
+    beside: Sequence[Addition] = (),
+) -> list[dict[str, np.ndarray]] | None:
+    """What effects of longer periods make of each window's mesh lines, beside those of the mesh's own period.
+
+    None where there are none.
+    """
     if not additions:
         return None
     out: list[dict[str, np.ndarray]] = []
     for o in windows:
         there = tuple(a.effect for a in additions if a.onset_revolutions <= o.revolutions)
+        mesh = tuple(a.effect for a in beside if a.onset_revolutions <= o.revolutions)
         if not there:
             out.append({})
             continue
         try:
-            whole = window_lines(extend(model, there), profiles[o.index], o.condition).lines
-            part = window_lines(model, profiles[o.index], o.condition).lines
+            whole = window_lines(extend(model, (*there, *mesh)), profiles[o.index], o.condition).lines
+            part = window_lines(extend(model, mesh), profiles[o.index], o.condition).lines
         except TwinError:
             out.append({})
             continue
