@@ -43,6 +43,8 @@ TRIALS: dict[str, Trial] = {
     trial.name: trial
     for trial in (
         Trial(name="tooth_friction", free=(Free(name="coefficient", start=0.5, low=0.0, high=3.0),), make=_friction),
+        Trial(name="mesh_stiffness_loss", free=(Free(name="loss", start=1.0, low=0.0, high=5.0),), make=_stiffness),
+        Trial(name="mesh_damping", free=(Free(name="factor", start=0.5, low=-4.0, high=4.0),), make=_damping),
         Trial(name="misalignment", free=(Free(name="lead_gap", start=0.7, low=0.0, high=6.0),), make=_misalignment),
         Trial(
             name="profile_error",
@@ -54,8 +56,6 @@ TRIALS: dict[str, Trial] = {
             ),
             make=_profile,
         ),
-        Trial(name="mesh_stiffness_loss", free=(Free(name="loss", start=1.0, low=0.0, high=5.0),), make=_stiffness),
-        Trial(name="mesh_damping", free=(Free(name="factor", start=0.5, low=-4.0, high=4.0),), make=_damping),
     )
 }
 

@@ -25,8 +25,9 @@ from twin.report import rul_report
 from twin.rig import Rig
 from twin.tracing.candidates import TRIALS
 from twin.tracing.decisions import Decision
+from twin.tracing.found import Found
 from twin.tracing.strangers import Strangers
-from twin.tracing.trace import Found, Traced, held_out, trace
+from twin.tracing.trace import Traced, held_out, trace
 from twin.tracing.unseen import Compared, Learned, by_band_and_order, compare, figures
 from twin.updating.again import Taken, Taking, retake, taken_in
 from twin.updating.conditions import kind_of

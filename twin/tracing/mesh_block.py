@@ -30,6 +30,7 @@ BESIDE_TEETH = 15.0  # what pitch errors make of the mesh lines is known to some
 QUIET = 0.3  # misfit up to which nothing is sought: healthy machines of the rig's structure have 0.1 to 0.3
 SOFT = -2.0  # of the calibrated stiffness, in spreads of its prior: something has softened the mesh
 WORTH = 2.0  # nats in the first trial from which a candidate is tried with the wear that it causes
+HOPELESS, WELL = 6.0, 0.5  # times the best misfit, at least this one, from which a candidate is not pursued
 MOST_EFFECTS = 3
 ROUNDS = 2  # of fitting and of wearing with what was fitted
 JUMP = 2.5  # misfit of a window by itself from which something has set in
@@ -91,8 +92,13 @@ class Candidate:
 
     trial: Trial
     fit: JointFit
+    wear: Wear
     gain: float  # ln evidence over the fit without it
     worn_with: bool = False  # whether the wear is that which the effect causes
+
+    @property
+    def big_enough(self) -> bool:
+        return _big_enough(self.trial.name, self.fit.numbers(self.trial)[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -157,23 +163,28 @@ class MeshBlock:
             model=self.model, condition=self.condition, until=self.until, with_effects=shaping, onset_depth=depths
         )
 
-    def fitted(self, trials: Sequence[Trial], start: JointFit | None, rounds: int) -> JointFit:
-        """Trials fitted together, with the wear that they cause as of the round before."""
+    def fitted(
+        self, trials: Sequence[Trial], start: JointFit | None, rounds: int, worn: Wear | None = None
+    ) -> tuple[JointFit, Wear]:
+        """Trials fitted together, with the wear that they cause as of the round before, and that wear.
+
+        worn  the wear of the start; with one round it is taken over, and a trial that sets in later joins it
+        """
         shaping = any(t.name in SHAPING for t in trials)
         effects = [(t.make(np.array([f.start for f in t.free])), t.onset) for t in trials]
         if start is not None:
             known = dict(zip((t.name for t in start.trials), start.effects(), strict=True))
             effects = [(known.get(t.name, e), t.onset) for t, (e, _) in zip(trials, effects, strict=True)]
-        late = any(t.name in SHAPING and t.onset > 0 for t in trials)  # long since run in, as the flanks may be
-        wear = self.wear(effects if rounds > 1 or late else (), start)
+        late = shaping and trials[-1].name in SHAPING and trials[-1].onset > 0  # long run in, as the flanks may be
+        wear = self.wear(effects, start) if rounds > 1 or late else worn or self.wear((), start)
         result = fit(self.problem(trials, wear), start, self.phase, self.depth)
         for _ in range(rounds - 1 if shaping else 0):
             again = tuple(started(t, result.numbers(t)[0], t.onset) for t in result.trials)
             wear = self.wear(list(zip(result.effects(), (t.onset for t in again), strict=True)), result)
             result = fit(self.problem(again, wear), replace(result, trials=again), self.phase, self.depth)
-        return result
+        return result, wear
 
-    def onsets(self, base: JointFit, trials: Sequence[Trial]) -> list[float]:
+    def onsets(self, trials: Sequence[Trial], wear: Wear) -> list[float]:
         """Revolutions at which something may have set in: 0, and just before the first window that breaks off."""
         out = [0.0]
         order = sorted(range(len(self.windows)), key=lambda i: self.windows[i].revolutions)
@@ -183,8 +194,8 @@ class MeshBlock:
             prefix = [*fresh, *worn[:count]]
             following = [*prefix, worn[count]]
             try:
-                before = self._misfit(prefix, trials)
-                after = self._misfit(following, trials)
+                before = self._misfit(prefix, trials, wear)
+                after = self._misfit(following, trials, wear)
             except NotConverged:
                 continue
             if before > JUMP:
@@ -194,8 +205,8 @@ class MeshBlock:
                 break
         return out
 
-    def _misfit(self, chosen: Sequence[int], trials: Sequence[Trial]) -> float:
-        problem = self.problem(trials, self.wear(), chosen)
+    def _misfit(self, chosen: Sequence[int], trials: Sequence[Trial], wear: Wear) -> float:
+        problem = self.problem(trials, wear, chosen)
         return fit(problem, None, self.phase, self.depth[list(chosen)]).misfit
 
     def explained(self, skip: Sequence[str] = (), quiet: float = QUIET, kept: Sequence[Trial] = ()) -> MeshFindings:
@@ -203,30 +214,35 @@ class MeshBlock:
 
         The gain of those kept is over wear alone, of all of them together.
         """
-        base = self.fitted((), None, 1)
-        best = base if not kept else self.fitted(kept, base, ROUNDS)
+        base, wear = self.fitted((), None, 1)
+        best = base
+        if kept:
+            best, wear = self.fitted(kept, base, ROUNDS)
         gain = best.log_evidence - base.log_evidence
-        found: list[Candidate] = [Candidate(trial=t, fit=best, gain=gain) for t in best.trials]
+        found: list[Candidate] = [Candidate(trial=t, fit=best, wear=wear, gain=gain) for t in best.trials]
         table: dict[str, float] = {}
         runner_up: dict[str, tuple[str, float]] = {}
         while len(found) < MOST_EFFECTS and (best.misfit > quiet or best.shared[0] < SOFT):
             present = tuple(best.trials)
-            onsets = self.onsets(best, present)
+            onsets = self.onsets(present, wear)
             tried: list[Candidate] = []
             for name, trial in TRIALS.items():
                 if name in skip or any(t.name == name for t in present):
                     continue
                 for onset in onsets:
-                    candidate = self._tried(replace(trial, onset=onset), present, best, 1)
+                    rival = min((c.fit.misfit for c in tried), default=best.misfit)
+                    candidate = self._tried(replace(trial, onset=onset), present, best, wear, 1, rival)
                     if candidate is not None:
                         tried.append(candidate)
             refined: list[Candidate] = []
+            leading = min((c.fit.misfit for c in tried), default=best.misfit)
             for candidate in sorted(tried, key=lambda c: -c.gain)[:4]:
                 better = None
-                if candidate.trial.name in SHAPING and candidate.gain > WORTH and not candidate.worn_with:
+                promising = candidate.gain > WORTH and candidate.fit.misfit < HOPELESS * max(leading, WELL)
+                if candidate.trial.name in SHAPING and promising and not candidate.worn_with:
                     numbers, _ = candidate.fit.numbers(candidate.fit.trials[-1])
                     again = started(candidate.trial, numbers, candidate.trial.onset)
-                    better = self._tried(again, present, best, ROUNDS)
+                    better = self._tried(again, present, best, wear, ROUNDS, leading)
                 refined.append(candidate if better is None else better)
             refined.sort(key=lambda c: -c.gain)
             for candidate in (*tried, *refined):
@@ -234,7 +250,7 @@ class MeshBlock:
                 table[name] = (
                     max(table.get(name, -np.inf), candidate.gain) if not found else table.get(name, candidate.gain)
                 )
-            usable = [c for c in refined if c.gain > self.least_gain(c.trial.name) and _big_enough(c)]
+            usable = [c for c in refined if c.gain > self.least_gain(c.trial.name) and c.big_enough]
             if not usable:
                 break
             chosen = usable[0]
@@ -242,7 +258,7 @@ class MeshBlock:
             if others:
                 runner_up[chosen.trial.name] = (others[0].trial.name, chosen.gain - others[0].gain)
             found.append(chosen)
-            best = chosen.fit
+            best, wear = chosen.fit, chosen.wear
         return MeshFindings(
             model=self.model,
             windows=self.windows,
@@ -253,29 +269,38 @@ class MeshBlock:
             runner_up=runner_up,
         )
 
-    def _tried(self, trial: Trial, present: Sequence[Trial], best: JointFit, rounds: int) -> Candidate | None:
-        """The trial beside those present; an effect that sets in also from the depths that would have gone on."""
+    def _tried(
+        self, trial: Trial, present: Sequence[Trial], best: JointFit, worn: Wear, rounds: int, rival: float
+    ) -> Candidate | None:
+        """The trial beside those present; an effect that sets in also from the depths that would have gone on.
+
+        rival  misfit of the best one tried before
+        """
         starts = [(trial, best, rounds)]
         if trial.onset > 0 and rounds == 1:
             starts.append((trial, replace(best, depth=self._went_on(best.depth, trial.onset)), rounds))
         elif trial.name in SHAPING and rounds == 1:
-            new = self._when_new(trial, present, best)
+            new = self._when_new(trial, present, best, HOPELESS * max(rival, WELL))
             if new is not None:
                 starts.append((new, best, ROUNDS))
         results = []
         for first, start, count in starts:
             try:
-                results.append((self.fitted((*present, first), start, count), count > 1))
+                result, wear = self.fitted((*present, first), start, count, worn)
+                results.append((result, wear, count > 1))
             except TwinError:
                 continue
         if not results:
             return None
-        result, worn_with = max(results, key=lambda r: r[0].log_evidence)
+        result, wear, worn_with = max(results, key=lambda r: r[0].log_evidence)
         gain = result.log_evidence - best.log_evidence
-        return Candidate(trial=result.trials[-1], fit=result, gain=gain, worn_with=worn_with)
+        return Candidate(trial=result.trials[-1], fit=result, wear=wear, gain=gain, worn_with=worn_with)
 
-    def _when_new(self, trial: Trial, present: Sequence[Trial], best: JointFit) -> Trial | None:
-        """The trial with the numbers that windows of new flanks ask for, whatever the wear; None where too small."""
+    def _when_new(self, trial: Trial, present: Sequence[Trial], best: JointFit, worst: float) -> Trial | None:
+        """The trial with the numbers that windows of new flanks ask for, whatever the wear.
+
+        None where they are too small, or miss those windows by more than `worst`.
+        """
         fresh = [i for i, w in enumerate(self.windows) if not w.worn]
         if not fresh:
             return None
@@ -284,8 +309,10 @@ class MeshBlock:
             result = fit(self.problem((*present, trial), self.wear(), fresh), start, self.phase, self.depth[fresh])
         except TwinError:
             return None
-        candidate = Candidate(trial=result.trials[-1], fit=result, gain=0.0)
-        return started(trial, result.numbers(candidate.trial)[0], trial.onset) if _big_enough(candidate) else None
+        if result.misfit > worst:
+            return None
+        numbers, _ = result.numbers(result.trials[-1])
+        return started(trial, numbers, trial.onset) if _big_enough(trial.name, numbers) else None
 
     def _went_on(self, depth: np.ndarray, onset: float) -> np.ndarray:
         """Depths (W,) as they would be had the wear rate of before the onset stayed [m]."""
@@ -298,10 +325,9 @@ class MeshBlock:
         return np.where(late, rate * turns, depth)
 
 
-def _big_enough(candidate: Candidate) -> bool:
-    numbers, _ = candidate.fit.numbers(candidate.fit.trials[-1])
-    shown = numbers[:3] if candidate.trial.name == "profile_error" else numbers[:1]
-    return float(np.abs(shown).max()) >= LEAST[candidate.trial.name]
+def _big_enough(name: str, numbers: np.ndarray) -> bool:
+    shown = numbers[:3] if name == "profile_error" else numbers[:1]
+    return float(np.abs(shown).max()) >= LEAST[name]
 
 
 _KINDS = {name: type(trial.make(np.full(len(trial.free), 0.5))) for name, trial in TRIALS.items()}

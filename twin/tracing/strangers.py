@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.effects import EFFECTS
-from twin.effects.response import Effect
+from twin.effects.bearing_defect import BearingDefect
 from twin.features.beside import Beside
 from twin.features.foreign import ForeignTone, foreign_tones
 
@@ -33,7 +32,7 @@ LEAST_AMPLITUDE = 0.05  # of a foreign tone [m/s²]
 class Defect:
     """A bearing defect."""
 
-    effect: Effect
+    effect: BearingDefect
     order_std: float
     onset: float
     log_evidence: float
@@ -102,7 +101,7 @@ def _defect(windows: Sequence[tuple[float, Beside]]) -> Defect | None:
     onset = 0.0 if not before else 0.5 * (max(before) + first)
     slip = float(np.clip(np.std(orders[same]) / middle * np.sqrt(100), 0.0, 0.1))
     return Defect(
-        effect=EFFECTS["bearing_defect"](blow=1.0, order=float(np.mean(orders[same])), slip=slip),
+        effect=BearingDefect(blow=1.0, order=float(np.mean(orders[same])), slip=slip),
         order_std=float(np.std(orders[same]) / np.sqrt(same.sum())),
         onset=onset,
         log_evidence=float(10.0 * same.sum()),

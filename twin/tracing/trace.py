@@ -9,21 +9,29 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from twin.effects.addition import Addition, name_of
 from twin.effects.extended import extend, window_lines
-from twin.effects.response import Effect
 from twin.errors import NotAvailable, TwinError
-from twin.model import Calibration, Condition, Model
+from twin.model import Calibration, Model
 from twin.rig import Rig
-from twin.tracing.candidates import REPORTED, TRIALS, started
+from twin.tracing.candidates import started
 from twin.tracing.eccentricities import Beside as EccentricWindow
 from twin.tracing.eccentricities import fit_eccentricity
-from twin.tracing.joint_fit import Trial
-from twin.tracing.mesh_block import GAIN, QUIET, MeshBlock, MeshFindings
+from twin.tracing.found import (
+    Found,
+    of_crack,
+    of_defect,
+    of_eccentricity,
+    of_mesh,
+    of_pitch,
+    of_sensor,
+    of_turning,
+    plain,
+)
+from twin.tracing.mesh_block import QUIET, MeshBlock, MeshFindings
 from twin.tracing.observed import Observed, chosen, observed
 from twin.tracing.path import fit_sensor, quotients
 from twin.tracing.strangers import Strangers, strangers
@@ -42,56 +50,9 @@ RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
 TOOTH_EVIDENCE = 25.0  # nats for pitch errors
 LEAST_WITHOUT_RUN_OUT = 10e-6  # of an eccentricity that only sidebands show [m]
 BESIDE_UNBALANCE = 10e-6  # run-out that an unbalance does not make [m]
+OF_SHAFT = 0.02  # of an order of the pinion: what repeats there is no bearing
 TOOTHED = ("pitch_error", "tooth_crack")
 MOVED = 15e-6  # jump of the mean transmission error that is a disc's: an edge of 10,000 is 30 µm
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
-    """An effect with what speaks for it."""
-
-    addition: Addition
-    parameters: dict[str, tuple[float, str, float]]  # value, unit, std
-    log_evidence: float
-    runner_up: str | None = None
-    over_runner_up: float | None = None
-    detail: str = ""
-    numbers: tuple[float, ...] = ()  # of an effect on the mesh: as fitted, in units of the priors
-
-    @property
-    def name(self) -> str:
-        return self.addition.name
-
-    @property
-    def kept(self) -> Trial | None:
-        """The trial that starts from here; None of effects that are not fitted to the mesh lines."""
-        if not self.numbers:
-            return None
-        return started(TRIALS[self.name], np.array(self.numbers), self.addition.onset_revolutions)
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        return {
-            "addition": self.addition.to_dict(),
-            "parameters": {name: list(figures) for name, figures in self.parameters.items()},
-            "log_evidence": self.log_evidence,
-            "runner_up": self.runner_up,
-            "over_runner_up": self.over_runner_up,
-            "detail": self.detail,
-            "numbers": list(self.numbers),
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Found:
-        return cls(
-            addition=Addition.from_dict(data["addition"]),
-            parameters={name: (v, unit, std) for name, (v, unit, std) in data["parameters"].items()},
-            log_evidence=data["log_evidence"],
-            runner_up=data["runner_up"],
-            over_runner_up=data["over_runner_up"],
-            detail=data["detail"],
-            numbers=tuple(data["numbers"]),
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -161,7 +122,7 @@ def trace(
     rattle = rattling([t.features for t, _ in measured])
     if rattle:
         for turning in find_turning(model, features, condition, model.unworn, phase):
-            add(_turning(turning))
+            add(of_turning(turning))
         heard = strangers([], True)
         return Traced(
             found=tuple(found), strangers=heard, held_out=tuple(out), fitted=tuple(o.index for _, o in fitting)
@@ -186,21 +147,18 @@ def trace(
     elif crack is not None and pitch is not None and crack.log_evidence < pitch.log_evidence:
         crack = None if crack.onset == 0 else crack
     if pitch is not None and pitch.log_evidence > TOOTH_EVIDENCE:
-        add(_pitch(pitch))
+        add(of_pitch(pitch))
     if crack is not None:
-        add(_crack(crack))
+        add(of_crack(crack))
     toothed = {f.name for f in found}
-
-    def present(o: Observed) -> tuple[Effect, ...]:
-        return tuple(f.addition.effect for f in found if f.addition.onset_revolutions <= o.revolutions)
 
     beside = [(t.features.revolutions or 0.0, t.beside) for t, _ in measured if t.beside is not None]
     heard = strangers(beside, "pitch_error" in toothed, "tooth_crack" in toothed)
-    if heard.defect is not None:
-        if abs(heard.defect.effect.order - round(heard.defect.effect.order)) < 0.02:  # type: ignore[attr-defined]
-            heard = strangers([], True)
-        else:
-            add(_defect(heard))
+    defect = heard.defect
+    if defect is not None and abs(defect.effect.order - round(defect.effect.order)) < OF_SHAFT:
+        heard = strangers([], True)
+    elif defect is not None:
+        add(of_defect(defect))
 
     eccentric = [
         EccentricWindow(features=t.features, condition=o.condition, profile=profiles[o.index], worn=o.worn)
@@ -220,20 +178,7 @@ def trace(
         if shaft == 0 and unbalanced and result.eccentricity < BESIDE_UNBALANCE:
             continue
         taken_orders |= {1} if shaft == 0 else set()
-        add(
-            Found(
-                addition=Addition(effect=result.effect),
-                parameters={
-                    "eccentricity": (result.eccentricity, "m", result.std),
-                    "high_point": (result.high_point, "rad", min(result.std / max(result.eccentricity, 1e-9), 3.0)),
-                    "shift_share": (result.shift_share, "", 0.2),
-                },
-                log_evidence=result.log_evidence,
-                detail=""
-                if result.run_out is None
-                else f"run-out {result.run_out * 1e6:.1f} µm in the transmission error, with its sidebands",
-            )
-        )
+        add(of_eccentricity(result))
 
     fresh = [o for _, o in every if o.index not in out]
     picked = chosen(fresh, MOST_WINDOWS)
@@ -244,7 +189,7 @@ def trace(
     findings = block.explained(skip=tuple(rejected), quiet=max(QUIET, tolerated), kept=trials)
     if factors is not None and findings.found:
         findings = _with_teeth(findings, picked, profiles, found, tuple(rejected))
-    for item in _mesh(findings, kept):
+    for item in of_mesh(findings, kept):
         add(item)
 
     other = False
@@ -258,10 +203,10 @@ def trace(
             size = abs(np.log(getattr(best.effect, "gain", 2.0)))
             if best.log_evidence > GAIN_EVIDENCE and best.over_other > OTHER_EVIDENCE and size > LEAST_GAIN:
                 rest = [s for s in sensors if s is not best]
-                add(_sensor(best, rest))
+                add(of_sensor(best, rest))
     for turning in turns:
         if not (name_of(turning.effect) == "torque_ripple" and getattr(turning.effect, "order", 0) in taken_orders):
-            add(_turning(turning))
+            add(of_turning(turning))
     return Traced(
         found=tuple(found),
         strangers=heard,
@@ -285,7 +230,7 @@ def _with_teeth(
     best = findings.best
     model = findings.model
     beside = [
-        Addition(effect=_plain(e), onset_revolutions=t.onset) for t, e in zip(best.trials, best.effects(), strict=True)
+        Addition(effect=plain(e), onset_revolutions=t.onset) for t, e in zip(best.trials, best.effects(), strict=True)
     ]
     teeth = [f.addition for f in found if f.name in TOOTHED]
     factors = _factors(model, windows, profiles, teeth, beside)
@@ -345,122 +290,3 @@ def _factors(
             {"encoder": error[:5], "torque": error[:3], "acceleration": (whole.acceleration / part.acceleration)[:10]}
         )
     return out
-
-
-def _mesh(findings: MeshFindings, kept: Sequence[Found]) -> list[Found]:
-    """What the mesh lines show; those kept from before with the evidence that they had then."""
-    before = {f.name: f for f in kept}
-    out = []
-    effects = findings.best.effects()
-    widen = max(1.0, float(np.sqrt(findings.best.misfit)))
-    for candidate in findings.found:
-        name = candidate.trial.name
-        trial = next(t for t in findings.best.trials if t.name == name)
-        numbers, std = findings.best.numbers(trial)
-        effect = effects[findings.best.trials.index(trial)]
-        parameters = {}
-        for (parameter, unit, scale), u, s in zip(REPORTED[name], numbers, std * widen, strict=True):
-            value = scale(float(u))
-            parameters[parameter] = (value, unit, float(np.hypot(abs(scale(float(u + s)) - value), 0.05 * abs(value))))
-        other = findings.runner_up.get(name)
-        evidence = candidate.gain
-        if name in before and other is None:
-            known = before[name]
-            if known.runner_up is not None and known.over_runner_up is not None:
-                other = (known.runner_up, known.over_runner_up)
-            if len(before) > 1:
-                evidence = known.log_evidence
-        if name in before and evidence < GAIN:
-            continue
-        out.append(
-            Found(
-                addition=Addition(effect=_plain(effect), onset_revolutions=float(trial.onset)),
-                parameters=parameters,
-                log_evidence=float(evidence),
-                runner_up=None if other is None else other[0],
-                over_runner_up=None if other is None else float(other[1]),
-                numbers=tuple(float(u) for u in numbers),
-            )
-        )
-    return out
-
-
-def _plain(effect: Effect) -> Effect:
-    """The effect with plain numbers."""
-    values = {p.name: getattr(effect, p.name) for p in effect.parameters}
-    plain = {k: float(v) if isinstance(v, (float, np.floating)) else v for k, v in values.items()}
-    return type(effect)(**plain)
-
-
-def _pitch(finding) -> Found:
-    effect = finding.effect
-    parameters = {}
-    for gear in ("pinion", "gear"):
-        values = np.array(getattr(effect, gear))
-        if values.size:
-            rms = float(np.sqrt(np.mean(values**2)))
-            parameters[f"{gear}_rms"] = (rms, "m", float(finding.std / np.sqrt(2 * values.size) + 0.1 * rms))
-    return Found(
-        addition=Addition(effect=effect),
-        parameters=parameters,
-        log_evidence=finding.log_evidence,
-        detail=finding.detail,
-    )
-
-
-def _crack(finding) -> Found:
-    effect = finding.effect
-    return Found(
-        addition=Addition(effect=effect, onset_revolutions=finding.onset),
-        parameters={
-            "stiffness_loss": (float(effect.stiffness_loss), "", finding.std),
-            "tooth": (float(effect.tooth), "", 0.5),
-        },
-        log_evidence=finding.log_evidence,
-        runner_up="pitch_error" if finding.onset == 0 else None,
-        detail=f"one tooth of the {effect.on}" + (f"; {finding.detail}" if finding.detail else ""),
-    )
-
-
-def _defect(heard: Strangers) -> Found:
-    assert heard.defect is not None
-    effect = heard.defect.effect
-    return Found(
-        addition=Addition(effect=effect, onset_revolutions=heard.defect.onset),
-        parameters={
-            "order": (float(effect.order), "", heard.defect.order_std),  # type: ignore[attr-defined]
-            "slip": (float(effect.slip), "", 0.01),  # type: ignore[attr-defined]
-        },
-        log_evidence=heard.defect.log_evidence,
-        detail="the impacts' own force is not known: the path from the bearing to the sensor is not in the rig file",
-    )
-
-
-def _sensor(best, rest) -> Found:
-    effect = best.effect
-    if best.name == "sensor_gain":
-        parameters = {"gain": (float(effect.gain), "", float(effect.gain * best.std))}
-    else:
-        parameters = {
-            "frequency": (float(effect.frequency), "Hz", float(effect.frequency * best.std)),
-            "damping_ratio": (float(effect.damping_ratio), "", 0.03),
-        }
-    other = max(rest, key=lambda s: s.log_evidence, default=None)
-    return Found(
-        addition=Addition(effect=effect),
-        parameters=parameters,
-        log_evidence=best.log_evidence,
-        runner_up=None if other is None else other.name,
-        over_runner_up=None if other is None else best.log_evidence - other.log_evidence,
-    )
-
-
-def _turning(turning) -> Found:
-    return Found(
-        addition=Addition(effect=turning.effect),
-        parameters=dict(turning.parameters),
-        log_evidence=turning.log_evidence,
-    )
-
-
-__all__ = ["Condition", "Found", "Traced", "held_out", "name_of", "trace"]

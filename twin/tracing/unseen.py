@@ -3,8 +3,8 @@
     waveform = 100·‖measured − predicted‖/‖measured‖          over the lines of the synchronous averages
 
 A window is predicted from its speed, torque and encoder depth, by the twin with some effects and by the twin without.
-Both use the same learned factors, of the path to the housing and of the mesh lines: those that the twin with all effects
-took from the windows that were fitted. So the only difference between them is the effects, and none can hide in a factor.
+Both use the same learned factors, of the path to the housing and of the mesh lines: those that the twin with all
+effects took from the windows that were fitted. So they differ by the effects alone, and none can hide in a factor.
 """
 
 from __future__ import annotations
