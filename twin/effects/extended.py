@@ -39,7 +39,7 @@ from twin.wear.curve import LINES, Lines
 from twin.wear.profile import WornProfile
 
 BESIDE_THE_MESH = (BearingDefect, MassUnbalance, TorqueRipple, BacklashRattle)  # their lines are no mesh orders
-SLICED_SAMPLES = 512  # a mesh period, where the face is sliced
+SLICED_SAMPLES = 256  # a mesh period, where the face is sliced: lines within 2.5 nm and 0.1 % of those with 1024
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

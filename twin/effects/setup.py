@@ -25,6 +25,7 @@ from functools import lru_cache
 from math import lcm, pi
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from twin.dynamics.harmonic_balance import Action, Contacts, Load
 from twin.dynamics.hunting import SAMPLES, HuntingPeriod, Passages
@@ -264,7 +265,7 @@ class _Tables:
         mesh = setup.mesh
         k, gap, slope = mesh.drive_tables
         k_b, gap_b, slope_b = mesh.back_tables
-        worn, worn_slope = _stack([profile.at(mesh.positions) for profile in profiles])
+        worn, worn_slope = _depths(profiles, mesh.positions)
         periods = setup.samples // mesh.samples
         backs = (len(profiles), *gap_b.shape)
         return cls(
@@ -284,11 +285,10 @@ class _Tables:
         leaving = s > 0
         gap, slope = mesh.corner(s + np.where(leaving, shift.pinion, shift.gear))
         half = 3 / 2 * mesh.pair.base_pitch  # the profiles' grid ends here; nothing touches beyond
-        on_pinion = [profile.at(np.clip(s + shift.pinion, -half, half)) for profile in profiles]
-        on_gear = [profile.at(np.clip(s + shift.gear, -half, half)) for profile in profiles]
         z1, z2 = mesh.pair.teeth
         share = 1 / (1 + z2 / z1)  # of the gear
-        (h1, slope1), (h2, slope2) = _stack(on_pinion), _stack(on_gear)
+        h1, slope1 = _depths(profiles, np.clip(s + shift.pinion, -half, half))
+        h2, slope2 = _depths(profiles, np.clip(s + shift.gear, -half, half))
         worn, worn_slope = h1 + share * (h2 - h1), slope1 + share * (slope2 - slope1)
         by_angle = (1 - share) * slope1 * shift.pinion_slope + share * slope2 * shift.gear_slope
         by_angle = by_angle + slope * np.where(leaving, shift.pinion_slope, shift.gear_slope)
@@ -303,6 +303,14 @@ class _Tables:
         )
 
 
-def _stack(values: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Depths and slopes of all profiles (profiles, 3, n)."""
-    return np.stack([v for v, _ in values]), np.stack([v for _, v in values])
+def _depths(profiles: Sequence[WornProfile], s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Depths and slopes of all profiles at s (3, n): (profiles, 3, n) each, by one spline for all of them."""
+    first = profiles[0]
+    if len(profiles) == 1:
+        depth, slope = first.at(s)
+        return depth[None], slope[None]
+    values = np.stack([profile.mean for profile in profiles], axis=1)
+    if not values.any():
+        return np.zeros((len(profiles), *s.shape)), np.zeros((len(profiles), *s.shape))
+    spline = CubicSpline(first.positions, values)
+    return np.moveaxis(spline(s), -1, 0), np.moveaxis(spline(s, 1), -1, 0)

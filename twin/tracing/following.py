@@ -20,6 +20,8 @@ import numpy as np
 
 from twin.effects.addition import Addition
 from twin.effects.extended import BESIDE_THE_MESH
+from twin.effects.gear_eccentricity import GearEccentricity
+from twin.effects.pinion_eccentricity import PinionEccentricity
 from twin.errors import NotAvailable, NotConverged, TwinError
 from twin.report import rul_report
 from twin.rig import Rig
@@ -39,8 +41,9 @@ MOST_HISTORY = 40  # windows that are kept, to be run again
 MOST_LOG = 200
 MOST_UNSEEN = 3  # held-out windows that errors are computed on, the newest
 MORE = 1.3  # times the misfit of before, from which a search starts at once
+WITHOUT_MESH_ORDERS = (*BESIDE_THE_MESH, PinionEccentricity, GearEccentricity)  # or hardly: extended.py
 SAME_ONSET = 1.0  # revolutions
-CHANGED_STD, CHANGED_SHARE = 1.0, 0.05  # change of a parameter that is worth another run: of its std, of its value
+CHANGED_STD, CHANGED_SHARE = 1.0, 0.1  # change of a parameter that is worth another run: of its std, of its value
 WORSE = 1.02  # times the error on held-out windows, from which an effect is not believed
 MOST_STRANGE = 12
 
@@ -143,8 +146,8 @@ class Followed:
 
 
 def relevant(found: Iterable[Found]) -> tuple[Addition, ...]:
-    """The effects that change the mesh or the path: those beside them change no depth."""
-    return tuple(f.addition for f in found if not isinstance(f.addition.effect, BESIDE_THE_MESH))
+    """The effects that change the mesh orders or the path: no others change a depth."""
+    return tuple(f.addition for f in found if not isinstance(f.addition.effect, WITHOUT_MESH_ORDERS))
 
 
 def follow(rig: Rig, tracing: Tracing, taken: Taken, outcome: Outcome, taking: Taking) -> Followed:

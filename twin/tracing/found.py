@@ -17,10 +17,12 @@ from twin.tracing.candidates import REPORTED, TRIALS, started
 from twin.tracing.eccentricities import EccentricityFit
 from twin.tracing.joint_fit import Trial
 from twin.tracing.mesh_block import GAIN, MeshFindings
-from twin.tracing.path import PathFit
+from twin.tracing.path import GainStep, PathFit
 from twin.tracing.strangers import Defect
 from twin.tracing.teeth import ToothFinding
 from twin.tracing.turning import Turning
+
+MODELLED = 0.08  # relative std of a fitted number, for what the twin's structure is off
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +87,11 @@ def of_mesh(findings: MeshFindings, kept: Sequence[Found]) -> list[Found]:
         parameters = {}
         for (parameter, unit, scale), u, s in zip(REPORTED[name], numbers, std * widen, strict=True):
             value = scale(float(u))
-            parameters[parameter] = (value, unit, float(np.hypot(abs(scale(float(u + s)) - value), 0.05 * abs(value))))
+            parameters[parameter] = (
+                value,
+                unit,
+                float(np.hypot(abs(scale(float(u + s)) - value), MODELLED * abs(value))),
+            )
         other = findings.runner_up.get(name)
         evidence = candidate.gain
         if name in before and other is None:
@@ -177,6 +183,15 @@ def of_sensor(best: PathFit, rest: Sequence[PathFit]) -> Found:
         log_evidence=best.log_evidence,
         runner_up=None if other is None else other.name,
         over_runner_up=None if other is None else best.log_evidence - other.log_evidence,
+    )
+
+
+def of_gain_step(step: GainStep) -> Found:
+    return Found(
+        addition=Addition(effect=SensorGain(gain=step.gain), onset_revolutions=step.onset),
+        parameters={"gain": (step.gain, "", step.gain * step.std)},
+        log_evidence=step.log_evidence,
+        detail="the gain has changed between two windows: no structure does that",
     )
 
 

@@ -171,16 +171,21 @@ class MeshBlock:
         worn  the wear of the start; with one round it is taken over, and a trial that sets in later joins it
         """
         shaping = any(t.name in SHAPING for t in trials)
-        effects = [(t.make(np.array([f.start for f in t.free])), t.onset) for t in trials]
+        numbers = [np.array([f.start for f in t.free]) for t in trials]
         if start is not None:
-            known = dict(zip((t.name for t in start.trials), start.effects(), strict=True))
-            effects = [(known.get(t.name, e), t.onset) for t, (e, _) in zip(trials, effects, strict=True)]
+            known = {t.name: start.numbers(t)[0] for t in start.trials}
+            numbers = [known.get(t.name, u) for t, u in zip(trials, numbers, strict=True)]
         late = shaping and trials[-1].name in SHAPING and trials[-1].onset > 0  # long run in, as the flanks may be
-        wear = self.wear(effects, start) if rounds > 1 or late else worn or self.wear((), start)
+        if rounds > 1 or late:
+            wear = self.wear([(t.make(u), t.onset) for t, u in zip(trials, numbers, strict=True)], start)
+        else:
+            wear = worn or self.wear((), start)
         result = fit(self.problem(trials, wear), start, self.phase, self.depth)
         for _ in range(rounds - 1 if shaping else 0):
+            # flanks that have worn in more than they should ask for less, and the other way about: half-way is closer
+            numbers = [0.5 * (u + result.numbers(t)[0]) for t, u in zip(result.trials, numbers, strict=True)]
+            wear = self.wear([(t.make(u), t.onset) for t, u in zip(trials, numbers, strict=True)], result)
             again = tuple(started(t, result.numbers(t)[0], t.onset) for t in result.trials)
-            wear = self.wear(list(zip(result.effects(), (t.onset for t in again), strict=True)), result)
             result = fit(self.problem(again, wear), replace(result, trials=again), self.phase, self.depth)
         return result, wear
 

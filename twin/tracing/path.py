@@ -21,6 +21,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from scipy.stats import multivariate_normal
@@ -54,6 +55,7 @@ class Quotient:
     std: float  # of the real and of the imaginary part
     order: int  # mesh harmonic
     modelled: bool = False  # whether the twin's transmission error stands for the measured one
+    revolutions: float = 0.0  # of the pinion, when it was recorded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,6 +149,7 @@ def quotients(fit: JointFit, windows: Sequence[Observed], teeth: int) -> list[Qu
                     std=float(np.hypot(std, y_std / abs(y))),
                     order=k,
                     modelled=std >= MODELLED,
+                    revolutions=window.revolutions,
                 )
             )
     return out
@@ -178,6 +181,58 @@ def merged(quotients: Sequence[Quotient]) -> list[Quotient]:
             )
         )
     return out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GainStep:
+    """A sensor whose gain has changed in mid-campaign."""
+
+    gain: float  # after over before
+    std: float  # of its logarithm
+    onset: float  # revolutions
+    log_evidence: float
+
+
+def gain_step(quotients: Sequence[Quotient]) -> GainStep | None:
+    """The change of gain at one time that all measured lines share; None where there is none.
+
+    ln|q| of line and condition: a_k before, a_k + ln g after. The structure is the same before and after and drops
+    out, so this needs no rig file's tolerance.
+    """
+    lines = [q for q in quotients if not q.modelled]
+    turns = sorted({q.revolutions for q in lines})
+    groups: list[list[Quotient]] = []
+    for q in sorted(lines, key=lambda q: (q.order, q.frequency)):
+        last = groups[-1][0] if groups else None
+        if last is not None and last.order == q.order and abs(q.frequency / last.frequency - 1) < 0.02:
+            groups[-1].append(q)
+        else:
+            groups.append([q])
+    groups = [g for g in groups if len(g) >= 2]
+    best: GainStep | None = None
+    for before, after in pairwise(turns):
+        onset = 0.5 * (before + after)
+        information = total = squares = 0.0
+        count = 0
+        for group in groups:
+            y = np.array([q.log.real for q in group])
+            weight = 1 / np.array([np.hypot(q.std, OWN) for q in group]) ** 2
+            late = np.array([q.revolutions > onset for q in group], dtype=float)
+            y, late = y - np.average(y, weights=weight), late - np.average(late, weights=weight)
+            information += float(weight @ late**2)
+            total += float(weight @ (late * y))
+            squares += float(weight @ y**2)
+            count += len(group) - 1
+        if information == 0 or count < 4:
+            continue
+        step = total / information
+        rest = max(squares - total**2 / information, 0.0) / (count - 1)
+        widen = max(rest, 1.0)
+        evidence = 0.5 * total**2 / information / widen - 0.5 * np.log1p(GAIN_PRIOR**2 * information / widen)
+        if best is None or evidence > best.log_evidence:
+            std = float(np.sqrt(widen / information))
+            best = GainStep(gain=float(np.exp(step)), std=std, onset=onset, log_evidence=float(evidence))
+    return best
 
 
 def fit_sensor(rig: Rig, damping: float, quotients: Sequence[Quotient]) -> list[PathFit]:

@@ -25,6 +25,7 @@ from twin.tracing.found import (
     of_crack,
     of_defect,
     of_eccentricity,
+    of_gain_step,
     of_mesh,
     of_pitch,
     of_sensor,
@@ -33,7 +34,7 @@ from twin.tracing.found import (
 )
 from twin.tracing.mesh_block import QUIET, MeshBlock, MeshFindings
 from twin.tracing.observed import Observed, chosen, observed
-from twin.tracing.path import fit_sensor, quotients
+from twin.tracing.path import fit_sensor, gain_step, quotients
 from twin.tracing.strangers import Strangers, strangers
 from twin.tracing.teeth import find_crack, find_pitch_errors
 from twin.tracing.turning import find_turning, rattling
@@ -44,6 +45,7 @@ from twin.wear.profile import WornProfile
 MOST_WINDOWS = 8  # that the mesh lines are fitted on
 HELD_OUT = 3  # of so many windows one is kept from all fits
 LEAST_TO_HOLD_OUT = 4  # measurement windows
+STEP_EVIDENCE = 15.0  # nats of a gain that changes in mid-campaign
 GAIN_EVIDENCE, OTHER_EVIDENCE = 6.0, 2.0  # nats: against a good sensor, and against a structure of another kind
 LEAST_GAIN = 0.06  # of ln g
 RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
@@ -194,16 +196,9 @@ def trace(
 
     other = False
     if not any(o.pinion_only for o in picked) and "pitch_error" not in toothed:
-        sensors = fit_sensor(
-            rig, model.calibration.modal_damping, quotients(findings.best, picked, model.mesh.pair.teeth[0])
-        )
-        if sensors:
-            other = max(s.over_other for s in sensors) < OTHER_EVIDENCE
-            best = max(sensors, key=lambda s: s.log_evidence)
-            size = abs(np.log(getattr(best.effect, "gain", 2.0)))
-            if best.log_evidence > GAIN_EVIDENCE and best.over_other > OTHER_EVIDENCE and size > LEAST_GAIN:
-                rest = [s for s in sensors if s is not best]
-                add(of_sensor(best, rest))
+        sensor, other = _sensor(rig, model, findings, picked)
+        if sensor is not None:
+            add(sensor)
     for turning in turns:
         if not (name_of(turning.effect) == "torque_ripple" and getattr(turning.effect, "order", 0) in taken_orders):
             add(of_turning(turning))
@@ -217,6 +212,23 @@ def trace(
         held_out=tuple(sorted(out)),
         fitted=tuple(o.index for _, o in fitting),
     )
+
+
+def _sensor(rig: Rig, model: Model, findings: MeshFindings, windows: Sequence[Observed]) -> tuple[Found | None, bool]:
+    """What is wrong with the accelerometer, and whether the structure is not the rig file's."""
+    seen = quotients(findings.best, windows, model.mesh.pair.teeth[0])
+    step = gain_step(seen)
+    if step is not None and step.log_evidence > STEP_EVIDENCE and abs(np.log(step.gain)) > LEAST_GAIN:
+        return of_gain_step(step), False
+    fits = fit_sensor(rig, model.calibration.modal_damping, seen)
+    if not fits:
+        return None, False
+    best = max(fits, key=lambda s: s.log_evidence)
+    size = abs(np.log(getattr(best.effect, "gain", 2.0)))
+    other = max(s.over_other for s in fits) < OTHER_EVIDENCE
+    if best.log_evidence > GAIN_EVIDENCE and best.over_other > OTHER_EVIDENCE and size > LEAST_GAIN:
+        return of_sensor(best, [s for s in fits if s is not best]), other
+    return None, other
 
 
 def _with_teeth(
