@@ -162,6 +162,7 @@ class Pump:
             if arrival is not None:
                 self._take(arrival)
             self._feed_joined(time.monotonic())
+            self._pipeline.attend()
             if time.monotonic() - looked >= _POLL and not self._inbox.depth:
                 looked = time.monotonic()
                 for asset, rhythm in self._rhythms.items():

@@ -24,8 +24,9 @@ from service.results import iso_time, refused_record
 from service.rigfile import expected_channels
 from service.settings import Settings
 from service.wire.topics import Channel
-from twin.errors import TwinError
+from twin.errors import NotAvailable, TwinError
 from twin.rig import Rig
+from twin.tracing.decisions import Decision
 from twin.windows import Window
 
 
@@ -55,6 +56,16 @@ class Checkpoint:
     quality: Mapping[str, Any]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decided:
+    """What a decision on an effect led to."""
+
+    asset: str
+    state: Any  # twin.step.State after it
+    report: Mapping[str, Any]
+    events: tuple[tuple[str, Mapping[str, Any]], ...]
+
+
 @dataclass(slots=True)
 class _Line:
     """One asset's place in the loop."""
@@ -81,12 +92,14 @@ class Pipeline:
         assembly: AssemblySettings = DEFAULT,
         step: Callable[..., tuple[Any, Any]] | None = None,
         new_state: Callable[[], Any] | None = None,
+        decide: Callable[..., tuple[Any, Any]] | None = None,
     ):
         if step is None or new_state is None:
-            from twin.step import State
-            from twin.step import step as twin_step
+            from twin import step as twin_step
 
-            step, new_state = step or twin_step, new_state or State
+            step, new_state = step or twin_step.step, new_state or twin_step.State
+            decide = decide or twin_step.decide
+        self._decide = decide
         self._rig_lookup, self._options = rig_lookup, options
         self._commit, self._publish = commit, publish
         self._assembly, self._step, self._new_state = assembly, step, new_state
@@ -124,6 +137,25 @@ class Pipeline:
     def waiting(self, asset: str) -> bool:
         """Whether frames of an asset wait for their window's end."""
         return asset in self._lines and self._lines[asset].assembler.waiting
+
+    def attend(self) -> None:
+        """What else is to be done between frames."""
+
+    def decide(self, asset: str, name: str, verb: str) -> Decided:
+        """An engineer's decision on an effect; TwinError where it cannot be followed. `accept` it to make it hold."""
+        if asset not in self._lines:
+            raise NotAvailable(f"no window of {asset} has been taken yet")
+        if self._decide is None:
+            raise NotAvailable("this twin takes no decisions")
+        line = self._lines[asset]
+        state, estimate = self._decide(line.rig, line.state, Decision(name=name, verb=verb), self._options)
+        events = tuple((kind, plain(data)) for kind, data in estimate.events)
+        return Decided(asset=asset, state=state, report=plain(estimate.report), events=events)
+
+    def accept(self, decided: Decided) -> None:
+        """Goes on with what a decision has led to, once it has been committed."""
+        line = self._lines[decided.asset]
+        line.state, line.report = decided.state, decided.report
 
     def quality(self, asset: str) -> dict[str, Any]:
         """The section `data_quality` as of now."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-SECTIONS = ("wear", "rul", "residual", "effects", "unexplained", "calibration")
+SECTIONS = ("wear", "rul", "residual", "effects", "unexplained", "calibration", "tracing")
 RECORD_FIELDS = (
     "index", "kind", "start_time", "revolutions", "speed_hz", "torque_nm", "rms_measured", "rms_predicted",
     "error_percent", "updated", "rms_after", "k_wear_per_n", "wear_depth_um",
@@ -27,6 +27,8 @@ def assemble(
     """The whole answer: window records, the twin's newest report and the data quality."""
     reason = "no window has been taken into the twin yet"
     blank = {name: [] if name == "effects" else not_available(reason) for name in SECTIONS}
+    if report is not None:
+        blank["tracing"] = not_available("effects have not been sought in this asset's windows")
     return {
         "asset": asset,
         "windows": [dict(record) for record in records],

@@ -22,6 +22,7 @@ import zenoh
 
 from service.api import create_app
 from service.board import Board
+from service.decisions import Desk
 from service.errors import DeliveryError, InputError
 from service.inbox import Inbox, pump
 from service.live import Guard, LiveState, OfferedRigs
@@ -41,8 +42,8 @@ CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
 HTTP_WAIT = 2  # how long open requests are waited for at the end [s]
 
-Twin = tuple[Callable[..., tuple[Any, Any]], Any]
-"""`step`, and the class of its state with `to_dict` and `from_dict`."""
+Twin = tuple[Any, ...]
+"""`step`, the class of its state with `to_dict` and `from_dict`, and `decide` where it takes decisions on effects."""
 
 
 def run(
@@ -65,8 +66,9 @@ def run(
         store = stack.enter_context(Store(settings.data / DATABASE))
         board = Board.from_store(store)
         listening = stack.enter_context(_listen(settings.http_host, settings.http_port))
-        worker = Worker(settings, store, board, rig, twin or _twin())
-        app = create_app(board, store, not_ready=worker.not_ready, gauges=worker.gauges)
+        desk = Desk(store)
+        worker = Worker(settings, store, board, desk, rig, twin or _twin())
+        app = create_app(board, store, desk, not_ready=worker.not_ready, gauges=worker.gauges)
         server = _Server(app, board, worker, lambda: announce(_address(listening)), stop)
         worker.on_end = server.end
         worker.start()
@@ -83,11 +85,13 @@ class Worker(threading.Thread):
     """The thread that owns the Zenoh session and the pipeline."""
 
     def __init__(
-        self, settings: Settings, store: Store, board: Board, rig: Mapping[str, Any] | None, twin: Twin
+        self, settings: Settings, store: Store, board: Board, desk: Desk, rig: Mapping[str, Any] | None, twin: Twin
     ) -> None:
         super().__init__(name="twin", daemon=True)
         self._settings, self._store, self._board, self._rig = settings, store, board, rig
-        self._step, self._new_state = twin
+        self._desk = desk
+        self._step, self._new_state, *more = twin
+        self._decide = more[0] if more else None
         self._inbox = Inbox(frames=settings.queue_frames, wait=settings.queue_wait, prefix=settings.prefix)
         self._stopping = threading.Event()
         self._reason: str | None = "not yet subscribed to the stream"
@@ -159,7 +163,9 @@ class Worker(threading.Thread):
         from twin.step import Options
 
         prefix = self._settings.prefix
-        options = Options(update=self._settings.update, error_threshold=self._settings.error_threshold)
+        options = Options(
+            update=self._settings.update, error_threshold=self._settings.error_threshold, trace=self._settings.trace
+        )
         with (
             OfferedRigs(session, prefix, self._guard) as offered,
             LiveState(session, self._board, prefix, self._guard) as live,
@@ -169,11 +175,13 @@ class Worker(threading.Thread):
                 self._board,
                 live,
                 self._stopping,
+                self._desk,
                 lambda asset: self._rig_of(asset, offered),
                 options,
                 assembly=assembly_settings(self._settings),
-                step=self._guarded_step,
+                step=lambda *given: self._guarded(self._step, given),
                 new_state=self._new_state,
+                decide=None if self._decide is None else lambda *given: self._guarded(self._decide, given),
             )
             pipeline.restore_all(self._new_state.from_dict)
             self._source = ZenohSource(session, prefix)
@@ -181,15 +189,15 @@ class Worker(threading.Thread):
                 self._reason = None
                 pump(self._inbox, pipeline, self._stopping, self._settings.idle_timeout)
 
-    def _guarded_step(self, *given: Any) -> tuple[Any, Any]:
-        """The twin's step; a fault of the program costs the window it was in and ends nothing else."""
+    def _guarded(self, call: Callable[..., tuple[Any, Any]], given: tuple[Any, ...]) -> tuple[Any, Any]:
+        """A call of the twin; a fault of the program costs the window or decision it was in and ends nothing else."""
         try:
-            return self._step(*given)
+            return call(*given)
         except TwinError:
             raise
         except Exception as error:
             self._faults += 1
-            log.exception("a window was refused for a fault of the program")
+            log.exception("a window or decision was refused for a fault of the program")
             raise TwinError(f"a fault of the program: {type(error).__name__}: {error}") from error
 
     def _rig_of(self, asset: str, offered: OfferedRigs) -> Rig:
@@ -256,9 +264,9 @@ class _Server(uvicorn.Server):
 
 def _twin() -> Twin:
     """The twin itself, imported where it is first needed."""
-    from twin.step import State, step
+    from twin.step import State, decide, step
 
-    return step, State
+    return step, State, decide
 
 
 @contextmanager

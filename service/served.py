@@ -10,12 +10,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from service.board import Board
+from service.decisions import Desk
 from service.frames import Frame
 from service.jsontext import plain
 from service.live import LiveState
 from service.pipeline import Checkpoint, Outcome, Pipeline
 from service.store import Store
 from service.wire.topics import Channel
+from twin.errors import TwinError
 from twin.rig import Rig
 
 log = logging.getLogger(__name__)
@@ -47,12 +49,13 @@ class ServedPipeline(Pipeline):
         board: Board,
         live: LiveState,
         ending: threading.Event,
+        desk: Desk,
         rig_lookup: Callable[[str], Rig],
         options: Any,
         **given: Any,
     ) -> None:
         super().__init__(rig_lookup, options, self._keep, self._show, **given)
-        self._store, self._board, self._live, self._ending = store, board, live, ending
+        self._store, self._board, self._live, self._ending, self._desk = store, board, live, ending, desk
         self._shown: dict[str, float] = {}
         self._held: dict[str, _Held] = {}
 
@@ -104,6 +107,27 @@ class ServedPipeline(Pipeline):
             self._show_quality(asset)
             self._shown[asset] = 0.0
         return super().waiting(asset)
+
+    def attend(self) -> None:
+        """Carries out the decisions that wait."""
+        if not self._desk.asked.is_set():
+            return
+        for waiting in self._desk.pending():
+            if self._ending.is_set():
+                raise Ended
+            try:
+                decided = self.decide(waiting.asset, waiting.name, waiting.verb)
+            except TwinError as reason:
+                self._store.refuse(waiting, str(reason))
+                continue
+            if self._store.carry_out(
+                waiting, state=decided.state.to_dict(), report=decided.report, events=decided.events
+            ):
+                self.accept(decided)
+                last = self._store.last_event_id(waiting.asset)
+                self._board.update(waiting.asset, report=decided.report, last_event_id=last)
+                self._live.publish(waiting.asset)
+        self._desk.done()
 
     def _hold(self, frame: Frame) -> bool:
         """Holds a new asset's frame, since keys start at different times; whether all held are let go."""

@@ -40,6 +40,8 @@ class Settings(BaseSettings):
     update: Literal["fused", "paper"] = "fused"
     error_threshold: float = Field(default=0.05, gt=0, lt=1, description="RMS error that triggers an update")
 
+    trace: bool = Field(default=True, description="whether effects that the model lacks are sought and added")
+
     # results
     data: Path = Field(default=Path(".gear-twin"), description="directory of the database")
     http: str = Field(default="127.0.0.1:8080", pattern=_HOST_PORT, description="HOST:PORT of REST and the page")

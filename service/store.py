@@ -54,6 +54,18 @@ MIGRATIONS = (
         answer TEXT NOT NULL
     );
     """,
+    """
+    CREATE TABLE decisions (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        received_ns INTEGER NOT NULL,
+        name TEXT NOT NULL,
+        verb TEXT NOT NULL,
+        done INTEGER NOT NULL DEFAULT 0,
+        refused TEXT
+    );
+    CREATE INDEX decisions_waiting ON decisions (done, id);
+    """,
 )
 """The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""
 
@@ -79,6 +91,19 @@ class StoredWindow:
     start_ns: int
     record: Mapping[str, Any]
     figures: Mapping[str, Any]  # depth and remaining life with their bands as of this window
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredDecision:
+    """An engineer's decision on an effect."""
+
+    id: int
+    asset: str
+    received_ns: int
+    name: str
+    verb: str
+    done: bool  # carried out, or refused
+    refused: str | None  # why it could not be carried out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,6 +198,38 @@ class Store:
             )
             return {"inspection": {"id": row.lastrowid, "received_ns": received, **inspection}, **answer}
 
+    def add_decision(self, asset: str, name: str, verb: str) -> int:
+        """Keeps a decision that waits to be carried out; its id."""
+        with self._transaction() as db:
+            self._ensure(db, asset)
+            row = db.execute(
+                "INSERT INTO decisions (asset, received_ns, name, verb) VALUES (?, ?, ?, ?)",
+                (asset, time.time_ns(), name, verb),
+            )
+            assert row.lastrowid is not None
+            return row.lastrowid
+
+    def carry_out(
+        self,
+        decision: StoredDecision,
+        *,
+        state: Mapping[str, Any],
+        report: Mapping[str, Any],
+        events: Iterable[tuple[str, Mapping[str, Any]]],
+    ) -> bool:
+        """Takes in a decision with all that it changes, whole; False (and nothing changed) where it was done before."""
+        with self._transaction() as db:
+            if not db.execute("UPDATE decisions SET done = 1 WHERE id = ? AND done = 0", (decision.id,)).rowcount:
+                return False
+            self._keep(db, decision.asset, state=state, report=report)
+            self._add_events(db, decision.asset, events)
+            return True
+
+    def refuse(self, decision: StoredDecision, reason: str) -> None:
+        """Ends a decision that cannot be carried out."""
+        with self._transaction() as db:
+            db.execute("UPDATE decisions SET done = 1, refused = ? WHERE id = ? AND done = 0", (reason, decision.id))
+
     # -- reading -------------------------------------------------------------------------------------
 
     def assets(self) -> tuple[str, ...]:
@@ -215,6 +272,18 @@ class Store:
             for i, received, given, answer in rows
         )
 
+    def decision(self, number: int) -> StoredDecision:
+        (found,) = self._decisions("WHERE id = ?", (number,))
+        return found
+
+    def decisions(self, asset: str) -> tuple[StoredDecision, ...]:
+        """All decisions on the asset's effects, oldest first."""
+        return self._decisions("WHERE asset = ? ORDER BY id", (asset,))
+
+    def pending_decisions(self) -> tuple[StoredDecision, ...]:
+        """Those that wait to be carried out, oldest first."""
+        return self._decisions("WHERE done = 0 ORDER BY id")
+
     # -- within --------------------------------------------------------------------------------------
 
     def _migrate(self) -> None:
@@ -241,6 +310,13 @@ class Store:
     def _rows(self, query: str, values: Sequence[Any] = ()) -> list[tuple]:
         with self._lock:
             return self._db.execute(query, values).fetchall()
+
+    def _decisions(self, which: str, values: Sequence[Any] = ()) -> tuple[StoredDecision, ...]:
+        rows = self._rows(f"SELECT id, asset, received_ns, name, verb, done, refused FROM decisions {which}", values)
+        return tuple(
+            StoredDecision(id=i, asset=asset, received_ns=ns, name=name, verb=verb, done=bool(done), refused=refused)
+            for i, asset, ns, name, verb, done, refused in rows
+        )
 
     @staticmethod
     def _ensure(db: sqlite3.Connection, asset: str) -> None:

@@ -8,20 +8,25 @@ from typing import Any
 
 from fastapi import FastAPI
 
-from service.api import assets, events, metrics, models, pages, problems
+from service.api import assets, effects, events, metrics, models, pages, problems
 from service.board import Board
+from service.decisions import Desk
 from service.store import Store
+
+DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered as waiting [s]
 
 
 def create_app(
     board: Board,
     store: Store,
+    desk: Desk | None = None,
     *,
     not_ready: Callable[[], str | None] = lambda: None,
     gauges: Callable[[], Mapping[str, float]] = dict,
 ) -> FastAPI:
     """The app over a board and its store.
 
+    desk       where decisions on effects are handed in; None where nobody carries them out: they are kept
     not_ready  why the service takes no frames yet, or None
     gauges     figures of the process for /metrics, by name: `queue_frames`, …
     """
@@ -33,9 +38,11 @@ def create_app(
         redoc_url=None,
     )
     app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
+    app.state.desk = desk or Desk(store)
+    app.state.decision_wait = DECISION_WAIT if desk else 0.0
     app.state.registry = metrics.registry(board, gauges)
     problems.install(app)
-    for module in (assets, events, metrics, pages):
+    for module in (assets, effects, events, metrics, pages):
         app.include_router(module.router)
     pages.mount_static(app)
     generate = app.openapi

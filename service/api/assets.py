@@ -58,12 +58,6 @@ async def residual(request: Request, asset: str) -> Any:
     return JSONResponse(snapshot_of(request, asset).whole["residual"])
 
 
-@router.get("/{asset}/effects", response_model=list[models.Effect] | models.NotAvailable, responses=ERRORS)
-async def effects(request: Request, asset: str) -> Any:
-    """Effects that the model lacked and that were added, in the order found."""
-    return JSONResponse(snapshot_of(request, asset).whole["effects"])
-
-
 @router.get("/{asset}/rig", response_model=dict[str, Any], responses=ERRORS)
 async def rig(request: Request, asset: str) -> Any:
     """The rig file in use."""

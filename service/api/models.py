@@ -101,10 +101,77 @@ class Residual(_Open):
     orders: JsonValue = Field(None, description="the strongest unexplained lines, strongest first")
 
 
+class Figure(_Open):
+    """One parameter of an effect."""
+
+    value: float | None
+    unit: str
+    std: float | None
+
+
+class Evidence(_Open):
+    """How much better the machine is explained with the effect."""
+
+    log_evidence: float | None = Field(None, description="natural logarithm of the evidence over the twin without it")
+    over_runner_up: float | None = Field(None, description="the same over the next best explanation")
+    runner_up: str | None = None
+    detail: str = ""
+
+
+class Errors(_Open):
+    """Errors on windows that took no part in fitting."""
+
+    rms_percent: float | None = None
+    waveform_percent: float | None = None
+
+
 class Effect(_Open):
     """An effect that the model lacked and that was added."""
 
     name: str
+    status: str | None = Field(None, description="`found`, `accepted` or `pinned`")
+    parameters: dict[str, Figure] | None = None
+    evidence: Evidence | None = None
+    error_before: Errors | None = None
+    error_after: Errors | None = None
+    wear_depth_um_before: float | None = Field(None, description="at the latest window, without the effect [µm]")
+    wear_depth_um_after: float | None = Field(None, description="with it [µm]")
+    onset_revolutions: float | None = Field(None, description="of the pinion; 0 if there from the start")
+
+
+class Tracing(_Open):
+    """What the effects rest on, and what the twin would say without them."""
+
+    candidates: list[dict[str, JsonValue]] | None = None
+    held_out: list[int] | None = Field(None, description="indices of windows kept from all fits")
+    fitted: list[int] | None = None
+    rejected: list[str] | None = Field(None, description="names that an engineer has ruled out")
+    unknown: str | None = Field(None, description="what has no name, in words")
+    depths: list[dict[str, JsonValue]] | None = Field(None, description="depth by window without and with the effects")
+    residual: JsonValue = Field(None, description="of one held-out window by band and order, before and after")
+    log: list[dict[str, JsonValue]] | None = Field(None, description="every change of the model with its evidence")
+
+
+class DecisionIn(BaseModel):
+    """What is to become of an effect."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    decision: Literal["accept", "reject", "pin", "release"] = Field(
+        description="accept: stays, confirmed; reject: leaves and is not added again; pin: stays with these very "
+        "numbers; release: the data decide again"
+    )
+
+
+class DecisionAnswer(BaseModel):
+    """A decision that has been kept."""
+
+    id: int
+    asset: str
+    name: str
+    decision: str
+    received_ns: int = Field(description="Unix time [ns]")
+    done: bool = Field(description="false while it waits for a window in work")
 
 
 class Unexplained(_Open):
@@ -124,6 +191,7 @@ class Asset(_Open):
     residual: Residual | NotAvailable
     effects: list[Effect] | NotAvailable
     unexplained: Unexplained | NotAvailable
+    tracing: Tracing | NotAvailable
     data_quality: dict[str, Any]
 
 

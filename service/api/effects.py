@@ -1,0 +1,69 @@
+"""REST: the effects in the twin, what they rest on, and an engineer's decisions about them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+
+from service.api import models
+from service.api.assets import ERRORS, snapshot_of
+from service.api.problems import problem, responses
+from service.store import StoredDecision
+from twin.effects import EFFECTS
+
+router = APIRouter(prefix="/v1/assets", tags=["effects"])
+
+KEPT: dict[int | str, dict[str, Any]] = {202: {"model": models.DecisionAnswer}}
+
+
+@router.get("/{asset}/effects", response_model=list[models.Effect] | models.NotAvailable, responses=ERRORS)
+async def effects(request: Request, asset: str) -> Any:
+    """Effects that the model lacked and that were added, in the order found."""
+    return JSONResponse(snapshot_of(request, asset).whole["effects"])
+
+
+@router.get("/{asset}/tracing", response_model=models.Tracing | models.NotAvailable, responses=ERRORS)
+async def tracing(request: Request, asset: str) -> Any:
+    """What the effects rest on: candidates, held-out windows, residual and depths before and after, the log."""
+    return JSONResponse(snapshot_of(request, asset).whole["tracing"])
+
+
+@router.get("/{asset}/decisions", response_model=list[models.DecisionAnswer], responses=ERRORS)
+def decisions(request: Request, asset: str) -> Any:
+    """Decisions on the asset's effects, oldest first."""
+    snapshot_of(request, asset)
+    return JSONResponse([_answer(d) for d in request.app.state.store.decisions(asset) if d.refused is None])
+
+
+@router.post(
+    "/{asset}/effects/{name}",
+    response_model=models.DecisionAnswer,
+    responses=KEPT | responses(400, 404, 409, 422),
+)
+def decide(request: Request, asset: str, name: str, given: models.DecisionIn) -> Any:
+    """Accepts, rejects, pins or releases an effect; 202 where it is kept but waits for a window in work."""
+    snapshot_of(request, asset)
+    if name not in EFFECTS or name == "none":
+        known = ", ".join(n for n in EFFECTS if n != "none")
+        return problem(request, 404, f"{name!r} is no effect; known are {known}")
+    desk = request.app.state.desk
+    number = desk.submit(asset, name, given.decision)
+    done = desk.wait(number, request.app.state.decision_wait)
+    if done is None:
+        return JSONResponse(_answer(request.app.state.store.decision(number)), 202)
+    if done.refused is not None:
+        return problem(request, 409, done.refused)
+    return JSONResponse(_answer(done))
+
+
+def _answer(decision: StoredDecision) -> dict[str, Any]:
+    return {
+        "id": decision.id,
+        "asset": decision.asset,
+        "name": decision.name,
+        "decision": decision.verb,
+        "received_ns": decision.received_ns,
+        "done": decision.done,
+    }
