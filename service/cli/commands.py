@@ -9,12 +9,17 @@ from typing import Annotated, Any
 
 import typer
 
+from service.cli.effects import app as effects
+
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Digital twin of gear wear: vibration in, wear depth and remaining life out.",
 )
+
+
+app.add_typer(effects, name="effects")
 
 
 class Update(StrEnum):
@@ -30,6 +35,7 @@ Asset = Annotated[str | None, typer.Option(help="The asset to look at, where a r
 Prefix = Annotated[str, typer.Option(help="First part of all keys and topics.", envvar="GEAR_TWIN_PREFIX")]
 UpdateWay = Annotated[Update, typer.Option(help="What sets the depth: transmission error (fused) or the RMS (paper).")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - prints it.")]
+NoTrace = Annotated[bool, typer.Option("--no-trace", help="Wear alone: seek no effects that the model lacks.")]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")]
 Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of the service or router: tcp/127.0.0.1:7447.")]
 Listen = Annotated[list[str] | None, typer.Option(help="Endpoint at which to open a router of its own.")]
@@ -41,6 +47,7 @@ def assess(
     rig: RigFile = None,
     json: JsonFile = None,
     update: UpdateWay = Update.fused,
+    no_trace: NoTrace = False,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
 ) -> None:
@@ -49,7 +56,7 @@ def assess(
     from service.jsontext import json_text, write_text
 
     try:
-        answer = _assess(recording, rig, update, asset, prefix)
+        answer = _assess(recording, rig, update, asset, prefix, trace=_tracing(no_trace))
     except Unassessable as error:
         if json is not None:
             write_text(json, json_text(error.answer))
@@ -73,7 +80,7 @@ def calibrate(
     def enough(records: Any) -> bool:
         return sum(r["kind"] == "measurement" and r["quality"] != "refused" for r in records) >= unworn
 
-    answer = _assess(recording, rig, Update.fused, asset, prefix, enough)
+    answer = _assess(recording, rig, Update.fused, asset, prefix, enough, trace=False)
     used = [r["index"] for r in answer["windows"] if r["quality"] != "refused"]
     found = {"asset": answer["asset"], "windows": used, "calibration": answer["calibration"]}
     write_text(json or "-", json_text(found))
@@ -195,12 +202,14 @@ def serve(
     rig: RigFile = None,
     data: Annotated[Path | None, typer.Option(help="Directory of the database.")] = None,
     update: Annotated[Update | None, typer.Option(help="What sets the depth: fused or paper.")] = None,
+    no_trace: NoTrace = False,
     prefix: Annotated[str | None, typer.Option(help="First part of all keys.")] = None,
 ) -> int:
     """Run the service: Zenoh in, REST, page and Zenoh out. Every setting also as GEAR_TWIN_... variable."""
     from service.serve import run
 
-    return run(_settings(listen=listen, connect=connect, http=http, rig=rig, data=data, update=update, prefix=prefix))
+    given = {"listen": listen, "connect": connect, "http": http, "rig": rig, "data": data, "update": update}
+    return run(_settings(**given, prefix=prefix, trace=False if no_trace else None))
 
 
 @app.command()
@@ -221,6 +230,7 @@ def report(
     source: Annotated[Path, typer.Argument(metavar="SOURCE", help="Recording, or the JSON of an assess.")],
     out: Annotated[Path | None, typer.Option(help="HTML page to write; else text is printed.")] = None,
     rig: RigFile = None,
+    no_trace: NoTrace = False,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
     json: JsonFlag = False,
@@ -230,7 +240,8 @@ def report(
     from service.jsontext import json_text, write_text
 
     answered = source.suffix == ".json"
-    answer = load_answer(source) if answered else _assess(source, rig, Update.fused, asset, prefix)
+    trace = _tracing(no_trace)
+    answer = load_answer(source) if answered else _assess(source, rig, Update.fused, asset, prefix, trace=trace)
     if out is not None:
         write_text(out, html_report(answer))
     if json:
@@ -241,8 +252,46 @@ def report(
         print(f"report: {out}")
 
 
+@app.command()
+def diagnose(
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="Recording, or the JSON of an assess.")],
+    out: Annotated[Path | None, typer.Option(help="HTML page with figures to write.")] = None,
+    rig: RigFile = None,
+    asset: Asset = None,
+    prefix: Prefix = "gearbox",
+    json: JsonFile = None,
+) -> None:
+    """Say which effects the machine has beside wear, how sure that is, and what is left unexplained."""
+    from service.cli.diagnosis import text
+    from service.cli.diagnosis_figures import page
+    from service.cli.report import load_answer
+    from service.jsontext import json_text, write_text
+
+    answered = source.suffix == ".json"
+    answer = load_answer(source) if answered else _assess(source, rig, Update.fused, asset, prefix)
+    if json is not None:
+        write_text(json, json_text(answer))
+    if out is not None:
+        write_text(out, page(answer))
+    if str(json) != "-":
+        print(text(answer))
+    if out is not None:
+        _tell(f"figures written to {out}")
+
+
+def _tracing(no_trace: bool) -> bool:
+    """Whether effects are sought: not where the option or the environment says no."""
+    return _settings().trace and not no_trace
+
+
 def _assess(
-    recording: Path, rig: Path | None, update: Update, asset: str | None, prefix: str, enough: Any = None
+    recording: Path,
+    rig: Path | None,
+    update: Update,
+    asset: str | None,
+    prefix: str,
+    enough: Any = None,
+    trace: bool = True,
 ) -> dict[str, Any]:
     """An assessment with progress shown and faults of the data told, one line each."""
     from service.assess import assess as run
@@ -251,7 +300,7 @@ def _assess(
     from service.pipeline import assembly_settings
     from twin.step import Options
 
-    options = Options(update=update.value)
+    options = Options(update=update.value, trace=trace)
     with progress_bar("assessing") as bar:
         answer = run(
             recording,

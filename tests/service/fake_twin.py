@@ -6,12 +6,12 @@ Run as a program it is `gear-twin serve` with this twin in place of the real one
 from __future__ import annotations
 
 import os
-import sys
 import time
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from service.__main__ import leave
 from service.serve import run
 from service.settings import Settings
 from twin.step import Estimate
@@ -73,4 +73,4 @@ def step(rig, state, window, options):
 TWIN = (step, FakeState)
 
 if __name__ == "__main__":
-    sys.exit(run(Settings(), twin=TWIN))
+    leave(run(Settings(), twin=TWIN))

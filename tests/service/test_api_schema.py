@@ -15,12 +15,15 @@ from service.store import Store
 
 EXAMPLES = 20
 BASE = "/v1/assets/{asset}"
-PARTS = ("wear", "rul", "residual", "effects", "rig", "windows", "trend", "quality", "inspections")
+PARTS = (
+    "wear", "rul", "residual", "effects", "tracing", "decisions", "rig", "windows", "trend", "quality", "inspections",
+)  # fmt: skip
 # The stream of events never ends by itself: test_api_events.py reads it.
 OPERATIONS = [
     *(("GET", route) for route in ("/v1/assets", BASE, "/healthz", "/readyz", "/metrics")),
     *(("GET", f"{BASE}/{part}") for part in PARTS),
     ("POST", f"{BASE}/inspections"),
+    ("POST", f"{BASE}/effects/{{name}}"),
 ]
 
 
@@ -57,6 +60,9 @@ def test_request_by_the_description_is_answered_by_it(described, method, path):
     answers_as_described(described[path][method], GenerationMode.POSITIVE)
 
 
-@pytest.mark.parametrize(("method", "path"), [("GET", f"{BASE}/windows"), ("POST", f"{BASE}/inspections")])
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [("GET", f"{BASE}/windows"), ("POST", f"{BASE}/inspections"), ("POST", f"{BASE}/effects/{{name}}")],
+)
 def test_request_against_the_description_is_refused_by_it(described, method, path):
     answers_as_described(described[path][method], GenerationMode.NEGATIVE)

@@ -179,7 +179,9 @@ def follow(rig: Rig, tracing: Tracing, taken: Taken, outcome: Outcome, taking: T
         )
     except (NotAvailable, NotConverged) as reason:
         return Followed(tracing=replace(tracing, standing={"reason": str(reason)}), outcome=outcome)
-    if search:
+    if traced.waiting:
+        tracing = replace(tracing, next_search=tracing.measured + 1)
+    elif search:
         tracing = replace(tracing, next_search=tracing.measured + max(2, tracing.measured // 2))
     return _joined(rig, tracing, traced, outcome, taking)
 
@@ -230,7 +232,7 @@ def _joined(rig: Rig, tracing: Tracing, traced: Traced, outcome: Outcome, taking
         strange=_strange(tracing, traced.strangers),
         unknown=traced.strangers.sentence(),
         standing={
-            "candidates": [list(row) for row in traced.table],
+            "candidates": [list(row) for row in traced.table] or tracing.standing.get("candidates", []),
             "other_structure": traced.other_structure,
             "misfit_before": traced.misfit_before,
             "misfit_after": traced.misfit_after,

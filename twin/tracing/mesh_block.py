@@ -112,6 +112,7 @@ class MeshFindings:
     found: tuple[Candidate, ...]  # in the order found
     table: tuple[tuple[str, float], ...]  # every candidate's gain over what was there when it was tried first
     runner_up: dict[str, tuple[str, float]]  # of each one found: the next best, and how far behind [nat]
+    waiting: bool = False  # whether only the latest window breaks off: one more must show it
 
 
 class MeshBlock:
@@ -190,7 +191,10 @@ class MeshBlock:
         return result, wear
 
     def onsets(self, trials: Sequence[Trial], wear: Wear) -> list[float]:
-        """Revolutions at which something may have set in: 0, and just before the first window that breaks off."""
+        """Revolutions at which something may have set in: 0, and just before the first window that breaks off.
+
+        None at all where that is the latest window: what one window shows may be that window's.
+        """
         out = [0.0]
         order = sorted(range(len(self.windows)), key=lambda i: self.windows[i].revolutions)
         worn = [i for i in order if self.windows[i].worn]
@@ -206,6 +210,8 @@ class MeshBlock:
             if before > JUMP:
                 break
             if after > QUIET and after > SHARPER * max(before, 0.1):
+                if count == len(worn) - 1 and len(worn) > 2:
+                    return []
                 out.append(0.5 * (self.windows[worn[count - 1]].revolutions + self.windows[worn[count]].revolutions))
                 break
         return out
@@ -227,9 +233,13 @@ class MeshBlock:
         found: list[Candidate] = [Candidate(trial=t, fit=best, wear=wear, gain=gain) for t in best.trials]
         table: dict[str, float] = {}
         runner_up: dict[str, tuple[str, float]] = {}
+        waiting = False
         while len(found) < MOST_EFFECTS and (best.misfit > quiet or best.shared[0] < SOFT):
             present = tuple(best.trials)
             onsets = self.onsets(present, wear)
+            if not onsets:
+                waiting = True
+                break
             tried: list[Candidate] = []
             for name, trial in TRIALS.items():
                 if name in skip or any(t.name == name for t in present):
@@ -272,6 +282,7 @@ class MeshBlock:
             found=tuple(found),
             table=tuple(sorted(table.items(), key=lambda item: -item[1])),
             runner_up=runner_up,
+            waiting=waiting,
         )
 
     def _tried(

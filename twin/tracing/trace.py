@@ -8,7 +8,7 @@ Windows held out take no part in any fit; errors before and after are those of t
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class Traced:
     misfit_after: float | None = None
     held_out: tuple[int, ...] = ()  # indices of windows
     fitted: tuple[int, ...] = ()
-    notes: tuple[str, ...] = field(default=())
+    waiting: bool = False  # whether only the latest window breaks off: one more must show it
 
 
 def held_out(measurement: Sequence[int]) -> set[int]:
@@ -211,6 +211,7 @@ def trace(
         misfit_after=findings.best.misfit,
         held_out=tuple(sorted(out)),
         fitted=tuple(o.index for _, o in fitting),
+        waiting=findings.waiting,
     )
 
 

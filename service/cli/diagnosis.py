@@ -1,0 +1,168 @@
+"""What the tracing found, in words and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from service.cli.show import number
+
+NAMES = {
+    "pinion_eccentricity": "pinion eccentricity",
+    "gear_eccentricity": "gear eccentricity",
+    "misalignment": "misalignment of the shafts",
+    "tooth_friction": "tooth friction",
+    "pitch_error": "pitch errors",
+    "profile_error": "profile errors",
+    "tooth_crack": "a cracked tooth",
+    "mass_unbalance": "mass unbalance",
+    "torque_ripple": "torque ripple",
+    "bearing_defect": "a bearing defect",
+    "backlash_rattle": "rattle in the backlash",
+    "mesh_stiffness_loss": "loss of mesh stiffness",
+    "mesh_damping": "changed mesh damping",
+    "sensor_gain": "a wrong gain of the accelerometer",
+    "sensor_resonance": "a resonance of the accelerometer's mount",
+}
+SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm")}
+EFFECT_COLUMNS = ("effect", "status", "parameters", "since rev.", "ln evidence", "runner-up", "waveform %", "depth µm")
+CERTAIN, LIKELY = 10.0, 5.0  # nats over the runner-up
+
+
+def text(answer: Mapping[str, Any]) -> str:
+    """The diagnosis as plain text: sentences first, then the evidence."""
+    tracing = answer["tracing"]
+    lines = [f"Diagnosis of {answer['asset']}", ""]
+    lines += sentences(answer)
+    if tracing.get("candidates"):
+        lines += ["", "Candidates on the mesh, ln evidence over wear alone:"]
+        lines += [f"  {c['name']:<22}{c['log_evidence']:>10.1f}" for c in tracing["candidates"]]
+    if tracing.get("residual"):
+        lines += ["", *_bands(tracing["residual"])]
+    if tracing.get("log"):
+        lines += ["", "Changes of the model:"]
+        lines += [f"  {change(entry)}" for entry in tracing["log"]]
+    return "\n".join(lines)
+
+
+def sentences(answer: Mapping[str, Any]) -> list[str]:
+    """What an engineer may quote."""
+    tracing, effects = answer["tracing"], answer["effects"]
+    if tracing.get("status") == "not available" or tracing.get("reason"):
+        return [f"No effect has been sought: {tracing['reason']}."]
+    out = [sentence(effect) for effect in effects]
+    if not effects:
+        out.append("Wear alone explains this machine; no effect was added.")
+    left = answer["unexplained"]
+    if left.get("verdict") == "unknown_effect":
+        out.append(f"An effect that no name fits is left: {left.get('reason')}.")
+        listed = ", ".join(f"{o['frequency_hz']:.2f} Hz (order {o['order']:.3f})" for o in left["orders"][:6])
+        out.append(f"Its strongest lines: {listed}.")
+    elif left.get("verdict") == "insufficient_data":
+        out.append(f"What is left could not be judged: {left.get('reason')}.")
+    if left.get("share_percent") is not None:
+        out.append(f"Unexplained: {number(left['share_percent'], 2)} % of the measured energy above the noise.")
+    if tracing.get("other_structure"):
+        out.append(
+            "The path from mesh to accelerometer is not the rig file's: another housing or mounting, so a gain or "
+            "resonance of the sensor cannot be told."
+        )
+    held = tracing.get("held_out") or []
+    if held:
+        out.append(f"Held out of all fits, and what errors are computed on: windows {', '.join(map(str, held))}.")
+    return out
+
+
+def sentence(effect: Mapping[str, Any]) -> str:
+    """One effect: what, how large, since when, how sure, what it changes."""
+    onset = effect["onset_revolutions"]
+    since = "from the start" if not onset else f"since {onset:.0f} revolutions"
+    sizes = ", ".join(f"{name.replace('_', ' ')} {figure(value)}" for name, value in effect["parameters"].items())
+    evidence = effect["evidence"]
+    sure = f"ln evidence {evidence['log_evidence']:.0f} over the twin without it"
+    if evidence.get("runner_up"):
+        over = evidence.get("over_runner_up")
+        rival = NAMES.get(evidence["runner_up"], evidence["runner_up"])
+        sure += f"; next best {rival}" + ("" if over is None else f", {over:.0f} behind ({sureness(over)})")
+    parts = [f"{NAMES.get(effect['name'], effect['name']).capitalize()}, {since}: {sizes} ({sure})"]
+    before, after = effect["error_before"], effect["error_after"]
+    if before.get("waveform_percent") is not None and after.get("waveform_percent") is not None:
+        parts.append(
+            f"waveform error on held-out windows {before['waveform_percent']:.1f} % without, "
+            f"{after['waveform_percent']:.1f} % with it"
+        )
+    depth, now = effect["wear_depth_um_before"], effect["wear_depth_um_after"]
+    if depth is not None and now is not None and abs(depth - now) > 0.05:
+        parts.append(f"wear depth {depth:.1f} µm without, {now:.1f} µm with it")
+    if evidence.get("detail"):
+        parts.append(evidence["detail"])
+    if effect.get("status") in ("accepted", "pinned"):
+        parts.append(f"{effect['status']} by an engineer")
+    return "; ".join(parts) + "."
+
+
+def sureness(over: float) -> str:
+    """How surely one explanation is told from the next."""
+    if over > CERTAIN:
+        return "certain"
+    return "likely" if over > LIKELY else "hardly told apart"
+
+
+def figure(value: Mapping[str, Any]) -> str:
+    """A parameter with its standard deviation, in the unit that workshops use."""
+    factor, unit = SMALL.get(value["unit"], (1.0, value["unit"]))
+    spread = "" if value["std"] is None else f" ± {number(value['std'] * factor, 2)}"
+    return f"{number(value['value'] * factor, 3)}{spread}{' ' + unit if unit else ''}"
+
+
+def change(entry: Mapping[str, Any]) -> str:
+    """One entry of the log."""
+    turns = entry.get("revolutions")
+    at = "" if turns is None else f" at {turns:.0f} revolutions"
+    evidence = entry.get("log_evidence")
+    why = "" if evidence is None else f", ln evidence {evidence:.0f}"
+    return f"window {entry.get('window')}{at}: {entry['name']} {entry['action']}{why}"
+
+
+def effect_table(effects: Sequence[Mapping[str, Any]], title: str) -> Any:
+    """The effects as a table."""
+    from rich.table import Table
+
+    table = Table(title=title)
+    for column in (
+        "effect",
+        "status",
+        "parameters",
+        "since rev.",
+        "ln evidence",
+        "runner-up",
+        "waveform %",
+        "depth µm",
+    ):
+        table.add_column(column)
+    for e in effects:
+        evidence, before, after = e["evidence"], e["error_before"], e["error_after"]
+        over = evidence.get("over_runner_up")
+        table.add_row(
+            e["name"],
+            e.get("status", ""),
+            "\n".join(f"{name} {figure(value)}" for name, value in e["parameters"].items()),
+            f"{e['onset_revolutions']:.0f}",
+            f"{evidence['log_evidence']:.0f}",
+            "–" if evidence.get("runner_up") is None else f"{evidence['runner_up']} −{number(over, 3)}",
+            f"{number(before.get('waveform_percent'), 3)} → {number(after.get('waveform_percent'), 3)}",
+            f"{number(e['wear_depth_um_before'], 3)} → {number(e['wear_depth_um_after'], 3)}",
+        )
+    return table
+
+
+def _bands(residual: Mapping[str, Any]) -> list[str]:
+    out = [
+        f"Window {residual['window']}, held out, by mesh harmonic (RMS m/s², ± 2 shaft orders):",
+        f"  {'harmonic':>8}{'Hz':>9}{'measured':>11}{'before':>10}{'after':>10}{'left before':>13}{'left after':>12}",
+    ]
+    for b in residual["bands"]:
+        levels = f"{b['measured']:>11.3g}{b['before']:>10.3g}{b['after']:>10.3g}"
+        left = f"{b['residual_before']:>13.3g}{b['residual_after']:>12.3g}"
+        out.append(f"  {b['harmonic']:>8}{b['frequency_hz']:>9.0f}{levels}{left}")
+    return out

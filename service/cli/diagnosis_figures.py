@@ -1,0 +1,146 @@
+"""The diagnosis as one page with figures that needs nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from html import escape
+from typing import Any
+
+from service.cli.diagnosis import NAMES, change, figure, sentences
+from service.cli.show import number, summary_lines
+
+BEFORE, AFTER, MEASURED = "#d62728", "#1f77b4", "#444444"
+_STYLE = (
+    "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#222}"
+    "table{border-collapse:collapse;font-size:13px}td,th{border-bottom:1px solid #ccc;padding:3px 8px;text-align:left}"
+)
+
+
+def page(answer: Mapping[str, Any]) -> str:
+    """HTML with the sentences, the evidence and the figures."""
+    title = f"Diagnosis of {escape(answer['asset'])}"
+    told = "".join(f"<p>{escape(line)}</p>" for line in sentences(answer))
+    summary = "".join(f"<li>{escape(line)}</li>" for line in summary_lines(answer))
+    log = "".join(f"<li>{escape(change(e))}</li>" for e in answer["tracing"].get("log") or [])
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
+        f"<h1>{title}</h1>{told}{_effects(answer)}{figures(answer)}"
+        f"<h2>Wear and life</h2><ul>{summary}</ul>" + (f"<h2>Changes of the model</h2><ul>{log}</ul>" if log else "")
+    )
+
+
+def _effects(answer: Mapping[str, Any]) -> str:
+    rows = []
+    for e in answer["effects"]:
+        evidence = e["evidence"]
+        sizes = "<br>".join(escape(f"{name} {figure(value)}") for name, value in e["parameters"].items())
+        cells = (
+            escape(NAMES.get(e["name"], e["name"])),
+            sizes,
+            f"{e['onset_revolutions']:.0f}",
+            f"{evidence['log_evidence']:.0f}",
+            escape(f"{evidence.get('runner_up') or '–'} {number(evidence.get('over_runner_up'), 3)}"),
+            f"{number(e['error_before'].get('waveform_percent'), 3)} → "
+            f"{number(e['error_after'].get('waveform_percent'), 3)}",
+            f"{number(e['error_before'].get('rms_percent'), 3)} → {number(e['error_after'].get('rms_percent'), 3)}",
+            f"{number(e['wear_depth_um_before'], 4)} → {number(e['wear_depth_um_after'], 4)}",
+        )
+        rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+    if not rows:
+        return ""
+    head = (
+        "effect", "parameters", "since rev.", "ln evidence", "runner-up, behind", "waveform error %", "RMS error %",
+        "depth µm",
+    )  # fmt: skip
+    return f"<h2>Effects</h2><table><tr>{''.join(f'<th>{h}</th>' for h in head)}</tr>{''.join(rows)}</table>"
+
+
+def figures(answer: Mapping[str, Any]) -> str:
+    """The figures as HTML, Plotly's script once; empty where there is nothing to draw."""
+    drawn = [plot for plot in (_by_band(answer), _by_order(answer), _depths(answer)) if plot is not None]
+    return "".join(
+        plot.to_html(full_html=False, include_plotlyjs="inline" if i == 0 else False) for i, plot in enumerate(drawn)
+    )
+
+
+def _by_band(answer: Mapping[str, Any]) -> Any:
+    import plotly.graph_objects as go
+
+    residual = answer["tracing"].get("residual")
+    if not residual:
+        return None
+    harmonics = [f"{b['harmonic']} · {b['frequency_hz']:.0f} Hz" for b in residual["bands"]]
+    plot = go.Figure()
+    for name, key, colour in (
+        ("measured", "measured", MEASURED),
+        ("twin with wear alone", "before", BEFORE),
+        ("twin with the effects", "after", AFTER),
+    ):
+        plot.add_bar(x=harmonics, y=[b[key] for b in residual["bands"]], name=name, marker_color=colour)
+    plot.update_layout(
+        title=f"Held-out window {residual['window']} by mesh harmonic",
+        xaxis_title="mesh harmonic ± 2 shaft orders",
+        yaxis_title="RMS [m/s²]",
+        **_LOOK,
+    )
+    return plot
+
+
+def _by_order(answer: Mapping[str, Any]) -> Any:
+    import plotly.graph_objects as go
+
+    residual = answer["tracing"].get("residual")
+    if not residual:
+        return None
+    plot = go.Figure()
+    for name, key, colour, symbol in (
+        ("measured", "measured", MEASURED, "circle-open"),
+        ("left without the effects", "before", BEFORE, "triangle-up"),
+        ("left with the effects", "after", AFTER, "triangle-down"),
+    ):
+        plot.add_scatter(
+            x=[o["order"] for o in residual["orders"]],
+            y=[max(o[key], 1e-6) for o in residual["orders"]],
+            mode="markers",
+            name=name,
+            marker={"color": colour, "symbol": symbol, "size": 8},
+        )
+    plot.update_layout(
+        title="The same window by order: lines and what the twin leaves of them",
+        xaxis_title="order of the pinion's rotation",
+        yaxis_title="amplitude [m/s²]",
+        yaxis_type="log",
+        **_LOOK,
+    )
+    return plot
+
+
+def _depths(answer: Mapping[str, Any]) -> Any:
+    import plotly.graph_objects as go
+
+    rows = answer["tracing"].get("depths") or []
+    if not rows or not answer["effects"]:
+        return None
+    plot = go.Figure()
+    for name, key, colour in (
+        ("wear alone", "wear_depth_um_before", BEFORE),
+        ("with the effects", "wear_depth_um_after", AFTER),
+    ):
+        plot.add_scatter(
+            x=[r["revolutions"] for r in rows], y=[r[key] for r in rows], name=name, line_color=colour,
+            mode="lines+markers",
+        )  # fmt: skip
+    for effect in answer["effects"]:
+        if effect["onset_revolutions"]:
+            label = NAMES.get(effect["name"], effect["name"])
+            plot.add_vline(x=effect["onset_revolutions"], line_dash="dot", annotation_text=label)
+    plot.update_layout(
+        title="Wear depth, the whole history run again",
+        xaxis_title="pinion revolutions",
+        yaxis_title="largest wear depth [µm]",
+        **_LOOK,
+    )
+    return plot
+
+
+_LOOK: dict[str, Any] = {"template": "plotly_white", "height": 380, "legend": {"orientation": "h", "y": -0.25}}
