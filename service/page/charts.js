@@ -112,7 +112,8 @@ export function drawRms({ windows }) {
     : windows.length ? "no window so far has a measured RMS" : "no window yet");
 }
 
-export function drawDepth({ windows, wear }, trend, inspections, limit) {
+export function drawDepth({ windows, wear, effects, tracing }, trend, inspections, limit) {
+  const again = isAvailable(effects) && effects.length && isAvailable(tracing) ? tracing.depths ?? [] : [];
   const points = trend.filter((p) => p.depth_um?.combined && p.revolutions !== null);
   const bare = windows.filter((w) => Number.isFinite(w.wear_depth_um) && w.revolutions !== null);
   const x = points.length ? points.map((p) => p.revolutions) : bare.map((w) => w.revolutions);
@@ -127,6 +128,13 @@ export function drawDepth({ windows, wear }, trend, inspections, limit) {
       x, y, name: "twin, both flanks", mode: "lines+markers", line: { color: colour("predicted"), width: 2 },
       marker: { size: 6 }, hovertemplate: "twin: %{y:.4~g} µm at %{x:,.0f} rev<extra></extra>",
     });
+    for (const [key, name, dash] of [["wear_depth_um_before", "wear alone, all windows", "dot"],
+      ["wear_depth_um_after", "with the effects, all windows", "dash"]]) {
+      if (!again.length) continue;
+      traces.push({ x: again.map((d) => d.revolutions), y: again.map((d) => d[key]), name, mode: "lines",
+        line: { color: colour(key.endsWith("after") ? "after" : "update"), width: 1.2, dash },
+        hovertemplate: `${name}: %{y:.4~g} µm at %{x:,.0f} rev<extra></extra>` });
+    }
     for (const [flank, symbol] of [["combined", "diamond"], ["pinion", "triangle-up"], ["gear", "triangle-down"]]) {
       const own = inspections.map((i) => i.inspection).filter((i) => i.flank === flank);
       if (!own.length) continue;

@@ -53,7 +53,7 @@ async function refresh() {
       drawDepth(state, trend, inspections, limit);
       drawProfile(state);
       drawRul(state, trend);
-      drawTables(state, quality, inspections);
+      drawTables(state, quality, inspections, decide);
       document.body.dataset.shown = asset;
       document.body.dataset.windows = String(state.windows.length);
     }
@@ -67,6 +67,18 @@ async function refresh() {
       soon();
     }
   }
+}
+
+// An engineer's decision on an effect; what it changes comes back as an event.
+async function decide(name, verb) {
+  const what = `${verb} ${name.replaceAll("_", " ")} of ${chosen.value}`;
+  if (verb === "reject" && !confirm(`${what}? The history is run again without it.`)) return;
+  showStatus({ status: "working", reason: what });
+  const answer = await fetch(`/v1/assets/${encodeURIComponent(chosen.value)}/effects/${encodeURIComponent(name)}`, {
+    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ decision: verb }),
+  });
+  if (!answer.ok) alert((await answer.json()).detail ?? `${what}: status ${answer.status}`);
+  soon();
 }
 
 function soon() {

@@ -3,7 +3,7 @@
 import { anything, fixed, isAvailable, number, range, reasonOf, revolutions, words } from "./format.js";
 
 const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration",
-  "data_quality"]);
+  "data_quality", "tracing"]);
 
 function element(tag, attributes = {}, ...children) {
   const made = Object.assign(document.createElement(tag), attributes);
@@ -86,18 +86,66 @@ function qualityPanel(quality) {
   return made;
 }
 
-function effectsPanel(effects, unexplained) {
+const SMALL = { "m": [1e6, "µm"], "kg·m": [1e6, "g·mm"] };
+const VERBS = { found: ["accept", "pin", "reject"], accepted: ["pin", "release", "reject"],
+  pinned: ["accept", "release", "reject"] };
+
+// A parameter in the unit that workshops use.
+function figure({ value, unit, std }) {
+  const [factor, shown] = SMALL[unit] ?? [1, unit];
+  const spread = Number.isFinite(std) ? ` ± ${number(factor * std, 2)}` : "";
+  return `${number(factor * value)}${spread}${shown ? ` ${shown}` : ""}`;
+}
+
+const change = (before, after, unit) => (Number.isFinite(before) && Number.isFinite(after)
+  ? `${number(before)} → ${number(after)} ${unit}` : "–");
+
+// One effect: what it is, how sure, what it changes, and what an engineer may decide.
+function effectCard(effect, decide) {
+  const { evidence = {}, error_before: before = {}, error_after: after = {} } = effect;
+  const sizes = Object.entries(effect.parameters ?? {}).map(([name, value]) => [words(name), figure(value)]);
+  const rival = evidence.runner_up
+    ? `${words(evidence.runner_up)}, ${number(evidence.over_runner_up)} behind` : "none tried";
+  const rows = [...sizes,
+    ["since", effect.onset_revolutions ? `${revolutions(effect.onset_revolutions)} rev` : "from the start"],
+    ["ln evidence over wear alone", number(evidence.log_evidence)], ["next best", rival],
+    ["waveform error, unseen windows", change(before.waveform_percent, after.waveform_percent, "%")],
+    ["wear depth", change(effect.wear_depth_um_before, effect.wear_depth_um_after, "µm")]];
+  if (evidence.detail) rows.push(["seen", evidence.detail]);
+  const buttons = (VERBS[effect.status] ?? VERBS.found).map((verb) => element("button", {
+    type: "button", onclick: () => decide(effect.name, verb),
+    ariaLabel: `${verb} ${words(effect.name)}`,
+  }, verb));
+  return element("div", { className: "effect" },
+    element("div", { className: "head" }, element("strong", {}, words(effect.name)),
+      element("span", { className: "badge" }, effect.status ?? "found"), element("span", { className: "spacer" }),
+      ...buttons),
+    element("table", {}, element("tbody", {}, ...rows.map(([name, value]) =>
+      element("tr", {}, element("td", { className: "name" }, name), element("td", {}, value))))));
+}
+
+function effectsPanel(effects, unexplained, tracing, decide) {
   const list = isAvailable(effects) ? effects : [];
-  const parameters = (p) => Object.entries(p ?? {}).map(([k, v]) => `${words(k)} ${anything(v)}`).join("; ");
-  const rows = list.map((e) => [words(e.name), parameters(e.parameters), revolutions(e.onset_revolutions)]);
-  const found = !isAvailable(effects) ? facts(effects)
-    : rows.length ? table(["effect", "parameters", "since [rev]#"], rows)
-      : element("p", { className: "none" }, "No effect beyond the model has been added.");
-  const verdict = isAvailable(unexplained)
+  const made = panel("Effects");
+  if (!isAvailable(effects)) made.append(facts(effects));
+  else if (!list.length) made.append(element("p", { className: "none" }, "Wear alone; no effect has been added."));
+  made.append(...list.map((effect) => effectCard(effect, decide)));
+  const ruledOut = (isAvailable(tracing) && tracing.rejected) || [];
+  for (const name of ruledOut) {
+    made.append(element("p", { className: "none" }, `${words(name)}: ruled out `,
+      element("button", { type: "button", onclick: () => decide(name, "release"),
+        ariaLabel: `release ${words(name)}` }, "release")));
+  }
+  made.append(element("p", { className: "none" }, isAvailable(unexplained)
     ? `Unexplained: ${number(unexplained.share_percent)} % of the energy over the noise; ${words(unexplained.verdict ?? "")}${
       unexplained.reason ? `: ${unexplained.reason}` : ""}`
-    : `Unexplained: not available: ${reasonOf(unexplained)}`;
-  return panel("Effects", found, element("p", { className: "none" }, verdict));
+    : `Unexplained: not available: ${reasonOf(unexplained)}`));
+  if (isAvailable(unexplained) && unexplained.verdict === "unknown_effect") {
+    const keys = ["order", "frequency_hz", "share_percent"];
+    made.append(table(keys.map((k) => `${words(k)}#`),
+      (unexplained.orders ?? []).slice(0, 6).map((o) => keys.map((k) => anything(o[k])))));
+  }
+  return made;
 }
 
 function waysPanel(wear) {
@@ -165,12 +213,12 @@ function inspectionsPanel(inspections) {
     ["revolutions#", "flank", "measured [µm]#", "twin then [µm]#", "difference [µm]#", "in the band"], rows));
 }
 
-export function drawTables(state, quality, inspections) {
-  const { windows, wear, effects, unexplained, residual, calibration } = state;
+export function drawTables(state, quality, inspections, decide) {
+  const { windows, wear, effects, unexplained, residual, calibration, tracing } = state;
   const more = Object.entries(state).filter(([name]) => !KNOWN.has(name));
   document.getElementById("tables").replaceChildren(
+    effectsPanel(effects, unexplained, tracing, decide),
     qualityPanel(quality),
-    effectsPanel(effects, unexplained),
     ...waysPanel(wear),
     calibrationPanel(calibration ?? { status: "not available", reason: "the twin has not been calibrated" }),
     residualPanel(residual),

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from service.__main__ import leave
 from service.serve import run
 from service.settings import Settings
+from twin.errors import NotAvailable
 from twin.step import Estimate
 
 SLOW = float(os.environ.get("FAKE_TWIN_SECONDS", "0"))  # what one window costs [s]
@@ -25,13 +26,14 @@ class FakeState:
 
     windows_seen: int = 0
     total: float = 0.0
+    decided: tuple = ()  # every decision carried out, in order
 
     def to_dict(self):
         return asdict(self)
 
     @classmethod
     def from_dict(cls, data):
-        return cls(**data)
+        return cls(**{**data, "decided": tuple(tuple(d) for d in data["decided"])})
 
 
 def step(rig, state, window, options):
@@ -67,10 +69,28 @@ def step(rig, state, window, options):
         wear = rul = {"status": "not available", "reason": "the rig file does not give gears.module"}
     report = {"wear": wear, "rul": rul, "residual": {"rms_error_percent": float("inf")}, "effects": []}
     events = (("window", record), ("rul", rul))
-    return FakeState(seen, total), Estimate(record=record, report=report, events=events)
+    report["effects"] = effects(state.decided)
+    return FakeState(seen, total, state.decided), Estimate(record=record, report=report, events=events)
 
 
-TWIN = (step, FakeState)
+def effects(decided):
+    """One effect, until it is rejected; its parameter counts the decisions."""
+    rejected = [name for name, verb in decided if verb == "reject"]
+    parameters = {"lead_gap": {"value": len(decided) * 1e-6, "unit": "m", "std": 1e-6}}
+    return [] if "misalignment" in rejected else [{"name": "misalignment", "parameters": parameters}]
+
+
+def decide(rig, state, decision, options):
+    """Carries out any decision on a misalignment; no other effect is there."""
+    time.sleep(SLOW)
+    if decision.name != "misalignment":
+        raise NotAvailable(f"{decision.name} is not in the twin")
+    state = replace(state, decided=(*state.decided, (decision.name, decision.verb)))
+    event = ("effect", {"action": decision.verb, "name": decision.name})
+    return state, Estimate(record={}, report={"effects": effects(state.decided)}, events=(event,))
+
+
+TWIN = (step, FakeState, decide)
 
 if __name__ == "__main__":
     leave(run(Settings(), twin=TWIN))

@@ -104,6 +104,70 @@ def little_known_report() -> dict:
     return {"wear": missing, "rul": missing, "residual": missing, "effects": [], "unexplained": missing}
 
 
+def traced_report(revolutions: float, windows: int) -> dict:
+    """A report with two effects, and with what they rest on."""
+
+    def error(waveform: float, rms: float) -> dict:
+        return {"rms_percent": rms, "waveform_percent": waveform, "noise_percent": 0.2}
+
+    effects = [
+        {
+            "name": "gear_eccentricity",
+            "status": "found",
+            "parameters": {"eccentricity": {"value": 79.5e-6, "unit": "m", "std": 1e-6}},
+            "evidence": {"log_evidence": 390.0, "over_runner_up": None, "runner_up": None, "detail": "run-out 79.5 µm"},
+            "error_before": error(31.0, 9.0),
+            "error_after": error(24.0, 7.5),
+            "wear_depth_um_before": 180.0,
+            "wear_depth_um_after": 180.0,
+            "onset_revolutions": 0.0,
+        },
+        {
+            "name": "misalignment",
+            "status": "pinned",
+            "parameters": {"lead_gap": {"value": 40.1e-6, "unit": "m", "std": 4.3e-6}},
+            "evidence": {
+                "log_evidence": 304.0, "over_runner_up": 134.0, "runner_up": "mesh_stiffness_loss", "detail": ""
+            },
+            "error_before": error(24.0, 7.5),
+            "error_after": error(9.0, 2.5),
+            "wear_depth_um_before": 180.0,
+            "wear_depth_um_after": 152.0,
+            "onset_revolutions": 4095.0,
+        },
+    ]  # fmt: skip
+    turns = [revolutions * (i + 1) / windows for i in range(windows)]
+    lines = [{"order": 19.0 * k, "frequency_hz": 190.0 * k, "measured": 9.0 / k, "before": 3.0 / k, "after": 0.4 / k}
+             for k in range(1, 6)]  # fmt: skip
+    bands = [
+        {"harmonic": k, "frequency_hz": 190.0 * k, "measured": 20.0 / k, "before": 15.0 / k, "after": 19.5 / k,
+         "residual_before": 6.0 / k, "residual_after": 1.0 / k}
+        for k in range(1, 6)
+    ]  # fmt: skip
+    tracing = {
+        "reason": None,
+        "candidates": [
+            {"name": "misalignment", "log_evidence": 304.0},
+            {"name": "tooth_friction", "log_evidence": -2.0},
+        ],
+        "misfit_before": 4.2,
+        "misfit_after": 0.13,
+        "other_structure": False,
+        "held_out": [2, 5],
+        "fitted": [0, 1, 3, 4],
+        "not_confirmed": [],
+        "rejected": ["tooth_friction"],
+        "depths": [
+            {"index": i, "revolutions": n, "wear_depth_um_before": 0.03 * n, "wear_depth_um_after": 0.026 * n}
+            for i, n in enumerate(turns)
+        ],
+        "residual": {"window": 5, "bands": bands, "orders": lines},
+        "unknown": "",
+        "log": [{"action": "found", "name": "misalignment", "window": 6, "revolutions": 7029.0, "log_evidence": 304.0}],
+    }
+    return {**report(revolutions, windows), "effects": effects, "tracing": tracing}
+
+
 FAULT = {"kind": "gap", "channel": "accel/y6", "count": 3, "action": "degraded", "detail": "frames 12 to 14"}
 
 

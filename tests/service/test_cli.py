@@ -31,7 +31,19 @@ torque = "measured"
 pinion_edges_per_rev = 64
 gear_edges_per_rev = 128
 """
-COMMANDS = ("assess", "calibrate", "replay", "record", "simulate", "import", "serve", "demo", "report")
+COMMANDS = (
+    "assess",
+    "calibrate",
+    "replay",
+    "record",
+    "simulate",
+    "import",
+    "serve",
+    "demo",
+    "report",
+    "diagnose",
+    "effects",
+)
 
 
 def twin_step(rig, state, window, options):

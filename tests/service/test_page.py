@@ -132,12 +132,29 @@ def test_inspections_are_drawn_beside_the_twin(open_page, store, board):
     assert "265 ± 12" in page.inner_text("#lists")
 
 
+def test_effects_are_shown_with_what_they_change_and_can_be_decided_on(open_page, store, board):
+    fakes.campaign(store, board)
+    fakes.take(store, board, "unsw", 90, 19500.0, report=fakes.traced_report(19500.0, 12))
+    page = open_page()
+    wait_for_windows(page, 15)
+    panel = page.inner_text("#tables .panel >> nth=0")
+    for part in ("misalignment", "40.1 ± 4.3 µm", "24 → 9 %", "180 → 152 µm", "mesh stiffness loss, 134 behind"):
+        assert part in panel
+    assert "tooth friction: ruled out" in panel
+    assert "with the effects, all windows" in page.inner_text("#depth")
+    with page.expect_response("**/effects/misalignment") as answered:
+        page.get_by_role("button", name="accept misalignment").click()
+    assert answered.value.status == 202  # nobody carries it out here: it is kept
+    assert [d.verb for d in store.decisions("unsw")] == ["accept"]
+
+
 @pytest.mark.parametrize("width", [1440, 800])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_page_fits_its_width_and_follows_the_theme(open_page, store, board, width, scheme):
     fakes.campaign(store, board)
+    fakes.take(store, board, "unsw", 90, 19500.0, report=fakes.traced_report(19500.0, 12))
     page = open_page(width=width, color_scheme=scheme)
-    wait_for_windows(page, 14)
+    wait_for_windows(page, 15)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     light = page.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
     assert (sum(light) > 600) == (scheme == "light")

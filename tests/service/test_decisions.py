@@ -1,0 +1,127 @@
+"""Decisions on effects: kept when they are taken in, carried out once, refused with a reason."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+import service_fakes as fakes
+from service_streams import Service, service, wait_until, write_recording
+
+from service.decisions import Desk
+from service.replay import replay
+from service.store import Store
+
+WINDOWS = 3
+COMMAND = [sys.executable, "-m", "service", "effects"]
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("recording") / "short.mcap", WINDOWS)
+
+
+def post(running: Service, path: str, body: dict) -> tuple[int, dict]:
+    request = urllib.request.Request(
+        f"http://{running.http}{path}", json.dumps(body).encode(), {"Content-Type": "application/json"}
+    )
+    try:
+        with urllib.request.urlopen(request, timeout=40) as answer:
+            return answer.status, json.load(answer)
+    except urllib.error.HTTPError as error:
+        return error.code, json.load(error)
+
+
+def counted(running: Service) -> float:
+    """How many decisions the twin has carried out."""
+    (effect,) = running.get("/v1/assets/unsw/effects")
+    return 1e6 * effect["parameters"]["lead_gap"]["value"]
+
+
+def test_decision_is_done_when_it_is_answered_and_its_event_follows(tmp_path, recording):
+    with service(tmp_path) as running:
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        status, answer = post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "pin"})
+        assert (status, answer["done"], answer["decision"]) == (200, True, "pin")
+        assert counted(running) == pytest.approx(1)
+        assert [d["decision"] for d in running.get("/v1/assets/unsw/decisions")] == ["pin"]
+        post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "reject"})
+        assert running.get("/v1/assets/unsw/effects") == []
+    with Store(tmp_path / "gear-twin.sqlite") as store:
+        told = [e.data["action"] for e in store.events("unsw", 0) if e.kind == "effect"]
+        assert told == ["pin", "reject"]
+
+
+def test_what_cannot_be_decided_is_refused_with_its_reason(tmp_path, recording):
+    with service(tmp_path) as running:
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        status, answer = post(running, "/v1/assets/unsw/effects/tooth_friction", {"decision": "pin"})
+        assert status == 409 and "tooth_friction is not in the twin" in answer["detail"]
+        status, answer = post(running, "/v1/assets/unsw/effects/rust", {"decision": "pin"})
+        assert status == 404 and "misalignment" in answer["detail"]
+        status, answer = post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "ignore"})
+        assert status == 422 and "release" in answer["detail"]
+        status, answer = post(running, "/v1/assets/other/effects/misalignment", {"decision": "pin"})
+        assert status == 404 and answer["known"] == ["unsw"]
+
+
+def test_decision_that_was_kept_before_a_kill_is_carried_out_once_by_the_next_start(tmp_path, recording):
+    running = Service(tmp_path).start()
+    try:
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        running.end(signal.SIGKILL)
+        with Store(tmp_path / "gear-twin.sqlite") as store:
+            number = Desk(store).submit("unsw", "misalignment", "pin")
+        for _ in range(2):
+            running.start()
+            wait_until(lambda: counted(running) > 0.5)
+            assert counted(running) == pytest.approx(1)
+            running.end(signal.SIGKILL)
+        with Store(tmp_path / "gear-twin.sqlite") as store:
+            assert store.decision(number).done and not store.pending_decisions()
+    finally:
+        running.end(signal.SIGKILL)
+
+
+def test_decision_and_what_it_changes_are_one_transaction(store):
+    fakes.campaign(store, None)
+    number = store.add_decision("unsw", "misalignment", "pin")
+    waiting = store.decision(number)
+    before = store.asset("unsw").state
+    with pytest.raises(ValueError):
+        store.carry_out(waiting, state={"x": 1}, report={"y": 2}, events=[("effect", {"bad": float("nan")}), ("e",)])
+    assert store.asset("unsw").state == before and not store.decision(number).done
+    assert store.carry_out(waiting, state={"x": 1}, report={"y": 2}, events=[("effect", {"a": 1})])
+    assert not store.carry_out(waiting, state={"x": 3}, report={"y": 4}, events=[("effect", {"a": 2})])
+    assert store.asset("unsw").state == {"x": 1}
+
+
+def test_effects_command_lists_and_decides(tmp_path, recording):
+    with service(tmp_path) as running:
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        address = f"http://{running.http}"
+
+        def call(*arguments):
+            return subprocess.run(
+                [*COMMAND, *arguments, "--url", address], cwd=ROOT, capture_output=True, text=True, timeout=60
+            )
+
+        done = call("accept", "unsw", "misalignment")
+        assert done.returncode == 0 and done.stdout == "accept misalignment of unsw: done\n"
+        listed = json.loads(call("list", "--json").stdout)
+        assert [e["name"] for e in listed["unsw"]] == ["misalignment"]
+        wrong = call("pin", "unsw", "tooth_friction")
+        assert wrong.returncode == 2 and wrong.stderr.count("\n") == 1 and "not in the twin" in wrong.stderr
+    gone = call("list")
+    assert gone.returncode == 2 and "no service answers there" in gone.stderr
