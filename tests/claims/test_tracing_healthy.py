@@ -1,0 +1,59 @@
+"""A healthy machine keeps its twin: tracing adds nothing to it and changes no figure of it."""
+
+from functools import lru_cache
+
+import pytest
+
+from benchmarks.scoring import ROOT, windows_of
+from twin.errors import NotAvailable
+from twin.step import Options, State, decide, step
+from twin.tracing.decisions import Decision
+
+SHORT = ROOT / "recordings" / "short-campaign.mcap"
+
+
+@lru_cache(maxsize=2)
+def followed(trace):
+    rig, windows = windows_of(SHORT)
+    state, out = State(), []
+    for window in windows:
+        state, estimate = step(rig, state, window, Options(trace=trace))
+        out.append(estimate)
+    return rig, state, out
+
+
+def test_traced_and_untraced_twin_say_the_same_to_the_bit():
+    _, with_it, traced = followed(True)
+    _, without, plain = followed(False)
+    assert [e.record for e in traced] == [e.record for e in plain]
+    assert with_it.memory == without.memory
+    for part in ("wear", "rul", "residual", "effects", "unexplained", "calibration"):
+        assert traced[-1].report[part] == plain[-1].report[part]
+
+
+def test_nothing_is_added_named_or_told_at_any_window():
+    _, state, out = followed(True)
+    for estimate in out:
+        assert estimate.report["effects"] == []
+        assert estimate.report["unexplained"]["verdict"] != "unknown_effect"
+        assert all(kind != "effect" for kind, _ in estimate.events)
+    assert state.tracing.log == ()
+    assert out[-1].report["tracing"]["held_out"]
+
+
+def test_untraced_twin_has_no_tracing_to_decide_on():
+    rig, state, out = followed(False)
+    assert "tracing" not in out[-1].report
+    with pytest.raises(NotAvailable):
+        decide(rig, state, Decision(name="misalignment", verb="pin"))
+
+
+def test_effect_that_is_not_there_cannot_be_accepted_and_can_be_ruled_out():
+    rig, state, _ = followed(True)
+    with pytest.raises(NotAvailable, match="only an effect that was found"):
+        decide(rig, state, Decision(name="misalignment", verb="accept"))
+    after, estimate = decide(rig, state, Decision(name="misalignment", verb="reject"))
+    assert estimate.report["tracing"]["rejected"] == ["misalignment"]
+    assert estimate.report["wear"] == state.standing["wear"]
+    again, _ = decide(rig, State.from_dict(after.to_dict()), Decision(name="misalignment", verb="release"))
+    assert again.tracing.rejected == ()

@@ -1,0 +1,168 @@
+"""The parts of tracing, each on figures made up for it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twin.effects import EFFECTS
+from twin.effects.addition import Addition
+from twin.errors import ParameterError
+from twin.features.beside import Beside
+from twin.tracing.decisions import Decision
+from twin.tracing.following import Stage, Tracing, _same, relevant
+from twin.tracing.found import Found
+from twin.tracing.path import Quotient, gain_step
+from twin.tracing.strangers import strangers
+from twin.tracing.trace import held_out
+from twin.tracing.unseen import Compared, by_band_and_order, figures
+from twin.updating.memory import Memory
+
+
+def found(name="misalignment", onset=0.0, value=30e-6, std=2e-6, **values):
+    effect = EFFECTS[name](**(values or {"lead_gap": value}))
+    return Found(
+        addition=Addition(effect=effect, onset_revolutions=onset),
+        parameters={"lead_gap": (value, "m", std)},
+        log_evidence=100.0,
+        runner_up="mesh_stiffness_loss",
+        over_runner_up=40.0,
+        numbers=(value / 30e-6,),
+    )
+
+
+def quotients(step=0.0, onset=3000.0, noise=0.01, seed=1):
+    """Four lines in eight windows, each with its own offset, and a common step of the logarithm."""
+    rng = np.random.default_rng(seed)
+    offset = rng.normal(0, 0.3, 4)
+    return [
+        Quotient(
+            frequency=190.0 * (k + 1),
+            log=complex(offset[k] + step * (n > onset) + noise * rng.normal(), 0.0),
+            std=noise,
+            order=k + 1,
+            revolutions=n,
+        )
+        for n in np.arange(1, 9) * 700.0
+        for k in range(4)
+    ]
+
+
+def beside(tones=(), lines=(), kurtosis=1.0, rates=()):
+    return Beside(duration=5.0, speed_hz=10.0, tones=tones, lines=lines, kurtosis=kurtosis, rates=rates)
+
+
+def test_step_of_the_gain_is_found_with_its_size_and_time():
+    step = gain_step(quotients(np.log(0.8)))
+    assert step is not None and step.log_evidence > 100
+    assert step.gain == pytest.approx(0.8, abs=0.02)
+    assert step.onset == pytest.approx(3150.0)  # between 2800 and 3500
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_steady_gain_has_no_step_whatever_the_structure_makes_of_each_line(seed):
+    step = gain_step(quotients(0.0, seed=seed))
+    assert step is not None and step.log_evidence < 8
+
+
+def test_line_seen_in_one_window_only_tells_no_step():
+    assert gain_step([q for q in quotients(0.5) if q.revolutions == 700.0]) is None
+
+
+def test_tone_steady_in_hertz_is_a_stranger_and_no_bearing():
+    tone = (50.0, 0.01, 0.4, 0.01, 60.0)
+    heard = strangers([(1000.0 * n, beside(tones=(tone,), lines=((5.0, 0.4),))) for n in range(1, 6)], False)
+    assert heard.unknown and heard.defect is None
+    assert [round(t.frequency) for t in heard.tones] == [50]
+    assert heard.orders == ()  # the same line, by its order at this speed
+
+
+def test_impacts_with_multiples_of_one_order_are_a_bearing_defect_with_its_onset():
+    rates = tuple((3.6 * k * (1 + 0.001 * k), 0.2) for k in (1, 2, 3, 4))
+    windows = [(1000.0 * n, beside(kurtosis=20.0 if n > 2 else 1.0, rates=rates if n > 2 else ())) for n in range(1, 7)]
+    heard = strangers(windows, False)
+    assert heard.defect is not None
+    assert heard.defect.effect.order == pytest.approx(3.6, rel=0.01)
+    assert heard.defect.onset == pytest.approx(2500.0)
+
+
+def test_impacts_without_an_order_are_unknown_unless_a_tooth_strikes():
+    windows = [(1000.0 * n, beside(kurtosis=40.0)) for n in range(1, 6)]
+    assert strangers(windows, False).impacts
+    assert not strangers(windows, False, struck=True).unknown
+
+
+def test_quiet_machine_has_no_stranger():
+    assert not strangers([(1000.0 * n, beside()) for n in range(1, 6)], False).unknown
+
+
+def test_windows_once_held_out_stay_held_out():
+    whole = list(range(3, 30))
+    assert held_out(whole) <= set(range(2, 40, 3))
+    for end in range(4, len(whole)):
+        assert held_out(whole[:end]) == held_out(whole) & set(whole[:end])
+    assert held_out(whole[:3]) == set()
+
+
+def compared(predicted, measured=None):
+    orders = np.array([18.0, 19.0, 38.0])
+    y = np.array([0.5, 3.0 + 1j, 2.0j]) if measured is None else measured
+    return Compared(
+        index=5, speed_hz=10.0, orders=orders, measured=y, predicted=predicted * y, std=np.full(3, 0.01),
+        rms_measured=2.0, rms_predicted=2.2, error_left=1.0, error_measured=4.0,
+    )  # fmt: skip
+
+
+def test_waveform_error_is_nothing_for_a_perfect_twin_and_all_for_a_silent_one():
+    assert figures([compared(1.0)])["waveform_percent"] == 0.0
+    silent = figures([compared(0.0), compared(0.0)])
+    assert silent["waveform_percent"] == pytest.approx(100.0)
+    assert silent["rms_percent"] == pytest.approx(10.0)
+    assert silent["transmission_error_percent"] == pytest.approx(50.0)
+    assert figures([])["waveform_percent"] is None
+
+
+def test_residual_by_band_counts_the_sidebands_within_two_shaft_orders():
+    shown = by_band_and_order(compared(0.0), compared(1.0), 19)
+    first = shown["bands"][0]
+    assert first["measured"] == pytest.approx(np.sqrt(0.5 * (0.25 + 10.0)))
+    assert first["residual_before"] == pytest.approx(first["measured"]) and first["residual_after"] == 0.0
+    assert [o["order"] for o in shown["orders"]] == [19.0, 38.0, 18.0]
+
+
+def test_refit_that_says_the_same_changes_nothing():
+    old = found()
+    assert _same(old, found(value=31e-6))
+    assert not _same(old, found(value=40e-6))
+    assert not _same(old, found(onset=3000.0))
+
+
+def test_only_effects_on_mesh_or_path_change_a_depth():
+    eccentric = replace(found(), addition=Addition(effect=EFFECTS["gear_eccentricity"](eccentricity=1e-5)))
+    bearing = replace(found(), addition=Addition(effect=EFFECTS["bearing_defect"](blow=1.0, order=3.5)))
+    assert relevant([eccentric, found(), bearing]) == (found().addition,)
+
+
+def test_memory_of_the_tracing_is_plain_data_and_comes_back_whole():
+    state = Tracing(
+        measured=7,
+        next_search=9,
+        found=(found(), found(onset=4000.0)),
+        stages=(Stage(memory=Memory(), depth=1e-5, depths={3: 1e-6, 4: 2e-6}, life=None),),
+        decisions={"misalignment": "pinned", "tooth_friction": "rejected"},
+        errors=({"rms_percent": 1.0}, {"rms_percent": None}),
+        strange=({"order": 5.0},),
+        unknown="tones",
+        log=({"action": "found"},),
+    )
+    text = json.dumps(state.to_dict(), allow_nan=False)
+    assert Tracing.from_dict(json.loads(text)) == state
+    assert state.rejected == ("tooth_friction",)
+    assert Tracing.from_dict({}) == Tracing()
+
+
+@pytest.mark.parametrize(("name", "verb"), [("rust", "pin"), ("none", "pin"), ("misalignment", "ignore")])
+def test_decision_that_means_nothing_is_refused_with_what_would_be_right(name, verb):
+    with pytest.raises(ParameterError, match=r"misalignment|release"):
+        Decision(name=name, verb=verb)
