@@ -17,6 +17,7 @@ from twin.tracing.path import Quotient, gain_step
 from twin.tracing.strangers import strangers
 from twin.tracing.trace import held_out
 from twin.tracing.unseen import Compared, by_band_and_order, figures
+from twin.tracing.watch import is_new, widened
 from twin.updating.memory import Memory
 
 
@@ -148,6 +149,8 @@ def test_memory_of_the_tracing_is_plain_data_and_comes_back_whole():
     state = Tracing(
         measured=7,
         next_search=9,
+        next_trace=8,
+        signs={"misfit": 0.3},
         found=(found(), found(onset=4000.0)),
         stages=(Stage(memory=Memory(), depth=1e-5, depths={3: 1e-6, 4: 2e-6}, life=None),),
         decisions={"misalignment": "pinned", "tooth_friction": "rejected"},
@@ -160,6 +163,15 @@ def test_memory_of_the_tracing_is_plain_data_and_comes_back_whole():
     assert Tracing.from_dict(json.loads(text)) == state
     assert state.rejected == ("tooth_friction",)
     assert Tracing.from_dict({}) == Tracing()
+
+
+def test_sign_is_new_where_it_stands_out_from_what_was_traced_and_from_its_floor():
+    traced = widened({"misfit": 0.4}, {"misfit": 2.0, "kurtosis": 3.0})
+    assert traced == {"misfit": 2.0, "kurtosis": 3.0}
+    assert not is_new({"misfit": 2.9, "kurtosis": 7.0}, traced)
+    assert is_new({"misfit": 3.1}, traced)
+    assert is_new({"kurtosis": 9.0}, traced)
+    assert is_new({"pinion": 1e-6}, {})
 
 
 @pytest.mark.parametrize(("name", "verb"), [("rust", "pin"), ("none", "pin"), ("misalignment", "ignore")])

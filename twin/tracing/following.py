@@ -5,9 +5,10 @@
 Beside the twin in use there are twins with fewer effects, wear alone first: one for every effect that changes the mesh
 or the path, so that depth and life stand before and after each of them. All of them see every window.
 
-The search from scratch is made at LEAST_WINDOWS measurement windows and again each time there are half as many more;
-between, what was found is fitted anew beside everything else, and a search starts at once where the misfit has grown.
-What changes by less than its own uncertainty leaves the twin as it is.
+The search from scratch is made at LEAST_WINDOWS measurement windows and again each time there are half as many more.
+Between, a trace fits what was found anew beside everything else, and searches on where the misfit has grown: at every
+window of a short campaign, at ever fewer of a long one, and at once where a window shows a sign of something new
+(watch.py). What changes by less than its own uncertainty leaves the twin as it is.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from twin.tracing.found import Found
 from twin.tracing.strangers import Strangers
 from twin.tracing.trace import Traced, held_out, trace
 from twin.tracing.unseen import Compared, Learned, by_band_and_order, compare, figures
+from twin.tracing.watch import is_new, signs, widened
 from twin.updating.again import Taken, Taking, retake, taken_in
 from twin.updating.conditions import kind_of
 from twin.updating.memory import Memory
@@ -40,6 +42,8 @@ LEAST_WINDOWS = 3  # measurement windows before the first search
 MOST_HISTORY = 40  # windows that are kept, to be run again
 MOST_LOG = 200
 MOST_UNSEEN = 3  # held-out windows that errors are computed on, the newest
+EVERY = 12  # measurement windows up to which each is traced; beyond, one in so many of those so far:
+SELDOM = 4
 MORE = 1.3  # times the misfit of before, from which a search starts at once
 WITHOUT_MESH_ORDERS = (*BESIDE_THE_MESH, PinionEccentricity, GearEccentricity)  # or hardly: extended.py
 SAME_ONSET = 1.0  # revolutions
@@ -84,6 +88,8 @@ class Tracing:
     history: tuple[Taken, ...] = ()
     measured: int = 0  # measurement windows so far
     next_search: int = LEAST_WINDOWS
+    next_trace: int = LEAST_WINDOWS
+    signs: Mapping[str, float] = field(default_factory=dict)  # the largest that have been traced (watch.py)
     found: tuple[Found, ...] = ()  # what is in the twin, in the order found
     stages: tuple[Stage, ...] = ()  # with 0, 1, … of the effects that change the mesh or the path; the last is in use
     decisions: Mapping[str, str] = field(default_factory=dict)  # name → accepted, rejected or pinned
@@ -104,6 +110,8 @@ class Tracing:
             "history": [t.to_dict() for t in self.history],
             "measured": self.measured,
             "next_search": self.next_search,
+            "next_trace": self.next_trace,
+            "signs": dict(self.signs),
             "found": [f.to_dict() for f in self.found],
             "stages": [s.to_dict() for s in self.stages],
             "decisions": dict(self.decisions),
@@ -123,6 +131,8 @@ class Tracing:
             history=tuple(Taken.from_dict(t) for t in data["history"]),
             measured=data["measured"],
             next_search=data["next_search"],
+            next_trace=data["next_trace"],
+            signs=data["signs"],
             found=tuple(Found.from_dict(f) for f in data["found"]),
             stages=tuple(Stage.from_dict(s) for s in data["stages"]),
             decisions=dict(data["decisions"]),
@@ -164,7 +174,12 @@ def follow(rig: Rig, tracing: Tracing, taken: Taken, outcome: Outcome, taking: T
     )
     if not measurement or tracing.measured < LEAST_WINDOWS:
         return Followed(tracing=tracing, outcome=outcome)
+    shown = signs(rig, taken, outcome)
     search = tracing.measured >= tracing.next_search
+    if not search and tracing.measured < tracing.next_trace and not is_new(shown, tracing.signs):
+        return Followed(tracing=tracing, outcome=outcome)
+    pause = 1 if tracing.measured < EVERY else tracing.measured // SELDOM
+    tracing = replace(tracing, next_trace=tracing.measured + pause, signs=widened(tracing.signs, shown))
     kept = [f for f in tracing.found if not search or tracing.decisions.get(f.name) in ("accepted", "pinned")]
     try:
         traced = trace(
@@ -180,7 +195,7 @@ def follow(rig: Rig, tracing: Tracing, taken: Taken, outcome: Outcome, taking: T
     except (NotAvailable, NotConverged) as reason:
         return Followed(tracing=replace(tracing, standing={"reason": str(reason)}), outcome=outcome)
     if traced.waiting:
-        tracing = replace(tracing, next_search=tracing.measured + 1)
+        tracing = replace(tracing, next_search=tracing.measured + 1, next_trace=tracing.measured + 1)
     elif search:
         tracing = replace(tracing, next_search=tracing.measured + max(2, tracing.measured // 2))
     return _joined(rig, tracing, traced, outcome, taking)
@@ -205,6 +220,7 @@ def decide(rig: Rig, tracing: Tracing, decision: Decision, outcome: Outcome, tak
         decisions=decisions,
         log=(*tracing.log, {**entry, "name": decision.name})[-MOST_LOG:],
         next_search=tracing.measured + 1 if decision.verb in ("reject", "release") else tracing.next_search,
+        next_trace=tracing.measured + 1,
     )
     rest = tuple(f for f in tracing.found if f.name not in tracing.rejected)
     if len(rest) == len(tracing.found):

@@ -37,7 +37,7 @@ JUMP = 2.5  # misfit of a window by itself from which something has set in
 SHARPER = 3.0  # times the misfit of the windows before
 
 
-@lru_cache(maxsize=48)
+@lru_cache(maxsize=12)  # of a sliced face some 10 MB each
 def _curve(model: Model, effects: tuple[Effect, ...], condition: Condition, start: tuple, until: float) -> MasterCurve:
     """Wear with effects, from new flanks or from those of an earlier curve at a depth."""
     worn = extend(model, effects)

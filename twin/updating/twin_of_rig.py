@@ -49,7 +49,7 @@ def _extended(key: _Key, calibration: Calibration, effects: tuple[Effect, ...]) 
     return extend(_model(key, calibration), effects)
 
 
-@lru_cache(maxsize=24)
+@lru_cache(maxsize=10)  # of a sliced face some 30 MB each
 def _curve(
     key: _Key, calibration: Calibration, segments: tuple[Segment, ...], effects: tuple[Addition, ...], until: float
 ) -> MasterCurve:
