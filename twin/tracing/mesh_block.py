@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from math import ceil, log
 
 import numpy as np
 
@@ -31,6 +32,7 @@ QUIET = 0.3  # misfit up to which nothing is sought: healthy machines of the rig
 SOFT = -2.0  # of the calibrated stiffness, in spreads of its prior: something has softened the mesh
 WORTH = 2.0  # nats in the first trial from which a candidate is tried with the wear that it causes
 HOPELESS, WELL = 6.0, 0.5  # times the best misfit, at least this one, from which a candidate is not pursued
+LEAST_UNTIL, UNTIL_STEP = 30e-6, 1.25  # [m], ratio
 MOST_EFFECTS = 3
 ROUNDS = 2  # of fitting and of wearing with what was fitted
 JUMP = 2.5  # misfit of a window by itself from which something has set in
@@ -46,6 +48,21 @@ def _curve(model: Model, effects: tuple[Effect, ...], condition: Condition, star
         before, depth = start
         begin = before.profile(depth)
     return MasterCurve.build(worn, condition, begin, until)
+
+
+def wear_condition(windows: Sequence[Observed]) -> Condition:
+    """The condition that the flanks are taken to have worn under: that of the first worn window."""
+    return next((w.condition for w in windows if w.worn), windows[0].condition)
+
+
+def wear_until(depth: float) -> float:
+    """How deep curves are made where the deepest window has so much [m]: in steps, so that they serve later windows."""
+    return LEAST_UNTIL * UNTIL_STEP ** max(0, ceil(log(1.4 * max(depth, 1e-9) / LEAST_UNTIL, UNTIL_STEP)))
+
+
+def plain_curve(model: Model, windows: Sequence[Observed], depth: float) -> MasterCurve:
+    """The wear without effects that a block of these windows starts from, to a depth [m] and beyond."""
+    return _curve(model, (), wear_condition(windows), (), wear_until(depth))
 
 
 def _rounded(effect: Effect) -> Effect:
@@ -129,9 +146,8 @@ class MeshBlock:
     ) -> None:
         self.model, self.windows, self.depth, self.phase = model, tuple(windows), depth, phase
         self.factors, self.channels = factors, channels
-        worn = [w for w in windows if w.worn] or list(windows)
-        self.condition = worn[0].condition
-        self.until = max(1.4 * float(depth.max(initial=0.0)), 30e-6)
+        self.condition = wear_condition(windows)
+        self.until = wear_until(float(depth.max(initial=0.0)))
 
     def least_gain(self, name: str) -> float:
         """Evidence that an effect needs [nat]: more where it is hardly visible, and beside pitch errors."""

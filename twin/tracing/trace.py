@@ -15,7 +15,7 @@ import numpy as np
 from twin.effects.addition import Addition, name_of
 from twin.effects.extended import extend, window_lines
 from twin.errors import NotAvailable, TwinError
-from twin.model import Calibration, Model
+from twin.model import Model
 from twin.rig import Rig
 from twin.tracing.candidates import started
 from twin.tracing.eccentricities import Beside as EccentricWindow
@@ -32,14 +32,14 @@ from twin.tracing.found import (
     of_turning,
     plain,
 )
-from twin.tracing.mesh_block import QUIET, MeshBlock, MeshFindings
+from twin.tracing.mesh_block import QUIET, MeshBlock, MeshFindings, plain_curve
 from twin.tracing.observed import Observed, chosen, observed
 from twin.tracing.path import fit_sensor, gain_step, quotients
 from twin.tracing.strangers import Strangers, strangers
 from twin.tracing.teeth import find_crack, find_pitch_errors
 from twin.tracing.turning import find_turning, rattling
 from twin.updating.again import Taken
-from twin.wear.curve import MasterCurve
+from twin.updating.twin_of_rig import nominal_model_of
 from twin.wear.profile import WornProfile
 
 MOST_WINDOWS = 8  # that the mesh lines are fitted on
@@ -112,7 +112,7 @@ def trace(
         raise NotAvailable("effects are not traced before two measurement windows with their mesh phase")
     out = held_out([o.index for _, o in measured])
     fitting = [(t, o) for t, o in measured if o.index not in out]
-    model = Model.of(rig, Calibration.prior(rig))
+    model = nominal_model_of(rig)
     features = [t.features for t, _ in fitting]
     condition = fitting[0][1].condition
     found: list[Found] = []
@@ -131,7 +131,7 @@ def trace(
         )
 
     deepest = max((depths.get(o.index, 0.0) for _, o in every), default=0.0)
-    curve = MasterCurve.build(model, condition, model.unworn, max(1.2 * deepest, 20e-6))
+    curve = plain_curve(model, [o for _, o in every if o.index not in out], deepest)
     profiles = {
         o.index: curve.profile(max(depths.get(o.index, 0.0), float(curve.depth[0]))) if o.worn else model.unworn
         for _, o in every
