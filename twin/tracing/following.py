@@ -235,7 +235,7 @@ def _joined(rig: Rig, tracing: Tracing, traced: Traced, outcome: Outcome, taking
     for item in traced.found:
         known = old.get(item.name)
         if known is not None and (tracing.decisions.get(item.name) == "pinned" or _same(known, item)):
-            item = replace(known, log_evidence=item.log_evidence, detail=item.detail)
+            item = replace(known, log_evidence=item.log_evidence, alike=item.alike, detail=item.detail)
         new.append(item)
     names = {f.name for f in new}
     new += [f for f in tracing.found if f.name not in names and tracing.decisions.get(f.name) in ("accepted", "pinned")]

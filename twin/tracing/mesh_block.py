@@ -26,6 +26,7 @@ from twin.wear.curve import MasterCurve
 from twin.wear.profile import WornProfile
 
 GAIN = 6.0  # nats that an effect must gain
+ALIKE = 5.0  # nats within which two explanations are one class
 HARDLY_VISIBLE = {"mesh_damping": 15.0}
 BESIDE_TEETH = 15.0  # what pitch errors make of the mesh lines is known to some tenths
 QUIET = 0.3  # misfit up to which nothing is sought: healthy machines of the rig's structure have 0.1 to 0.3
@@ -129,6 +130,7 @@ class MeshFindings:
     found: tuple[Candidate, ...]  # in the order found
     table: tuple[tuple[str, float], ...]  # every candidate's gain over what was there when it was tried first
     runner_up: dict[str, tuple[str, float]]  # of each one found: the next best, and how far behind [nat]
+    alike: dict[str, tuple[str, ...]] = field(default_factory=dict)  # of each one found: what it is hardly told from
     waiting: bool = False  # whether only the latest window breaks off: one more must show it
 
 
@@ -249,6 +251,7 @@ class MeshBlock:
         found: list[Candidate] = [Candidate(trial=t, fit=best, wear=wear, gain=gain) for t in best.trials]
         table: dict[str, float] = {}
         runner_up: dict[str, tuple[str, float]] = {}
+        alike: dict[str, tuple[str, ...]] = {}
         waiting = False
         while len(found) < MOST_EFFECTS and (best.misfit > quiet or best.shared[0] < SOFT):
             present = tuple(best.trials)
@@ -288,6 +291,8 @@ class MeshBlock:
             others = [c for c in refined if c.trial.name != chosen.trial.name]
             if others:
                 runner_up[chosen.trial.name] = (others[0].trial.name, chosen.gain - others[0].gain)
+            rivals = {c.trial.name for c in others if c.gain > chosen.gain - ALIKE and c.big_enough}
+            alike[chosen.trial.name] = tuple(sorted(rivals))
             found.append(chosen)
             best, wear = chosen.fit, chosen.wear
         return MeshFindings(
@@ -298,6 +303,7 @@ class MeshBlock:
             found=tuple(found),
             table=tuple(sorted(table.items(), key=lambda item: -item[1])),
             runner_up=runner_up,
+            alike=alike,
             waiting=waiting,
         )
 

@@ -30,6 +30,7 @@ def effects_report(tracing: Tracing) -> list[dict[str, Any]]:
                     "log_evidence": item.log_evidence,
                     "over_runner_up": item.over_runner_up,
                     "runner_up": item.runner_up,
+                    "not_told_from": list(item.alike),
                     "detail": item.detail,
                 },
                 "error_before": dict(before),

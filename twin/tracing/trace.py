@@ -250,7 +250,12 @@ def _with_teeth(
     block = MeshBlock(model, windows, best.depth, best.phase, factors)
     trials = [started(t, best.numbers(t)[0], t.onset) for t in best.trials]
     again = block.explained(skip=rejected, kept=trials)
-    return replace(again, table=findings.table, runner_up={**findings.runner_up, **again.runner_up})
+    return replace(
+        again,
+        table=findings.table,
+        runner_up={**findings.runner_up, **again.runner_up},
+        alike={**findings.alike, **again.alike},
+    )
 
 
 def _mounted(
