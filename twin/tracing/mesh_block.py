@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import ceil, log
 
 import numpy as np
@@ -21,12 +21,13 @@ from twin.errors import NotConverged, TwinError
 from twin.model import Condition, Model
 from twin.tracing.candidates import LEAST, TRIALS, started
 from twin.tracing.joint_fit import JointFit, Problem, Trial, fit
-from twin.tracing.observed import Observed
+from twin.tracing.observed import CHANNELS, Observed
 from twin.wear.curve import MasterCurve
 from twin.wear.profile import WornProfile
 
 GAIN = 6.0  # nats that an effect must gain
 ALIKE = 5.0  # nats within which two explanations are one class
+OTHER_STRUCTURE = 40.0  # where the structure is not the rig file's and the encoders alone are believed
 HARDLY_VISIBLE = {"mesh_damping": 15.0}
 BESIDE_TEETH = 15.0  # what pitch errors make of the mesh lines is known to some tenths
 QUIET = 0.3  # misfit up to which nothing is sought: healthy machines of the rig's structure have 0.1 to 0.3
@@ -144,7 +145,7 @@ class MeshBlock:
         depth: np.ndarray,
         phase: float,
         factors: Sequence[dict[str, np.ndarray]] | None = None,
-        channels: tuple[str, ...] = ("encoder", "torque", "acceleration"),
+        channels: tuple[str, ...] = CHANNELS,
     ) -> None:
         self.model, self.windows, self.depth, self.phase = model, tuple(windows), depth, phase
         self.factors, self.channels = factors, channels
@@ -154,6 +155,8 @@ class MeshBlock:
     def least_gain(self, name: str) -> float:
         """Evidence that an effect needs [nat]: more where it is hardly visible, and beside pitch errors."""
         gain = max(GAIN, HARDLY_VISIBLE.get(name, 0.0))
+        if self.channels != CHANNELS:
+            gain = max(gain, OTHER_STRUCTURE)
         return gain if self.factors is None else max(gain, BESIDE_TEETH)
 
     def problem(self, trials: Sequence[Trial], wear: Wear, windows: Sequence[int] | None = None) -> Problem:
@@ -238,12 +241,17 @@ class MeshBlock:
         problem = self.problem(trials, wear, chosen)
         return fit(problem, None, self.phase, self.depth[list(chosen)]).misfit
 
+    @cached_property
+    def plain(self) -> tuple[JointFit, Wear]:
+        """The fit with wear alone."""
+        return self.fitted((), None, 1)
+
     def explained(self, skip: Sequence[str] = (), quiet: float = QUIET, kept: Sequence[Trial] = ()) -> MeshFindings:
         """The greedy search, until the misfit is below `quiet`; `kept` trials are in from the start.
 
         The gain of those kept is over wear alone, of all of them together.
         """
-        base, wear = self.fitted((), None, 1)
+        base, wear = self.plain
         best = base
         if kept:
             best, wear = self.fitted(kept, base, ROUNDS)

@@ -47,6 +47,8 @@ HELD_OUT = 3  # of so many windows one is kept from all fits
 LEAST_TO_HOLD_OUT = 4  # measurement windows
 STEP_EVIDENCE = 15.0  # nats of a gain that changes in mid-campaign
 GAIN_EVIDENCE, OTHER_EVIDENCE = 6.0, 2.0  # nats: against a good sensor, and against a structure of another kind
+OUT_OF_PROPORTION = 30.0  # nats a misfit: friction reaches 2.5, other structures 200 and more
+QUIET_ELSEWHERE = 10.0  # misfit of the encoders' lines that another structure may leave
 LEAST_GAIN = 0.06  # of ln g
 RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
 TOOTH_EVIDENCE = 25.0  # nats for pitch errors
@@ -188,14 +190,19 @@ def trace(
     factors = _factors(model, picked, profiles, [f.addition for f in found if f.name in TOOTHED])
     block = MeshBlock(model, picked, start, phase, factors)
     trials = [t for t in (f.kept for f in kept if f.name not in rejected) if t is not None]
-    findings = block.explained(skip=tuple(rejected), quiet=max(QUIET, tolerated), kept=trials)
+    elsewhere = _other_structure(rig, model, block)
+    if elsewhere:
+        block = MeshBlock(model, picked, start, phase, factors, ("encoder",))
+    findings = block.explained(
+        skip=tuple(rejected), quiet=max(QUIET_ELSEWHERE if elsewhere else QUIET, tolerated), kept=trials
+    )
     if factors is not None and findings.found:
-        findings = _with_teeth(findings, picked, profiles, found, tuple(rejected))
+        findings = _with_teeth(findings, block.channels, picked, profiles, found, tuple(rejected))
     for item in of_mesh(findings, kept):
         add(item)
 
-    other = False
-    if not any(o.pinion_only for o in picked) and "pitch_error" not in toothed:
+    other = elsewhere
+    if not elsewhere and not any(o.pinion_only for o in picked) and "pitch_error" not in toothed:
         sensor, other = _sensor(rig, model, findings, picked)
         if sensor is not None:
             add(sensor)
@@ -232,8 +239,22 @@ def _sensor(rig: Rig, model: Model, findings: MeshFindings, windows: Sequence[Ob
     return None, other
 
 
+def _other_structure(rig: Rig, model: Model, block: MeshBlock) -> bool:
+    """Whether the way to the accelerometer alone says that the structure is not the rig file's.
+
+    What acts in the mesh moves the mesh lines first; friction moves the way a little, too. Another structure moves the
+    way out of all proportion.
+    """
+    base, _ = block.plain
+    if any(o.pinion_only for o in block.windows):
+        return False
+    fits = fit_sensor(rig, model.calibration.modal_damping, quotients(base, block.windows, model.mesh.pair.teeth[0]))
+    return bool(fits) and max(s.over_other for s in fits) < -OUT_OF_PROPORTION * max(base.misfit, 1.0)
+
+
 def _with_teeth(
     findings: MeshFindings,
+    channels: tuple[str, ...],
     windows: Sequence[Observed],
     profiles: Mapping[int, WornProfile],
     found: Sequence[Found],
@@ -247,7 +268,7 @@ def _with_teeth(
     ]
     teeth = [f.addition for f in found if f.name in TOOTHED]
     factors = _factors(model, windows, profiles, teeth, beside)
-    block = MeshBlock(model, windows, best.depth, best.phase, factors)
+    block = MeshBlock(model, windows, best.depth, best.phase, factors, channels)
     trials = [started(t, best.numbers(t)[0], t.onset) for t in best.trials]
     again = block.explained(skip=rejected, kept=trials)
     return replace(
