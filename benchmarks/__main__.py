@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from benchmarks import bench_dynamics, bench_pipeline
+from benchmarks import bench_dynamics, bench_pipeline, bench_tracing
 
 
 def main() -> int:
@@ -21,6 +21,8 @@ def main() -> int:
     bench_dynamics.main()
     print()
     figures = bench_pipeline.main(minutes=6.0 if chosen.quick else 60.0)
+    print()
+    figures += bench_tracing.main()
     missed = [figure for figure in figures if figure.missed]
     for figure in missed:
         print(f"missed: {figure.what} {figure.value:.3g} {figure.unit}, aim {figure.aim:g}", file=sys.stderr)

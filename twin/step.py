@@ -19,7 +19,7 @@ from twin.features.extract import extract
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
-from twin.tracing.following import Followed, Tracing, follow
+from twin.tracing.following import Followed, Tracing, follow, listen
 from twin.tracing.following import decide as follow_decision
 from twin.tracing.reporting import effects_report, tracing_report, unexplained_with
 from twin.updating.again import Taken, Taking, retake, taken_in
@@ -114,7 +114,7 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
     try:
         outcome = taken_in(rig, state.memory, taken, _taking(options))
     except (NotAvailable, NotConverged) as reason:
-        return _without_twin(rig, state, features, str(reason))
+        return _without_twin(rig, state, taken, str(reason), options.trace)
     followed = Followed(tracing=state.tracing, outcome=outcome)
     if options.trace:
         followed = follow(rig, state.tracing, taken, outcome, _taking(options))
@@ -258,11 +258,12 @@ def _percent(share: float) -> float | None:
     return None if share != share else 100 * share
 
 
-def _without_twin(rig: Rig, state: State, features: WindowFeatures, reason: str) -> tuple[State, Estimate]:
+def _without_twin(rig: Rig, state: State, taken: Taken, reason: str, trace: bool) -> tuple[State, Estimate]:
     """What can be said where no model of the machine can be built, or the window lacks what it needs.
 
     Level, speed and bands; of wear and life what earlier windows told, where there are any.
     """
+    features = taken.features
     record = {
         "index": state.windows_seen,
         "kind": kind_of(features, rig),
@@ -307,5 +308,14 @@ def _without_twin(rig: Rig, state: State, features: WindowFeatures, reason: str)
         "calibration": missing,
         **state.standing,
     }
-    state = replace(state, windows_seen=state.windows_seen + 1)
-    return state, _estimate(record, answer, [("window", record)])
+    events: list[tuple[str, Mapping[str, Any]]] = [("window", record)]
+    tracing = state.tracing
+    if trace and features.speed_hz is not None:
+        tracing, told = listen(rig, tracing, taken)
+        events += told
+        if not tracing.stages:
+            answer["effects"] = effects_report(tracing)
+            answer["unexplained"] = unexplained_with(tracing, answer["unexplained"])
+            answer["tracing"] = tracing_report(tracing)
+    estimate = _estimate(record, answer, events)
+    return replace(state, windows_seen=state.windows_seen + 1, tracing=tracing), estimate

@@ -115,6 +115,7 @@ class Evidence(_Open):
     log_evidence: float | None = Field(None, description="natural logarithm of the evidence over the twin without it")
     over_runner_up: float | None = Field(None, description="the same over the next best explanation")
     runner_up: str | None = None
+    not_told_from: list[str] | None = Field(None, description="explanations that these channels cannot tell it from")
     detail: str = ""
 
 

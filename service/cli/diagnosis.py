@@ -84,6 +84,8 @@ def sentence(effect: Mapping[str, Any]) -> str:
         over = evidence.get("over_runner_up")
         rival = NAMES.get(evidence["runner_up"], evidence["runner_up"])
         sure += f"; next best {rival}" + ("" if over is None else f", {over:.0f} behind ({sureness(over)})")
+    if evidence.get("not_told_from"):
+        sure += "; not told from " + ", ".join(NAMES.get(name, name) for name in evidence["not_told_from"])
     parts = [f"{NAMES.get(effect['name'], effect['name']).capitalize()}, {since}: {sizes} ({sure})"]
     before, after = effect["error_before"], effect["error_after"]
     if before.get("waveform_percent") is not None and after.get("waveform_percent") is not None:

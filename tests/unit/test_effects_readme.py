@@ -8,10 +8,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from tests.dynamics_cases import relative
+from tests.dynamics_cases import model, relative
 from tests.effects_cases import solved
 from twin.effects import EFFECTS, Setup, neutral
+from twin.effects.extended import extend
 from twin.errors import ParameterError
+from twin.tracing.candidates import trial_of
 
 FOLDER = Path(__file__).parents[2] / "twin" / "effects"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")
@@ -38,6 +40,15 @@ def test_effect_of_the_example_vanishes_and_is_bounded(crowning):
     assert np.array_equal(solved(neutral(crowning(crowning=1e-6))).acceleration_lines, solved().acceleration_lines)
     with pytest.raises(ParameterError, match=r"crowning = 0.001 m is outside 0 … 0.0002 m"):
         crowning(crowning=1e-3)
+
+
+def test_effect_of_the_example_is_traced_and_wears_by_slices_once_it_is_in_the_table(crowning, monkeypatch):
+    monkeypatch.setitem(EFFECTS, "crowning", crowning)
+    trial = trial_of("crowning")
+    assert trial is not None and [f.name for f in trial.free] == ["crowning"]
+    assert trial.make(np.array([2.0])) == crowning(crowning=20e-6)
+    assert extend(model(), (crowning(crowning=10e-6),)).slices == 13
+    assert trial_of("pitch_error") is None  # one number a tooth
 
 
 def test_documentation_names_what_a_setup_can_take():

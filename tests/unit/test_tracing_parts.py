@@ -10,14 +10,18 @@ from twin.effects import EFFECTS
 from twin.effects.addition import Addition
 from twin.errors import ParameterError
 from twin.features.beside import Beside
+from twin.features.window_features import WindowFeatures
+from twin.rig import Rig
 from twin.tracing.decisions import Decision
-from twin.tracing.following import Stage, Tracing, _same, relevant
+from twin.tracing.following import Stage, Tracing, _same, listen, relevant
 from twin.tracing.found import Found
 from twin.tracing.path import Quotient, gain_step
+from twin.tracing.reporting import effects_report, tracing_report
 from twin.tracing.strangers import strangers
 from twin.tracing.trace import held_out
 from twin.tracing.unseen import Compared, by_band_and_order, figures
 from twin.tracing.watch import is_new, widened
+from twin.updating.again import Taken
 from twin.updating.memory import Memory
 
 
@@ -92,6 +96,25 @@ def test_impacts_without_an_order_are_unknown_unless_a_tooth_strikes():
     windows = [(1000.0 * n, beside(kurtosis=40.0)) for n in range(1, 6)]
     assert strangers(windows, False).impacts
     assert not strangers(windows, False, struck=True).unknown
+
+
+def test_machine_without_a_twin_still_has_its_bearing_heard():
+    rig = Rig.from_mapping({"gears": {"pinion": {"teeth": 19}, "gear": {"teeth": 52}}})
+    rates = tuple((3.6 * k, 0.2) for k in (1, 2, 3, 4))
+    tracing, told = Tracing(), []
+    for n in range(5):
+        features = WindowFeatures(start_time_ns=n, speed_hz=10.0, revolutions=1000.0 * n, rms=3.0)
+        tracing, events = listen(
+            rig, tracing, Taken(index=n, features=features, beside=beside(kurtosis=20.0, rates=rates))
+        )
+        told += events
+    assert [f.name for f in tracing.found] == ["bearing_defect"]
+    assert [(kind, data["action"]) for kind, data in told] == [("effect", "found")]
+    (effect,) = effects_report(tracing)
+    assert effect["wear_depth_um_after"] is None
+    assert effect["parameters"]["order"]["value"] == pytest.approx(3.6, rel=0.01)
+    assert "no twin" not in tracing_report(tracing)["reason"] and "cannot be built" in tracing_report(tracing)["reason"]
+    assert Tracing.from_dict(json.loads(json.dumps(tracing.to_dict()))) == tracing
 
 
 def test_quiet_machine_has_no_stranger():

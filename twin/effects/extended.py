@@ -53,9 +53,10 @@ class ExtendedModel(Model):
         """Those that act over one mesh period."""
         return tuple(e for e in self.effects if e.period == "mesh")
 
-    @property
+    @cached_property
     def slices(self) -> int:
-        return SLICES if any(isinstance(e, Misalignment) for e in self.of_mesh) else 1
+        """Across the face: as many as the effects of the mesh ask for, whatever their size."""
+        return slices_of(self, self.of_mesh)
 
     @cached_property
     def unworn(self) -> WornProfile:
@@ -94,12 +95,24 @@ class ExtendedModel(Model):
         return Response(model=self, setup=setup, contacts=None, steady=steady).mean_transmission_error  # type: ignore[arg-type]
 
 
+def slices_of(model: Model, effects: Iterable[Effect]) -> int:
+    """Slices across the face that effects of the mesh's period make."""
+    setup = setup_of(model, Condition(speed_hz=10.0, torque=10.0), "mesh")
+    found = 1
+    for effect in effects:
+        if isinstance(effect, Misalignment):
+            found = SLICES  # of aligned shafts, too: a fit may pass through none
+        elif effect.period == "mesh":
+            found = max(found, effect.apply(setup).slices)
+    return found
+
+
 def extend(model: Model, effects: Iterable[Effect]) -> Model:
     """The model with effects in it; the very model where there are none."""
     effects = tuple(e for e in effects if not isinstance(e, BESIDE_THE_MESH))
     if not effects:
         return model
-    sliced = any(isinstance(e, Misalignment) for e in effects)
+    sliced = slices_of(model, effects) > 1
     return ExtendedModel(
         rig=model.rig,
         calibration=model.calibration,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from twin.effects import EFFECTS
+from twin.effects import EFFECTS, Parameter
 from twin.effects.response import Effect
 from twin.tracing.joint_fit import Free, Trial
 
@@ -59,6 +60,29 @@ TRIALS: dict[str, Trial] = {
     )
 }
 
+BESIDE = ("none", "sensor_gain", "sensor_resonance")  # act over a mesh period, but not on the mesh
+
+
+def trial_of(name: str) -> Trial | None:
+    """The trial of an effect of the table that has none of its own: its numbers in units of their priors.
+
+    None where it does not act over one mesh period, or has a number a tooth.
+    """
+    kind: Any = EFFECTS[name]
+    numbers = [p for p in kind.parameters if not p.shape]
+    if name in BESIDE or getattr(kind, "period", None) != "mesh" or any(p.teeth is not None for p in numbers):
+        return None
+
+    def make(v: np.ndarray) -> Effect:
+        return kind(**{p.name: p.neutral + p.prior * float(u) for p, u in zip(numbers, v, strict=True)})
+
+    free = tuple(
+        Free(name=p.name, start=0.5, low=(p.low - p.neutral) / p.prior, high=(p.high - p.neutral) / p.prior)
+        for p in numbers
+    )
+    return Trial(name=name, free=free, make=make) if free else None
+
+
 # units and scales in which fitted numbers are reported: value = scale(number), std = scale'(number)·std
 REPORTED: dict[str, tuple[tuple[str, str, Callable[[float], float]], ...]] = {
     "tooth_friction": (("coefficient", "", lambda u: FRICTION * u),),
@@ -80,6 +104,20 @@ LEAST = {  # numbers below which an effect is not told from what real teeth do a
     "mesh_stiffness_loss": 0.7,
     "mesh_damping": 0.7,
 }
+
+DEFAULT_LEAST = 0.3
+
+
+def _in_si(parameter: Parameter) -> tuple[str, str, Callable[[float], float]]:
+    return parameter.name, parameter.unit, lambda u: parameter.neutral + parameter.prior * u
+
+
+for _name, _kind in EFFECTS.items():  # an effect of the mesh that is new in the table is tried like the rest
+    _trial = None if _name in TRIALS else trial_of(_name)
+    if _trial is not None:
+        TRIALS[_name] = _trial
+        REPORTED[_name] = tuple(_in_si(p) for p in _kind.parameters if not p.shape)  # type: ignore[attr-defined]
+        LEAST[_name] = DEFAULT_LEAST
 
 
 def started(trial: Trial, values: np.ndarray, onset: float) -> Trial:

@@ -28,8 +28,8 @@ from twin.report import rul_report
 from twin.rig import Rig
 from twin.tracing.candidates import TRIALS
 from twin.tracing.decisions import Decision
-from twin.tracing.found import Found
-from twin.tracing.strangers import Strangers
+from twin.tracing.found import Found, of_defect
+from twin.tracing.strangers import Strangers, strangers
 from twin.tracing.trace import Traced, held_out, trace
 from twin.tracing.unseen import Compared, Learned, by_band_and_order, compare, figures
 from twin.tracing.watch import is_new, signs, widened
@@ -201,6 +201,34 @@ def follow(rig: Rig, tracing: Tracing, taken: Taken, outcome: Outcome, taking: T
     return _joined(rig, tracing, traced, outcome, taking)
 
 
+def listen(rig: Rig, tracing: Tracing, taken: Taken) -> tuple[Tracing, tuple[Event, ...]]:
+    """One window more of a machine that no twin can be built of: what no gear makes is heard all the same."""
+    history = _thinned(rig, (*tracing.history, taken))
+    beside = [(t.features.revolutions or float(t.index), t.beside) for t in history if t.beside is not None]
+    tracing = replace(tracing, history=history, measured=tracing.measured + 1)
+    if len(beside) < LEAST_WINDOWS or tracing.stages:
+        return tracing, ()
+    heard = strangers(beside, False)
+    found: tuple[Found, ...] = ()
+    if heard.defect is not None and "bearing_defect" not in tracing.rejected:
+        found = (of_defect(heard.defect),)
+    old = {f.name: f for f in tracing.found}
+    found = tuple(old[f.name] if f.name in old and _same(old[f.name], f) else f for f in found)
+    now = {f.name for f in found}
+    events = [("effect", {**_entry(tracing, "found"), **_described(f)}) for f in found if f.name not in old]
+    gone = [f for f in tracing.found if f.name not in now]
+    events += [("effect", {**_entry(tracing, "dropped"), **_described(f)}) for f in gone]
+    tracing = replace(
+        tracing,
+        found=found,
+        strange=_strange(tracing, heard),
+        unknown=heard.sentence(),
+        standing={"reason": "only what no gear makes is sought: the twin of this machine cannot be built"},
+        log=(*tracing.log, *(dict(data) for _, data in events))[-MOST_LOG:],
+    )
+    return tracing, tuple(events)
+
+
 def decide(rig: Rig, tracing: Tracing, decision: Decision, outcome: Outcome, taking: Taking) -> Followed:
     """The tracing after an engineer's decision; `outcome` of the latest window."""
     decisions = dict(tracing.decisions)
@@ -235,7 +263,7 @@ def _joined(rig: Rig, tracing: Tracing, traced: Traced, outcome: Outcome, taking
     for item in traced.found:
         known = old.get(item.name)
         if known is not None and (tracing.decisions.get(item.name) == "pinned" or _same(known, item)):
-            item = replace(known, log_evidence=item.log_evidence, detail=item.detail)
+            item = replace(known, log_evidence=item.log_evidence, alike=item.alike, detail=item.detail)
         new.append(item)
     names = {f.name for f in new}
     new += [f for f in tracing.found if f.name not in names and tracing.decisions.get(f.name) in ("accepted", "pinned")]

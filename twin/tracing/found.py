@@ -34,6 +34,7 @@ class Found:
     log_evidence: float
     runner_up: str | None = None
     over_runner_up: float | None = None
+    alike: tuple[str, ...] = ()  # what the channels there are cannot tell it from
     detail: str = ""
     numbers: tuple[float, ...] = ()  # of an effect on the mesh: as fitted, in units of the priors
 
@@ -56,6 +57,7 @@ class Found:
             "log_evidence": self.log_evidence,
             "runner_up": self.runner_up,
             "over_runner_up": self.over_runner_up,
+            "alike": list(self.alike),
             "detail": self.detail,
             "numbers": list(self.numbers),
         }
@@ -68,6 +70,7 @@ class Found:
             log_evidence=data["log_evidence"],
             runner_up=data["runner_up"],
             over_runner_up=data["over_runner_up"],
+            alike=tuple(data["alike"]),
             detail=data["detail"],
             numbers=tuple(data["numbers"]),
         )
@@ -92,10 +95,11 @@ def of_mesh(findings: MeshFindings, kept: Sequence[Found]) -> list[Found]:
                 unit,
                 float(np.hypot(abs(scale(float(u + s)) - value), MODELLED * abs(value))),
             )
-        other = findings.runner_up.get(name)
+        other, alike = findings.runner_up.get(name), findings.alike.get(name, ())
         evidence = candidate.gain
         if name in before and other is None:
             known = before[name]
+            alike = known.alike
             if known.runner_up is not None and known.over_runner_up is not None:
                 other = (known.runner_up, known.over_runner_up)
             if len(before) > 1:
@@ -109,6 +113,7 @@ def of_mesh(findings: MeshFindings, kept: Sequence[Found]) -> list[Found]:
                 log_evidence=float(evidence),
                 runner_up=None if other is None else other[0],
                 over_runner_up=None if other is None else float(other[1]),
+                alike=alike,
                 numbers=tuple(float(u) for u in numbers),
             )
         )

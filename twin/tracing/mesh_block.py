@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from math import ceil, log
 
 import numpy as np
 
@@ -20,17 +21,20 @@ from twin.errors import NotConverged, TwinError
 from twin.model import Condition, Model
 from twin.tracing.candidates import LEAST, TRIALS, started
 from twin.tracing.joint_fit import JointFit, Problem, Trial, fit
-from twin.tracing.observed import Observed
+from twin.tracing.observed import CHANNELS, Observed
 from twin.wear.curve import MasterCurve
 from twin.wear.profile import WornProfile
 
 GAIN = 6.0  # nats that an effect must gain
+ALIKE = 5.0  # nats within which two explanations are one class
+OTHER_STRUCTURE = 40.0  # where the structure is not the rig file's and the encoders alone are believed
 HARDLY_VISIBLE = {"mesh_damping": 15.0}
 BESIDE_TEETH = 15.0  # what pitch errors make of the mesh lines is known to some tenths
 QUIET = 0.3  # misfit up to which nothing is sought: healthy machines of the rig's structure have 0.1 to 0.3
 SOFT = -2.0  # of the calibrated stiffness, in spreads of its prior: something has softened the mesh
 WORTH = 2.0  # nats in the first trial from which a candidate is tried with the wear that it causes
 HOPELESS, WELL = 6.0, 0.5  # times the best misfit, at least this one, from which a candidate is not pursued
+LEAST_UNTIL, UNTIL_STEP = 30e-6, 1.25  # [m], ratio
 MOST_EFFECTS = 3
 ROUNDS = 2  # of fitting and of wearing with what was fitted
 JUMP = 2.5  # misfit of a window by itself from which something has set in
@@ -46,6 +50,21 @@ def _curve(model: Model, effects: tuple[Effect, ...], condition: Condition, star
         before, depth = start
         begin = before.profile(depth)
     return MasterCurve.build(worn, condition, begin, until)
+
+
+def wear_condition(windows: Sequence[Observed]) -> Condition:
+    """The condition that the flanks are taken to have worn under: that of the first worn window."""
+    return next((w.condition for w in windows if w.worn), windows[0].condition)
+
+
+def wear_until(depth: float) -> float:
+    """How deep curves are made where the deepest window has so much [m]: in steps, so that they serve later windows."""
+    return LEAST_UNTIL * UNTIL_STEP ** max(0, ceil(log(1.4 * max(depth, 1e-9) / LEAST_UNTIL, UNTIL_STEP)))
+
+
+def plain_curve(model: Model, windows: Sequence[Observed], depth: float) -> MasterCurve:
+    """The wear without effects that a block of these windows starts from, to a depth [m] and beyond."""
+    return _curve(model, (), wear_condition(windows), (), wear_until(depth))
 
 
 def _rounded(effect: Effect) -> Effect:
@@ -112,6 +131,7 @@ class MeshFindings:
     found: tuple[Candidate, ...]  # in the order found
     table: tuple[tuple[str, float], ...]  # every candidate's gain over what was there when it was tried first
     runner_up: dict[str, tuple[str, float]]  # of each one found: the next best, and how far behind [nat]
+    alike: dict[str, tuple[str, ...]] = field(default_factory=dict)  # of each one found: what it is hardly told from
     waiting: bool = False  # whether only the latest window breaks off: one more must show it
 
 
@@ -125,17 +145,18 @@ class MeshBlock:
         depth: np.ndarray,
         phase: float,
         factors: Sequence[dict[str, np.ndarray]] | None = None,
-        channels: tuple[str, ...] = ("encoder", "torque", "acceleration"),
+        channels: tuple[str, ...] = CHANNELS,
     ) -> None:
         self.model, self.windows, self.depth, self.phase = model, tuple(windows), depth, phase
         self.factors, self.channels = factors, channels
-        worn = [w for w in windows if w.worn] or list(windows)
-        self.condition = worn[0].condition
-        self.until = max(1.4 * float(depth.max(initial=0.0)), 30e-6)
+        self.condition = wear_condition(windows)
+        self.until = wear_until(float(depth.max(initial=0.0)))
 
     def least_gain(self, name: str) -> float:
         """Evidence that an effect needs [nat]: more where it is hardly visible, and beside pitch errors."""
         gain = max(GAIN, HARDLY_VISIBLE.get(name, 0.0))
+        if self.channels != CHANNELS:
+            gain = max(gain, OTHER_STRUCTURE)
         return gain if self.factors is None else max(gain, BESIDE_TEETH)
 
     def problem(self, trials: Sequence[Trial], wear: Wear, windows: Sequence[int] | None = None) -> Problem:
@@ -220,12 +241,17 @@ class MeshBlock:
         problem = self.problem(trials, wear, chosen)
         return fit(problem, None, self.phase, self.depth[list(chosen)]).misfit
 
+    @cached_property
+    def plain(self) -> tuple[JointFit, Wear]:
+        """The fit with wear alone."""
+        return self.fitted((), None, 1)
+
     def explained(self, skip: Sequence[str] = (), quiet: float = QUIET, kept: Sequence[Trial] = ()) -> MeshFindings:
         """The greedy search, until the misfit is below `quiet`; `kept` trials are in from the start.
 
         The gain of those kept is over wear alone, of all of them together.
         """
-        base, wear = self.fitted((), None, 1)
+        base, wear = self.plain
         best = base
         if kept:
             best, wear = self.fitted(kept, base, ROUNDS)
@@ -233,6 +259,7 @@ class MeshBlock:
         found: list[Candidate] = [Candidate(trial=t, fit=best, wear=wear, gain=gain) for t in best.trials]
         table: dict[str, float] = {}
         runner_up: dict[str, tuple[str, float]] = {}
+        alike: dict[str, tuple[str, ...]] = {}
         waiting = False
         while len(found) < MOST_EFFECTS and (best.misfit > quiet or best.shared[0] < SOFT):
             present = tuple(best.trials)
@@ -272,6 +299,8 @@ class MeshBlock:
             others = [c for c in refined if c.trial.name != chosen.trial.name]
             if others:
                 runner_up[chosen.trial.name] = (others[0].trial.name, chosen.gain - others[0].gain)
+            rivals = {c.trial.name for c in others if c.gain > chosen.gain - ALIKE and c.big_enough}
+            alike[chosen.trial.name] = tuple(sorted(rivals))
             found.append(chosen)
             best, wear = chosen.fit, chosen.wear
         return MeshFindings(
@@ -282,6 +311,7 @@ class MeshBlock:
             found=tuple(found),
             table=tuple(sorted(table.items(), key=lambda item: -item[1])),
             runner_up=runner_up,
+            alike=alike,
             waiting=waiting,
         )
 

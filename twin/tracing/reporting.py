@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from twin.tracing.following import Tracing, parameters_of, relevant
+from twin.tracing.following import Stage, Tracing, parameters_of, relevant
 
 MICRO = 1e6
 NONE_YET = "no window has been held out yet: errors need four measurement windows"
@@ -16,7 +16,7 @@ def effects_report(tracing: Tracing) -> list[dict[str, Any]]:
     """`effects[]`: each with its parameters, evidence, and errors, depth and life without and with it."""
     out = []
     for i, item in enumerate(tracing.found):
-        without, present = (tracing.stages[len(relevant(tracing.found[:n]))] for n in (i, i + 1))
+        without, present = (_stage(tracing, n) for n in (i, i + 1))
         before, after = (
             tracing.errors[n] if n < len(tracing.errors) else {"rms_percent": None, "waveform_percent": None}
             for n in (i, i + 1)
@@ -30,18 +30,24 @@ def effects_report(tracing: Tracing) -> list[dict[str, Any]]:
                     "log_evidence": item.log_evidence,
                     "over_runner_up": item.over_runner_up,
                     "runner_up": item.runner_up,
+                    "not_told_from": list(item.alike),
                     "detail": item.detail,
                 },
                 "error_before": dict(before),
                 "error_after": dict(after),
-                "wear_depth_um_before": without.depth * MICRO,
-                "wear_depth_um_after": present.depth * MICRO,
-                "rul_revolutions_before": without.life,
-                "rul_revolutions_after": present.life,
+                "wear_depth_um_before": None if without is None else without.depth * MICRO,
+                "wear_depth_um_after": None if present is None else present.depth * MICRO,
+                "rul_revolutions_before": None if without is None else without.life,
+                "rul_revolutions_after": None if present is None else present.life,
                 "onset_revolutions": item.addition.onset_revolutions,
             }
         )
     return out
+
+
+def _stage(tracing: Tracing, count: int) -> Stage | None:
+    """The twin with so many of the effects; None where no twin can be built."""
+    return tracing.stages[len(relevant(tracing.found[:count]))] if tracing.stages else None
 
 
 def tracing_report(tracing: Tracing) -> dict[str, Any]:

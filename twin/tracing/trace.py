@@ -15,7 +15,7 @@ import numpy as np
 from twin.effects.addition import Addition, name_of
 from twin.effects.extended import extend, window_lines
 from twin.errors import NotAvailable, TwinError
-from twin.model import Calibration, Model
+from twin.model import Model
 from twin.rig import Rig
 from twin.tracing.candidates import started
 from twin.tracing.eccentricities import Beside as EccentricWindow
@@ -32,14 +32,14 @@ from twin.tracing.found import (
     of_turning,
     plain,
 )
-from twin.tracing.mesh_block import QUIET, MeshBlock, MeshFindings
+from twin.tracing.mesh_block import QUIET, MeshBlock, MeshFindings, plain_curve
 from twin.tracing.observed import Observed, chosen, observed
 from twin.tracing.path import fit_sensor, gain_step, quotients
 from twin.tracing.strangers import Strangers, strangers
 from twin.tracing.teeth import find_crack, find_pitch_errors
 from twin.tracing.turning import find_turning, rattling
 from twin.updating.again import Taken
-from twin.wear.curve import MasterCurve
+from twin.updating.twin_of_rig import nominal_model_of
 from twin.wear.profile import WornProfile
 
 MOST_WINDOWS = 8  # that the mesh lines are fitted on
@@ -47,6 +47,8 @@ HELD_OUT = 3  # of so many windows one is kept from all fits
 LEAST_TO_HOLD_OUT = 4  # measurement windows
 STEP_EVIDENCE = 15.0  # nats of a gain that changes in mid-campaign
 GAIN_EVIDENCE, OTHER_EVIDENCE = 6.0, 2.0  # nats: against a good sensor, and against a structure of another kind
+OUT_OF_PROPORTION = 30.0  # nats a misfit: friction reaches 2.5, other structures 200 and more
+QUIET_ELSEWHERE = 10.0  # misfit of the encoders' lines that another structure may leave
 LEAST_GAIN = 0.06  # of ln g
 RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
 TOOTH_EVIDENCE = 25.0  # nats for pitch errors
@@ -112,7 +114,7 @@ def trace(
         raise NotAvailable("effects are not traced before two measurement windows with their mesh phase")
     out = held_out([o.index for _, o in measured])
     fitting = [(t, o) for t, o in measured if o.index not in out]
-    model = Model.of(rig, Calibration.prior(rig))
+    model = nominal_model_of(rig)
     features = [t.features for t, _ in fitting]
     condition = fitting[0][1].condition
     found: list[Found] = []
@@ -131,7 +133,7 @@ def trace(
         )
 
     deepest = max((depths.get(o.index, 0.0) for _, o in every), default=0.0)
-    curve = MasterCurve.build(model, condition, model.unworn, max(1.2 * deepest, 20e-6))
+    curve = plain_curve(model, [o for _, o in every if o.index not in out], deepest)
     profiles = {
         o.index: curve.profile(max(depths.get(o.index, 0.0), float(curve.depth[0]))) if o.worn else model.unworn
         for _, o in every
@@ -188,14 +190,19 @@ def trace(
     factors = _factors(model, picked, profiles, [f.addition for f in found if f.name in TOOTHED])
     block = MeshBlock(model, picked, start, phase, factors)
     trials = [t for t in (f.kept for f in kept if f.name not in rejected) if t is not None]
-    findings = block.explained(skip=tuple(rejected), quiet=max(QUIET, tolerated), kept=trials)
+    elsewhere = _other_structure(rig, model, block)
+    if elsewhere:
+        block = MeshBlock(model, picked, start, phase, factors, ("encoder",))
+    findings = block.explained(
+        skip=tuple(rejected), quiet=max(QUIET_ELSEWHERE if elsewhere else QUIET, tolerated), kept=trials
+    )
     if factors is not None and findings.found:
-        findings = _with_teeth(findings, picked, profiles, found, tuple(rejected))
+        findings = _with_teeth(findings, block.channels, picked, profiles, found, tuple(rejected))
     for item in of_mesh(findings, kept):
         add(item)
 
-    other = False
-    if not any(o.pinion_only for o in picked) and "pitch_error" not in toothed:
+    other = elsewhere
+    if not elsewhere and not any(o.pinion_only for o in picked) and "pitch_error" not in toothed:
         sensor, other = _sensor(rig, model, findings, picked)
         if sensor is not None:
             add(sensor)
@@ -232,8 +239,22 @@ def _sensor(rig: Rig, model: Model, findings: MeshFindings, windows: Sequence[Ob
     return None, other
 
 
+def _other_structure(rig: Rig, model: Model, block: MeshBlock) -> bool:
+    """Whether the way to the accelerometer alone says that the structure is not the rig file's.
+
+    What acts in the mesh moves the mesh lines first; friction moves the way a little, too. Another structure moves the
+    way out of all proportion.
+    """
+    base, _ = block.plain
+    if any(o.pinion_only for o in block.windows):
+        return False
+    fits = fit_sensor(rig, model.calibration.modal_damping, quotients(base, block.windows, model.mesh.pair.teeth[0]))
+    return bool(fits) and max(s.over_other for s in fits) < -OUT_OF_PROPORTION * max(base.misfit, 1.0)
+
+
 def _with_teeth(
     findings: MeshFindings,
+    channels: tuple[str, ...],
     windows: Sequence[Observed],
     profiles: Mapping[int, WornProfile],
     found: Sequence[Found],
@@ -247,10 +268,15 @@ def _with_teeth(
     ]
     teeth = [f.addition for f in found if f.name in TOOTHED]
     factors = _factors(model, windows, profiles, teeth, beside)
-    block = MeshBlock(model, windows, best.depth, best.phase, factors)
+    block = MeshBlock(model, windows, best.depth, best.phase, factors, channels)
     trials = [started(t, best.numbers(t)[0], t.onset) for t in best.trials]
     again = block.explained(skip=rejected, kept=trials)
-    return replace(again, table=findings.table, runner_up={**findings.runner_up, **again.runner_up})
+    return replace(
+        again,
+        table=findings.table,
+        runner_up={**findings.runner_up, **again.runner_up},
+        alike={**findings.alike, **again.alike},
+    )
 
 
 def _mounted(

@@ -97,6 +97,11 @@ def profile_of(rig: Rig, memory: Memory, revolutions: float, depth: float) -> Wo
     return curve.profile(max(depth, float(curve.depth[0])))
 
 
+def nominal_model_of(rig: Rig) -> Model:
+    """The rig file's model, before any calibration."""
+    return _model(_Key(rig), Calibration.prior(rig))
+
+
 def healthy_model_of(rig: Rig, memory: Memory) -> Model:
     """The calibrated model without any effect."""
     calibration = Calibration.prior(rig) if memory.fit is None else memory.fit.calibration

@@ -106,8 +106,8 @@ class MasterCurve:
         return float(rate[self.start.on_active].max())
 
     @cached_property
-    def _profile_spline(self) -> CubicSpline | None:
-        return CubicSpline(self.depth, self.profiles, axis=0) if self.depth.size > 1 else None
+    def _profile_spline(self) -> CubicSpline:
+        return CubicSpline(self.depth, self.profiles, axis=0)
 
     def profile(self, depth: float) -> WornProfile:
         """The worn profile of a largest depth [m], at or beyond the start's; NotConverged where wear has ended."""
@@ -115,10 +115,14 @@ class MasterCurve:
             raise ParameterError(
                 f"depth = {depth * 1e6:.2f} µm lies before the curve's start at {self.depth[0] * 1e6:.2f} µm"
             )
-        if depth > self.valid_to or self._profile_spline is None:
+        if depth > self.valid_to or self.depth.size == 1:
             if depth > self.valid_to and not self._depth_rate > 0:
                 raise NotConverged(f"no wear goes on beyond {self.valid_to * 1e6:.1f} µm: the teeth do not touch there")
             worn = self.profiles[-1] + self.final_rate * (max(depth, self.valid_to) - self.valid_to) / self._depth_rate
+        elif self.profiles.ndim == 3:  # a spline of every slice would take four times the curve's memory
+            i = min(int(np.searchsorted(self.depth, depth, side="right")), self.depth.size - 1)
+            t = (max(depth, self.depth[0]) - self.depth[i - 1]) / (self.depth[i] - self.depth[i - 1])
+            worn = (1 - t) * self.profiles[i - 1] + t * self.profiles[i]
         else:
             worn = self._profile_spline(max(depth, self.depth[0]))
         return WornProfile(positions=self.start.positions, depth=worn, active=self.start.active)
