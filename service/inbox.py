@@ -32,6 +32,7 @@ class Arrival(NamedTuple):
     channel: Channel
     payload: bytes
     received: float  # on the monotonic clock [s]
+    held: float = 0.0  # how long full queues had held the streams up by then, all together [s]
 
 
 class InboxSource(Protocol):
@@ -49,6 +50,9 @@ class Inbox:
         self._bytes = 0
         self._changed = threading.Condition()
         self._closed = False
+        self._held = 0.0
+        self.held_until = 0.0  # when a stream was last held up, on the monotonic clock [s]
+        self.holding = 0  # streams that are being held up
         self.received = 0
         self.dropped: dict[str, int] = {}  # by topic: no room in time, or the key breaks the contract
         self.errors = 0  # exceptions in callbacks
@@ -59,16 +63,15 @@ class Inbox:
             channel = parse_topic(topic, self._prefix)
         except FrameError:
             channel = None
-        deadline = time.monotonic() + self._wait
+        begun = time.monotonic()
         with self._changed:
             self.received += 1
-            while channel is not None and not self._closed and not self._room(len(payload)):
-                if not self._changed.wait(deadline - time.monotonic()):
-                    break
+            if channel is not None and not self._closed and not self._room(len(payload)):
+                self._hold(len(payload), begun)
             if channel is None or self._closed or not self._room(len(payload)):
                 self.dropped[topic] = self.dropped.get(topic, 0) + 1
                 return False
-            self._items.append(Arrival(channel, payload, time.monotonic()))
+            self._items.append(Arrival(channel, payload, time.monotonic(), self._held))
             self._bytes += len(payload)
             self._changed.notify_all()
             return True
@@ -107,6 +110,17 @@ class Inbox:
     def dropped_frames(self) -> int:
         return sum(self.dropped.values())
 
+    def _hold(self, size: int, begun: float) -> None:
+        """Waits for room, with the lock held; time for which several streams wait is counted once."""
+        self.holding += 1
+        while not self._closed and not self._room(size):
+            if not self._changed.wait(begun + self._wait - time.monotonic()):
+                break
+        self.holding -= 1
+        now = time.monotonic()
+        self._held += now - max(begun, self.held_until)
+        self.held_until = now
+
     def _room(self, size: int) -> bool:
         return len(self._items) < self._limit and (not self._items or self._bytes + size <= self._max_bytes)
 
@@ -117,21 +131,22 @@ class _Rhythm:
     def __init__(self, idle_timeout: float, now: float):
         self._timeout = idle_timeout
         self._frame_length = 0.0
-        self._ends: dict[str, tuple[int, float]] = {}  # end of the newest frame [ns], and when it came [s]
+        self._ends: dict[str, tuple[int, float, float]] = {}  # newest frame's end [ns], when it came, held up till then
         self._slowest, self._seen = 0.0, 0
         self.first = self.newest = now
         self.held: deque[Frame] = deque()  # of a stream just joined: its keys need not begin together
         self.joined = False
 
-    def note(self, frame: Frame, now: float) -> None:
-        """A frame has come."""
+    def note(self, frame: Frame, now: float, held: float) -> None:
+        """A frame has come; what held it up here, `held` [s] since the inbox was opened, is not its stream's rhythm."""
         self.newest = now
         self._frame_length = max(self._frame_length, (frame.end_time_ns - frame.start_time_ns) / NS)
-        end, when = self._ends.get(frame.channel.label, (0, now))
+        end, when, held_before = self._ends.get(frame.channel.label, (0, now, held))
         if abs(frame.start_time_ns - end) < 0.5 * NS:
-            self._slowest = max(self._slowest, min(now - when, _SLOWEST))
+            took = now - when - (held - held_before)
+            self._slowest = max(self._slowest, min(took, _SLOWEST))
             self._seen += 1
-        self._ends[frame.channel.label] = (frame.end_time_ns, now)
+        self._ends[frame.channel.label] = (frame.end_time_ns, now, held)
 
     @property
     def limit(self) -> float:
@@ -139,9 +154,9 @@ class _Rhythm:
         expected = self._slowest if self._seen >= 8 else max(self._slowest, self._frame_length)
         return max(self._timeout, _IDLE_FACTOR * expected)
 
-    def heard(self, now: float) -> list[str]:
-        """The keys of which something has come lately."""
-        return [label for label, (_, when) in self._ends.items() if now - when <= self.limit]
+    def heard(self, now: float, held_until: float) -> list[str]:
+        """The keys of which something has come lately, or could not come since the inbox held it up."""
+        return [label for label, (_, when, _) in self._ends.items() if now - max(when, held_until) <= self.limit]
 
 
 class Pump:
@@ -163,7 +178,7 @@ class Pump:
                 self._take(arrival)
             self._feed_joined(time.monotonic())
             self._pipeline.attend()
-            if time.monotonic() - looked >= _POLL and not self._inbox.depth:
+            if time.monotonic() - looked >= _POLL and not self._inbox.depth and not self._inbox.holding:
                 looked = time.monotonic()
                 for asset, rhythm in self._rhythms.items():
                     self._close_silent(asset, rhythm, looked)
@@ -177,7 +192,7 @@ class Pump:
             return
         asset = frame.channel.asset
         rhythm = self._rhythms.setdefault(asset, _Rhythm(self._idle_timeout, arrival.received))
-        rhythm.note(frame, arrival.received)
+        rhythm.note(frame, arrival.received, arrival.held)
         rhythm.held.append(frame)
 
     def _feed_joined(self, now: float) -> None:
@@ -191,10 +206,11 @@ class Pump:
         """Ends the window of a stream that has fallen silent; goes on without keys that have."""
         if rhythm.held or not self._pipeline.waiting(asset):
             return
-        if now - rhythm.newest > rhythm.limit:
+        held_until = self._inbox.held_until
+        if now - max(rhythm.newest, held_until) > rhythm.limit:
             self._pipeline.flush(asset)
         elif now - rhythm.first > rhythm.limit:
-            self._pipeline.wait_only_for(asset, rhythm.heard(now))
+            self._pipeline.wait_only_for(asset, rhythm.heard(now, held_until))
 
 
 def pump(inbox: Inbox, pipeline: Pipeline, stop: threading.Event, idle_timeout: float = 3.0) -> None:
