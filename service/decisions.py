@@ -21,6 +21,7 @@ class Desk:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._changed = threading.Condition()
+        self._closed = False
         self.asked = threading.Event()
         if store.pending_decisions():
             self.asked.set()
@@ -32,7 +33,7 @@ class Desk:
         return number
 
     def wait(self, number: int, seconds: float) -> StoredDecision | None:
-        """The decision once it is done, or None after so many seconds."""
+        """The decision once it is done; None after so many seconds, or where the service ends before."""
         deadline = time.monotonic() + seconds
         with self._changed:
             while True:
@@ -40,7 +41,7 @@ class Desk:
                 if decision.done:
                     return decision
                 left = deadline - time.monotonic()
-                if left <= 0:
+                if left <= 0 or self._closed:
                     return None
                 self._changed.wait(min(left, 0.5))
 
@@ -52,4 +53,10 @@ class Desk:
     def done(self) -> None:
         """Wakes who waits."""
         with self._changed:
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Lets go who waits: the service ends, and what is kept is left to its next start."""
+        with self._changed:
+            self._closed = True
             self._changed.notify_all()

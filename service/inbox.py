@@ -43,7 +43,7 @@ class InboxSource(Protocol):
 class Inbox:
     """A queue bounded in frames and bytes, filled by callbacks and emptied by one loop."""
 
-    def __init__(self, frames: int = 4096, max_bytes: int = 256 * 2**20, wait: float = 20.0, prefix: str = "gearbox"):
+    def __init__(self, frames: int = 4096, max_bytes: int = 256 * 2**20, wait: float = 60.0, prefix: str = "gearbox"):
         self._limit, self._max_bytes, self._wait, self._prefix = frames, max_bytes, wait, prefix
         self._items: deque[Arrival] = deque()
         self._bytes = 0

@@ -25,7 +25,7 @@ from service.wire.codec import encoding_of
 from service.wire.topics import PREFIX, Channel, topic_of
 
 _CONFIRM_EVERY = 256  # frames
-_ANSWER = 60.0  # time for the subscribers to take what was sent [s]
+_ANSWER = 300.0  # time for the subscribers to take what was sent [s]
 _CACHE = 512  # frames a key kept for subscribers that join late or were away
 _HEARTBEAT = 0.5  # [s]
 

@@ -113,12 +113,14 @@ class Worker(threading.Thread):
             self.failure = error
         finally:
             self._reason = "the stream's subscription has ended"
+            self._desk.close()
             self.on_end()
 
     def stop(self) -> None:
         """Tells the thread to end after the window in work."""
         self._stopping.set()
         self._inbox.close()
+        self._desk.close()
 
     def end(self) -> None:
         """Ends the thread; a window that takes longer than a few seconds is left to the next start."""

@@ -25,7 +25,7 @@ class Settings(BaseSettings):
     prefix: str = Field(default="gearbox", pattern=r"^[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*$")
     queue_frames: int = Field(default=4096, ge=16, le=1_000_000, description="frames held before back-pressure")
     queue_bytes: int = Field(default=256 * 2**20, ge=2**20, description="bytes held before back-pressure")
-    queue_wait: float = Field(default=20.0, ge=0, le=50, description="how long a full queue holds the stream up [s]")
+    queue_wait: float = Field(default=60.0, ge=0, le=240, description="how long a full queue holds the stream up [s]")
     idle_timeout: float = Field(default=3.0, gt=0, le=3600, description="silence that ends a window in progress [s]")
 
     # windows

@@ -280,6 +280,11 @@ class Store:
         """All decisions on the asset's effects, oldest first."""
         return self._decisions("WHERE asset = ? ORDER BY id", (asset,))
 
+    def decision_counts(self, asset: str) -> dict[str, int]:
+        """How many decisions on the asset's effects were carried out, by verb."""
+        query = "SELECT verb, COUNT(*) FROM decisions WHERE asset = ? AND done = 1 AND refused IS NULL GROUP BY verb"
+        return dict(self._rows(query, (asset,)))
+
     def pending_decisions(self) -> tuple[StoredDecision, ...]:
         """Those that wait to be carried out, oldest first."""
         return self._decisions("WHERE done = 0 ORDER BY id")

@@ -40,7 +40,7 @@ def create_app(
     app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
     app.state.desk = desk or Desk(store)
     app.state.decision_wait = DECISION_WAIT if desk else 0.0
-    app.state.registry = metrics.registry(board, gauges)
+    app.state.registry = metrics.registry(board, store, gauges)
     problems.install(app)
     for module in (assets, effects, events, metrics, pages):
         app.include_router(module.router)

@@ -14,6 +14,7 @@ from prometheus_client.registry import Collector
 from service.api import models
 from service.api.problems import problem, responses
 from service.board import Board, Snapshot
+from service.store import Store
 
 router = APIRouter(tags=["operation"])
 
@@ -43,18 +44,18 @@ async def metrics(request: Request) -> Response:
     return Response(generate_latest(request.app.state.registry), media_type=CONTENT_TYPE_LATEST)
 
 
-def registry(board: Board, gauges: Callable[[], Mapping[str, float]]) -> CollectorRegistry:
-    """A registry of this app alone, that reads the board when it is scraped."""
+def registry(board: Board, store: Store, gauges: Callable[[], Mapping[str, float]]) -> CollectorRegistry:
+    """A registry of this app alone, that reads board and store when it is scraped."""
     own = CollectorRegistry()
-    own.register(BoardCollector(board, gauges))
+    own.register(BoardCollector(board, store, gauges))
     return own
 
 
 class BoardCollector(Collector):
     """The board as Prometheus metrics."""
 
-    def __init__(self, board: Board, gauges: Callable[[], Mapping[str, float]]) -> None:
-        self._board, self._gauges = board, gauges
+    def __init__(self, board: Board, store: Store, gauges: Callable[[], Mapping[str, float]]) -> None:
+        self._board, self._store, self._gauges = board, store, gauges
 
     def collect(self) -> Iterator[Metric]:
         snapshots = [s for name in self._board.assets() if (s := self._board.get(name))]
@@ -77,8 +78,15 @@ class BoardCollector(Collector):
         life = GaugeMetricFamily(
             "gear_twin_remaining_life_hours", "Remaining useful life", labels=("asset", "quantile")
         )
+        effects = GaugeMetricFamily("gear_twin_effects", "Effects in the twin beside wear", labels=("asset",))
+        decisions = CounterMetricFamily(
+            "gear_twin_decisions", "Decisions on effects that were carried out", labels=("asset", "decision")
+        )
         for snapshot in snapshots:
             name = snapshot.asset
+            effects.add_metric((name,), len(snapshot.whole["effects"]))
+            for verb, count in self._store.decision_counts(name).items():
+                decisions.add_metric((name, verb), count)
             for channel, kinds in snapshot.quality.get("channels", {}).items():
                 for kind, count in kinds.items():
                     if kind == "frames":
@@ -96,7 +104,7 @@ class BoardCollector(Collector):
                     depth.add_metric((name, flank, quantile), value)
             for quantile, value in _quantiles(latest.get("rul_hours") or {}):
                 life.add_metric((name, quantile), value)
-        yield from (frames, stream, windows, faults, updates, depth, life)
+        yield from (frames, stream, windows, faults, updates, effects, decisions, depth, life)
         for key, value in self._gauges().items():
             yield GaugeMetricFamily(f"gear_twin_{key}", key.replace("_", " "), value=value)
 

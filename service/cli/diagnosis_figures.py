@@ -24,12 +24,13 @@ def page(answer: Mapping[str, Any]) -> str:
     log = "".join(f"<li>{escape(change(e))}</li>" for e in answer["tracing"].get("log") or [])
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
-        f"<h1>{title}</h1>{told}{_effects(answer)}{figures(answer)}"
+        f"<h1>{title}</h1>{told}{effects_part(answer)}{figures(answer)}"
         f"<h2>Wear and life</h2><ul>{summary}</ul>" + (f"<h2>Changes of the model</h2><ul>{log}</ul>" if log else "")
     )
 
 
-def _effects(answer: Mapping[str, Any]) -> str:
+def effects_part(answer: Mapping[str, Any]) -> str:
+    """The table of effects; empty where there are none."""
     rows = []
     for e in answer["effects"]:
         evidence = e["evidence"]

@@ -8,14 +8,17 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from service.cli.diagnosis import sentence
+from service.cli.diagnosis_figures import effects_part, figures
 from service.cli.show import WINDOW_COLUMNS, summary_lines, window_rows
 from service.errors import InputError
+from service.results import not_available
 
 _STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#222}"
     "table{border-collapse:collapse;font-size:13px}"
     "td,th{border-bottom:1px solid #ccc;padding:3px 8px;text-align:right}"
-    "svg{background:#fafafa;border:1px solid #ddd;margin:.5rem 0}"
+    "svg.chart{background:#fafafa;border:1px solid #ddd;margin:.5rem 0;max-width:100%;height:auto}"
 )
 _WIDTH, _HEIGHT, _EDGE = 640, 260, 45  # of a chart [px]
 
@@ -32,7 +35,9 @@ def load_answer(path: Path) -> dict[str, Any]:
     missing = [key for key in needed if key not in answer] if isinstance(answer, dict) else list(needed)
     if missing:
         raise InputError(f"{path}: not an answer of gear-twin assess --json: {', '.join(missing)} missing")
-    return answer
+    # what answers of before the tracing do not have
+    unknown = not_available("the answer was written without it")
+    return {"tracing": unknown, "unexplained": unknown} | answer
 
 
 def text_report(answer: Mapping[str, Any]) -> str:
@@ -41,7 +46,8 @@ def text_report(answer: Mapping[str, Any]) -> str:
     rows = [titles, *window_rows(answer["windows"])]
     widths = [max(len(row[i]) for row in rows) for i in range(len(titles))]
     table = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-    return "\n".join([f"Asset {answer['asset']}", "", *summary_lines(answer), "", *table])
+    effects = [f"  {sentence(effect)}" for effect in answer["effects"]]
+    return "\n".join([f"Asset {answer['asset']}", "", *summary_lines(answer), *effects, "", *table])
 
 
 def html_report(answer: Mapping[str, Any]) -> str:
@@ -54,10 +60,11 @@ def html_report(answer: Mapping[str, Any]) -> str:
     title = f"Gear wear of {escape(answer['asset'])}"
     rms = _chart(answer["windows"], {"measured": "rms_measured", "twin": "rms_predicted"}, "RMS [m/s²]")
     depth = _chart(answer["windows"], {"twin": "wear_depth_um"}, "largest wear depth [µm]")
+    effects = f"{effects_part(answer)}{figures(answer)}" if answer["effects"] else ""
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
         f"<h1>{title}</h1><ul>{summary}</ul><h2>RMS against revolutions</h2>{rms}"
-        f"<h2>Wear depth against revolutions</h2>{depth}<h2>Windows</h2>"
+        f"<h2>Wear depth against revolutions</h2>{depth}{effects}<h2>Windows</h2>"
         f"<table><tr>{head}</tr>{body}</table></html>"
     )
 
@@ -92,4 +99,4 @@ def _chart(records: Sequence[Mapping[str, Any]], series: Mapping[str, str], unit
     parts.append(f'<path d="M{_EDGE},{_EDGE} V{base} H{_WIDTH - _EDGE}" stroke="#888" fill="none"/>')
     parts.append(f'<text x="8" y="{_EDGE - 12}">{escape(unit)}, up to {top:.4g}</text>')
     parts.append(f'<text x="{_WIDTH - 250}" y="{_HEIGHT - 12}">pinion revolutions, up to {right:.6g}</text>')
-    return f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" role="img">{"".join(parts)}</svg>'
+    return f'<svg class="chart" viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" role="img">{"".join(parts)}</svg>'

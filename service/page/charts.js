@@ -132,7 +132,7 @@ export function drawDepth({ windows, wear, effects, tracing }, trend, inspection
       ["wear_depth_um_after", "with the effects, all windows", "dash"]]) {
       if (!again.length) continue;
       traces.push({ x: again.map((d) => d.revolutions), y: again.map((d) => d[key]), name, mode: "lines",
-        line: { color: colour(key.endsWith("after") ? "after" : "update"), width: 1.2, dash },
+        line: { color: colour(key.endsWith("after") ? "after" : "muted"), width: 1.2, dash },
         hovertemplate: `${name}: %{y:.4~g} µm at %{x:,.0f} rev<extra></extra>` });
     }
     for (const [flank, symbol] of [["combined", "diamond"], ["pinion", "triangle-up"], ["gear", "triangle-down"]]) {

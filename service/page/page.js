@@ -1,7 +1,7 @@
 // One asset at a time: fetched whole, then again whenever an event says that something changed.
 
 import { drawDepth, drawProfile, drawRms, drawRul, redraw } from "./charts.js";
-import { drawCards, drawTables } from "./panels.js";
+import { drawCards, drawTables, tellDecision } from "./panels.js";
 
 const KINDS = ["window", "update", "effect", "rul", "data_fault"];
 const SETTLE_MS = 200; // events come in bursts; one fetch answers all of a burst
@@ -70,15 +70,28 @@ async function refresh() {
 }
 
 // An engineer's decision on an effect; what it changes comes back as an event.
+let deciding = false;
+
 async function decide(name, verb) {
-  const what = `${verb} ${name.replaceAll("_", " ")} of ${chosen.value}`;
-  if (verb === "reject" && !confirm(`${what}? The history is run again without it.`)) return;
-  showStatus({ status: "working", reason: what });
-  const answer = await fetch(`/v1/assets/${encodeURIComponent(chosen.value)}/effects/${encodeURIComponent(name)}`, {
-    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ decision: verb }),
-  });
-  if (!answer.ok) alert((await answer.json()).detail ?? `${what}: status ${answer.status}`);
-  soon();
+  const asset = chosen.value;
+  const what = `${verb} ${name.replaceAll("_", " ")} of ${asset}`;
+  if (deciding || (verb === "reject" && !confirm(`${what}? The history is run again without it.`))) return;
+  deciding = true;
+  tellDecision(`${what}: being carried out …`, true);
+  try {
+    const answer = await fetch(`/v1/assets/${encodeURIComponent(asset)}/effects/${encodeURIComponent(name)}`, {
+      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ decision: verb }),
+    });
+    const said = await answer.json();
+    const done = answer.status === 202 ? "kept; it is carried out after the window in work" : "done";
+    tellDecision(`${what}: ${answer.ok ? done : said.detail ?? `status ${answer.status}`}`, false);
+  } catch (error) {
+    console.warn(error);
+    tellDecision(`${what}: the service does not answer`, false);
+  } finally {
+    deciding = false;
+    soon();
+  }
 }
 
 function soon() {

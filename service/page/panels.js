@@ -86,7 +86,7 @@ function qualityPanel(quality) {
   return made;
 }
 
-const SMALL = { "m": [1e6, "µm"], "kg·m": [1e6, "g·mm"] };
+const SMALL = { "m": [1e6, "µm"], "kg·m": [1e6, "g·mm"], "rad": [180 / Math.PI, "°"] };
 const VERBS = { found: ["accept", "pin", "reject"], accepted: ["pin", "release", "reject"],
   pinned: ["accept", "release", "reject"] };
 
@@ -94,32 +94,50 @@ const VERBS = { found: ["accept", "pin", "reject"], accepted: ["pin", "release",
 function figure({ value, unit, std }) {
   const [factor, shown] = SMALL[unit] ?? [1, unit];
   const spread = Number.isFinite(std) ? ` ± ${number(factor * std, 2)}` : "";
-  return `${number(factor * value)}${spread}${shown ? ` ${shown}` : ""}`;
+  return `${number(factor * value)}${spread}${shown && shown !== "°" ? " " : ""}${shown}`;
 }
 
 const change = (before, after, unit) => (Number.isFinite(before) && Number.isFinite(after)
   ? `${number(before)} → ${number(after)} ${unit}` : "–");
+
+// What is being decided, told to whoever sees or hears the page; kept when the panel is drawn anew.
+const told = element("p", { className: "none told" });
+told.setAttribute("role", "status");
+
+export function tellDecision(text, working) {
+  told.textContent = text;
+  document.body.classList.toggle("deciding", working);
+}
+
+function decisionButton(name, verb, decide) {
+  const made = element("button", { type: "button", onclick: () => decide(name, verb) }, verb);
+  made.setAttribute("aria-label", `${verb} ${words(name)}`);
+  made.dataset.effect = name;
+  return made;
+}
 
 // One effect: what it is, how sure, what it changes, and what an engineer may decide.
 function effectCard(effect, decide) {
   const { evidence = {}, error_before: before = {}, error_after: after = {} } = effect;
   const sizes = Object.entries(effect.parameters ?? {}).map(([name, value]) => [words(name), figure(value)]);
   const rival = evidence.runner_up
-    ? `${words(evidence.runner_up)}, ${number(evidence.over_runner_up)} behind` : "none tried";
+    ? `${words(evidence.runner_up)}, ${number(evidence.over_runner_up)} behind` : "none";
   const rows = [...sizes,
     ["since", effect.onset_revolutions ? `${revolutions(effect.onset_revolutions)} rev` : "from the start"],
-    ["ln evidence over wear alone", number(evidence.log_evidence)], ["next best", rival],
+    ["ln evidence over the twin without it", number(evidence.log_evidence)], ["next best", rival],
     ["waveform error, unseen windows", change(before.waveform_percent, after.waveform_percent, "%")],
     ["wear depth", change(effect.wear_depth_um_before, effect.wear_depth_um_after, "µm")]];
+  if (Number.isFinite(effect.rul_revolutions_before) && Number.isFinite(effect.rul_revolutions_after)) {
+    rows.push(["remaining life",
+      `${revolutions(effect.rul_revolutions_before)} → ${revolutions(effect.rul_revolutions_after)} rev`]);
+  }
+  if (evidence.not_told_from?.length) rows.push(["not told from", evidence.not_told_from.map(words).join(", ")]);
   if (evidence.detail) rows.push(["seen", evidence.detail]);
-  const buttons = (VERBS[effect.status] ?? VERBS.found).map((verb) => element("button", {
-    type: "button", onclick: () => decide(effect.name, verb),
-    ariaLabel: `${verb} ${words(effect.name)}`,
-  }, verb));
+  const buttons = (VERBS[effect.status] ?? VERBS.found).map((verb) => decisionButton(effect.name, verb, decide));
   return element("div", { className: "effect" },
     element("div", { className: "head" }, element("strong", {}, words(effect.name)),
-      element("span", { className: "badge" }, effect.status ?? "found"), element("span", { className: "spacer" }),
-      ...buttons),
+      element("span", { className: "badge" }, effect.status ?? "found"),
+      element("span", { className: "decide" }, ...buttons)),
     element("table", {}, element("tbody", {}, ...rows.map(([name, value]) =>
       element("tr", {}, element("td", { className: "name" }, name), element("td", {}, value))))));
 }
@@ -133,9 +151,9 @@ function effectsPanel(effects, unexplained, tracing, decide) {
   const ruledOut = (isAvailable(tracing) && tracing.rejected) || [];
   for (const name of ruledOut) {
     made.append(element("p", { className: "none" }, `${words(name)}: ruled out `,
-      element("button", { type: "button", onclick: () => decide(name, "release"),
-        ariaLabel: `release ${words(name)}` }, "release")));
+      decisionButton(name, "release", decide)));
   }
+  made.append(told);
   made.append(element("p", { className: "none" }, isAvailable(unexplained)
     ? `Unexplained: ${number(unexplained.share_percent)} % of the energy over the noise; ${words(unexplained.verdict ?? "")}${
       unexplained.reason ? `: ${unexplained.reason}` : ""}`
@@ -213,9 +231,22 @@ function inspectionsPanel(inspections) {
     ["revolutions#", "flank", "measured [µm]#", "twin then [µm]#", "difference [µm]#", "in the band"], rows));
 }
 
+// The button that has the focus, so that whoever uses the keyboard stays where he is when the panel is drawn anew.
+function focused() {
+  const { activeElement: active } = document;
+  return { label: active?.getAttribute("aria-label"), effect: active?.dataset?.effect };
+}
+
+function refocus(label, effect) {
+  if (!effect) return;
+  const own = [...document.querySelectorAll("#tables button")].filter((b) => b.dataset.effect === effect);
+  (own.find((b) => b.getAttribute("aria-label") === label) ?? own[0])?.focus({ preventScroll: true });
+}
+
 export function drawTables(state, quality, inspections, decide) {
   const { windows, wear, effects, unexplained, residual, calibration, tracing } = state;
   const more = Object.entries(state).filter(([name]) => !KNOWN.has(name));
+  const { label, effect } = focused();
   document.getElementById("tables").replaceChildren(
     effectsPanel(effects, unexplained, tracing, decide),
     qualityPanel(quality),
@@ -224,6 +255,7 @@ export function drawTables(state, quality, inspections, decide) {
     residualPanel(residual),
     ...more.map(([name, part]) => panel(words(name).replace(/^./, (c) => c.toUpperCase()), facts(part, "none"))),
   );
+  refocus(label, effect);
   document.getElementById("lists").replaceChildren(
     ...(inspections.length ? [inspectionsPanel(inspections)] : []),
     ...(windows.length ? [windowsPanel(windows)] : []),

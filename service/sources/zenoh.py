@@ -19,7 +19,7 @@ from service.inbox import Inbox
 from service.wire.topics import KINDS, PREFIX
 
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
-_WAIT_BEFORE_CLOSE_US = 60_000_000  # a subscriber may stall this long before its link is given up
+_WAIT_BEFORE_CLOSE_US = 300_000_000  # a subscriber may stall this long before its link is given up
 _HISTORY = 4096  # frames a key that a late subscriber asks a publisher's cache for
 
 

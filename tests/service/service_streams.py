@@ -104,6 +104,11 @@ class Service:
         except OSError:
             return None
 
+    def text(self, path: str) -> str:
+        """What is answered at a path, as text."""
+        with urllib.request.urlopen(f"http://{self.http}{path}", timeout=10) as answer:
+            return answer.read().decode()
+
     def windows(self, asset: str = "unsw") -> list[dict]:
         return self.get(f"/v1/assets/{asset}/windows?limit=10000") or []
 

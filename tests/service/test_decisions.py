@@ -6,6 +6,8 @@ import json
 import signal
 import subprocess
 import sys
+import threading
+import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -91,6 +93,65 @@ def test_decision_that_was_kept_before_a_kill_is_carried_out_once_by_the_next_st
             assert store.decision(number).done and not store.pending_decisions()
     finally:
         running.end(signal.SIGKILL)
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_ended_service_has_every_decision_that_it_answered_and_none_twice(tmp_path, recording, how):
+    answered = []
+    with service(tmp_path, slow=0.15) as running:
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+
+        def insist():
+            while True:
+                try:
+                    status, answer = post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "pin"})
+                except OSError:  # the service is gone
+                    return
+                if status not in (200, 202):
+                    return
+                answered.append(answer["id"])
+
+        engineers = [threading.Thread(target=insist) for _ in range(3)]
+        for engineer in engineers:
+            engineer.start()
+        wait_until(lambda: len(answered) >= 4)
+        _, _, complained = running.end(how)
+        for engineer in engineers:
+            engineer.join()
+        assert "Traceback" not in complained
+    with service(tmp_path) as again:
+        wait_until(lambda: all(d["done"] for d in again.get("/v1/assets/unsw/decisions")))
+        log = [d["id"] for d in again.get("/v1/assets/unsw/decisions")]
+        assert set(answered) <= set(log) and len(log) <= len(answered) + len(engineers)
+        assert counted(again) == pytest.approx(len(log))
+
+
+@pytest.mark.parametrize("slow", [1.0, 60.0], ids=["a short window", "a window that does not end"])
+def test_decision_that_waits_does_not_hold_the_end_up_and_is_carried_out_by_the_next_start(tmp_path, recording, slow):
+    with service(tmp_path) as running:
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+    answers = []
+
+    def ask(running):
+        answers.append(post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "pin"})[1]["id"])
+
+    with service(tmp_path, slow=slow) as running:
+        engineers = [threading.Thread(target=ask, args=(running,)) for _ in range(2)]
+        for engineer in engineers:
+            engineer.start()
+        time.sleep(0.7)  # one is in work by now, the other waits
+        began = time.monotonic()
+        status, _, complained = running.end(signal.SIGTERM)
+        assert status == 0 and "Traceback" not in complained
+        assert time.monotonic() - began < 12
+        for engineer in engineers:
+            engineer.join()
+    with service(tmp_path) as again:
+        wait_until(lambda: counted(again) > 1.5)
+        assert counted(again) == pytest.approx(2)
+        assert sorted(answers) == [1, 2]  # answered: they are kept
 
 
 def test_decision_and_what_it_changes_are_one_transaction(store):

@@ -146,6 +146,43 @@ def test_effects_are_shown_with_what_they_change_and_can_be_decided_on(open_page
         page.get_by_role("button", name="accept misalignment").click()
     assert answered.value.status == 202  # nobody carries it out here: it is kept
     assert [d.verb for d in store.decisions("unsw")] == ["accept"]
+    page.wait_for_function("document.querySelector('.told').textContent.includes('after the window in work')")
+
+
+def test_effect_is_decided_on_by_the_keyboard_alone_and_the_focus_stays_with_it(open_page, store, board):
+    fakes.campaign(store, board)
+    fakes.take(store, board, "unsw", 90, 19500.0, report=fakes.traced_report(19500.0, 12))
+    page = open_page()
+    wait_for_windows(page, 15)
+    page.wait_for_selector("#link.live")
+    page.get_by_role("button", name="pin gear eccentricity").focus()
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "reject gear eccentricity"
+    asked = []
+    page.once("dialog", lambda dialog: (asked.append(dialog.message), dialog.dismiss()))
+    page.keyboard.press("Enter")
+    assert "run again without it" in asked[0] and store.decisions("unsw") == ()  # thought better of it
+    page.keyboard.press("Shift+Tab")
+    with page.expect_response("**/effects/gear_eccentricity"):
+        page.keyboard.press("Enter")
+    report = fakes.traced_report(19500.0, 12)
+    report["effects"][0]["status"] = "pinned"
+    (waiting,) = store.pending_decisions()
+    assert store.carry_out(waiting, state={}, report=report, events=[("effect", {"action": "pin"})])
+    board.update("unsw", report=report, last_event_id=store.last_event_id("unsw"))
+    page.get_by_role("button", name="release gear eccentricity").wait_for()  # the event has brought it
+    assert page.evaluate("document.activeElement.dataset.effect") == "gear_eccentricity"
+
+
+def test_service_that_is_gone_is_told_where_the_decision_was_made(open_page, store, board):
+    fakes.campaign(store, board)
+    fakes.take(store, board, "unsw", 90, 19500.0, report=fakes.traced_report(19500.0, 12))
+    page = open_page()
+    wait_for_windows(page, 15)
+    refusal = {"status": 202, "content_type": "application/json", "body": "no JSON"}
+    page.route("**/effects/misalignment", lambda route: route.fulfill(**refusal))
+    page.get_by_role("button", name="accept misalignment").click()
+    page.wait_for_function("document.querySelector('.told').textContent.includes('does not answer')")
 
 
 @pytest.mark.parametrize("width", [1440, 800])

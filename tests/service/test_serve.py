@@ -107,6 +107,16 @@ def test_signal_ends_the_service_within_seconds_also_in_mid_window(tmp_path, rec
         assert 1 <= len(again.windows()) < WINDOWS
 
 
+@pytest.mark.slow
+def test_stream_waits_for_a_window_that_takes_half_a_minute_and_loses_nothing(tmp_path):
+    short = write_recording(tmp_path / "short.mcap", 4)
+    with service(tmp_path / "data", slow=23.0, QUEUE_FRAMES="16") as running:
+        replay(short, [running.endpoint], 100.0)  # windows come while the first is in the twin
+        wait_until(lambda: len(running.windows()) == 4, 150.0)
+        assert [w["quality"] for w in running.windows()] == ["good"] * 4
+        assert "gear_twin_dropped_frames 0.0" in running.text("/metrics")
+
+
 def test_window_that_takes_long_does_not_hold_the_end_up(tmp_path, recording):
     with service(tmp_path, slow=60.0) as running:
         threading.Thread(target=_ignoring, args=(replay, recording, [running.endpoint], 0), daemon=True).start()
