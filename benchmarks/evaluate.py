@@ -131,7 +131,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results = evaluated(paths, given.processes, given.channels)
     if without_tracing() is None:
         print("this program has no tracing: what stands after is what stands before", end="\n\n")
-    for table in (campaign_table(results), figure_table(results), size_table(results), summary(results)):
+    in_short = [*size_table(results), "-" * 62, *summary(results)]
+    for table in (campaign_table(results), figure_table(results), in_short):
         print("\n".join(table), end="\n\n")
     if given.json:
         text = json.dumps([r.to_dict() for r in results], ensure_ascii=False, indent=1)

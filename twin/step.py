@@ -30,6 +30,7 @@ from twin.windows import Window
 
 UPDATES = ("fused", "paper")
 LEVEL_FAULTS = ("clipping", "stuck")  # faults of an accelerometer that falsify its level
+RATTLE = "the teeth part and strike: no steady mesh tells the depth, so neither it nor the life may be relied on"
 RECENT = 3  # windows that `residual` speaks of
 
 
@@ -198,6 +199,8 @@ def _answer(rig: Rig, tracing: Tracing, recent: tuple[Mapping[str, Any], ...], o
         "unexplained": report.unexplained_report(recent, report.doubts(rig, outcome)),
         "calibration": report.calibration_report(rig, outcome.memory),
     }
+    if any(found.name == "backlash_rattle" for found in tracing.found):
+        answer["wear"]["validity"] |= {"valid": False, "reason": RATTLE}
     if tracing.history:
         answer["unexplained"] = unexplained_with(tracing, answer["unexplained"])
         answer["tracing"] = tracing_report(tracing)

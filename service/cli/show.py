@@ -97,6 +97,9 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
         lines.append(f"  pinion {spread(depth.get('pinion'), 'µm')}; gear {spread(depth.get('gear'), 'µm')}")
     else:
         lines.append(f"Wear depth: {reason(wear)}")
+    validity = wear.get("validity")
+    if isinstance(validity, Mapping) and validity.get("reason"):
+        lines.append(f"  not valid: {validity['reason']}")
     if wear.get("k_wear_per_n") is not None:
         rate = number(wear.get("specific_wear_rate_m2_per_n"))
         lines.append(f"Wear coefficient K = {number(wear['k_wear_per_n'])} 1/N; specific wear rate k = {rate} m²/N")

@@ -161,7 +161,8 @@ export function drawDepth({ windows, wear, effects, tracing }, trend, inspection
   const validity = isAvailable(wear) ? wear.validity : null;
   if (validity && validity.valid === false) {
     const loss = validity.contact_loss_from_um;
-    const why = Number.isFinite(loss) ? `, contact lost from ${number(loss)} µm` : "";
+    const why = validity.reason ? `: ${validity.reason}`
+      : Number.isFinite(loss) ? `, contact lost from ${number(loss)} µm` : "";
     parts.push(`outside the validity of the model${why}`);
   }
   const caption = parts.join("; ");

@@ -29,6 +29,7 @@ from twin.rig import Rig
 from twin.tracing.candidates import TRIALS
 from twin.tracing.decisions import Decision
 from twin.tracing.found import Found, of_defect
+from twin.tracing.mesh_block import JUMP
 from twin.tracing.strangers import Strangers, strangers
 from twin.tracing.trace import Traced, held_out, trace
 from twin.tracing.unseen import Compared, Learned, by_band_and_order, compare, figures
@@ -89,6 +90,8 @@ class Tracing:
     measured: int = 0  # measurement windows so far
     next_search: int = LEAST_WINDOWS
     next_trace: int = LEAST_WINDOWS
+    phase: float | None = None  # of the mesh against the encoder's zero, on the present mounting of the discs [rad]
+    mounted_ns: int = 0  # since when it is the present one, as far as tracing believes it [Unix ns]
     signs: Mapping[str, float] = field(default_factory=dict)  # the largest that have been traced (watch.py)
     found: tuple[Found, ...] = ()  # what is in the twin, in the order found
     stages: tuple[Stage, ...] = ()  # with 0, 1, … of the effects that change the mesh or the path; the last is in use
@@ -111,6 +114,8 @@ class Tracing:
             "measured": self.measured,
             "next_search": self.next_search,
             "next_trace": self.next_trace,
+            "phase": self.phase,
+            "mounted_ns": self.mounted_ns,
             "signs": dict(self.signs),
             "found": [f.to_dict() for f in self.found],
             "stages": [s.to_dict() for s in self.stages],
@@ -132,6 +137,8 @@ class Tracing:
             measured=data["measured"],
             next_search=data["next_search"],
             next_trace=data["next_trace"],
+            phase=data["phase"],
+            mounted_ns=data["mounted_ns"],
             signs=data["signs"],
             found=tuple(Found.from_dict(f) for f in data["found"]),
             stages=tuple(Stage.from_dict(s) for s in data["stages"]),
@@ -181,17 +188,9 @@ def follow(rig: Rig, tracing: Tracing, taken: Taken, outcome: Outcome, taking: T
     pause = 1 if tracing.measured < EVERY else tracing.measured // SELDOM
     tracing = replace(tracing, next_trace=tracing.measured + pause, signs=widened(tracing.signs, shown))
     kept = [f for f in tracing.found if not search or tracing.decisions.get(f.name) in ("accepted", "pinned")]
+    tolerated = 0.0 if search else MORE * (tracing.standing.get("misfit_after") or 0.0)
     try:
-        traced = trace(
-            rig,
-            tracing.history,
-            dict(stages[-1].depths),
-            outcome.memory.phase,
-            rejected=tracing.rejected,
-            kept=kept,
-            since_ns=outcome.memory.discs_since_ns,
-            tolerated=0.0 if search else MORE * (tracing.standing.get("misfit_after") or 0.0),
-        )
+        tracing, traced = _traced(rig, tracing, outcome.memory, kept, tolerated)
     except (NotAvailable, NotConverged) as reason:
         return Followed(tracing=replace(tracing, standing={"reason": str(reason)}), outcome=outcome)
     if traced.waiting:
@@ -199,6 +198,35 @@ def follow(rig: Rig, tracing: Tracing, taken: Taken, outcome: Outcome, taking: T
     elif search:
         tracing = replace(tracing, next_search=tracing.measured + max(2, tracing.measured // 2))
     return _joined(rig, tracing, traced, outcome, taking)
+
+
+def _traced(
+    rig: Rig, tracing: Tracing, memory: Memory, kept: Sequence[Found], tolerated: float
+) -> tuple[Tracing, Traced]:
+    """A trace of the windows that were recorded on one mounting of the discs.
+
+    What looks like a disc that was turned may be an effect that sets in: only where all windows together cannot be
+    explained are the earlier ones given up.
+    """
+    depths = dict(tracing.stages[-1].depths)
+    since, phase = tracing.mounted_ns, memory.phase if tracing.phase is None else tracing.phase
+
+    def attempt(since_ns: int, at: float | None) -> Traced:
+        return trace(
+            rig, tracing.history, depths, at, rejected=tracing.rejected, kept=kept, tolerated=tolerated,
+            since_ns=since_ns,
+        )  # fmt: skip
+
+    whole = attempt(since, phase)
+    later = memory.discs_since_ns > since and memory.phase is not None
+    if later and (whole.misfit_after or 0.0) > JUMP:
+        try:
+            part = attempt(memory.discs_since_ns, memory.phase)
+        except (NotAvailable, NotConverged):
+            return replace(tracing, phase=phase), whole
+        if (part.misfit_after or 0.0) < 0.5 * (whole.misfit_after or 0.0):
+            return replace(tracing, phase=memory.phase, mounted_ns=memory.discs_since_ns), part
+    return replace(tracing, phase=phase), whole
 
 
 def listen(rig: Rig, tracing: Tracing, taken: Taken) -> tuple[Tracing, tuple[Event, ...]]:
@@ -328,6 +356,9 @@ def _not_confirmed(tracing: Tracing, old: Mapping[str, Found]) -> list[Found]:
         if item.name not in TRIALS or item.name in old or i + 1 >= len(tracing.errors):
             continue
         before, after = tracing.errors[i], tracing.errors[i + 1]
+        turns = {t.index: t.features.revolutions or 0.0 for t in tracing.history}
+        if not any(turns[j] >= _surely_since(tracing, item) for j in after["windows"]):
+            continue  # none was recorded since it is there
         worse = [
             after[key] > WORSE * before[key]
             for key in ("waveform_percent", "transmission_error_percent")
@@ -336,6 +367,13 @@ def _not_confirmed(tracing: Tracing, old: Mapping[str, Found]) -> list[Found]:
         if worse and all(worse):
             out.append(item)
     return out
+
+
+def _surely_since(tracing: Tracing, item: Found) -> float:
+    """Revolutions from which an effect is there for certain: of the first fitted window after its onset."""
+    onset, fitted = item.addition.onset_revolutions, tracing.standing.get("fitted", [])
+    later = [t.features.revolutions or 0.0 for t in tracing.history if t.index in fitted]
+    return min((n for n in later if n >= onset), default=onset) if onset > 0 else 0.0
 
 
 def _changed(rig: Rig, tracing: Tracing, found: tuple[Found, ...], outcome: Outcome, taking: Taking) -> Followed:
@@ -385,7 +423,9 @@ def _changed(rig: Rig, tracing: Tracing, found: tuple[Found, ...], outcome: Outc
 def _with_errors(rig: Rig, tracing: Tracing) -> Tracing:
     """The errors on held-out windows with 0, 1, … of the effects; none without effects."""
     out = held_out([t.index for t in tracing.history if kind_of(t.features, rig) == "measurement"])
-    unseen = [t for t in tracing.history if t.index in out][-MOST_UNSEEN:]
+    unseen = [t for t in tracing.history if t.index in out]
+    latest = max((_surely_since(tracing, f) for f in tracing.found), default=0.0)
+    unseen = ([t for t in unseen if (t.features.revolutions or 0.0) >= latest] or unseen)[-MOST_UNSEEN:]
     if not tracing.found or not unseen:
         return replace(tracing, errors=(), residual=None)
     learned = Learned.of(tracing.stages[-1].memory, out)
@@ -402,7 +442,7 @@ def _with_errors(rig: Rig, tracing: Tracing) -> Tracing:
             except TwinError:
                 continue
         rows.append(row)
-    errors = tuple(figures(row) for row in rows)
+    errors = tuple({**figures(row), "windows": [c.index for c in row]} for row in rows)
     residual = None
     if rows[0] and rows[-1] and rows[0][-1].index == rows[-1][-1].index:
         residual = by_band_and_order(rows[0][-1], rows[-1][-1], rig.teeth[0])

@@ -40,6 +40,7 @@ PRIOR = 5e-6  # of a tooth's displacement [m]
 UNIT = 0.3e-6  # displacement at which the linear response is taken [m]
 STEPS = 3
 JUMP = 0.08e-6  # rms of a change that a crack makes at least [m]
+LOCAL = 0.6  # share of a pattern's energy within two tooth pitches, from the start
 SUDDEN = 3.0  # times the changes before it
 LOCAL_EVIDENCE = 12.0  # line changes over noise, squared, summed, halved
 LOSSES = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
@@ -247,14 +248,13 @@ def _local_onset(seen: Sequence[Pattern], z: int, gear: int) -> tuple[int, np.nd
         share, spread = local_share(X[at] - X[at - 1], m, z)
         if rms > JUMP and steps[at - 1] > SUDDEN * max(quiet, 0.01e-6) and share > spread:
             candidates.append((steps[at - 1], at, change))
-    if candidates:
-        _, at, change = max(candidates, key=lambda c: c[0])
-        return at, change
-    start = X[:FIRST].mean(axis=0)
+    latest = max(candidates, key=lambda c: c[0]) if candidates else None
+    start = X[: FIRST if latest is None else min(latest[1], FIRST)].mean(axis=0)
     share, spread = local_share(start, m, z)
-    if float(np.sqrt(0.5 * np.sum(np.abs(start) ** 2))) > FLOOR[gear] and share > spread and share > 0.6:
-        return 0, start
-    return None
+    # what was local before a change was there from the start: wear alone makes it change once more
+    if float(np.sqrt(0.5 * np.sum(np.abs(start) ** 2))) > FLOOR[gear] and share > spread and share > LOCAL:
+        return 0, X[:FIRST].mean(axis=0)
+    return None if latest is None else (latest[1], latest[2])
 
 
 def _fitted_crack(model, condition, profile, effects, gear: int, m, change) -> tuple[Effect, float, float] | None:
