@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import degrees
 from typing import Any
 
-from service.cli.show import number
+from service.cli.show import number, spread
 
 NAMES = {
     "pinion_eccentricity": "pinion eccentricity",
@@ -24,8 +25,9 @@ NAMES = {
     "sensor_gain": "a wrong gain of the accelerometer",
     "sensor_resonance": "a resonance of the accelerometer's mount",
 }
-SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm")}
+SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°")}
 EFFECT_COLUMNS = ("effect", "status", "parameters", "since rev.", "ln evidence", "runner-up", "waveform %", "depth µm")
+STRONGEST = 6  # unexplained lines that are named
 CERTAIN, LIKELY = 10.0, 5.0  # nats over the runner-up
 
 
@@ -51,17 +53,23 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
     if tracing.get("status") == "not available" or tracing.get("reason"):
         return [f"No effect has been sought: {tracing['reason']}."]
     out = [sentence(effect) for effect in effects]
-    if not effects:
-        out.append("Wear alone explains this machine; no effect was added.")
+    if effects:
+        out.append(_together(answer))
     left = answer["unexplained"]
+    if not effects:
+        alone = (
+            "Wear alone explains this machine" if left.get("verdict") == "explained" else "Wear alone is in the twin"
+        )
+        out.append(f"{alone}; no effect was added.")
     if left.get("verdict") == "unknown_effect":
         out.append(f"An effect that no name fits is left: {left.get('reason')}.")
-        listed = ", ".join(f"{o['frequency_hz']:.2f} Hz (order {o['order']:.3f})" for o in left["orders"][:6])
-        out.append(f"Its strongest lines: {listed}.")
     elif left.get("verdict") == "insufficient_data":
         out.append(f"What is left could not be judged: {left.get('reason')}.")
     if left.get("share_percent") is not None:
         out.append(f"Unexplained: {number(left['share_percent'], 2)} % of the measured energy above the noise.")
+    if left.get("orders"):
+        listed = ", ".join(f"{o['frequency_hz']:.2f} Hz (order {o['order']:.3f})" for o in left["orders"][:STRONGEST])
+        out.append(f"The strongest lines of it: {listed}.")
     if tracing.get("other_structure"):
         out.append(
             "The path from mesh to accelerometer is not the rig file's: another housing or mounting, so a gain or "
@@ -73,13 +81,23 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
     return out
 
 
+def _together(answer: Mapping[str, Any]) -> str:
+    """Depth and life as they stand with all effects, beside what wear alone would say."""
+    depth = (answer["wear"].get("max_depth_um") or {}).get("combined")
+    alone, life = answer["effects"][0]["wear_depth_um_before"], answer["rul"].get("revolutions")
+    line = f"Wear depth with all of them: {spread(depth, 'µm')}"
+    if alone is not None:
+        line += f"; wear alone would say {alone:.1f} µm"
+    return f"{line}. Remaining life: {spread(life, 'revolutions')}."
+
+
 def sentence(effect: Mapping[str, Any]) -> str:
     """One effect: what, how large, since when, how sure, what it changes."""
     onset = effect["onset_revolutions"]
     since = "from the start" if not onset else f"since {onset:.0f} revolutions"
     sizes = ", ".join(f"{name.replace('_', ' ')} {figure(value)}" for name, value in effect["parameters"].items())
     evidence = effect["evidence"]
-    sure = f"ln evidence {evidence['log_evidence']:.0f} over the twin without it"
+    sure = f"ln evidence {nats(evidence['log_evidence'])} over the twin without it"
     if evidence.get("runner_up"):
         over = evidence.get("over_runner_up")
         rival = NAMES.get(evidence["runner_up"], evidence["runner_up"])
@@ -88,14 +106,15 @@ def sentence(effect: Mapping[str, Any]) -> str:
         sure += "; not told from " + ", ".join(NAMES.get(name, name) for name in evidence["not_told_from"])
     parts = [f"{NAMES.get(effect['name'], effect['name']).capitalize()}, {since}: {sizes} ({sure})"]
     before, after = effect["error_before"], effect["error_after"]
-    if before.get("waveform_percent") is not None and after.get("waveform_percent") is not None:
-        parts.append(
-            f"waveform error on held-out windows {before['waveform_percent']:.1f} % without, "
-            f"{after['waveform_percent']:.1f} % with it"
-        )
+    for what, key in (("waveform", "waveform_percent"), ("RMS", "rms_percent")):
+        if before.get(key) is not None and after.get(key) is not None:
+            parts.append(f"{what} error on held-out windows {before[key]:.1f} % without, {after[key]:.1f} % with it")
     depth, now = effect["wear_depth_um_before"], effect["wear_depth_um_after"]
     if depth is not None and now is not None and abs(depth - now) > 0.05:
         parts.append(f"wear depth {depth:.1f} µm without, {now:.1f} µm with it")
+    lives = [effect.get(f"rul_revolutions_{when}") for when in ("before", "after")]
+    if None not in lives and lives[0] != lives[1]:
+        parts.append(f"remaining life {lives[0]:,.0f} revolutions without, {lives[1]:,.0f} with it")
     if evidence.get("detail"):
         parts.append(evidence["detail"])
     if effect.get("status") in ("accepted", "pinned"):
@@ -113,8 +132,21 @@ def sureness(over: float) -> str:
 def figure(value: Mapping[str, Any]) -> str:
     """A parameter with its standard deviation, in the unit that workshops use."""
     factor, unit = SMALL.get(value["unit"], (1.0, value["unit"]))
-    spread = "" if value["std"] is None else f" ± {number(value['std'] * factor, 2)}"
-    return f"{number(value['value'] * factor, 3)}{spread}{' ' + unit if unit else ''}"
+    if value["value"] is None:
+        return "–"
+    about = "" if value["std"] is None else f" ± {number(value['std'] * factor, 2)}"
+    gap = "" if unit in ("", "°") else " "
+    return f"{number(value['value'] * factor, 3)}{about}{gap}{unit}"
+
+
+def nats(evidence: float | None) -> str:
+    """A logarithm of evidence."""
+    return "–" if evidence is None else f"{evidence:.0f}"
+
+
+def turns(revolutions: float | None) -> str:
+    """A number of revolutions."""
+    return "–" if revolutions is None else f"{revolutions:.0f}"
 
 
 def change(entry: Mapping[str, Any]) -> str:
@@ -131,16 +163,7 @@ def effect_table(effects: Sequence[Mapping[str, Any]], title: str) -> Any:
     from rich.table import Table
 
     table = Table(title=title)
-    for column in (
-        "effect",
-        "status",
-        "parameters",
-        "since rev.",
-        "ln evidence",
-        "runner-up",
-        "waveform %",
-        "depth µm",
-    ):
+    for column in EFFECT_COLUMNS:
         table.add_column(column)
     for e in effects:
         evidence, before, after = e["evidence"], e["error_before"], e["error_after"]
@@ -149,8 +172,8 @@ def effect_table(effects: Sequence[Mapping[str, Any]], title: str) -> Any:
             e["name"],
             e.get("status", ""),
             "\n".join(f"{name} {figure(value)}" for name, value in e["parameters"].items()),
-            f"{e['onset_revolutions']:.0f}",
-            f"{evidence['log_evidence']:.0f}",
+            turns(e["onset_revolutions"]),
+            nats(evidence["log_evidence"]),
             "–" if evidence.get("runner_up") is None else f"{evidence['runner_up']} −{number(over, 3)}",
             f"{number(before.get('waveform_percent'), 3)} → {number(after.get('waveform_percent'), 3)}",
             f"{number(e['wear_depth_um_before'], 3)} → {number(e['wear_depth_um_after'], 3)}",

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from service.cli.diagnosis import NAMES, change, figure, sentences
+from service.cli.diagnosis import NAMES, change, figure, nats, sentences, turns
 from service.cli.show import number, summary_lines
 
 BEFORE, AFTER, MEASURED = "#d62728", "#1f77b4", "#444444"
+FLOOR = 1e-6  # amplitude below which nothing is drawn [m/s²]
 _STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#222}"
     "table{border-collapse:collapse;font-size:13px}td,th{border-bottom:1px solid #ccc;padding:3px 8px;text-align:left}"
@@ -23,7 +24,8 @@ def page(answer: Mapping[str, Any]) -> str:
     summary = "".join(f"<li>{escape(line)}</li>" for line in summary_lines(answer))
     log = "".join(f"<li>{escape(change(e))}</li>" for e in answer["tracing"].get("log") or [])
     return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
+        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style>'
         f"<h1>{title}</h1>{told}{effects_part(answer)}{figures(answer)}"
         f"<h2>Wear and life</h2><ul>{summary}</ul>" + (f"<h2>Changes of the model</h2><ul>{log}</ul>" if log else "")
     )
@@ -38,8 +40,8 @@ def effects_part(answer: Mapping[str, Any]) -> str:
         cells = (
             escape(NAMES.get(e["name"], e["name"])),
             sizes,
-            f"{e['onset_revolutions']:.0f}",
-            f"{evidence['log_evidence']:.0f}",
+            turns(e["onset_revolutions"]),
+            nats(evidence["log_evidence"]),
             escape(f"{evidence.get('runner_up') or '–'} {number(evidence.get('over_runner_up'), 3)}"),
             f"{number(e['error_before'].get('waveform_percent'), 3)} → "
             f"{number(e['error_after'].get('waveform_percent'), 3)}",
@@ -53,7 +55,8 @@ def effects_part(answer: Mapping[str, Any]) -> str:
         "effect", "parameters", "since rev.", "ln evidence", "runner-up, behind", "waveform error %", "RMS error %",
         "depth µm",
     )  # fmt: skip
-    return f"<h2>Effects</h2><table><tr>{''.join(f'<th>{h}</th>' for h in head)}</tr>{''.join(rows)}</table>"
+    table = f"<table><tr>{''.join(f'<th>{h}</th>' for h in head)}</tr>{''.join(rows)}</table>"
+    return f'<h2>Effects</h2><div style="overflow-x:auto">{table}</div>'
 
 
 def figures(answer: Mapping[str, Any]) -> str:
@@ -94,6 +97,15 @@ def _by_order(answer: Mapping[str, Any]) -> Any:
     if not residual:
         return None
     plot = go.Figure()
+    levels = [o[key] for o in residual["orders"] for key in ("measured", "before", "after")]
+    lowest = max(min((v for v in levels if v > 0), default=FLOOR), FLOOR) / 2
+    stems: list[tuple[Any, Any]] = []
+    for o in residual["orders"]:
+        stems += [(o["order"], lowest), (o["order"], max(o["measured"], o["before"])), (None, None)]
+    plot.add_scatter(
+        x=[x for x, _ in stems], y=[y for _, y in stems], mode="lines", line={"color": "#bbbbbb", "width": 1},
+        hoverinfo="skip", showlegend=False,
+    )  # fmt: skip
     for name, key, colour, symbol in (
         ("measured", "measured", MEASURED, "circle-open"),
         ("left without the effects", "before", BEFORE, "triangle-up"),
@@ -101,7 +113,7 @@ def _by_order(answer: Mapping[str, Any]) -> Any:
     ):
         plot.add_scatter(
             x=[o["order"] for o in residual["orders"]],
-            y=[max(o[key], 1e-6) for o in residual["orders"]],
+            y=[max(o[key], lowest) for o in residual["orders"]],
             mode="markers",
             name=name,
             marker={"color": colour, "symbol": symbol, "size": 8},
@@ -111,6 +123,7 @@ def _by_order(answer: Mapping[str, Any]) -> Any:
         xaxis_title="order of the pinion's rotation",
         yaxis_title="amplitude [m/s²]",
         yaxis_type="log",
+        yaxis_dtick=1,
         **_LOOK,
     )
     return plot
@@ -144,4 +157,9 @@ def _depths(answer: Mapping[str, Any]) -> Any:
     return plot
 
 
-_LOOK: dict[str, Any] = {"template": "plotly_white", "height": 380, "legend": {"orientation": "h", "y": -0.25}}
+_LOOK: dict[str, Any] = {
+    "template": "plotly_white",
+    "height": 400,
+    "margin": {"t": 100},
+    "legend": {"orientation": "h", "y": 1, "yanchor": "bottom"},
+}

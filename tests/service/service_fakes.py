@@ -133,6 +133,8 @@ def traced_report(revolutions: float, windows: int) -> dict:
             "error_after": error(9.0, 2.5),
             "wear_depth_um_before": 180.0,
             "wear_depth_um_after": 152.0,
+            "rul_revolutions_before": 9800.0,
+            "rul_revolutions_after": 11400.0,
             "onset_revolutions": 4095.0,
         },
     ]  # fmt: skip

@@ -229,6 +229,18 @@ def test_metrics_tell_frames_windows_faults_depth_and_life(client):
     assert 'gear_twin_remaining_life_hours{asset="spectraquest"' not in text
 
 
+def test_metrics_count_effects_in_the_twin_and_decisions_that_were_carried_out(client, store, board):
+    fakes.take(store, board, "unsw", 90, 19000.0, report=fakes.traced_report(19000.0, 12))
+    for verb in ("pin", "reject"):
+        store.add_decision("unsw", "misalignment", verb)
+    done, _ = store.pending_decisions()
+    store.carry_out(done, state={}, report=board.get("unsw").report, events=[])
+    text = client.get("/metrics").text
+    assert 'gear_twin_effects{asset="unsw"} 2.0' in text and 'gear_twin_effects{asset="spectraquest"} 0.0' in text
+    assert 'gear_twin_decisions_total{asset="unsw",decision="pin"} 1.0' in text
+    assert 'decision="reject"' not in text
+
+
 def test_two_apps_do_not_share_their_metrics(store, board):
     apps = [Client(create_app(board, store, gauges=lambda n=n: {"queue_frames": n})) for n in (1, 2)]
     assert ["gear_twin_queue_frames 1.0" in a.get("/metrics").text for a in apps] == [True, False]

@@ -16,6 +16,7 @@ import pytest
 from streams import ACCEL, ASSET, CHANNELS, GEAR, PINION, bursts
 
 import service.assess
+import service.serve
 import twin.step
 from service.cli import run
 from service.sources.mcap_write import RecordingWriter
@@ -67,6 +68,7 @@ def twin_step(rig, state, window, options):
         "effects": [],
         "calibration": {"stiffness_scale": {"value": 1.01, "std": 0.02, "windows": n + 1}},
         "update": options.update,
+        "traced": options.trace,
     }
     return dataclasses.replace(state, windows_seen=n + 1), SimpleNamespace(record=record, report=report, events=())
 
@@ -149,6 +151,34 @@ def test_assess_takes_the_way_of_updating(capsys, recording):
     assert assessed(capsys, recording)[0]["update"] == "fused"
     assert assessed(capsys, recording, "--update", "paper")[0]["update"] == "paper"
     assert "'fused'" in refusal(capsys, "assess", recording, "--update", "guess")
+
+
+def test_effects_are_sought_unless_told_otherwise(capsys, monkeypatch, recording):
+    assert assessed(capsys, recording)[0]["traced"] is True
+    assert assessed(capsys, recording, "--no-trace")[0]["traced"] is False
+    monkeypatch.setenv("GEAR_TWIN_TRACE", "false")
+    assert assessed(capsys, recording)[0]["traced"] is False
+    monkeypatch.setenv("GEAR_TWIN_TRACE", "perhaps")
+    assert "trace" in refusal(capsys, "assess", recording)
+
+
+def test_calibrate_seeks_no_effects(monkeypatch, recording):
+    asked = []
+
+    def noted(rig, state, window, options):
+        asked.append(options.trace)
+        return twin_step(rig, state, window, options)
+
+    monkeypatch.setattr(twin.step, "step", noted)
+    assert run(["calibrate", str(recording), "--unworn", "2", "--json", "-"]) == 0
+    assert asked and not any(asked)
+
+
+def test_serve_takes_no_trace_as_a_setting(monkeypatch):
+    given = []
+    monkeypatch.setattr(service.serve, "run", lambda settings: given.append(settings.trace) or 0)
+    assert run(["serve", "--no-trace"]) == 0 and run(["serve"]) == 0
+    assert given == [False, True]
 
 
 def test_calibrate_uses_calibration_and_first_unworn_windows(capsys, recording):

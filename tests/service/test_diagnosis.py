@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 import service_fakes as fakes
 
-from service.cli.diagnosis import effect_table, sentences, text
+from service.cli import run
+from service.cli.diagnosis import effect_table, figure, sentences, text
 from service.cli.diagnosis_figures import page
 
 ROOT = Path(__file__).parents[2]
@@ -34,10 +35,32 @@ def test_sentences_tell_size_onset_evidence_rival_errors_and_depth(answer):
         "next best loss of mesh stiffness, 134 behind (certain)",
         "waveform error on held-out windows 24.0 % without, 9.0 % with it",
         "wear depth 180.0 µm without, 152.0 µm with it",
+        "RMS error on held-out windows 7.5 % without, 2.5 % with it",
+        "remaining life 9,800 revolutions without, 11,400 with it",
         "pinned by an engineer",
     ):
         assert part in line
+    assert told[2].startswith("Wear depth with all of them: ") and "wear alone would say 180.0 µm" in told[2]
     assert "windows 2, 5" in told[-1]
+
+
+def test_figures_that_an_answer_does_not_give_are_left_out_of_the_words(answer):
+    effect = answer["effects"][0]
+    effect |= {"onset_revolutions": None, "wear_depth_um_before": None, "rul_revolutions_before": None}
+    effect["evidence"]["log_evidence"] = None
+    effect["parameters"]["eccentricity"]["value"] = None
+    effect["error_before"] = effect["error_after"] = {"rms_percent": None, "waveform_percent": None}
+    assert sentences(answer)[0].startswith("Gear eccentricity, from the start: eccentricity – (ln evidence –")
+    assert "held-out windows" not in sentences(answer)[0]
+    assert page(answer).count("plotly-graph-div") and effect_table(answer["effects"], "").row_count == 2
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "shown"),
+    [("m", 4e-5, "40 ± 4 µm"), ("rad", 1.0, "57.3 ± 5.7°"), ("kg·m", 1e-4, "100 ± 10 g·mm"), ("", 0.2, "0.2 ± 0.02")],
+)
+def test_parameters_are_told_in_the_units_of_the_workshop(unit, value, shown):
+    assert figure({"value": value, "unit": unit, "std": 0.1 * value}) == shown
 
 
 def test_unknown_effect_is_named_by_its_lines_and_by_no_effect(answer):
@@ -56,6 +79,8 @@ def test_healthy_machine_and_one_that_was_not_traced_are_told_apart(answer):
     healthy = copy.deepcopy(answer)
     healthy["effects"] = []
     assert sentences(healthy)[0] == "Wear alone explains this machine; no effect was added."
+    healthy["unexplained"]["verdict"] = "unknown_effect"
+    assert sentences(healthy)[0] == "Wear alone is in the twin; no effect was added."
     healthy["tracing"] = {"status": "not available", "reason": "effects have not been sought"}
     assert sentences(healthy) == ["No effect has been sought: effects have not been sought."]
 
@@ -73,6 +98,25 @@ def test_page_is_self_contained_and_has_a_figure_each(answer):
     assert "http://" not in html.split("<h2>Effects</h2>")[0] and '<script src="' not in html
     bare = page({**answer, "effects": [], "tracing": {"status": "not available", "reason": "none"}})
     assert "plotly-graph-div" not in bare
+
+
+def test_report_shows_effects_and_the_same_figures(answer, tmp_path, capsys):
+    source, out = tmp_path / "answer.json", tmp_path / "report.html"
+    source.write_text(json.dumps(answer))
+    assert run(["report", str(source), "--out", str(out)]) == 0
+    assert out.read_text().count('class="plotly-graph-div"') == 3
+    capsys.readouterr()
+    assert run(["report", str(source)]) == 0
+    assert "lead gap 40.1 ± 4.3 µm" in capsys.readouterr().out
+
+
+def test_answer_of_before_the_tracing_can_still_be_read(answer, tmp_path, capsys):
+    del answer["tracing"], answer["unexplained"]
+    answer["effects"] = []
+    source = tmp_path / "old.json"
+    source.write_text(json.dumps(answer))
+    assert run(["report", str(source)]) == 0 and run(["diagnose", str(source)]) == 0
+    assert "No effect has been sought: the answer was written without it." in capsys.readouterr().out
 
 
 def test_table_has_a_row_an_effect(answer):
