@@ -14,8 +14,10 @@ import typer
 app = typer.Typer(no_args_is_help=True, help="Effects in the twins of a running service: list them, decide on them.")
 
 Url = Annotated[str, typer.Option(help="Address of the service.", envvar="GEAR_TWIN_URL")]
-AssetName = Annotated[str, typer.Argument(metavar="ASSET", help="The asset.")]
-EffectName = Annotated[str, typer.Argument(metavar="NAME", help="The effect, such as misalignment.")]
+Names = Annotated[
+    list[str],
+    typer.Argument(metavar="[ASSET] NAME", help="The effect, such as misalignment; its asset before it where several."),
+]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
 LOCAL = "http://127.0.0.1:8080"
 WAIT = 60.0  # [s]
@@ -34,11 +36,12 @@ def list_(
     from service.jsontext import json_text
 
     names = [asset] if asset else [a["asset"] for a in _call(url, "/v1/assets")]
-    found = {name: _call(url, f"/v1/assets/{quote(name)}/effects") for name in names}
+    found = {name: _call(url, f"/v1/assets/{quote(name, safe='')}/effects") for name in names}
     if json:
         print(json_text(found))
         return
     console = Console()
+    console = console if console.is_terminal else Console(width=170)
     for name, effects in found.items():
         if not effects:
             console.print(f"{name}: no effect beside wear")
@@ -47,38 +50,54 @@ def list_(
 
 
 @app.command()
-def accept(asset: AssetName, name: EffectName, url: Url = LOCAL, json: JsonFlag = False) -> None:
+def accept(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
     """Confirm an effect: it stays, its numbers may be refined."""
-    _decide(url, asset, name, "accept", json)
+    _decide(url, names, "accept", json)
 
 
 @app.command()
-def reject(asset: AssetName, name: EffectName, url: Url = LOCAL, json: JsonFlag = False) -> None:
+def reject(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
     """Take an effect out of the twin; it is not added again until released."""
-    _decide(url, asset, name, "reject", json)
+    _decide(url, names, "reject", json)
 
 
 @app.command()
-def pin(asset: AssetName, name: EffectName, url: Url = LOCAL, json: JsonFlag = False) -> None:
+def pin(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
     """Keep an effect with these very numbers, whatever later windows say."""
-    _decide(url, asset, name, "pin", json)
+    _decide(url, names, "pin", json)
 
 
 @app.command()
-def release(asset: AssetName, name: EffectName, url: Url = LOCAL, json: JsonFlag = False) -> None:
+def release(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
     """Let the data decide on an effect again."""
-    _decide(url, asset, name, "release", json)
+    _decide(url, names, "release", json)
 
 
-def _decide(url: str, asset: str, name: str, verb: str, as_json: bool) -> None:
+def _decide(url: str, names: list[str], verb: str, as_json: bool) -> None:
+    from service.errors import InputError
     from service.jsontext import json_text
 
-    answer = _call(url, f"/v1/assets/{quote(asset)}/effects/{quote(name)}", {"decision": verb})
+    *before, name = names
+    if len(before) > 1:
+        raise InputError(f"{' '.join(names)}: one effect at a time, after its asset's name")
+    asset = before[0] if before else _only_asset(url)
+    answer = _call(url, f"/v1/assets/{quote(asset, safe='')}/effects/{quote(name, safe='')}", {"decision": verb})
     if as_json:
         print(json_text(answer))
     else:
         when = "done" if answer["done"] else "kept; it is carried out after the window in work"
         print(f"{verb} {name} of {asset}: {when}")
+
+
+def _only_asset(url: str) -> str:
+    """The service's asset, where it has one alone."""
+    from service.errors import InputError
+
+    known = [a["asset"] for a in _call(url, "/v1/assets")]
+    if len(known) != 1:
+        what = f"name one of its assets: {', '.join(known)}" if known else "no asset has sent a frame yet"
+        raise InputError(f"{url}: {what}")
+    return known[0]
 
 
 def _call(url: str, path: str, body: Mapping[str, Any] | None = None) -> Any:

@@ -16,6 +16,7 @@ import pytest
 import service_fakes as fakes
 from service_streams import Service, service, wait_until, write_recording
 
+from service.cli import run
 from service.decisions import Desk
 from service.replay import replay
 from service.store import Store
@@ -180,9 +181,25 @@ def test_effects_command_lists_and_decides(tmp_path, recording):
 
         done = call("accept", "unsw", "misalignment")
         assert done.returncode == 0 and done.stdout == "accept misalignment of unsw: done\n"
+        assert call("pin", "misalignment").stdout == "pin misalignment of unsw: done\n"  # there is one asset alone
+        assert "one effect at a time" in call("pin", "unsw", "misalignment", "tooth_crack").stderr
         listed = json.loads(call("list", "--json").stdout)
         assert [e["name"] for e in listed["unsw"]] == ["misalignment"]
         wrong = call("pin", "unsw", "tooth_friction")
         assert wrong.returncode == 2 and wrong.stderr.count("\n") == 1 and "not in the twin" in wrong.stderr
     gone = call("list")
     assert gone.returncode == 2 and "no service answers there" in gone.stderr
+
+
+def test_asset_must_be_named_where_there_are_several(capsys, address, store, board):
+    def refused(*given):
+        assert run(["effects", *given, "--url", address]) == 2
+        return capsys.readouterr().err
+
+    assert "no asset has sent a frame yet" in refused("pin", "misalignment")
+    fakes.campaign(store, board)
+    assert run(["effects", "pin", "misalignment", "--url", address]) == 0
+    assert capsys.readouterr().out.startswith("pin misalignment of unsw: kept")  # nobody carries it out here
+    fakes.take(store, board, "another", 0, 10.0)
+    assert "name one of its assets: another, unsw" in refused("pin", "misalignment")
+    assert "no asset 'nobody'" in refused("list", "nobody")

@@ -220,3 +220,20 @@ def test_a_paced_replay_keeps_the_time_of_the_recording():
     begun = time.monotonic()
     deque(paced(frames, 2.0, max_pause=0.4), maxlen=0)
     assert 0.35 <= time.monotonic() - begun < 0.6  # (0.1 + 0.2 + 0.4) / 2
+
+
+def test_time_for_which_streams_were_held_up_is_told_with_what_came_and_counted_once():
+    topic, inbox = "gearbox/rig-1/accel/y6", Inbox(frames=1, wait=5.0)
+    inbox.offer(topic, b"0")
+    streams = [threading.Thread(target=inbox.offer, args=(topic, b"1")) for _ in range(2)]
+    for stream in streams:
+        stream.start()
+    while inbox.holding < 2:
+        time.sleep(0.01)
+    time.sleep(0.3)
+    first, *later = (inbox.take(1.0) for _ in range(3))
+    for stream in streams:
+        stream.join()
+    assert first.held == 0.0 and inbox.holding == 0
+    assert all(0.3 <= arrival.held < 0.6 for arrival in later)
+    assert inbox.held_until <= time.monotonic()
