@@ -225,6 +225,7 @@ def test_a_paced_replay_keeps_the_time_of_the_recording():
 def test_time_for_which_streams_were_held_up_is_told_with_what_came_and_counted_once():
     topic, inbox = "gearbox/rig-1/accel/y6", Inbox(frames=1, wait=5.0)
     inbox.offer(topic, b"0")
+    begun = time.monotonic()
     streams = [threading.Thread(target=inbox.offer, args=(topic, b"1")) for _ in range(2)]
     for stream in streams:
         stream.start()
@@ -235,5 +236,5 @@ def test_time_for_which_streams_were_held_up_is_told_with_what_came_and_counted_
     for stream in streams:
         stream.join()
     assert first.held == 0.0 and inbox.holding == 0
-    assert all(0.3 <= arrival.held < 0.6 for arrival in later)
+    assert all(0.3 <= arrival.held <= time.monotonic() - begun for arrival in later)
     assert inbox.held_until <= time.monotonic()
