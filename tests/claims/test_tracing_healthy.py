@@ -50,7 +50,7 @@ def test_untraced_twin_has_no_tracing_to_decide_on():
 
 def test_effect_that_is_not_there_cannot_be_accepted_and_can_be_ruled_out():
     rig, state, _ = followed(True)
-    with pytest.raises(NotAvailable, match="only an effect that was found"):
+    with pytest.raises(NotAvailable, match="only an effect that was found can stay"):
         decide(rig, state, Decision(name="misalignment", verb="accept"))
     after, estimate = decide(rig, state, Decision(name="misalignment", verb="reject"))
     assert estimate.report["tracing"]["rejected"] == ["misalignment"]
