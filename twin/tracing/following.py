@@ -265,9 +265,7 @@ def decide(rig: Rig, tracing: Tracing, decision: Decision, outcome: Outcome, tak
         decisions[decision.name] = {"accept": "accepted", "reject": "rejected", "pin": "pinned"}[decision.verb]
     present = any(f.name == decision.name for f in tracing.found)
     if decision.verb in ("accept", "pin") and not present:
-        raise NotAvailable(
-            f"{decision.name} is not in the twin: only an effect that was found can be {decision.verb}ed"
-        )
+        raise NotAvailable(f"{decision.name} is not in the twin: only an effect that was found can stay")
     entry = _entry(
         tracing, {"accept": "accepted", "reject": "rejected", "pin": "pinned"}.get(decision.verb, "released")
     )
