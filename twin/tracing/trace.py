@@ -37,7 +37,7 @@ from twin.tracing.observed import Observed, chosen, observed
 from twin.tracing.path import fit_sensor, gain_step, quotients
 from twin.tracing.strangers import Strangers, strangers
 from twin.tracing.teeth import find_crack, find_pitch_errors
-from twin.tracing.turning import find_turning, rattling
+from twin.tracing.turning import find_turning, without_order
 from twin.updating.again import Taken
 from twin.updating.twin_of_rig import nominal_model_of
 from twin.wear.profile import WornProfile
@@ -54,6 +54,7 @@ RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
 TOOTH_EVIDENCE = 25.0  # nats for pitch errors
 LEAST_WITHOUT_RUN_OUT = 10e-6  # of an eccentricity that only sidebands show [m]
 BESIDE_UNBALANCE = 10e-6  # run-out that an unbalance does not make [m]
+BESIDE_TEETH = 400.0  # nats of a ripple where teeth that differ make lines of torque, too
 OF_SHAFT = 0.02  # of an order of the pinion: what repeats there is no bearing
 TOOTHED = ("pitch_error", "tooth_crack")
 MOVED = 15e-6  # jump of the mean transmission error that is a disc's: an edge of 10,000 is 30 µm
@@ -123,14 +124,17 @@ def trace(
         if item.name not in rejected:
             found.append(item)
 
-    rattle = rattling([t.features for t, _ in measured])
-    if rattle:
-        for turning in find_turning(model, features, condition, model.unworn, phase):
-            add(of_turning(turning))
+    turns = find_turning(model, features, condition, model.unworn, phase)
+    turned = {name_of(t.effect): t for t in turns}
+    if "backlash_rattle" in turned:
+        add(of_turning(turned["backlash_rattle"]))
         heard = strangers([], True)
         return Traced(
             found=tuple(found), strangers=heard, held_out=tuple(out), fitted=tuple(o.index for _, o in fitting)
         )
+    teeth = features
+    if "torque_ripple" in turned:
+        teeth = without_order(features, int(turned["torque_ripple"].parameters["order"][0]))
 
     deepest = max((depths.get(o.index, 0.0) for _, o in every), default=0.0)
     curve = plain_curve(model, [o for _, o in every if o.index not in out], deepest)
@@ -140,11 +144,11 @@ def trace(
     }
     every = _mounted(model, every, profiles)
     fitting = [(t, o) for t, o in every if o.index in {o.index for _, o in fitting}]
-    pitch = None if "pitch_error" in rejected else find_pitch_errors(model, features, condition, model.unworn, phase)
+    pitch = None if "pitch_error" in rejected else find_pitch_errors(model, teeth, condition, model.unworn, phase)
     crack = None
     if "tooth_crack" not in rejected:
         crack = find_crack(
-            model, features, [o.condition for _, o in fitting], [profiles[o.index] for _, o in fitting], phase
+            model, teeth, [o.condition for _, o in fitting], [profiles[o.index] for _, o in fitting], phase
         )
     if crack is not None and crack.onset == 0 and pitch is not None:
         pitch = None  # a local pattern from the start is the crack's own
@@ -168,8 +172,7 @@ def trace(
         EccentricWindow(features=t.features, condition=o.condition, profile=profiles[o.index], worn=o.worn)
         for t, o in [fitting[i] for i in sorted({0, len(fitting) // 2, len(fitting) - 1})]
     ]
-    turns = [] if toothed else find_turning(model, features, condition, model.unworn, phase)
-    unbalanced = any(name_of(t.effect) == "mass_unbalance" for t in turns)
+    unbalanced = "mass_unbalance" in turned and not toothed
     taken_orders: set[int] = set()
     for shaft in (0, 1):
         result = fit_eccentricity(model, eccentric, phase, shaft)
@@ -206,9 +209,14 @@ def trace(
         sensor, other = _sensor(rig, model, findings, picked)
         if sensor is not None:
             add(sensor)
-    for turning in turns:
-        if not (name_of(turning.effect) == "torque_ripple" and getattr(turning.effect, "order", 0) in taken_orders):
-            add(of_turning(turning))
+    for name, turning in turned.items():
+        if name == "mass_unbalance" and toothed:
+            continue
+        if name == "torque_ripple" and turning.parameters["order"][0] in taken_orders:
+            continue
+        if name == "torque_ripple" and toothed and turning.log_evidence < BESIDE_TEETH:
+            continue
+        add(of_turning(turning))
     return Traced(
         found=tuple(found),
         strangers=heard,

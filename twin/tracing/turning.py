@@ -12,7 +12,7 @@ Source   twin/effects/torque_ripple.py, mass_unbalance.py, backlash_rattle.py
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ LEAST_ACCELERATION = 0.002  # at the pinion's own order [m/s²]
 LEAST_WINDOWS = 4
 STEADY = 0.85  # |mean| over mean of absolute values
 ORDERS = range(1, 11)
+DOMINANT = 3.0  # of a ripple's line over the next one: pitch errors and run-out make lines at many orders
 PARTING = 0.6  # of the mean torque: a swing that parts the teeth
 NOISY = 0.3  # share of the level that lies between the orders, when teeth strike
 
@@ -68,82 +69,116 @@ def find_turning(
     condition: Condition,
     profile: WornProfile,
     phase: float,
-    taken: Collection[int] = (),
 ) -> list[Turning]:
-    """Ripple or rattle, and unbalance, from measurement windows.
+    """Rattle, or ripple and unbalance, from measurement windows."""
+    if rattling(windows):
+        rattle = _rattle(model, windows, condition, profile)
+        if rattle is not None:
+            return [rattle]
+    unbalance = _unbalance(model, windows, condition, profile, phase)
+    ripple = _ripple(model, windows, condition, profile, phase, set() if unbalance is None else {1})
+    return [found for found in (ripple, unbalance) if found is not None]
 
-    taken  orders of the torque that effects found before explain
-    """
-    out: list[Turning] = []
-    z1 = model.mesh.pair.teeth[0]
+
+def _rattle(
+    model: Model, windows: Sequence[WindowFeatures], condition: Condition, profile: WornProfile
+) -> Turning | None:
+    """The swing of the load that parts the teeth; None where none is large enough."""
+    raw = [
+        (abs(w.torque.at(0, p, 0)), p)
+        for w in windows
+        for p in ORDERS
+        if w.torque is not None and w.torque.get(0, p, 0) is not None
+    ]
+    swing, order = max(raw, default=(0.0, 1))
+    if swing <= 0.1 * PARTING * condition.torque:
+        return None
+    at_brake = _per_unit(model, condition, profile, order)
+    size = float(min(swing / at_brake, 45.0)) if at_brake else float(swing)
+    return Turning(
+        effect=EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=size, order=float(order)),
+        parameters={"load_ripple": (size, "N·m", 0.3 * size), "order": (float(order), "", 0.0)},
+        log_evidence=30.0,
+    )
+
+
+def _ripple(
+    model: Model,
+    windows: Sequence[WindowFeatures],
+    condition: Condition,
+    profile: WornProfile,
+    phase: float,
+    taken: Collection[int],
+) -> Turning | None:
+    """The one order of the torque that stands out and keeps its phase; teeth that differ have lines at all orders."""
     swings = []
     for p in ORDERS:
-        if p in taken:
-            continue
         line = _steady(windows, "torque", (0, p, 0))
         if line is not None and abs(line[0]) > LEAST_TORQUE and abs(line[0]) > 6 * line[1]:
             swings.append((abs(line[0]), p, line))
-    rattle = rattling(windows)
-    if rattle:
-        raw = [
-            (abs(w.torque.at(0, p, 0)), p)
-            for w in windows
-            for p in ORDERS
-            if w.torque is not None and w.torque.get(0, p, 0) is not None
-        ]
-        swing, order = max(raw, default=(0.0, 1))
-        if swing > 0.1 * PARTING * condition.torque:
-            at_brake = _per_unit(model, condition, profile, order)
-            size = float(min(swing / at_brake, 45.0)) if at_brake else float(swing)
-            out.append(
-                Turning(
-                    effect=EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=size, order=float(order)),
-                    parameters={"load_ripple": (size, "N·m", 0.3 * size), "order": (float(order), "", 0.0)},
-                    log_evidence=30.0,
-                )
-            )
-            return out
-    if swings:
-        size, p, (value, std) = max(swings)
-        unit = EFFECTS["torque_ripple"](amplitude=0.1, order=float(p))
-        try:
-            (seen,) = solve_with(model, (unit,), profile, condition).torque([float(p)])
-        except TwinError:
-            seen = 0.0
-        if abs(seen) > 0:
-            amplitude = 0.1 * size / abs(seen)
-            turned = value * np.exp(-1j * p * phase / z1) / seen
-            out.append(
-                Turning(
-                    effect=EFFECTS["torque_ripple"](
-                        amplitude=float(amplitude), order=float(p), phase=float(np.angle(turned))
-                    ),
-                    parameters={
-                        "amplitude": (float(amplitude), "N·m", float(amplitude * (std / size + 0.05))),
-                        "order": (float(p), "", 0.0),
-                    },
-                    log_evidence=float(min(0.5 * (size / max(std, 1e-3)) ** 2, 1e4)),
-                )
-            )
+    if not swings:
+        return None
+    size, p, (value, std) = max(swings)
+    rest = max((s for s, q, _ in swings if q != p), default=0.0)
+    if p in taken or size < DOMINANT * rest:
+        return None
+    unit = EFFECTS["torque_ripple"](amplitude=0.1, order=float(p))
+    try:
+        (seen,) = solve_with(model, (unit,), profile, condition).torque([float(p)])
+    except TwinError:
+        return None
+    if abs(seen) == 0:
+        return None
+    amplitude = 0.1 * size / abs(seen)
+    turned = value * np.exp(-1j * p * phase / model.mesh.pair.teeth[0]) / seen
+    return Turning(
+        effect=EFFECTS["torque_ripple"](amplitude=float(amplitude), order=float(p), phase=float(np.angle(turned))),
+        parameters={
+            "amplitude": (float(amplitude), "N·m", float(amplitude * (std / size + 0.05))),
+            "order": (float(p), "", 0.0),
+        },
+        log_evidence=float(min(0.5 * (size / max(std, 1e-3)) ** 2, 1e4)),
+    )
+
+
+def _unbalance(
+    model: Model, windows: Sequence[WindowFeatures], condition: Condition, profile: WornProfile, phase: float
+) -> Turning | None:
+    """What shakes the housing once a turn of the pinion, always at the same angle."""
     line = _steady(windows, "acceleration", (0, 1, 0))
-    if line is not None and abs(line[0]) > LEAST_ACCELERATION and abs(line[0]) > 5 * line[1]:
-        unit = EFFECTS["mass_unbalance"](pinion=1e-3)
-        try:
-            (seen,) = solve_with(model, (unit,), profile, condition).acceleration([1.0])
-        except TwinError:
-            seen = 0.0
-        if abs(seen) > 0:
-            U = 1e-3 * abs(line[0]) / abs(seen)
-            turned = line[0] * np.exp(-1j * phase / z1) / seen
-            out.append(
-                Turning(
-                    effect=EFFECTS["mass_unbalance"](
-                        pinion=float(min(U, 0.05)), pinion_heavy_point=float(np.angle(turned))
-                    ),
-                    parameters={"pinion": (float(U), "kg·m", float(U * (line[1] / abs(line[0]) + 0.1)))},
-                    log_evidence=float(min(0.5 * (abs(line[0]) / line[1]) ** 2, 1e4)),
-                )
+    if line is None or abs(line[0]) <= LEAST_ACCELERATION or abs(line[0]) <= 5 * line[1]:
+        return None
+    unit = EFFECTS["mass_unbalance"](pinion=1e-3)
+    try:
+        (seen,) = solve_with(model, (unit,), profile, condition).acceleration([1.0])
+    except TwinError:
+        return None
+    if abs(seen) == 0:
+        return None
+    U = 1e-3 * abs(line[0]) / abs(seen)
+    turned = line[0] * np.exp(-1j * phase / model.mesh.pair.teeth[0]) / seen
+    return Turning(
+        effect=EFFECTS["mass_unbalance"](pinion=float(min(U, 0.05)), pinion_heavy_point=float(np.angle(turned))),
+        parameters={"pinion": (float(U), "kg·m", float(U * (line[1] / abs(line[0]) + 0.1)))},
+        log_evidence=float(min(0.5 * (abs(line[0]) / line[1]) ** 2, 1e4)),
+    )
+
+
+def without_order(windows: Sequence[WindowFeatures], order: int) -> list[WindowFeatures]:
+    """The windows without the transmission error's line at one order of the pinion, which a ripple explains."""
+    out = []
+    for w in windows:
+        te = w.transmission_error
+        if te is not None and (0, order, 0) in te.keys:
+            kept = [i for i, key in enumerate(te.keys) if key != (0, order, 0)]
+            te = replace(
+                te,
+                keys=tuple(te.keys[i] for i in kept),
+                orders=tuple(te.orders[i] for i in kept),
+                amplitudes=tuple(te.amplitudes[i] for i in kept),
+                std=tuple(te.std[i] for i in kept),
             )
+        out.append(replace(w, transmission_error=te))
     return out
 
 
