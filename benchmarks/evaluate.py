@@ -1,11 +1,11 @@
 """Recordings with undeclared effects through `assess`: what was named, and the errors before and after.
 
-    python -m benchmarks.evaluate [--set judge|tune|shared|all …] [--only TEXT …] [--json OUT] [--processes N]
+    python -m benchmarks.evaluate [--set judge|fresh|tune|shared|all …] [--only TEXT …] [--json OUT] [--processes N]
                                   [--channels all|accel+encoders|accel] [--conditions own|one|two] [--folder DIR]
 
-The campaigns of the tables `judge` and `tune` are made by the project's own generator where they are not kept yet;
-`shared` are the reference campaigns beside the project (GEAR_TWIN_SHARED sets where). Prints one line a campaign, the
-parameters against the truth, and a summary beside the aims. The status is 0 whenever it ran: an aim missed is a line.
+The campaigns of the tables `judge`, `fresh` and `tune` are made by the project's own generator where they are not kept
+yet; `shared` are the reference campaigns beside the project (GEAR_TWIN_SHARED sets where). Prints one line a campaign,
+the parameters against the truth, and a summary beside the aims. The status is 0 whenever it ran: an aim missed is a line.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from service.assess import assess
 from service.errors import InputError
 from twin.step import Options
 
-TABLES = {"judge": judge.ROWS, "tune": tune.ROWS}
+TABLES = {"judge": judge.ROWS, "fresh": judge.FRESH, "tune": tune.ROWS}
 CONDITIONS = {"own": None, "one": False, "two": True}
 
 

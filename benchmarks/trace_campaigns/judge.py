@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from benchmarks.trace_campaigns.levels import LEVELS
 from benchmarks.trace_campaigns.table import CONTRACT_EFFECTS, Put, Row
 
@@ -113,3 +115,6 @@ def _clean() -> list[Row]:
 
 
 ROWS: tuple[Row, ...] = (*_singles(), *_pairs(), *_unknown(), *_clean())
+
+FRESH: tuple[Row, ...] = tuple(replace(row, name=f"K{row.name[1:]}", seed=row.seed + 505_001) for row in ROWS)
+"""The same campaigns in other draws: for figures after anything has been changed in the light of the first."""

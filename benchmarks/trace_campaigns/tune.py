@@ -90,4 +90,30 @@ def _levels() -> list[Row]:
     ]
 
 
-ROWS: tuple[Row, ...] = (*_singles(), *_clean(), *_pairs(), *_unknown(), *_levels())
+def _weak() -> list[Row]:
+    """More of what was told least well, other draws and sizes."""
+    put = (
+        ("bearing_defect", "medium", 0.0), ("bearing_defect", "large", 0.0), ("torque_ripple", "medium", 0.0),
+        ("torque_ripple", "large", 0.0), ("mass_unbalance", "large", 0.0), ("tooth_crack", "medium", 0.45),
+        ("pitch_error", "large", 0.0), ("mesh_stiffness_loss", "large", 0.0), ("mesh_damping", "large", 0.0),
+    )  # fmt: skip
+    singles = [
+        Row(
+            f"T{i}-{name}-{3 if level == 'large' else 2}",
+            42000 + 7 * i,
+            "single",
+            (Put(name, level, onset),),
+            windows=7 if onset else 6,
+        )
+        for i, (name, level, onset) in enumerate(put, start=48)
+    ]
+    discs = {"sensors": {"gear_graduation_um": [3.0, 1.4, 0.5, 0.4]}}
+    both = (Put("bearing_defect", "medium"), Put("pitch_error", "medium"))
+    return [
+        *singles,
+        Row("T57-clean-poor-discs", 42415, "clean", extra=discs),
+        Row("T58-bearing+pitch", 42422, "pair", both),
+    ]
+
+
+ROWS: tuple[Row, ...] = (*_singles(), *_clean(), *_pairs(), *_unknown(), *_levels(), *_weak())
