@@ -5,7 +5,8 @@
 
 The campaigns of the tables `judge`, `fresh` and `tune` are made by the project's own generator where they are not kept
 yet; `shared` are the reference campaigns beside the project (GEAR_TWIN_SHARED sets where). Prints one line a campaign,
-the parameters against the truth, and a summary beside the aims. The status is 0 whenever it ran: an aim missed is a line.
+the parameters against the truth, and a summary beside the aims. The status is 0 whenever it ran: an aim missed is a
+line.
 """
 
 from __future__ import annotations
