@@ -2,7 +2,8 @@
 
     python -m benchmarks.evaluate_campaigns [--campaigns DIR] [--only NAME …] [--json OUT]
 
-Runs every recording that has truth/NAME.json beside it through `assess`, in parallel over processes, and prints a
+Runs every recording that has truth/NAME.json beside it through `assess --no-trace`, which knows wear alone
+(`benchmarks.evaluate` has the effects), in parallel over processes, and prints a
 table per campaign (fused and paper's way side by side) and a summary. Without DIR: the reference campaigns beside the
 project (GEAR_TWIN_SHARED sets where) and the bundled recordings.
 """
@@ -20,6 +21,7 @@ from pathlib import Path
 
 from benchmarks.scoring import ROOT, Score, read_truth, score, truth_beside
 from service.assess import assess
+from twin.step import Options
 
 
 def recordings_in(folders: Iterable[Path]) -> list[Path]:
@@ -30,7 +32,7 @@ def recordings_in(folders: Iterable[Path]) -> list[Path]:
 def evaluate(path: Path) -> tuple[Score, float]:
     """One recording's score, and the processor time that `assess` took [s]."""
     start = time.process_time()
-    answer = assess(path)
+    answer = assess(path, options=Options(trace=False))
     used = time.process_time() - start
     truth = truth_beside(path)
     assert truth is not None
