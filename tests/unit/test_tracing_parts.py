@@ -103,10 +103,11 @@ def test_machine_without_a_twin_still_has_its_bearing_heard():
     rates = tuple((3.6 * k, 0.2) for k in (1, 2, 3, 4))
     tracing, told = Tracing(), []
     for n in range(5):
-        features = WindowFeatures(start_time_ns=n, speed_hz=10.0, revolutions=1000.0 * n, rms=3.0)
-        tracing, events = listen(
-            rig, tracing, Taken(index=n, features=features, beside=beside(kurtosis=20.0, rates=rates))
+        features = WindowFeatures(
+            start_time_ns=n, duration=5.0, quality="good", speed_hz=10.0, revolutions=1000.0 * n, rms=3.0
         )
+        window = Taken(index=n, features=features, beside=beside(kurtosis=20.0, rates=rates))
+        tracing, events = listen(rig, tracing, window)
         told += events
     assert [f.name for f in tracing.found] == ["bearing_defect"]
     assert [(kind, data["action"]) for kind, data in told] == [("effect", "found")]

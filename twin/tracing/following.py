@@ -45,6 +45,7 @@ MOST_LOG = 200
 MOST_UNSEEN = 3  # held-out windows that errors are computed on, the newest
 EVERY = 12  # measurement windows up to which each is traced; beyond, one in so many of those so far:
 SELDOM = 4
+EXPLAINED = 0.6  # misfit of wear alone that leaves nothing to be sought
 MORE = 1.3  # times the misfit of before, from which a search starts at once
 WITHOUT_MESH_ORDERS = (*BESIDE_THE_MESH, PinionEccentricity, GearEccentricity)  # or hardly: extended.py
 SAME_ONSET = 1.0  # revolutions
@@ -90,8 +91,8 @@ class Tracing:
     measured: int = 0  # measurement windows so far
     next_search: int = LEAST_WINDOWS
     next_trace: int = LEAST_WINDOWS
-    phase: float | None = None  # of the mesh against the encoder's zero, on the present mounting of the discs [rad]
-    mounted_ns: int = 0  # since when it is the present one, as far as tracing believes it [Unix ns]
+    phase: float | None = None  # of the mesh against the encoder's zero, on the first mounting of the discs [rad]
+    turns: tuple[tuple[int, float], ...] = ()  # of the pinion's disc that are believed: since [Unix ns], by [rad]
     signs: Mapping[str, float] = field(default_factory=dict)  # the largest that have been traced (watch.py)
     found: tuple[Found, ...] = ()  # what is in the twin, in the order found
     stages: tuple[Stage, ...] = ()  # with 0, 1, … of the effects that change the mesh or the path; the last is in use
@@ -115,7 +116,7 @@ class Tracing:
             "next_search": self.next_search,
             "next_trace": self.next_trace,
             "phase": self.phase,
-            "mounted_ns": self.mounted_ns,
+            "turns": [list(turn) for turn in self.turns],
             "signs": dict(self.signs),
             "found": [f.to_dict() for f in self.found],
             "stages": [s.to_dict() for s in self.stages],
@@ -138,7 +139,7 @@ class Tracing:
             next_search=data["next_search"],
             next_trace=data["next_trace"],
             phase=data["phase"],
-            mounted_ns=data["mounted_ns"],
+            turns=tuple((since, angle) for since, angle in data["turns"]),
             signs=data["signs"],
             found=tuple(Found.from_dict(f) for f in data["found"]),
             stages=tuple(Stage.from_dict(s) for s in data["stages"]),
@@ -203,30 +204,54 @@ def follow(rig: Rig, tracing: Tracing, taken: Taken, outcome: Outcome, taking: T
 def _traced(
     rig: Rig, tracing: Tracing, memory: Memory, kept: Sequence[Found], tolerated: float
 ) -> tuple[Tracing, Traced]:
-    """A trace of the windows that were recorded on one mounting of the discs.
+    """A trace of all windows, as on one mounting of the discs.
 
-    What looks like a disc that was turned may be an effect that sets in: only where all windows together cannot be
-    explained are the earlier ones given up.
+    What looks like a disc that was turned may be an effect that sets in. It is believed where wear alone explains all
+    windows once the disc is turned back; only where nothing explains them together are the earlier ones given up.
     """
     depths = dict(tracing.stages[-1].depths)
-    since, phase = tracing.mounted_ns, memory.phase if tracing.phase is None else tracing.phase
+    phase = memory.phase if tracing.phase is None else tracing.phase
+    tracing = replace(tracing, phase=phase)
 
-    def attempt(since_ns: int, at: float | None) -> Traced:
+    def attempt(turns: Sequence[tuple[int, float]], since_ns: int = 0, at: float | None = phase) -> Traced:
         return trace(
-            rig, tracing.history, depths, at, rejected=tracing.rejected, kept=kept, tolerated=tolerated,
-            since_ns=since_ns,
+            rig, [_turned_back(rig, t, turns) for t in tracing.history], depths, at, rejected=tracing.rejected,
+            kept=kept, tolerated=tolerated, since_ns=since_ns,
         )  # fmt: skip
 
-    whole = attempt(since, phase)
-    later = memory.discs_since_ns > since and memory.phase is not None
-    if later and (whole.misfit_after or 0.0) > JUMP:
+    known = tracing.turns[-1][0] if tracing.turns else 0
+    if memory.discs_since_ns > known and memory.phase is not None and phase is not None:
+        back = sum(turn for _, turn in tracing.turns)
+        turn = float(np.angle(np.exp(1j * (memory.phase - phase - back))))
+        turns = (*tracing.turns, (memory.discs_since_ns, turn))
+        turned = attempt(turns)
+        if (turned.misfit_before or 0.0) <= EXPLAINED:  # wear alone explains all windows, the disc turned back
+            return replace(tracing, turns=turns), turned
+    whole = attempt(tracing.turns)
+    if memory.discs_since_ns > known and memory.phase is not None and (whole.misfit_after or 0.0) > JUMP:
         try:
-            part = attempt(memory.discs_since_ns, memory.phase)
+            part = attempt((), memory.discs_since_ns, memory.phase)
         except (NotAvailable, NotConverged):
-            return replace(tracing, phase=phase), whole
+            return tracing, whole
         if (part.misfit_after or 0.0) < 0.5 * (whole.misfit_after or 0.0):
-            return replace(tracing, phase=memory.phase, mounted_ns=memory.discs_since_ns), part
-    return replace(tracing, phase=phase), whole
+            return tracing, part
+    return tracing, whole
+
+
+def _turned_back(rig: Rig, taken: Taken, turns: Sequence[tuple[int, float]]) -> Taken:
+    """The window as the pinion's disc would have shown it before it was turned."""
+    turn = sum(angle for since, angle in turns if taken.features.start_time_ns >= since)
+    if turn == 0:
+        return taken
+    features = taken.features
+    changes = {}
+    for name in ("acceleration", "transmission_error", "pinion_motion", "torque"):
+        lines = getattr(features, name)
+        if lines is not None:
+            back = np.exp(-1j * np.array(lines.orders) * turn / rig.teeth[0])
+            amplitudes = tuple((np.array(lines.amplitudes) * back).tolist())
+            changes[name] = replace(lines, amplitudes=amplitudes)
+    return replace(taken, features=replace(features, **changes))
 
 
 def listen(rig: Rig, tracing: Tracing, taken: Taken) -> tuple[Tracing, tuple[Event, ...]]:

@@ -142,7 +142,7 @@ def trace(
         o.index: curve.profile(max(depths.get(o.index, 0.0), float(curve.depth[0]))) if o.worn else model.unworn
         for _, o in every
     }
-    every = _mounted(model, every, profiles)
+    every = _mounted(model, every, profiles, phase)
     fitting = [(t, o) for t, o in every if o.index in {o.index for _, o in fitting}]
     pitch = None if "pitch_error" in rejected else find_pitch_errors(model, teeth, condition, model.unworn, phase)
     crack = None
@@ -288,19 +288,44 @@ def _with_teeth(
 
 
 def _mounted(
-    model: Model, windows: list[tuple[Taken, Observed]], profiles: dict[int, WornProfile]
+    model: Model, windows: list[tuple[Taken, Observed]], profiles: dict[int, WornProfile], phase: float
 ) -> list[tuple[Taken, Observed]]:
-    """The windows, with a new mounting from each on whose mean transmission error has jumped as no wear can."""
-    out: list[tuple[Taken, Observed]] = []
-    last, mounting = None, 0
-    for taken, o in windows:
+    """The windows, with a new mounting from each on whose mean transmission error has jumped as no wear can.
+
+    Whoever moved a disc may have turned it: the mesh lines of every mounting are turned back to the first one's phase.
+    """
+    predicted, mounting = {}, {}
+    last, count = None, 0
+    for _, o in windows:
+        steady = model.steady(profiles[o.index], o.condition)
+        predicted[o.index] = model.transmission_error_lines(steady)
         if o.mean is not None and o.torque_known:
-            steady = model.steady(profiles[o.index], o.condition)
             offset = o.mean - model.mean_transmission_error(steady, o.condition)
             if last is not None and abs(offset - last) > MOVED:
-                mounting += 1
+                count += 1
             last = offset
-        out.append((taken, replace(o, mounting=mounting)))
+        mounting[o.index] = count
+    if count == 0:
+        return windows
+
+    def turn(number: int) -> float:
+        """By how much the lines of a mounting are ahead of the phase [rad]."""
+        seen = [o for _, o in windows if mounting[o.index] == number and o.worn and not o.pinion_only]
+        angles = np.linspace(-np.pi, np.pi, 720, endpoint=False)
+        score = np.zeros_like(angles)
+        for o in seen:
+            for k in (1, 2, 3):
+                z, m = o.lines["encoder"][k - 1], predicted[o.index][k - 1]
+                if np.isfinite(z):
+                    score += (np.conj(m) * z * np.exp(-1j * k * (phase + angles))).real
+        return float(angles[np.argmax(score)])
+
+    turns = [turn(number) for number in range(count + 1)]
+    out = []
+    for taken, o in windows:
+        back = turns[mounting[o.index]] - turns[0]
+        lines = {name: y * np.exp(-1j * back * np.arange(1, y.size + 1)) for name, y in o.lines.items()}
+        out.append((taken, replace(o, mounting=mounting[o.index], lines=lines)))
     return out
 
 
