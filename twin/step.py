@@ -19,9 +19,10 @@ from twin.features.extract import extract
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
-from twin.tracing.following import Followed, Tracing, follow, listen
+from twin.tracing.following import Followed, follow, listen
 from twin.tracing.following import decide as follow_decision
 from twin.tracing.reporting import effects_report, tracing_report, unexplained_with
+from twin.tracing.state import Tracing
 from twin.updating.again import Taken, Taking, retake, taken_in
 from twin.updating.conditions import kind_of
 from twin.updating.memory import Memory

@@ -13,10 +13,11 @@ from twin.features.beside import Beside
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
-from twin.tracing.following import Stage, Tracing, _same, listen, relevant
+from twin.tracing.following import _same, listen
 from twin.tracing.found import Found
 from twin.tracing.path import Quotient, gain_step
 from twin.tracing.reporting import effects_report, tracing_report
+from twin.tracing.state import Stage, Tracing, relevant
 from twin.tracing.strangers import strangers
 from twin.tracing.trace import held_out
 from twin.tracing.unseen import Compared, by_band_and_order, figures

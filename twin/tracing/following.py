@@ -13,16 +13,12 @@ window of a short campaign, at ever fewer of a long one, and at once where a win
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from twin.effects.addition import Addition
-from twin.effects.extended import BESIDE_THE_MESH
-from twin.effects.gear_eccentricity import GearEccentricity
-from twin.effects.pinion_eccentricity import PinionEccentricity
 from twin.errors import NotAvailable, NotConverged, TwinError
 from twin.report import rul_report
 from twin.rig import Rig
@@ -30,6 +26,7 @@ from twin.tracing.candidates import TRIALS
 from twin.tracing.decisions import Decision
 from twin.tracing.found import Found, of_defect
 from twin.tracing.mesh_block import JUMP
+from twin.tracing.state import LEAST_WINDOWS, Stage, Tracing, parameters_of, relevant
 from twin.tracing.strangers import Strangers, strangers
 from twin.tracing.trace import Traced, held_out, trace
 from twin.tracing.unseen import Compared, Learned, by_band_and_order, compare, figures
@@ -39,7 +36,6 @@ from twin.updating.conditions import kind_of
 from twin.updating.memory import Memory
 from twin.updating.update import Outcome
 
-LEAST_WINDOWS = 3  # measurement windows before the first search
 MOST_HISTORY = 40  # windows that are kept, to be run again
 MOST_LOG = 200
 MOST_UNSEEN = 3  # held-out windows that errors are computed on, the newest
@@ -47,110 +43,12 @@ EVERY = 12  # measurement windows up to which each is traced; beyond, one in so 
 SELDOM = 4
 EXPLAINED = 0.6  # misfit of wear alone that leaves nothing to be sought
 MORE = 1.3  # times the misfit of before, from which a search starts at once
-WITHOUT_MESH_ORDERS = (*BESIDE_THE_MESH, PinionEccentricity, GearEccentricity)  # or hardly: extended.py
 SAME_ONSET = 1.0  # revolutions
 CHANGED_STD, CHANGED_SHARE = 1.0, 0.1  # change of a parameter that is worth another run: of its std, of its value
 WORSE = 1.02  # times the error on held-out windows, from which an effect is not believed
 MOST_STRANGE = 12
 
 Event = tuple[str, Mapping[str, Any]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stage:
-    """The twin with the first few effects, or with none."""
-
-    memory: Memory
-    depth: float = 0.0  # at the latest measurement window [m]
-    depths: Mapping[int, float] = field(default_factory=dict)  # by window [m]
-    life: float | None = None  # left at the latest measurement window [revolutions of the pinion]
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "memory": self.memory.to_dict(),
-            "depth": self.depth,
-            "depths": [[i, d] for i, d in self.depths.items()],
-            "life": self.life,
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Stage:
-        return cls(
-            memory=Memory.from_dict(data["memory"]),
-            depth=data["depth"],
-            depths={int(i): d for i, d in data["depths"]},
-            life=data["life"],
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tracing:
-    """What the tracing remembers of one machine; plain serialisable data."""
-
-    history: tuple[Taken, ...] = ()
-    measured: int = 0  # measurement windows so far
-    next_search: int = LEAST_WINDOWS
-    next_trace: int = LEAST_WINDOWS
-    phase: float | None = None  # of the mesh against the encoder's zero, on the first mounting of the discs [rad]
-    turns: tuple[tuple[int, float], ...] = ()  # of the pinion's disc that are believed: since [Unix ns], by [rad]
-    signs: Mapping[str, float] = field(default_factory=dict)  # the largest that have been traced (watch.py)
-    found: tuple[Found, ...] = ()  # what is in the twin, in the order found
-    stages: tuple[Stage, ...] = ()  # with 0, 1, … of the effects that change the mesh or the path; the last is in use
-    decisions: Mapping[str, str] = field(default_factory=dict)  # name → accepted, rejected or pinned
-    errors: tuple[Mapping[str, Any], ...] = ()  # on held-out windows, with 0, 1, … of `found`
-    residual: Mapping[str, Any] | None = None  # of one held-out window, by band and order
-    strange: tuple[Mapping[str, Any], ...] = ()  # lines that no gear makes
-    unknown: str = ""  # what has no name, in words
-    standing: Mapping[str, Any] = field(default_factory=dict)  # of the latest trace
-    log: tuple[Mapping[str, Any], ...] = ()
-
-    @property
-    def rejected(self) -> tuple[str, ...]:
-        return tuple(name for name, verdict in self.decisions.items() if verdict == "rejected")
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        return {
-            "history": [t.to_dict() for t in self.history],
-            "measured": self.measured,
-            "next_search": self.next_search,
-            "next_trace": self.next_trace,
-            "phase": self.phase,
-            "turns": [list(turn) for turn in self.turns],
-            "signs": dict(self.signs),
-            "found": [f.to_dict() for f in self.found],
-            "stages": [s.to_dict() for s in self.stages],
-            "decisions": dict(self.decisions),
-            "errors": [dict(e) for e in self.errors],
-            "residual": self.residual,
-            "strange": [dict(s) for s in self.strange],
-            "unknown": self.unknown,
-            "standing": dict(self.standing),
-            "log": [dict(entry) for entry in self.log],
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Tracing:
-        if not data:
-            return cls()
-        return cls(
-            history=tuple(Taken.from_dict(t) for t in data["history"]),
-            measured=data["measured"],
-            next_search=data["next_search"],
-            next_trace=data["next_trace"],
-            phase=data["phase"],
-            turns=tuple((since, angle) for since, angle in data["turns"]),
-            signs=data["signs"],
-            found=tuple(Found.from_dict(f) for f in data["found"]),
-            stages=tuple(Stage.from_dict(s) for s in data["stages"]),
-            decisions=dict(data["decisions"]),
-            errors=tuple(data["errors"]),
-            residual=data["residual"],
-            strange=tuple(data["strange"]),
-            unknown=data["unknown"],
-            standing=data["standing"],
-            log=tuple(data["log"]),
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,11 +59,6 @@ class Followed:
     outcome: Outcome
     again: tuple[tuple[Taken, Outcome], ...] = ()  # the latest windows as the changed twin took them, oldest first
     events: tuple[Event, ...] = ()
-
-
-def relevant(found: Iterable[Found]) -> tuple[Addition, ...]:
-    """The effects that change the mesh orders or the path: no others change a depth."""
-    return tuple(f.addition for f in found if not isinstance(f.addition.effect, WITHOUT_MESH_ORDERS))
 
 
 def follow(rig: Rig, tracing: Tracing, taken: Taken, outcome: Outcome, taking: Taking) -> Followed:
@@ -524,11 +417,6 @@ def _described(item: Found) -> dict[str, Any]:
         "runner_up": item.runner_up,
         "over_runner_up": item.over_runner_up,
     }
-
-
-def parameters_of(item: Found) -> dict[str, dict[str, Any]]:
-    """As the contract reports them."""
-    return {name: {"value": value, "unit": unit, "std": std} for name, (value, unit, std) in item.parameters.items()}
 
 
 def _strange(tracing: Tracing, heard: Strangers) -> tuple[Mapping[str, Any], ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from twin.tracing.following import Stage, Tracing, parameters_of, relevant
+from twin.tracing.state import Stage, Tracing, parameters_of, relevant
 
 MICRO = 1e6
 NONE_YET = "no window has been held out yet: errors need four measurement windows"
