@@ -1,4 +1,4 @@
-"""Campaigns to judge by: never to be looked at while the tracing is worked on."""
+"""Campaigns to judge by. ROWS have been looked at since; what is changed after that is judged by FRESH alone."""
 
 from __future__ import annotations
 

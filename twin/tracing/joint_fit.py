@@ -192,7 +192,6 @@ class Problem:
     windows: Sequence[Observed]
     profiles: Profiles
     trials: tuple[Trial, ...]
-    fixed: tuple[tuple[Effect, float], ...] = ()  # effects found before, with their onsets
     channels: tuple[str, ...] = CHANNELS
     factors: Sequence[dict[str, np.ndarray]] | None = None  # of each window's lines, by effects of longer periods
 
@@ -214,7 +213,7 @@ class Problem:
         return self.model.calibrated(**values)
 
     def effects(self, shared: np.ndarray, window: Observed) -> tuple[Effect, ...]:
-        out = [effect for effect, onset in self.fixed if window.revolutions >= onset]
+        out: list[Effect] = []
         at = len(NAMES)
         for trial in self.trials:
             if trial.acts(window):

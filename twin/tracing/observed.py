@@ -19,8 +19,6 @@ from twin.updating.conditions import condition_of, kind_of
 CHANNELS = ("encoder", "torque", "acceleration")
 HARMONICS = {"encoder": 5, "torque": 3, "acceleration": 10}
 UNWORN_REVOLUTIONS = 150.0  # before so many turns of the pinion the flanks count as new
-WEAK_TORQUE = 0.05  # of the mean: a window without a meter has the rig's nominal torque, known so well
-METER_TORQUE = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

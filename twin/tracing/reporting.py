@@ -8,7 +8,6 @@ from typing import Any
 from twin.tracing.state import Stage, Tracing, parameters_of, relevant
 
 MICRO = 1e6
-NONE_YET = "no window has been held out yet: errors need four measurement windows"
 STRONGEST = 8
 
 
