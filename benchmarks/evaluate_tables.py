@@ -49,6 +49,8 @@ def said(r: Traced) -> str:
     level = "" if r.level == "–" else f" ({'+'.join(SHORT.get(one, one) for one in r.level.split('+'))})"
     line = f"{', '.join(r.expected) or 'clean'}{level} → {', '.join(r.named) or 'nothing'}"
     more = [f"runner-up {r.runner_up}"] if r.runner_up else []
+    unclear = sorted({name for others in r.alike for name in others})
+    more += [f"not told from {', '.join(unclear)}"] if unclear else []
     more += [r.verdict]
     if r.foreign_hz:
         more.append(f"{r.lines_found} of {len(r.foreign_hz)} tones found")
@@ -107,6 +109,7 @@ AIMS = (
     Aim(
         "  medium and large ones", lambda r: r.kind == "single" and r.level != "small", lambda r: r.right, 90
     ),
+    Aim("  or among those said to be not told apart", lambda r: r.kind == "single", lambda r: r.in_class, 90),
     Aim("both of a pair named", lambda r: r.kind == "pair", lambda r: set(r.expected) <= set(r.named), 75),
     Aim("clean campaigns given an effect", lambda r: r.kind == "clean", lambda r: bool(r.false), 2, most=True),
     Aim(

@@ -76,6 +76,7 @@ class Traced:
     expected: tuple[str, ...]
     named: tuple[str, ...]  # in the order found
     tolerated: tuple[str, ...]
+    alike: tuple[tuple[str, ...], ...]  # of each one named: what it is said to be not told from
     runner_up: str | None
     verdict: str
     lines_hz: tuple[float, ...]  # that are left unexplained, strongest first
@@ -111,6 +112,16 @@ class Traced:
         return set(self.expected) <= set(self.named)
 
     @property
+    def in_class(self) -> bool:
+        """Right, or wrong only in which of those that it calls not told apart comes first."""
+        if self.right or self.failed or UNKNOWN in self.expected:
+            return self.right
+        classes = [{name, *others} for name, others in zip(self.named, self.alike, strict=True)]
+        covered = set[str]().union(*classes)
+        needed = [c for c in classes if not c & {*self.expected, *self.tolerated}]
+        return set(self.expected) <= covered and not needed
+
+    @property
     def visible(self) -> bool:
         return self.waveform_before is not None and self.waveform_before >= VISIBLE
 
@@ -144,7 +155,7 @@ class Traced:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe, with what the tables show."""
-        shown = ("false", "right", "visible", "halved", "lines_found", "depth_met", "depth_worse")
+        shown = ("false", "right", "in_class", "visible", "halved", "lines_found", "depth_met", "depth_worse")
         out = asdict(self) | {name: getattr(self, name) for name in shown}
         out["figures"] = [asdict(f) | {"error_percent": f.error_percent} for f in self.figures]
         return out
@@ -172,6 +183,7 @@ def score_tracing(
         expected=expected,
         named=tuple(e["name"] for e in effects),
         tolerated=tuple(truth.get("tolerated_names", ())),
+        alike=tuple(tuple(e["evidence"].get("not_told_from") or ()) for e in effects),
         runner_up=runner_up(effects),
         verdict=str(unexplained.get("verdict", unexplained.get("status"))),
         lines_hz=tuple(line["frequency_hz"] for line in orders if line.get("frequency_hz") is not None),
@@ -220,12 +232,7 @@ def foreign_tones(truth: Mapping[str, Any]) -> Iterable[float]:
 
 def runner_up(effects: Sequence[Mapping[str, Any]]) -> str | None:
     """The first effect's closest rival, as its evidence names it."""
-    for effect in effects:
-        evidence = effect.get("evidence")
-        if isinstance(evidence, Mapping) and evidence.get("runner_up") is not None:
-            rival = evidence["runner_up"]
-            return str(rival["name"] if isinstance(rival, Mapping) else rival)
-    return None
+    return next((e["evidence"]["runner_up"] for e in effects if e["evidence"].get("runner_up")), None)
 
 
 def figures(true: Mapping[str, Any], said: Mapping[str, Any]) -> list[Figure]:

@@ -93,6 +93,23 @@ def test_impacts_with_multiples_of_one_order_are_a_bearing_defect_with_its_onset
     assert heard.defect.onset == pytest.approx(2500.0)
 
 
+def test_evidence_of_a_defect_grows_with_its_multiples_and_windows():
+    def evidence(multiples, count):
+        rates = tuple((3.6 * k, 0.2) for k in range(1, multiples + 1))
+        heard = strangers([(1000.0 * n, beside(rates=rates)) for n in range(count)], False)
+        return 0.0 if heard.defect is None else heard.defect.log_evidence
+
+    assert 0 < evidence(4, 5) < evidence(6, 5) < evidence(6, 8)
+    assert evidence(6, 1) == 0.0 and evidence(2, 8) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rates_that_fall_anywhere_are_no_defect(seed):
+    rng = np.random.default_rng(seed)
+    windows = [(1000.0 * n, beside(rates=tuple((r, 0.3) for r in rng.uniform(0.1, 40.0, 10)))) for n in range(8)]
+    assert strangers(windows, False).defect is None
+
+
 def test_impacts_without_an_order_are_unknown_unless_a_tooth_strikes():
     windows = [(1000.0 * n, beside(kurtosis=40.0)) for n in range(1, 6)]
     assert strangers(windows, False).impacts

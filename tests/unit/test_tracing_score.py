@@ -31,7 +31,7 @@ TRUTH = {
 FOUND = {
     "name": "misalignment",
     "parameters": {"lead_gap": {"value": 30e-6, "unit": "m", "std": 1e-6}},
-    "evidence": {"runner_up": {"name": "pitch_error", "distance": 12.0}},
+    "evidence": {"runner_up": "pitch_error", "over_runner_up": 12.0, "not_told_from": []},
     "error_before": {"rms_percent": 20.0, "waveform_percent": 60.0},
     "error_after": {"rms_percent": 2.0, "waveform_percent": 25.0},
     "wear_depth_um_before": 50.0,
@@ -123,6 +123,18 @@ def test_a_name_that_is_not_there_is_false_even_beside_the_right_one():
     assert scored(tolerant, changed(ANSWER, effects=[FOUND, more])).right
 
 
+def test_a_name_may_be_one_of_those_that_are_said_to_be_not_told_apart():
+    soft = changed(TRUTH, expected_names=["mesh_stiffness_loss"])
+    assert not scored(soft).in_class
+    unsure = changed(FOUND, evidence={"runner_up": None, "not_told_from": ["mesh_stiffness_loss"]})
+    r = scored(soft, changed(ANSWER, effects=[unsure]))
+    assert r.in_class and not r.right and r.false == ("misalignment",)
+    assert "not told from mesh_stiffness_loss" in campaign_table([r])[2]
+    more = changed(FOUND, name="tooth_friction", parameters={})
+    assert not scored(soft, changed(ANSWER, effects=[unsure, more])).in_class
+    assert scored().in_class
+
+
 def test_one_of_a_pair_is_not_the_pair():
     pair = changed(TRUTH, kind="pair", expected_names=["gear_eccentricity", "misalignment"])
     r = scored(pair)
@@ -185,7 +197,7 @@ def test_the_tables_show_what_was_found_beside_the_aims():
     assert "100 %  ( 1 of  1)  ≥ 90 %" in lines["single effects named right, all sizes"]
     assert lines["clean campaigns given an effect"].endswith("≤ 2 %   missed")
     assert "1 in 2 campaigns" in lines["names given to what is not there"]
-    assert len(AIMS) == 9 and "both of a pair named" not in lines  # no such campaign, no line
+    assert len(AIMS) == 10 and "both of a pair named" not in lines  # no such campaign, no line
 
 
 def test_the_ablation_says_with_which_channels_an_effect_is_named():

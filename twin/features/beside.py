@@ -35,7 +35,7 @@ LEAST = 0.03  # amplitude of a line [m/s²]
 OF_MESH = 0.03  # of the strongest mesh line within NEAR orders
 NEAR = 3.0
 MOST_LINES = 12
-IMPULSIVE = 6.0  # kurtosis from which the envelope is looked into
+IMPULSIVE = 1.5  # kurtosis from which the envelope is looked into
 WIDE = 0.1  # of the rate: impacts fill a band this wide at least
 
 

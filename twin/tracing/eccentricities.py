@@ -67,6 +67,7 @@ class EccentricityFit:
     run_out: float | None  # |E| at the shaft's own order in the transmission error [m]
     disagreement: float  # of run-out and sidebands, over what both may be off
     shift_share: float  # of the contact's shift that the worn windows' sidebands show
+    shift_share_std: float
 
     @property
     def effect(self) -> Effect:
@@ -86,6 +87,7 @@ KINDS = (EFFECTS["pinion_eccentricity"], EFFECTS["gear_eccentricity"])
 LEAST_EVIDENCE = 10.0  # [nat]
 LEAST_RUN_OUT = 6e-6  # a poor disc's own reaches 4 µm [m]
 MOST_DISAGREEMENT = 3.0
+MOST_SHARE = 1.5  # of the contact's shift
 
 
 def _key(k: int, side: int, shaft: int) -> tuple[int, int, int]:
@@ -140,7 +142,7 @@ class Beside:
 
 
 def _read(
-    model: Model, windows: Sequence[Beside], phase: float, effect: Effect, shaft: int
+    model: Model, windows: Sequence[Beside], phase: float, effect: Effect, shaft: int, swung: complex
 ) -> tuple[list[_Line], list[complex]]:
     """Sidebands and run-outs of all windows with an eccentricity in the twin, `per_metre` per REFERENCE."""
     teeth = model.mesh.pair.teeth
@@ -158,17 +160,20 @@ def _read(
         if te is not None and te.unit == "m" and te.get(*_key(0, 1, shaft)) is not None:
             (s,) = response.transmission_error([own])
             y = te.at(*_key(0, 1, shaft)) * np.exp(-1j * own * phase / teeth[0])
-            run_outs.append(complex(y / (s / REFERENCE)))
+            run_outs.append(complex((y - swung) / (s / REFERENCE)))
     return sidebands, run_outs
 
 
-def fit_eccentricity(model: Model, windows: Sequence[Beside], phase: float, shaft: int) -> EccentricityFit | None:
+def fit_eccentricity(
+    model: Model, windows: Sequence[Beside], phase: float, shaft: int, swung: complex = 0.0
+) -> EccentricityFit | None:
     """The eccentricity that explains the windows best; None where no window has the lines.
 
     phase  ψ [rad]
     shaft  0 pinion, 1 gear
+    swung  run-out that something else makes, in the twin's angle [m]
     """
-    sidebands, run_outs = _read(model, windows, phase, KINDS[shaft](eccentricity=REFERENCE), shaft)
+    sidebands, run_outs = _read(model, windows, phase, KINDS[shaft](eccentricity=REFERENCE), shaft, swung)
     if not sidebands:
         return None
     run_out = None if not run_outs else complex(np.mean(run_outs))
@@ -215,6 +220,7 @@ def fit_eccentricity(model: Model, windows: Sequence[Beside], phase: float, shaf
         disagreement = float(abs(abs(run_out) - abs(E_alone)) / allowed)
         std = min(std, GRADUATION)
     seen = E if run_out is None else run_out
+    share, share_std = _shift_share([line for line in sidebands if line.worn], seen)
     return EccentricityFit(
         shaft=shaft,
         eccentricity=abs(E) if run_out is None else abs(run_out),
@@ -224,15 +230,21 @@ def fit_eccentricity(model: Model, windows: Sequence[Beside], phase: float, shaf
         by_sidebands=-float(alone.fun) + occam,
         run_out=None if run_out is None else abs(run_out),
         disagreement=disagreement,
-        shift_share=_shift_share([line for line in sidebands if line.worn], seen),
+        shift_share=share,
+        shift_share_std=share_std,
     )
 
 
-def _shift_share(worn: Sequence[_Line], E: complex) -> float:
-    """How much of the predicted sidebands of worn windows is there, by linear least squares; 1 without any."""
+def _shift_share(worn: Sequence[_Line], E: complex) -> tuple[float, float]:
+    """How much of the predicted sidebands of worn windows is there, by linear least squares, and its std.
+
+    Without any worn window the whole, give or take the range that it may lie in.
+    """
     m, y = np.array([line.predicted(E) for line in worn]), np.array([line.measured for line in worn])
     weight = 1 / np.array([line.std for line in worn]) ** 2
     energy = float(np.sum(weight * np.abs(m) ** 2)) if worn else 0.0
     if energy == 0:
-        return 1.0
-    return float(np.clip(np.sum(weight * (np.conj(m) * y).real) / energy, 0.0, 1.5))
+        return 1.0, MOST_SHARE / np.sqrt(12)
+    share = float(np.clip(np.sum(weight * (np.conj(m) * y).real) / energy, 0.0, MOST_SHARE))
+    misfit = float(np.sum(weight * np.abs(y - share * m) ** 2)) / len(worn)
+    return share, float(np.sqrt(max(misfit, 1.0) / (2 * energy)))

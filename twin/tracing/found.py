@@ -18,11 +18,12 @@ from twin.tracing.eccentricities import EccentricityFit
 from twin.tracing.joint_fit import Trial
 from twin.tracing.mesh_block import GAIN, MeshFindings
 from twin.tracing.path import GainStep, PathFit
+from twin.tracing.scatter import MODELLED
 from twin.tracing.strangers import Defect
 from twin.tracing.teeth import ToothFinding
 from twin.tracing.turning import Turning
 
-MODELLED = 0.08  # relative std of a fitted number, for what the twin's structure is off
+ANYWHERE = float(np.pi / np.sqrt(3))  # std of an angle of which nothing is known [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,7 +135,11 @@ def of_pitch(finding: ToothFinding) -> Found:
         values = np.array(getattr(effect, gear))
         if values.size:
             rms = float(np.sqrt(np.mean(values**2)))
-            parameters[f"{gear}_rms"] = (rms, "m", float(finding.std / np.sqrt(2 * values.size) + 0.1 * rms))
+            parameters[f"{gear}_rms"] = (
+                rms,
+                "m",
+                float(np.hypot(finding.std / np.sqrt(2 * values.size), MODELLED * rms)),
+            )
     return Found(
         addition=Addition(effect=effect),
         parameters=parameters,
@@ -150,7 +155,7 @@ def of_crack(finding: ToothFinding) -> Found:
         addition=Addition(effect=effect, onset_revolutions=finding.onset),
         parameters={
             "stiffness_loss": (float(effect.stiffness_loss), "", finding.std),
-            "tooth": (float(effect.tooth), "", 0.5),
+            "tooth": (float(effect.tooth), "", finding.tooth_std),
         },
         log_evidence=finding.log_evidence,
         runner_up="pitch_error" if finding.onset == 0 else None,
@@ -164,7 +169,7 @@ def of_defect(defect: Defect) -> Found:
         addition=Addition(effect=effect, onset_revolutions=defect.onset),
         parameters={
             "order": (float(effect.order), "", defect.order_std),
-            "slip": (float(effect.slip), "", 0.01),
+            "slip": (float(effect.slip), "", defect.slip_std),
         },
         log_evidence=defect.log_evidence,
         detail="the impacts' own force is not known: the path from the bearing to the sensor is not in the rig file",
@@ -179,7 +184,7 @@ def of_sensor(best: PathFit, rest: Sequence[PathFit]) -> Found:
         assert isinstance(effect, SensorResonance)
         parameters = {
             "frequency": (float(effect.frequency), "Hz", float(effect.frequency * best.std)),
-            "damping_ratio": (float(effect.damping_ratio), "", 0.03),
+            "damping_ratio": (float(effect.damping_ratio), "", best.damping_std),
         }
     other = max(rest, key=lambda s: s.log_evidence, default=None)
     return Found(
@@ -218,8 +223,8 @@ def of_eccentricity(fit: EccentricityFit) -> Found:
         addition=Addition(effect=fit.effect),
         parameters={
             "eccentricity": (fit.eccentricity, "m", fit.std),
-            "high_point": (fit.high_point, "rad", min(fit.std / max(fit.eccentricity, 1e-9), 3.0)),
-            "shift_share": (fit.shift_share, "", 0.2),
+            "high_point": (fit.high_point, "rad", min(fit.std / max(fit.eccentricity, 1e-9), ANYWHERE)),
+            "shift_share": (fit.shift_share, "", fit.shift_share_std),
         },
         log_evidence=fit.log_evidence,
         detail=told,

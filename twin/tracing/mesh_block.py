@@ -26,7 +26,7 @@ from twin.wear.curve import MasterCurve
 from twin.wear.profile import WornProfile
 
 GAIN = 6.0  # nats that an effect must gain
-ALIKE = 5.0  # nats within which two explanations are one class
+ALIKE = GAIN  # within which two explanations are one class
 OTHER_STRUCTURE = 40.0  # where the structure is not the rig file's and the encoders alone are believed
 HARDLY_VISIBLE = {"mesh_damping": 15.0}
 BESIDE_TEETH = {"profile_error": 200.0}  # what pitch errors make of the mesh lines is known to some tenths; else:

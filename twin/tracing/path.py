@@ -65,6 +65,7 @@ class PathFit:
     name: str  # "sensor_gain" or "sensor_resonance"
     effect: Effect
     std: float  # of ln g, or of ln f_0
+    damping_std: float = 0.0  # of a resonance's damping ratio
     log_evidence: float  # against a sensor as it should be [nat]
     over_other: float  # against a structure that is not the rig file's
 
@@ -276,11 +277,14 @@ def fit_sensor(rig: Rig, damping: float, quotients: Sequence[Quotient]) -> list[
     weight = np.exp(likelihood - likelihood[best])
     logs = np.log([t[1].frequency for t in tried])
     spread = float(np.sqrt((weight * (logs - (weight * logs).sum() / weight.sum()) ** 2).sum() / weight.sum()))
+    ratios = np.array([t[1].damping_ratio for t in tried])
+    step = float(np.log(RESONANCES[1] / RESONANCES[0]))
     out.append(
         PathFit(
             name="sensor_resonance",
             effect=tried[best][1],
-            std=max(spread, 0.02),
+            std=float(np.hypot(spread, step / np.sqrt(12))),
+            damping_std=float(np.sqrt(weight @ (ratios - tried[best][1].damping_ratio) ** 2 / weight.sum())),
             log_evidence=evidence - float(plain),
             over_other=evidence - float(other),
         )

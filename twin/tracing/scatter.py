@@ -26,6 +26,7 @@ import numpy as np
 
 COMMON = 0.05e-6  # β [m]
 EACH = 0.03e-6  # φ [m]
+MODELLED = 0.08  # relative std of a fitted number of an effect, for what the twin's structure is off
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

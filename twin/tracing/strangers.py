@@ -1,8 +1,13 @@
 """What no gear makes: foreign tones, modulations, impacts; and the bearing defect among the impacts.
 
 A defect repeats at an order that belongs to no shaft, with its multiples in the envelope, in every window, a little
-irregular (slip). Impacts without such an order, tones steady in hertz and lines at orders of no shaft have no name in
-the table: they are reported by frequency and order, never under another's name.
+irregular (slip). Its evidence is that of the multiples against rates that fall anywhere:
+
+    ln evidence = Σ_windows [h·ln(q/p) + (n − h)·ln((1 − q)/(1 − p))] − ln(orders told apart)
+
+h of a window's n rates are multiples; q = (h + 1)/(n + 2); p  share of the range that lies as near to a multiple by
+chance. Impacts without such an order, tones steady in hertz and lines at orders of no shaft have no name in the table:
+they are reported by frequency and order, never under another's name.
 """
 
 from __future__ import annotations
@@ -22,7 +27,10 @@ MULTIPLES = 8
 CLOSE = 0.012  # relative, of a rate to a multiple of an order
 ORDERS = (0.3, 12.0)  # sought, of the pinion's rotation
 MATCHES = 3  # multiples that must be there in a window
+LEAST_EVIDENCE = 20.0  # of a defect [nat]
+LEAST_SHARE = 0.6  # of the windows with a series whose series must be this one
 SAME_ORDER = 0.03
+REPETITIONS = 100  # of a defect in a window: slip adds up over them, and the window's order shows their mean
 SHARE_OF_WINDOWS = 0.5
 SAME_HERTZ = 1.0
 LEAST_AMPLITUDE = 0.05  # of a foreign tone [m/s²]
@@ -34,6 +42,7 @@ class Defect:
 
     effect: BearingDefect
     order_std: float
+    slip_std: float
     onset: float
     log_evidence: float
 
@@ -64,47 +73,63 @@ class Strangers:
         return "; ".join(parts)
 
 
-def _fundamental(rates: Sequence[tuple[float, float]]) -> tuple[float, int] | None:
-    """The order of which the most rates are multiples, and how many."""
-    best: tuple[int, float, float] | None = None
-    for rate, _ in rates:
-        for n in range(1, MULTIPLES + 1):
-            o = rate / n
-            if not ORDERS[0] < o < ORDERS[1]:
-                continue
-            k = np.array([r / o for r, _ in rates])
-            near = np.rint(k)
-            hits = (near >= 1) & (np.abs(k / np.maximum(near, 1) - 1) < CLOSE)
-            score = (int(hits.sum()), o)
-            if best is None or (score[0], score[1]) > (best[0], best[1]):
-                refined = float(np.mean([r / m for (r, _), m, h in zip(rates, near, hits, strict=True) if h]))
-                best = (score[0], o, refined)
-    return None if best is None or best[0] < MATCHES else (best[2], best[0])
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Series:
+    """Rates of one window that are multiples of an order."""
+
+    order: float
+    log_evidence: float  # against rates that fall anywhere, for this order
+
+
+def _series(rates: Sequence[tuple[float, float]]) -> _Series | None:
+    """The order whose multiples explain a window's rates best; None where none does better than chance."""
+    seen = np.array([r for r, _ in rates if r > ORDERS[0]])
+    if seen.size < MATCHES:
+        return None
+    orders = (seen[:, None] / np.arange(1, MULTIPLES + 1)).ravel()
+    best: _Series | None = None
+    for o in orders[(orders > ORDERS[0]) & (orders < ORDERS[1])]:
+        k = np.maximum(np.rint(seen / o), 1)
+        hit = np.abs(seen / o / k - 1) < CLOSE
+        if np.unique(k[hit]).size < MATCHES:
+            continue
+        highest = max(float(seen.max()), ORDERS[1])
+        multiples = o * np.arange(1, highest / o + 1)
+        covered = min(2 * CLOSE * float(multiples.sum()) / highest, 0.999)
+        share = (hit.sum() + 1) / (seen.size + 2)  # Laplace's rule: never quite all
+        hits, misses = hit.sum(), (~hit).sum()
+        gain = float(hits * np.log(share / covered) + misses * np.log((1 - share) / (1 - covered)))
+        if gain > (0.0 if best is None else best.log_evidence):
+            best = _Series(order=float(np.mean(seen[hit] / k[hit])), log_evidence=gain)
+    return best
 
 
 def _defect(windows: Sequence[tuple[float, Beside]]) -> Defect | None:
-    found = []
-    for revolutions, w in windows:
-        if w.kurtosis > IMPULSIVE and w.rates:
-            got = _fundamental(w.rates)
-            if got is not None:
-                found.append((revolutions, *got))
+    found = [(r, series) for r, w in windows if (series := _series(w.rates)) is not None]
     if len(found) < LEAST_WINDOWS:
         return None
-    orders = np.array([o for _, o, _ in found])
-    middle = float(np.median(orders))
-    same = np.abs(orders / middle - 1) < SAME_ORDER
-    if same.sum() < max(LEAST_WINDOWS, 0.6 * len(found)):
+    strongest = max(found, key=lambda f: f[1].log_evidence)[1].order
+    same = [(r, series) for r, series in found if abs(series.order / strongest - 1) < SAME_ORDER]
+    if len(same) < max(LEAST_WINDOWS, LEAST_SHARE * len(found)):
         return None
-    first = min(r for (r, _, _), ok in zip(found, same, strict=True) if ok)
-    before = [r for r, w in windows if r < first]
+    # one order among those told apart in the range, then in every further window one among those near it
+    told_apart = np.log(ORDERS[1] / ORDERS[0]) / (2 * CLOSE)
+    choices = np.log(told_apart) + (len(same) - 1) * np.log(SAME_ORDER / CLOSE)
+    evidence = sum(series.log_evidence for _, series in same) - choices
+    if evidence < LEAST_EVIDENCE:
+        return None
+    orders = np.array([series.order for _, series in same])
+    middle, scatter = float(np.mean(orders)), float(np.std(orders))
+    first = min(r for r, _ in same)
+    before = [r for r, _ in windows if r < first]
     onset = 0.0 if not before else 0.5 * (max(before) + first)
-    slip = float(np.clip(np.std(orders[same]) / middle * np.sqrt(100), 0.0, 0.1))
+    slip = float(np.clip(scatter / middle * np.sqrt(REPETITIONS), 0.0, 0.1))
     return Defect(
-        effect=BearingDefect(blow=1.0, order=float(np.mean(orders[same])), slip=slip),
-        order_std=float(np.std(orders[same]) / np.sqrt(same.sum())),
+        effect=BearingDefect(blow=1.0, order=middle, slip=slip),
+        order_std=float(np.hypot(scatter, CLOSE * middle / MATCHES) / np.sqrt(len(same))),
+        slip_std=slip,  # the order is read with an error, too: the scatter is the most that slip may be
         onset=onset,
-        log_evidence=float(10.0 * same.sum()),
+        log_evidence=float(evidence),
     )
 
 

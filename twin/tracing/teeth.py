@@ -28,6 +28,7 @@ from twin.effects.response import Effect, solve_with
 from twin.features.teeth import SURROGATES, _shares
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
+from twin.tracing.scatter import MODELLED
 from twin.wear.profile import WornProfile
 
 LOWEST = (3, 4)  # orders of pinion and gear below which eccentricity and graduation stand
@@ -67,6 +68,8 @@ class ToothFinding:
     onset: float  # revolutions
     log_evidence: float
     std: float  # of the teeth's displacement [m], or of the stiffness loss
+    tooth_std: float = 0.0  # of the cracked tooth's number
+    over_healthy: float = 0.0  # energy of pitch errors' lines beyond that of a healthy machine's, over it
     detail: str
 
 
@@ -125,11 +128,12 @@ def find_pitch_errors(
     """
     first = list(windows)[:FIRST]
     teeth = model.mesh.pair.teeth
-    strength, measured = [], []
+    strength, counts, measured = [], [], []
     for gear in (0, 1):
         seen = patterns(first, teeth, phase, gear)
         lines = np.mean([p.lines for p in seen], axis=0) if seen else np.zeros(0)
         strength.append(float(np.sqrt(0.5 * np.sum(np.abs(lines) ** 2))) / FLOOR[gear])
+        counts.append(lines.size)
         measured.append(_with_low_orders(first, teeth, phase, gear))
     if max(strength) < 1.0:
         return None
@@ -169,7 +173,8 @@ def find_pitch_errors(
             rest[gear] = measured[gear].lines - response.transmission_error(order)  # type: ignore[union-attr]
     B, _, _ = solvers[present[0]]
     std_of = float(np.sqrt(np.mean(np.diag(np.linalg.inv(B.T @ B)))))
-    evidence = sum(0.5 * (s**2 - 1) * 10 for s in strength if s > 1)
+    # every line a circular Gaussian, of a healthy machine's variance or of its own
+    evidence = sum(n * (s**2 - 1 - 2 * np.log(s)) for s, n in zip(strength, counts, strict=True) if s > 1)
     sizes = ", ".join(f"{n} {1e6 * float(np.std(v)):.2g} µm rms" for n, v in values.items())
     return ToothFinding(
         effect=EFFECTS["pitch_error"](**{n: tuple(v.tolist()) for n, v in values.items()}),
@@ -177,6 +182,7 @@ def find_pitch_errors(
         log_evidence=float(evidence),
         std=std_of,
         detail=sizes,
+        over_healthy=float(sum(s**2 - 1 for s in strength if s > 1)),
     )
 
 
@@ -222,7 +228,7 @@ def find_crack(
         finding = _fitted_crack(model, conditions[i], profiles[i], effects, gear, seen[0].orders, change)
         if finding is None:
             continue
-        effect, evidence, std = finding
+        effect, evidence, std, tooth_std = finding
         onset = 0.0 if at == 0 else 0.5 * (seen[at - 1].revolutions + seen[at].revolutions)
         if best is None or evidence > best.log_evidence:
             best = ToothFinding(
@@ -230,6 +236,7 @@ def find_crack(
                 onset=onset,
                 log_evidence=evidence,
                 std=std,
+                tooth_std=tooth_std,
                 detail="a single displaced tooth would look alike" if at == 0 else "",
             )
     return best
@@ -257,15 +264,17 @@ def _local_onset(seen: Sequence[Pattern], z: int, gear: int) -> tuple[int, np.nd
     return None if latest is None else (latest[1], latest[2])
 
 
-def _fitted_crack(model, condition, profile, effects, gear: int, m, change) -> tuple[Effect, float, float] | None:
-    """The softer tooth whose response meets a change best, its evidence and the std of the loss."""
+def _fitted_crack(
+    model, condition, profile, effects, gear: int, m, change
+) -> tuple[Effect, float, float, float] | None:
+    """The softer tooth whose response meets a change best, its evidence, the std of the loss and of its number."""
     z = model.mesh.pair.teeth[gear]
     on = ("pinion", "gear")[gear]
     kind = EFFECTS["tooth_crack"]
     order = m * (1.0, model.mesh.pair.teeth[0] / model.mesh.pair.teeth[1])[gear]
     σ2 = NOISE**2 + (0.15 * np.abs(change)) ** 2
     turned = None
-    tried = []
+    tried, by_tooth = [], {}
     for loss in LOSSES:
         response = solve_with(model, (*effects, kind(stiffness_loss=float(loss), tooth=0, on=on)), profile, condition)
         if not response.steady.converged:
@@ -277,18 +286,25 @@ def _fitted_crack(model, condition, profile, effects, gear: int, m, change) -> t
         misfit = (np.abs(change[:, None] - one[:, None] * turned) ** 2 / σ2[:, None]).sum(axis=0)
         tooth = int(np.argmin(misfit))
         tried.append((float(misfit[tooth]), float(loss), tooth))
+        by_tooth[float(loss)] = misfit
     if not tried:
         return None
     none = float((np.abs(change) ** 2 / σ2).sum())
     tried.sort()
     misfit, loss, tooth = tried[0]
+    std = float(LOSSES[1] - LOSSES[0])  # where no parabola tells
     if len(tried) > 2:  # a parabola through the best and its neighbours
         near = sorted((q, c) for c, q, k in tried if k == tooth and abs(q - loss) < 0.11)
         if len(near) == 3:
             a, b, _ = np.polyfit([q for q, _ in near], [c for _, c in near], 2)
             if a > 0:
                 loss = float(np.clip(-b / (2 * a), near[0][0], near[-1][0]))
+                std = float(np.sqrt(max(misfit / m.size, 1.0) / (2 * a)))
     evidence = 0.5 * (none - misfit)
     if evidence < LOCAL_EVIDENCE or misfit > 0.6 * none:
         return None
-    return kind(stiffness_loss=loss, tooth=tooth, on=on), float(evidence), 0.05
+    likely = np.exp((misfit - by_tooth[tried[0][1]]) / max(misfit / m.size, 1.0))
+    away = (np.arange(z) - tooth + z // 2) % z - z // 2
+    tooth_std = float(np.sqrt(likely @ away**2 / likely.sum()))
+    effect = kind(stiffness_loss=loss, tooth=tooth, on=on)
+    return effect, float(evidence), float(np.hypot(std, MODELLED * loss)), tooth_std

@@ -36,8 +36,8 @@ from twin.tracing.mesh_block import QUIET, MeshBlock, MeshFindings, plain_curve
 from twin.tracing.observed import Observed, chosen, observed
 from twin.tracing.path import fit_sensor, gain_step, quotients
 from twin.tracing.strangers import Strangers, strangers
-from twin.tracing.teeth import find_crack, find_pitch_errors
-from twin.tracing.turning import find_turning, without_order
+from twin.tracing.teeth import FIRST, find_crack, find_pitch_errors
+from twin.tracing.turning import find_turning, run_out_of, swung_by, without_order
 from twin.updating.again import Taken
 from twin.updating.twin_of_rig import nominal_model_of
 from twin.wear.profile import WornProfile
@@ -51,10 +51,8 @@ OUT_OF_PROPORTION = 30.0  # nats a misfit: friction reaches 2.5, other structure
 QUIET_ELSEWHERE = 10.0  # misfit of the encoders' lines that another structure may leave
 LEAST_GAIN = 0.06  # of ln g
 RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
-TOOTH_EVIDENCE = 25.0  # nats for pitch errors
+BEYOND_HEALTHY = 5.0  # energy of pitch errors' lines beyond that of a healthy machine's, over it
 LEAST_WITHOUT_RUN_OUT = 10e-6  # of an eccentricity that only sidebands show [m]
-BESIDE_UNBALANCE = 10e-6  # run-out that an unbalance does not make [m]
-BESIDE_TEETH = 400.0  # nats of a ripple where teeth that differ make lines of torque, too
 OF_SHAFT = 0.02  # of an order of the pinion: what repeats there is no bearing
 TOOTHED = ("pitch_error", "tooth_crack")
 MOVED = 15e-6  # jump of the mean transmission error that is a disc's: an edge of 10,000 is 30 µm
@@ -132,10 +130,6 @@ def trace(
         return Traced(
             found=tuple(found), strangers=heard, held_out=tuple(out), fitted=tuple(o.index for _, o in fitting)
         )
-    teeth = features
-    if "torque_ripple" in turned:
-        teeth = without_order(features, int(turned["torque_ripple"].parameters["order"][0]))
-
     deepest = max((depths.get(o.index, 0.0) for _, o in every), default=0.0)
     curve = plain_curve(model, [o for _, o in every if o.index not in out], deepest)
     profiles = {
@@ -144,7 +138,15 @@ def trace(
     }
     every = _mounted(model, every, profiles, phase)
     fitting = [(t, o) for t, o in every if o.index in {o.index for _, o in fitting}]
-    pitch = None if "pitch_error" in rejected else find_pitch_errors(model, teeth, condition, model.unworn, phase)
+    teeth = features
+    pitch = None if "pitch_error" in rejected else find_pitch_errors(model, features, condition, model.unworn, phase)
+    if "torque_ripple" in turned:
+        order = int(turned["torque_ripple"].parameters["order"][0])
+        if pitch is not None and swung_by(model, features[:FIRST], condition, (pitch.effect,), phase, order):
+            del turned["torque_ripple"]
+        else:
+            teeth = without_order(features, order)
+            pitch = pitch and find_pitch_errors(model, teeth, condition, model.unworn, phase)
     crack = None
     if "tooth_crack" not in rejected:
         crack = find_crack(
@@ -152,9 +154,7 @@ def trace(
         )
     if crack is not None and crack.onset == 0 and pitch is not None:
         pitch = None  # a local pattern from the start is the crack's own
-    elif crack is not None and pitch is not None and crack.log_evidence < pitch.log_evidence:
-        crack = None if crack.onset == 0 else crack
-    if pitch is not None and pitch.log_evidence > TOOTH_EVIDENCE:
+    if pitch is not None and pitch.over_healthy > BEYOND_HEALTHY:
         add(of_pitch(pitch))
     if crack is not None:
         add(of_crack(crack))
@@ -173,16 +173,15 @@ def trace(
         for t, o in [fitting[i] for i in sorted({0, len(fitting) // 2, len(fitting) - 1})]
     ]
     unbalanced = "mass_unbalance" in turned and not toothed
+    swung = run_out_of(model, condition, turned["mass_unbalance"].effect) if unbalanced else 0.0
     taken_orders: set[int] = set()
     for shaft in (0, 1):
-        result = fit_eccentricity(model, eccentric, phase, shaft)
+        result = fit_eccentricity(model, eccentric, phase, shaft, swung if shaft == 0 else 0.0)
         if result is None or not result.proven:
             continue
         if toothed and not (result.run_out is not None and result.run_out > RUN_OUT_WITH_PITCH):
             continue
         if result.run_out is None and result.eccentricity < LEAST_WITHOUT_RUN_OUT:
-            continue
-        if shaft == 0 and unbalanced and result.eccentricity < BESIDE_UNBALANCE:
             continue
         taken_orders |= {1} if shaft == 0 else set()
         add(of_eccentricity(result))
@@ -213,8 +212,6 @@ def trace(
         if name == "mass_unbalance" and toothed:
             continue
         if name == "torque_ripple" and turning.parameters["order"][0] in taken_orders:
-            continue
-        if name == "torque_ripple" and toothed and turning.log_evidence < BESIDE_TEETH:
             continue
         add(of_turning(turning))
     return Traced(

@@ -21,14 +21,17 @@ from twin.effects.response import Effect, solve_with
 from twin.errors import TwinError
 from twin.features.window_features import Lines, WindowFeatures
 from twin.model import Condition, Model
+from twin.tracing.scatter import MODELLED
 from twin.wear.profile import WornProfile
 
 LEAST_TORQUE = 0.005  # of a line of the torque meter that keeps its phase [N·m]
 LEAST_ACCELERATION = 0.002  # at the pinion's own order [m/s²]
 LEAST_WINDOWS = 4
 STEADY = 0.85  # |mean| over mean of absolute values
+STEADY_SIZE = 0.3  # std of absolute values over their mean: what drives a line does not grow with wear
 ORDERS = range(1, 11)
 DOMINANT = 3.0  # of a ripple's line over the next one: pitch errors and run-out make lines at many orders
+EXPLAINED = 0.5  # of a line: what may be left where something else makes it
 PARTING = 0.6  # of the mean torque: a swing that parts the teeth
 NOISY = 0.3  # share of the level that lies between the orders, when teeth strike
 
@@ -43,7 +46,7 @@ class Turning:
 
 
 def _steady(windows: Sequence[WindowFeatures], name: str, key: tuple[int, int, int]) -> tuple[complex, float] | None:
-    """Mean of a line over the windows, and its std; None where it does not keep its phase."""
+    """Mean of a line over the windows, and its std; None where it does not keep its phase and its size."""
     seen = []
     for w in windows:
         lines: Lines | None = getattr(w, name)
@@ -52,7 +55,8 @@ def _steady(windows: Sequence[WindowFeatures], name: str, key: tuple[int, int, i
     if len(seen) < LEAST_WINDOWS:
         return None
     y = np.array([v for v, _ in seen])
-    if abs(y.mean()) < STEADY * np.abs(y).mean():
+    size = np.abs(y)
+    if abs(y.mean()) < STEADY * size.mean() or np.std(size) > STEADY_SIZE * size.mean():
         return None
     return complex(y.mean()), float(np.sqrt(np.mean([s**2 for _, s in seen]) / len(seen)))
 
@@ -91,14 +95,23 @@ def _rattle(
         if w.torque is not None and w.torque.get(0, p, 0) is not None
     ]
     swing, order = max(raw, default=(0.0, 1))
+    seen = [
+        (abs(w.torque.at(0, order, 0)), w.torque.std_at(0, order, 0))
+        for w in windows
+        if w.torque is not None and w.torque.get(0, order, 0) is not None
+    ]
     if swing <= 0.1 * PARTING * condition.torque:
         return None
+    sizes, stds = np.array(seen).T
     at_brake = _per_unit(model, condition, profile, order)
     size = float(min(swing / at_brake, 45.0)) if at_brake else float(swing)
     return Turning(
         effect=EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=size, order=float(order)),
-        parameters={"load_ripple": (size, "N·m", 0.3 * size), "order": (float(order), "", 0.0)},
-        log_evidence=30.0,
+        parameters={
+            "load_ripple": (size, "N·m", float(size * np.hypot(np.std(sizes) / swing, MODELLED))),
+            "order": (float(order), "", 0.0),
+        },
+        log_evidence=_of_line(sizes, stds),
     )
 
 
@@ -134,10 +147,10 @@ def _ripple(
     return Turning(
         effect=EFFECTS["torque_ripple"](amplitude=float(amplitude), order=float(p), phase=float(np.angle(turned))),
         parameters={
-            "amplitude": (float(amplitude), "N·m", float(amplitude * (std / size + 0.05))),
+            "amplitude": (float(amplitude), "N·m", float(amplitude * np.hypot(std / size, MODELLED))),
             "order": (float(p), "", 0.0),
         },
-        log_evidence=float(min(0.5 * (size / max(std, 1e-3)) ** 2, 1e4)),
+        log_evidence=_of_line(size, max(std, 1e-3)),
     )
 
 
@@ -159,9 +172,38 @@ def _unbalance(
     turned = line[0] * np.exp(-1j * phase / model.mesh.pair.teeth[0]) / seen
     return Turning(
         effect=EFFECTS["mass_unbalance"](pinion=float(min(U, 0.05)), pinion_heavy_point=float(np.angle(turned))),
-        parameters={"pinion": (float(U), "kg·m", float(U * (line[1] / abs(line[0]) + 0.1)))},
-        log_evidence=float(min(0.5 * (abs(line[0]) / line[1]) ** 2, 1e4)),
+        parameters={"pinion": (float(U), "kg·m", float(U * np.hypot(line[1] / abs(line[0]), MODELLED)))},
+        log_evidence=_of_line(abs(line[0]), line[1]),
     )
+
+
+def swung_by(
+    model: Model,
+    windows: Sequence[WindowFeatures],
+    condition: Condition,
+    effects: Sequence[Effect],
+    phase: float,
+    order: int,
+) -> bool:
+    """Whether effects of the teeth make the torque's line of an order of the pinion by themselves.
+
+    windows  the first ones, unworn or nearly: the lines of teeth that differ grow with wear
+    """
+    seen = [w.torque.at(0, order, 0) for w in windows if w.torque is not None and w.torque.get(0, order, 0) is not None]
+    if not seen:
+        return False
+    measured = complex(np.mean(seen)) * np.exp(-1j * order * phase / model.mesh.pair.teeth[0])
+    try:
+        (made,) = solve_with(model, effects, model.unworn, condition).torque([float(order)])
+    except TwinError:
+        return False
+    return bool(abs(measured - made) < EXPLAINED * abs(measured))
+
+
+def run_out_of(model: Model, condition: Condition, effect: Effect) -> complex:
+    """What an unbalance makes of the transmission error at the pinion's own order, in the twin's angle [m]."""
+    (made,) = solve_with(model, (effect,), model.unworn, condition).transmission_error([1.0])
+    return complex(made)
 
 
 def without_order(windows: Sequence[WindowFeatures], order: int) -> list[WindowFeatures]:
@@ -180,6 +222,11 @@ def without_order(windows: Sequence[WindowFeatures], order: int) -> list[WindowF
             )
         out.append(replace(w, transmission_error=te))
     return out
+
+
+def _of_line(size: float | np.ndarray, std: float | np.ndarray) -> float:
+    """ln evidence of lines against noise alone [nat]; beyond a million nothing is told from anything."""
+    return float(min(0.5 * np.sum((size / np.maximum(std, 1e-9)) ** 2), 1e6))
 
 
 def _per_unit(model: Model, condition: Condition, profile: WornProfile, order: int) -> float:

@@ -1,0 +1,73 @@
+"""What turns with a shaft is told from what teeth make: torque ripple from pitch errors, run-out from unbalance."""
+
+from math import pi
+
+import numpy as np
+import pytest
+
+from tests.dynamics_cases import TEN as CONDITION
+from tests.dynamics_cases import model
+from twin.effects import EFFECTS
+from twin.effects.response import solve_with
+from twin.features.window_features import Lines, WindowFeatures
+from twin.tracing.turning import find_turning, run_out_of, swung_by
+
+PHASE = 0.7  # of the mesh against the encoder's zero [rad]
+RIPPLE = EFFECTS["torque_ripple"](amplitude=0.5, order=8.0, phase=0.4)
+PITCH = EFFECTS["pitch_error"](pinion=tuple(3e-6 * np.random.default_rng(5).normal(size=19)))
+NOISE = 1e-4  # [N·m]
+
+
+def recorded(effect, count=6, torque_scale=1.0):
+    """Windows of a machine whose torque meter and accelerometer show an effect, in the encoder's angle."""
+    response = solve_with(model(), (effect,), model().unworn, CONDITION, "pinion")
+    orders = np.arange(1.0, 11.0)
+    rng = np.random.default_rng(3)
+
+    def lines(values, unit):
+        turned = values * np.exp(1j * orders * PHASE / 19)
+        noisy = turned + NOISE * (rng.normal(size=10) + 1j * rng.normal(size=10))
+        return Lines(
+            unit=unit,
+            keys=tuple((0, int(p), 0) for p in orders),
+            orders=tuple(orders.tolist()),
+            amplitudes=tuple(noisy.tolist()),
+            std=(NOISE,) * 10,
+        )
+
+    return [
+        WindowFeatures(
+            start_time_ns=n, duration=5.0, quality="good", speed_hz=CONDITION.speed_hz, revolutions=1e3 * n, rms=1.0,
+            torque=lines(torque_scale * response.torque(orders), "N·m"),
+            acceleration=lines(response.acceleration(orders), "m/s²"),
+        )
+        for n in range(count)
+    ]  # fmt: skip
+
+
+def test_ripple_is_found_with_its_order_size_and_phase():
+    (found,) = find_turning(model(), recorded(RIPPLE), CONDITION, model().unworn, PHASE)
+    assert found.effect.order == 8.0
+    assert found.effect.amplitude == pytest.approx(0.5, rel=0.02)
+    assert found.effect.phase == pytest.approx(0.4, abs=0.02)
+    assert not swung_by(model(), recorded(RIPPLE), CONDITION, (PITCH,), PHASE, 8)
+
+
+@pytest.mark.parametrize("order", [3, 5, 6, 8])
+def test_torque_that_pitch_errors_make_is_theirs_and_twice_as_much_is_not(order):
+    assert swung_by(model(), recorded(PITCH), CONDITION, (PITCH,), PHASE, order)
+    assert not swung_by(model(), recorded(PITCH, torque_scale=3.0), CONDITION, (PITCH,), PHASE, order)
+
+
+def test_line_that_grows_from_window_to_window_is_no_ripple():
+    windows = [recorded(RIPPLE, count=1, torque_scale=s)[0] for s in (0.1, 0.3, 0.6, 1.0, 1.5, 2.0)]
+    assert find_turning(model(), windows, CONDITION, model().unworn, PHASE) == []
+
+
+def test_run_out_of_an_unbalance_is_in_proportion_and_turns_with_the_heavy_point():
+    small, large = (EFFECTS["mass_unbalance"](pinion=U) for U in (1e-3, 4e-3))
+    turned = EFFECTS["mass_unbalance"](pinion=1e-3, pinion_heavy_point=pi / 2)
+    one = run_out_of(model(), CONDITION, small)
+    assert abs(one) > 0
+    assert run_out_of(model(), CONDITION, large) == pytest.approx(4 * one, rel=1e-3)
+    assert run_out_of(model(), CONDITION, turned) == pytest.approx(1j * one, rel=1e-3)
