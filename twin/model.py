@@ -91,7 +91,7 @@ class Model:
         calibration = replace(self.calibration, **changes)
         structure = self.structure
         if calibration.modal_damping != structure.modal_damping:
-            structure = replace(structure, modal_damping=calibration.modal_damping)
+            structure = structure.damped(calibration.modal_damping)
         return replace(self, calibration=calibration, structure=structure)
 
     @property

@@ -203,6 +203,108 @@ def solve_through_contact_loss(
     return steady
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Evaluated:
+    """The balance at one motion."""
+
+    residual: np.ndarray  # lines (n//2 + 1,) [N]
+    penetration: np.ndarray  # ≥ 0 (p, n) [m]
+    closed: np.ndarray  # its slope 0 … 1 (p, n)
+
+
+class Balance:
+    """The equations of one period: structure, contacts and loads.
+
+    mean_force  mean mesh force T/r_b1 [N], > 0
+    loads       forces that do not depend on the motion
+    rounding    ε [m] of contacts that open gradually, (x + sqrt(x² + ε²))/2 for max(0, x); an aid on the way
+    """
+
+    def __init__(
+        self,
+        structure: Structure,
+        contacts: Contacts,
+        mean_force: float,
+        loads: tuple[Load, ...] = (),
+        rounding: float = 0.0,
+    ) -> None:
+        if not mean_force > 0:
+            raise ParameterError(f"mean_force = {mean_force:g} N must be positive: the gears are driven forward")
+        self.contacts, self.mean_force, self.loads, self.rounding = contacts, mean_force, loads, rounding
+        n, ω, τ = contacts.samples, contacts.omega, contacts.damping_time
+        iω = 1j * ω
+        if n % 2 == 0:
+            iω[-1] = 0  # the derivative of the Nyquist line is not real
+        self.omega = ω
+        self.closing = 1 + iω * τ  # from the lines of d to those of d + τ·d'
+
+        def spectrum(values: np.ndarray) -> np.ndarray:
+            """Lines (n//2 + 1,) from those of k ≥ 1; the Nyquist line of a real signal is real."""
+            lines = np.concatenate(([0], values))
+            if n % 2 == 0:
+                lines[-1] = lines[-1].real
+            return lines
+
+        def to_mesh(a: np.ndarray) -> np.ndarray:
+            return structure.receptance(ω[1:], a, structure.mesh)
+
+        G = to_mesh(structure.mesh)
+        self.inverse = spectrum(1 / G)
+        self.ratios = [spectrum(to_mesh(action.direction) / G) for action in contacts.actions]
+        for ratio, action in zip(self.ratios, contacts.actions, strict=True):
+            ratio[0] = action.mean
+        self._driven = spectrum(sum((to_mesh(load.direction) * load.lines[1:] for load in loads), np.zeros_like(G)))
+        self._side = contacts.side[:, None]
+        self._open_by = contacts.separation + τ * contacts.separation_rate
+        self._signed_stiffness = self._side * contacts.stiffness
+        self._weighted_stiffness = [action.weight * self._signed_stiffness for action in contacts.actions]
+
+    def at(self, d_hat: np.ndarray) -> Evaluated:
+        """Residual and contacts for the lines of d (n//2 + 1,)."""
+        x = self._side * irfft(self.closing * d_hat, self.contacts.samples, norm="forward") + self._open_by
+        if self.rounding:
+            root = np.sqrt(x**2 + self.rounding**2)
+            penetration, closed = (x + root) / 2, (1 + x / root) / 2
+        else:
+            penetration, closed = np.maximum(x, 0.0), x > 0
+        residual = _lines((self._signed_stiffness * penetration).sum(axis=0)) + self.inverse * (d_hat - self._driven)
+        for weighted, ratio in zip(self._weighted_stiffness, self.ratios, strict=True):
+            residual += ratio * _lines((weighted * penetration).sum(axis=0))
+        residual[0] -= self.mean_force
+        return Evaluated(residual=residual, penetration=penetration, closed=closed)
+
+    def tangents(self, closed: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Stiffness of the closed contacts against d, of the mesh force and of every action; (n,) each [N/m]."""
+        tangent = (self.contacts.stiffness * closed).sum(axis=0)
+        return tangent, [(self._side * weighted * closed).sum(axis=0) for weighted in self._weighted_stiffness]
+
+    def size(self, found: Evaluated) -> float:
+        """Largest residual, of the mean force."""
+        return float(np.abs(found.residual).max()) / self.mean_force
+
+    def state(
+        self, d_hat: np.ndarray, found: Evaluated, static: np.ndarray, iterations: int, converged: bool
+    ) -> SteadyState:
+        """The motion as a steady state."""
+        forces = self.contacts.stiffness * found.penetration
+        mesh_force = (self._side * forces).sum(axis=0)
+        actions = self.contacts.actions
+        return SteadyState(
+            deflection=irfft(d_hat, self.contacts.samples, norm="forward"),
+            quasi_static=static,
+            contact_forces=forces,
+            mesh_force=mesh_force,
+            force_lines=_lines(mesh_force),
+            action_lines=tuple(_lines((a.weight * self._side * forces).sum(axis=0)) for a in actions),
+            omega=self.omega,
+            residual=self.size(found),
+            iterations=iterations,
+            converged=converged,
+            directions=tuple(a.direction for a in actions),
+            loads=self.loads,
+        )
+
+
 def solve(
     structure: Structure,
     contacts: Contacts,
@@ -215,73 +317,30 @@ def solve(
 ) -> SteadyState:
     """The steady state over one period.
 
-    mean_force  mean mesh force T/r_b1 [N], > 0
-    loads       forces that do not depend on the motion
     start       deflection to start from (n,) [m]; or a steady state of similar contacts, whose departure from its
                 quasi-static deflection is added to that of these; the quasi-static one where None
-    rounding    ε [m] of contacts that open gradually, (x + sqrt(x² + ε²))/2 for max(0, x); an aid on the way
-    Returns a SteadyState whose `converged` says whether it may be used.
+    Others as `Balance`. Returns a SteadyState whose `converged` says whether it may be used.
     """
-    if not mean_force > 0:
-        raise ParameterError(f"mean_force = {mean_force:g} N must be positive: the gears are driven forward")
-    n, ω, τ = contacts.samples, contacts.omega, contacts.damping_time
-    iω = 1j * ω
-    if n % 2 == 0:
-        iω[-1] = 0  # the derivative of the Nyquist line is not real
-    closing = 1 + iω * τ  # from the lines of d to those of d + τ·d'
-
-    def spectrum(values: np.ndarray) -> np.ndarray:
-        """Lines (n//2 + 1,) from those of k ≥ 1; the Nyquist line of a real signal is real."""
-        lines = np.concatenate(([0], values))
-        if n % 2 == 0:
-            lines[-1] = lines[-1].real
-        return lines
-
-    def to_mesh(a: np.ndarray) -> np.ndarray:
-        return structure.receptance(ω[1:], a, structure.mesh)
-
-    G = to_mesh(structure.mesh)
-    inverse = spectrum(1 / G)
-    ratios = [spectrum(to_mesh(action.direction) / G) for action in contacts.actions]
-    for ratio, action in zip(ratios, contacts.actions, strict=True):
-        ratio[0] = action.mean
-    driven = spectrum(sum((to_mesh(load.direction) * load.lines[1:] for load in loads), np.zeros_like(G)))
-    side = contacts.side[:, None]
-    open_by = contacts.separation + τ * contacts.separation_rate
-    signed_stiffness = side * contacts.stiffness
-    weighted_stiffness = [action.weight * signed_stiffness for action in contacts.actions]
+    balance = Balance(structure, contacts, mean_force, loads, rounding)
+    n, ω, closing, inverse, ratios = (
+        contacts.samples, balance.omega, balance.closing, balance.inverse, balance.ratios,
+    )  # fmt: skip
 
     def unchanged(u: np.ndarray) -> np.ndarray:
         return u
 
     low_harmonics = min(int(BEYOND_MODES * structure.modes[0].max() / ω[1]) + 2, n // 4)
-
-    def evaluate(d_hat: np.ndarray):
-        """Residual lines (n//2 + 1,), penetrations ≥ 0 and their slopes 0 … 1 (p, n), for the lines of d."""
-        x = side * irfft(closing * d_hat, n, norm="forward") + open_by
-        if rounding:
-            root = np.sqrt(x**2 + rounding**2)
-            penetration, closed = (x + root) / 2, (1 + x / root) / 2
-        else:
-            penetration, closed = np.maximum(x, 0.0), x > 0
-        residual = _lines((signed_stiffness * penetration).sum(axis=0)) + inverse * (d_hat - driven)
-        for weighted, ratio in zip(weighted_stiffness, ratios, strict=True):
-            residual += ratio * _lines((weighted * penetration).sum(axis=0))
-        residual[0] -= mean_force
-        return residual, penetration, closed
-
     static = quasi_static_deflection(contacts, mean_force)
     if start is None:
         start = static
     elif isinstance(start, SteadyState):
         start = static + (start.deflection - start.quasi_static)
     d_hat = _lines(np.asarray(start, dtype=float))
-    residual, penetration, closed = evaluate(d_hat)
-    size = float(np.abs(residual).max()) / mean_force
+    found = balance.at(d_hat)
+    size = balance.size(found)
     iterations = stuck = 0
     while size > tolerance and iterations < MAX_NEWTON and stuck < MAX_STALLED:
-        tangent = (contacts.stiffness * closed).sum(axis=0)
-        tangents = [(side * weighted * closed).sum(axis=0) for weighted in weighted_stiffness]
+        tangent, tangents = balance.tangents(found.closed)
         k_mean = float(tangent.mean()) or float(contacts.stiffness.mean())
         precondition = 1 / (k_mean * closing + inverse)
         to_closing = closing * precondition
@@ -304,34 +363,17 @@ def solve(
         def preconditioned(u: np.ndarray, A: Map = jacobian, M: Map = coarse) -> np.ndarray:
             return A(M(u))
 
-        correction = precondition * coarse(gmres(preconditioned, -residual, forcing))
+        correction = precondition * coarse(gmres(preconditioned, -found.residual, forcing))
         step = 1.0
         for _ in range(MAX_HALVINGS):
-            trial = evaluate(d_hat + step * correction)
-            gain = np.linalg.norm(trial[0]) / np.linalg.norm(residual)
+            trial = balance.at(d_hat + step * correction)
+            gain = np.linalg.norm(trial.residual) / np.linalg.norm(found.residual)
             if gain < 1:
                 break
             step /= 2
         stuck = stuck + 1 if gain >= 0.9 else 0
         d_hat = d_hat + step * correction
-        residual, penetration, closed = trial
-        size = float(np.abs(residual).max()) / mean_force
+        found = trial
+        size = balance.size(found)
         iterations += 1
-
-    forces = contacts.stiffness * penetration
-    d = irfft(d_hat, n, norm="forward")
-    mesh_force = (side * forces).sum(axis=0)
-    return SteadyState(
-        deflection=d,
-        quasi_static=static,
-        contact_forces=forces,
-        mesh_force=mesh_force,
-        force_lines=_lines(mesh_force),
-        action_lines=tuple(_lines((a.weight * side * forces).sum(axis=0)) for a in contacts.actions),
-        omega=ω,
-        residual=size,
-        iterations=iterations,
-        converged=size <= tolerance,
-        directions=tuple(a.direction for a in contacts.actions),
-        loads=loads,
-    )
+    return balance.state(d_hat, found, static, iterations, size <= tolerance)

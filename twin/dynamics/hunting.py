@@ -79,9 +79,13 @@ class HuntingPeriod:
     @cached_property
     def passages(self) -> Passages:
         """Which tooth is where, over the record."""
+        return self.first_passages(self.mesh_periods)
+
+    def first_passages(self, periods: int) -> Passages:
+        """The beginning of the record, so many mesh periods long."""
         z1, z2 = self.mesh.pair.teeth
-        n, periods = self.mesh.samples, self.mesh_periods
-        turned = np.arange(self.samples) / n  # mesh periods since pair 0 passed the pitch point
+        n = self.mesh.samples
+        turned = np.arange(periods * n) / n  # mesh periods since pair 0 passed the pitch point
         nearest = np.repeat(np.arange(periods), n) + np.tile(np.arange(n) >= n / 2, periods)
         drive = nearest - np.array(ROWS)[:, None]  # a pair ahead on the path came earlier
         ahead = (

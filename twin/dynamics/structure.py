@@ -18,7 +18,7 @@ Holds    small motions about a steady rotation
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import cos, pi, sin
 
@@ -120,6 +120,12 @@ class Structure:
             modal_damping=ζ,
             transmission_error=direction({"th7": rb1, "th8": -rb2}),
         )
+
+    def damped(self, modal_damping: float) -> Structure:
+        """The same structure with another damping of its modes, which stay as they are."""
+        other = replace(self, modal_damping=modal_damping)
+        other.__dict__["modes"] = self.modes
+        return other
 
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray]:

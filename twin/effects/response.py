@@ -15,6 +15,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from twin.dynamics.harmonic_balance import Contacts, SteadyState, solve_through_contact_loss
+from twin.dynamics.sensitivity import Linearised
 from twin.dynamics.structure import direction
 from twin.effects.parameter import Parameter
 from twin.effects.setup import Setup, common_period, contacts_of, setup_of
@@ -179,11 +180,41 @@ def solve_with(
             type(effect).__name__ for effect in effects if common_period((period, effect.period)) != period
         )
         raise ParameterError(f"{names} does not repeat over the period of the {period}: {needed} is needed")
-    setup = setup_of(model, condition, period, len(profiles), samples)
-    for effect in effects:
-        setup = effect.apply(setup)
+    setup = _applied(setup_of(model, condition, period, len(profiles), samples), effects)
     contacts = contacts_of(setup, profiles)
     steady = solve_through_contact_loss(
         setup.structure, contacts, model.mean_force(condition), loads=setup.loads, start=start
     )
     return Response(model=model, setup=setup, contacts=contacts, steady=steady)
+
+
+def _applied(setup: Setup, effects: Iterable[Effect]) -> Setup:
+    for effect in effects:
+        setup = effect.apply(setup)
+    return setup
+
+
+class Nearby:
+    """Responses near a solved one, to first order, by one linear solution each (twin/dynamics/sensitivity.py)."""
+
+    def __init__(self, response: Response) -> None:
+        self.base = response
+        setup, model = response.setup, response.model
+        mean_force = model.mean_force(setup.condition)
+        self._linearised = Linearised(setup.structure, response.contacts, mean_force, response.steady, setup.loads)
+
+    def response(
+        self, model: Model, effects: Iterable[Effect], profile: WornProfile | Sequence[WornProfile]
+    ) -> Response:
+        """Under the same condition, over the same period.
+
+        Raises ParameterError where an effect does not repeat with it.
+        """
+        profiles = (profile,) if isinstance(profile, WornProfile) else tuple(profile)
+        near, effects = self.base.setup, tuple(effects)
+        period = common_period(effect.period for effect in effects)
+        samples = near.mesh.samples
+        setup = _applied(setup_of(model, near.condition, period, len(profiles), samples), effects)
+        contacts = contacts_of(setup, profiles)
+        steady = self._linearised.moved(setup.structure, contacts, model.mean_force(near.condition), setup.loads)
+        return Response(model=model, setup=setup, contacts=contacts, steady=steady)

@@ -170,16 +170,7 @@ def common_period(periods: Iterable[str]) -> str:
 
 @lru_cache(maxsize=8)
 def _passages(mesh: PairMesh, mesh_periods: int) -> Passages:
-    """The beginning of the hunting-tooth record, so many mesh periods long."""
-    whole, n = HuntingPeriod(mesh=mesh).passages, mesh_periods * mesh.samples
-    return Passages(
-        position=np.ascontiguousarray(whole.position[:, :n]),
-        side=whole.side,
-        pinion_angle=whole.pinion_angle[:n],
-        gear_angle=whole.gear_angle[:n],
-        pinion_tooth=np.ascontiguousarray(whole.pinion_tooth[:, :n]),
-        gear_tooth=np.ascontiguousarray(whole.gear_tooth[:, :n]),
-    )
+    return HuntingPeriod(mesh=mesh).first_passages(mesh_periods)
 
 
 @lru_cache(maxsize=4)

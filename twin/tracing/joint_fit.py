@@ -6,8 +6,8 @@ p      logarithms of stiffness scale, modal damping and damping time about the r
 ψ      phase of the mesh against the encoder's zero
 C      scatter.py
 
-Gauss–Newton steps with C held, accepted by the whole function; every window's lines depend on its own depth and on
-what all share, so one step takes 1 + 1 + (shared parameters) steady states a window.
+Gauss–Newton steps with C held, accepted by the whole function. Every window's lines depend on its own depth and on what
+all share; their derivatives are the sensitivities of its steady state (twin/dynamics/sensitivity.py).
 
     ln evidence = −½·minimum − ½·ln det(H·S²)         H = JᵀJ + S⁻²: Laplace's approximation
 
@@ -24,7 +24,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from twin.dynamics.structure import direction
-from twin.effects.response import Effect, Response, solve_with
+from twin.effects.response import Effect, Nearby, Response, solve_with
 from twin.errors import NotConverged, TwinError
 from twin.model import Model
 from twin.tracing.observed import CHANNELS, HARMONICS, Observed
@@ -38,8 +38,8 @@ MEAN_STD = 0.5e-6  # of the mean transmission error from window to window: torqu
 MEAN_DRIFT = 10e-6  # of the discs over the whole campaign: heat, creep of a mounting [m]
 SAME_TORQUE = 0.1
 TILTING = ("misalignment",)  # about which point a shaft tilts is not known, so neither is the step of the mean
-STEP = 1e-3  # of a parameter over its prior, for its derivative
-DEPTH_STEP = 0.3e-6  # [m]
+STEP = 1e-4  # of a parameter over its prior, for its derivative
+DEPTH_STEP = 0.02e-6  # [m]
 MOST_STEPS = 10
 POOR = 2.0  # misfit of a start whose calibration is not worth having
 SAME_SPEED = 0.05
@@ -122,10 +122,15 @@ def predict(
     response = solve_with(model, effects, profile, window.condition, samples=_per_mesh(effects), start=first)
     if not response.steady.converged:
         raise NotConverged(f"no steady state at {window.condition.speed_hz:g} Hz with {len(effects)} effects")
-    z1 = model.mesh.pair.teeth[0]
+    return seen_in(window, response)
+
+
+def seen_in(window: Observed, response: Response) -> Prediction:
+    """What the window's channels would show of a response."""
+    z1 = response.model.mesh.pair.teeth[0]
     orders = z1 * np.arange(1, max(HARMONICS.values()) + 1)
     if window.pinion_only:
-        motion = direction({"th7": model.mesh.pair.base_radius[0]})
+        motion = direction({"th7": response.model.mesh.pair.base_radius[0]})
         step = round(z1 * float(response.setup.turns))
         encoder = response.steady.lines(response.setup.structure, motion)[step - 1 :: step][: HARMONICS["encoder"]]
     else:
@@ -226,7 +231,16 @@ class Problem:
         effects = self.effects(shared, window)
         profile = self.profiles(depth, effects, window)
         before = None if start is None else start.response
-        found = predict(self.calibrated(shared), effects, profile, window, before)
+        return self._with_factors(i, predict(self.calibrated(shared), effects, profile, window, before))
+
+    def near(self, i: int, model: Model, shared: np.ndarray, depth: float, nearby: Nearby) -> Prediction:
+        """As `predict`, to first order about a prediction of the same window."""
+        window = self.windows[i]
+        effects = self.effects(shared, window)
+        response = nearby.response(model, effects, self.profiles(depth, effects, window))
+        return self._with_factors(i, seen_in(window, response))
+
+    def _with_factors(self, i: int, found: Prediction) -> Prediction:
         if self.factors is None:
             return found
         lines = {channel: found.lines[channel] * factor for channel, factor in self.factors[i].items()}
@@ -368,8 +382,12 @@ def fit(problem: Problem, start: JointFit | None, phase: float, depth: np.ndarra
 
 
 def _jacobian(problem: Problem, predictions, shared, phase, depth, rest, used) -> np.ndarray:
-    """∂(whitened residual)/∂(shared, phase, depths of worn windows), weights held."""
+    """∂(whitened residual)/∂(shared, phase, depths of worn windows), weights held.
+
+    By the sensitivities of the steady states: one factorisation a window serves all columns.
+    """
     n = problem.shared
+    nearby = [Nearby(p.response) for p in predictions]
     worn = np.flatnonzero(problem.worn)
     J = np.zeros((rest.size, n + 1 + worn.size))
 
@@ -379,17 +397,19 @@ def _jacobian(problem: Problem, predictions, shared, phase, depth, rest, used) -
     for j in range(n):
         moved = shared.copy()
         moved[j] += STEP
+        model = problem.calibrated(moved)
         changed = []
         for i, window in enumerate(problem.windows):
             if j >= len(NAMES) and not _trial_of(problem, j).acts(window):
                 changed.append(predictions[i])
             else:
-                changed.append(problem.predict(i, moved, depth[i], predictions[i]))
+                changed.append(problem.near(i, model, moved, depth[i], nearby[i]))
         J[:, j] = column(changed) / STEP
     J[:, n] = column(predictions, phase + 1e-5) / 1e-5
+    model = problem.calibrated(shared)
     for c, i in enumerate(worn.tolist()):
         changed = list(predictions)
-        changed[i] = problem.predict(i, shared, depth[i] + DEPTH_STEP, predictions[i])
+        changed[i] = problem.near(i, model, shared, depth[i] + DEPTH_STEP, nearby[i])
         J[:, n + 1 + c] = column(changed) / (DEPTH_STEP / DEPTH_SCALE)
     return J
 
