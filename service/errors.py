@@ -21,3 +21,7 @@ class FrameError(InputError):
 
 class DeliveryError(ServiceError):
     """Frames that could not be handed over."""
+
+
+FAULT = "a fault of the program"
+"""How the reason begins where not the input was wrong but the program."""

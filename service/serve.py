@@ -23,7 +23,7 @@ import zenoh
 from service.api import create_app
 from service.board import Board
 from service.decisions import Desk
-from service.errors import DeliveryError, InputError
+from service.errors import FAULT, DeliveryError, InputError
 from service.inbox import Inbox, pump
 from service.live import Guard, LiveState, OfferedRigs
 from service.pipeline import assembly_settings
@@ -200,7 +200,7 @@ class Worker(threading.Thread):
         except Exception as error:
             self._faults += 1
             log.exception("a window or decision was refused for a fault of the program")
-            raise TwinError(f"a fault of the program: {type(error).__name__}: {error}") from error
+            raise TwinError(f"{FAULT}: {type(error).__name__}: {error}") from error
 
     def _rig_of(self, asset: str, offered: OfferedRigs) -> Rig:
         """The rig of an asset: as set, as stored, as offered on Zenoh, else one of which nothing is known."""

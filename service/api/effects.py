@@ -10,6 +10,7 @@ from fastapi.responses import JSONResponse
 from service.api import models
 from service.api.assets import ERRORS, snapshot_of
 from service.api.problems import problem, responses
+from service.errors import FAULT
 from service.store import StoredDecision
 from twin.effects import EFFECTS
 
@@ -40,7 +41,7 @@ def decisions(request: Request, asset: str) -> Any:
 @router.post(
     "/{asset}/effects/{name}",
     response_model=models.DecisionAnswer,
-    responses=KEPT | responses(400, 404, 409, 422),
+    responses=KEPT | responses(400, 404, 409, 422, 500),
 )
 def decide(request: Request, asset: str, name: str, given: models.DecisionIn) -> Any:
     """Accepts, rejects, pins or releases an effect; 202 where it is kept but waits for a window in work."""
@@ -54,7 +55,7 @@ def decide(request: Request, asset: str, name: str, given: models.DecisionIn) ->
     if done is None:
         return JSONResponse(_answer(request.app.state.store.decision(number)), 202)
     if done.refused is not None:
-        return problem(request, 409, done.refused)
+        return problem(request, 500 if done.refused.startswith(FAULT) else 409, done.refused)
     return JSONResponse(_answer(done))
 
 

@@ -81,8 +81,10 @@ def effects(decided):
 
 
 def decide(rig, state, decision, options):
-    """Carries out any decision on a misalignment; no other effect is there."""
+    """Carries out any decision on a misalignment; no other effect is there, and one has a fault of the program."""
     time.sleep(SLOW)
+    if decision.name == "tooth_crack":
+        raise ZeroDivisionError("a fault")
     if decision.name != "misalignment":
         raise NotAvailable(f"{decision.name} is not in the twin")
     state = replace(state, decided=(*state.decided, (decision.name, decision.verb)))

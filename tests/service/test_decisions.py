@@ -69,6 +69,8 @@ def test_what_cannot_be_decided_is_refused_with_its_reason(tmp_path, recording):
         running.wait_for_windows(WINDOWS)
         status, answer = post(running, "/v1/assets/unsw/effects/tooth_friction", {"decision": "pin"})
         assert status == 409 and "tooth_friction is not in the twin" in answer["detail"]
+        status, answer = post(running, "/v1/assets/unsw/effects/tooth_crack", {"decision": "pin"})
+        assert status == 500 and answer["detail"] == "a fault of the program: ZeroDivisionError: a fault"
         status, answer = post(running, "/v1/assets/unsw/effects/rust", {"decision": "pin"})
         assert status == 404 and "misalignment" in answer["detail"]
         status, answer = post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "ignore"})

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
-from test_whole import COMMAND, ROOT, assert_same, differences, fetch, service
+from test_whole import COMMAND, ROOT, answer_of, assert_same, differences, fetch, service
 
 from service.replay import replay
 
@@ -34,30 +33,15 @@ def answer(tmp_path_factory):
     return json.loads(out.read_text())
 
 
-def windows_of(address: str, asset: str) -> list:
-    try:
-        return fetch(f"{address}/v1/assets/{asset}/windows")
-    except OSError:
-        return []
-
-
-def wait_for(address: str, asset: str, windows: int):
-    deadline = time.monotonic() + PATIENCE
-    while len(windows_of(address, asset)) < windows:
-        assert time.monotonic() < deadline, f"{windows} windows are not there after {PATIENCE} s"
-        time.sleep(0.3)
-    return fetch(f"{address}/v1/assets/{asset}")
-
-
 def test_effects_appear_online_and_a_kill_in_between_changes_nothing(answer, tmp_path):
     asset, windows = answer["asset"], len(answer["windows"])
     with service(tmp_path) as (endpoint, address, process):
         replay(RECORDING, [endpoint], 0.0)
-        wait_for(address, asset, windows - 3)
+        answer_of(address, asset, windows - 3, PATIENCE)
         process.kill()
     with service(tmp_path) as (endpoint, address, _):
         replay(RECORDING, [endpoint], 0.0)
-        found = wait_for(address, asset, windows)
+        found = answer_of(address, asset, windows, PATIENCE)
         assert_same(found, answer)
         assert differences(answer["tracing"], found["tracing"], "tracing") == []
         effects = fetch(f"{address}/v1/assets/{asset}/effects")

@@ -66,9 +66,9 @@ def answer(tmp_path_factory):
     return json.loads(out.read_text())
 
 
-def answer_of(address: str, asset: str, windows: int):
+def answer_of(address: str, asset: str, windows: int, patience: float = PATIENCE):
     """The service's answer once it has so many windows."""
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + patience
     while True:
         try:
             found = fetch(f"{address}/v1/assets/{asset}")
@@ -76,7 +76,7 @@ def answer_of(address: str, asset: str, windows: int):
             found = {"windows": []}
         if len(found["windows"]) >= windows:
             return found
-        assert time.monotonic() < deadline, f"{len(found['windows'])} of {windows} windows after {PATIENCE} s"
+        assert time.monotonic() < deadline, f"{len(found['windows'])} of {windows} windows after {patience} s"
         time.sleep(0.2)
 
 
