@@ -35,10 +35,13 @@ LOWEST = (3, 4)  # orders of pinion and gear below which eccentricity and gradua
 HIGHEST = (15, 41)
 FLOOR = (0.12e-6, 0.22e-6)  # rms of a healthy machine's pattern in its first windows [m]
 FIRST = 3  # windows that count as the first
+NEAR = 2  # windows on either side of a change
 GRADUATION = (0.6e-6, 1.6e-6)  # of the orders below, of pinion and gear [m]
 NOISE, RELATIVE = 0.03e-6, 0.05  # of a line: [m], of its own size
 PRIOR = 5e-6  # of a tooth's displacement [m]
 UNIT = 0.3e-6  # displacement at which the linear response is taken [m]
+LEAST_NOISE = 0.01e-6  # of a line's change [m]
+SHAPE = 0.15  # of a change's line: what the response to a softer tooth may be off
 STEPS = 3
 JUMP = 0.08e-6  # rms of a change that a crack makes at least [m]
 LOCAL = 0.6  # share of a pattern's energy within two tooth pitches, from the start
@@ -222,10 +225,10 @@ def find_crack(
         found = _local_onset(seen, teeth[gear], gear)
         if found is None:
             continue
-        at, change = found
+        at, change, noise = found
         with_crack = range(at, len(windows))
         i = with_crack[min(1, len(with_crack) - 1)]
-        finding = _fitted_crack(model, conditions[i], profiles[i], effects, gear, seen[0].orders, change)
+        finding = _fitted_crack(model, conditions[i], profiles[i], effects, gear, seen[0].orders, change, noise)
         if finding is None:
             continue
         effect, evidence, std, tooth_std = finding
@@ -242,14 +245,18 @@ def find_crack(
     return best
 
 
-def _local_onset(seen: Sequence[Pattern], z: int, gear: int) -> tuple[int, np.ndarray] | None:
-    """First window with a local pattern, and the change that came with it (n,)."""
+def _local_onset(seen: Sequence[Pattern], z: int, gear: int) -> tuple[int, np.ndarray, float] | None:
+    """First window with a local pattern, the change that came with it (n,) and the noise of a line of it [m].
+
+    The noise is what a line changes by from window to window otherwise, wear included.
+    """
     m = seen[0].orders
     X = np.array([p.lines for p in seen])
     steps = np.array([np.sqrt(0.5 * np.sum(np.abs(b - a) ** 2)) for a, b in pairwise(X)])
+    noise = max(float(np.median(steps)) * np.sqrt(2 / m.size), LEAST_NOISE)
     candidates = []
     for at in range(1, len(seen)):
-        change = X[at:].mean(axis=0) - X[:at].mean(axis=0)
+        change = X[at : at + NEAR].mean(axis=0) - X[max(at - NEAR, 0) : at].mean(axis=0)  # before wear adds its own
         rms = float(np.sqrt(0.5 * np.sum(np.abs(change) ** 2)))
         quiet = float(np.median(np.delete(steps, at - 1))) if steps.size > 1 else 0.0
         share, spread = local_share(X[at] - X[at - 1], m, z)
@@ -260,19 +267,19 @@ def _local_onset(seen: Sequence[Pattern], z: int, gear: int) -> tuple[int, np.nd
     share, spread = local_share(start, m, z)
     # what was local before a change was there from the start: wear alone makes it change once more
     if float(np.sqrt(0.5 * np.sum(np.abs(start) ** 2))) > FLOOR[gear] and share > spread and share > LOCAL:
-        return 0, X[:FIRST].mean(axis=0)
-    return None if latest is None else (latest[1], latest[2])
+        return 0, X[:FIRST].mean(axis=0), max(noise, FLOOR[gear] * np.sqrt(2 / m.size))
+    return None if latest is None else (latest[1], latest[2], noise)
 
 
 def _fitted_crack(
-    model, condition, profile, effects, gear: int, m, change
+    model, condition, profile, effects, gear: int, m, change, noise: float
 ) -> tuple[Effect, float, float, float] | None:
     """The softer tooth whose response meets a change best, its evidence, the std of the loss and of its number."""
     z = model.mesh.pair.teeth[gear]
     on = ("pinion", "gear")[gear]
     kind = EFFECTS["tooth_crack"]
     order = m * (1.0, model.mesh.pair.teeth[0] / model.mesh.pair.teeth[1])[gear]
-    σ2 = NOISE**2 + (0.15 * np.abs(change)) ** 2
+    σ2 = noise**2 + (SHAPE * np.abs(change)) ** 2
     turned = None
     tried, by_tooth = [], {}
     for loss in LOSSES:
