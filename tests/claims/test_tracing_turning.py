@@ -5,8 +5,8 @@ from math import pi
 import numpy as np
 import pytest
 
+from tests.dynamics_cases import FOURTEEN, model
 from tests.dynamics_cases import TEN as CONDITION
-from tests.dynamics_cases import model
 from twin.effects import EFFECTS
 from twin.effects.response import solve_with
 from twin.features.window_features import Lines, WindowFeatures
@@ -18,9 +18,9 @@ PITCH = EFFECTS["pitch_error"](pinion=tuple(3e-6 * np.random.default_rng(5).norm
 NOISE = 1e-4  # [N·m]
 
 
-def recorded(effect, count=6, torque_scale=1.0):
+def recorded(effect, count=6, torque_scale=1.0, condition=CONDITION):
     """Windows of a machine whose torque meter and accelerometer show an effect, in the encoder's angle."""
-    response = solve_with(model(), (effect,), model().unworn, CONDITION, "pinion")
+    response = solve_with(model(), (effect,), model().unworn, condition, "pinion")
     orders = np.arange(1.0, 11.0)
     rng = np.random.default_rng(3)
 
@@ -37,7 +37,7 @@ def recorded(effect, count=6, torque_scale=1.0):
 
     return [
         WindowFeatures(
-            start_time_ns=n, duration=5.0, quality="good", speed_hz=CONDITION.speed_hz, revolutions=1e3 * n, rms=1.0,
+            start_time_ns=n, duration=5.0, quality="good", speed_hz=condition.speed_hz, revolutions=1e3 * n, rms=1.0,
             torque=lines(torque_scale * response.torque(orders), "N·m"),
             acceleration=lines(response.acceleration(orders), "m/s²"),
         )
@@ -46,7 +46,7 @@ def recorded(effect, count=6, torque_scale=1.0):
 
 
 def test_ripple_is_found_with_its_order_size_and_phase():
-    (found,) = find_turning(model(), recorded(RIPPLE), CONDITION, model().unworn, PHASE)
+    (found,) = find_turning(model(), recorded(RIPPLE), [CONDITION] * 6, PHASE)
     assert found.effect.order == 8.0
     assert found.effect.amplitude == pytest.approx(0.5, rel=0.02)
     assert found.effect.phase == pytest.approx(0.4, abs=0.02)
@@ -59,9 +59,20 @@ def test_torque_that_pitch_errors_make_is_theirs_and_twice_as_much_is_not(order)
     assert not swung_by(model(), recorded(PITCH, torque_scale=3.0), CONDITION, (PITCH,), PHASE, order)
 
 
+@pytest.mark.parametrize("name", ["torque_ripple", "mass_unbalance"])
+def test_what_turns_is_found_where_speed_and_load_change_from_window_to_window(name):
+    effect = RIPPLE if name == "torque_ripple" else EFFECTS["mass_unbalance"](pinion=0.02, pinion_heavy_point=1.0)
+    conditions = [CONDITION, FOURTEEN] * 2
+    windows = [recorded(effect, count=1, condition=c)[0] for c in conditions]
+    (found,) = find_turning(model(), windows, conditions, PHASE)
+    for parameter in effect.parameters:
+        expected = getattr(effect, parameter.name)
+        assert getattr(found.effect, parameter.name) == pytest.approx(expected, rel=0.02, abs=1e-9)
+
+
 def test_line_that_grows_from_window_to_window_is_no_ripple():
     windows = [recorded(RIPPLE, count=1, torque_scale=s)[0] for s in (0.1, 0.3, 0.6, 1.0, 1.5, 2.0)]
-    assert find_turning(model(), windows, CONDITION, model().unworn, PHASE) == []
+    assert find_turning(model(), windows, [CONDITION] * 6, PHASE) == []
 
 
 def test_run_out_of_an_unbalance_is_in_proportion_and_turns_with_the_heavy_point():

@@ -99,7 +99,7 @@ REPORTED: dict[str, tuple[tuple[str, str, Callable[[float], float]], ...]] = {
 
 LEAST = {  # numbers below which an effect is not told from what real teeth do anyway, in units of their priors
     "tooth_friction": 0.15,
-    "misalignment": 0.2,
+    "misalignment": 0.27,  # 8 µm: helix slope of an accurate gear of this size, ISO 1328-1, class 6
     "profile_error": 0.3,
     "mesh_stiffness_loss": 0.7,
     "mesh_damping": 0.7,
@@ -124,3 +124,10 @@ def started(trial: Trial, values: np.ndarray, onset: float) -> Trial:
     """The trial starting elsewhere and setting in after so many revolutions."""
     free = tuple(replace(f, start=float(v)) for f, v in zip(trial.free, values, strict=True))
     return replace(trial, free=free, onset=onset)
+
+
+def plain(effect: Effect) -> Effect:
+    """The effect with plain numbers."""
+    values = {p.name: getattr(effect, p.name) for p in effect.parameters}
+    plain = {k: float(v) if isinstance(v, (float, np.floating)) else v for k, v in values.items()}
+    return type(effect)(**plain)

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from twin.effects.addition import Addition
-from twin.effects.response import Effect
 from twin.effects.sensor_gain import SensorGain
 from twin.effects.sensor_resonance import SensorResonance
 from twin.effects.tooth_crack import ToothCrack
-from twin.tracing.candidates import REPORTED, TRIALS, started
+from twin.tracing.candidates import REPORTED, TRIALS, plain, started
 from twin.tracing.eccentricities import EccentricityFit
 from twin.tracing.joint_fit import Trial
 from twin.tracing.mesh_block import GAIN, MeshFindings
@@ -119,13 +118,6 @@ def of_mesh(findings: MeshFindings, kept: Sequence[Found]) -> list[Found]:
             )
         )
     return out
-
-
-def plain(effect: Effect) -> Effect:
-    """The effect with plain numbers."""
-    values = {p.name: getattr(effect, p.name) for p in effect.parameters}
-    plain = {k: float(v) if isinstance(v, (float, np.floating)) else v for k, v in values.items()}
-    return type(effect)(**plain)
 
 
 def of_pitch(finding: ToothFinding) -> Found:

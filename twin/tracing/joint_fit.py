@@ -263,7 +263,8 @@ class Problem:
                 m = np.array([p.lines[channel][k - 1] for p in predictions])[there]
                 if weights is None:
                     path = self.path[channel][there, k - 1]
-                    w = weight(channel, k, m, σ[there], depth[there], path, self.group[there])
+                    added = m * self.by_teeth(channel, k)[there]
+                    w = weight(channel, k, m, σ[there], depth[there], path, self.group[there], added)
                 else:
                     w = weights[len(used)]
                 out.append(w.whitened(z[there] * np.exp(-1j * k * phase) - m))
@@ -271,6 +272,12 @@ class Problem:
                 used.append(w)
         out.append(self._mean(predictions))
         return np.concatenate(out), log_det, used
+
+    def by_teeth(self, channel: str, k: int) -> np.ndarray:
+        """Share of line k that effects of longer periods make, of each window (W,)."""
+        if self.factors is None:
+            return np.zeros(len(self.windows))
+        return np.array([1 - 1 / f[channel][k - 1] if channel in f else 0.0 for f in self.factors])
 
     def _mean(self, predictions: Sequence[Prediction]) -> np.ndarray:
         """Whitened means of the transmission error: their zero, its drift and what load adds are free."""
@@ -434,7 +441,8 @@ def _squares(problem: Problem, predictions, phase, depth) -> np.ndarray:
                 if np.isfinite(z) and np.isfinite(σ):
                     m = predictions[i].lines[channel][k - 1]
                     path = problem.path[channel][[i], k - 1]
-                    w = weight(channel, k, np.array([m]), np.array([σ]), depth[[i]], path, problem.group[[i]])
+                    added = m * problem.by_teeth(channel, k)[[i]]
+                    w = weight(channel, k, np.array([m]), np.array([σ]), depth[[i]], path, problem.group[[i]], added)
                     total += float((w.whitened(np.array([z * np.exp(-1j * k * phase) - m])) ** 2).sum())
                     count += 2
             out[i, c] = total / max(count, 1)

@@ -29,8 +29,6 @@ GAIN = 6.0  # nats that an effect must gain
 ALIKE = GAIN  # within which two explanations are one class
 OTHER_STRUCTURE = 40.0  # where the structure is not the rig file's and the encoders alone are believed
 HARDLY_VISIBLE = {"mesh_damping": 15.0}
-BESIDE_TEETH = {"profile_error": 200.0}  # what pitch errors make of the mesh lines is known to some tenths; else:
-BESIDE_TEETH_ELSE = 30.0
 QUIET = 0.3  # misfit up to which nothing is sought: healthy machines of the rig's structure have 0.1 to 0.3
 SOFT = -2.0  # of the calibrated stiffness, in spreads of its prior: something has softened the mesh
 WORTH = 2.0  # nats in the first trial from which a candidate is tried with the wear that it causes
@@ -154,11 +152,8 @@ class MeshBlock:
         self.until = wear_until(float(depth.max(initial=0.0)))
 
     def least_gain(self, name: str) -> float:
-        """Evidence that an effect needs [nat]: more where it is hardly visible, and beside pitch errors."""
-        gain = max(GAIN, HARDLY_VISIBLE.get(name, 0.0))
-        if self.channels != CHANNELS:
-            gain = max(gain, OTHER_STRUCTURE)
-        return gain if self.factors is None else max(gain, BESIDE_TEETH.get(name, BESIDE_TEETH_ELSE))
+        """Evidence that an effect needs [nat]: more where it is hardly visible, and of another structure."""
+        return max(GAIN, HARDLY_VISIBLE.get(name, 0.0), 0.0 if self.channels == CHANNELS else OTHER_STRUCTURE)
 
     def problem(self, trials: Sequence[Trial], wear: Wear, windows: Sequence[int] | None = None) -> Problem:
         chosen = range(len(self.windows)) if windows is None else windows

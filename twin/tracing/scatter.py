@@ -2,12 +2,13 @@
 
 For one line of one channel over W windows of one speed, measured z and predicted m, both (W,):
 
-    z = (1 + g)·m + b + ε        C = E[r·rᴴ] = ρ²·m·mᴴ + β²·1·1ᵀ + diag(2σ² + (κ·|m|)² + φ²)
+    z = (1 + g)·m + b + ε        C = E[r·rᴴ] = ρ²·m·mᴴ + β²·1·1ᵀ + diag(2σ² + (κ·|m|)² + φ² + (τ·|m − m′|)²)
 
 g, ρ   the machine's structure against the rig file's: one complex factor for all windows, and its size
 b, β   the same in every window: the discs' graduation, the mean form of real teeth, and its size
 κ      departure from window to window: speed and torque off their mean, the worn shape; grows with depth
 φ      what unworn and slightly worn teeth do that no model has
+τ      share of what teeth that differ make of the line, m′ without it, that is not known
 σ      noise of the real and of the imaginary part
 
 b and φ are stated as transmission error; the torque meter and the accelerometer hear them through the structure, P_k in
@@ -26,6 +27,7 @@ import numpy as np
 
 COMMON = 0.05e-6  # β [m]
 EACH = 0.03e-6  # φ [m]
+TEETH = 0.25  # of what pitch errors or a crack make of a mesh line: they are fitted to the lines between
 MODELLED = 0.08  # relative std of a fitted number of an effect, for what the twin's structure is off
 
 
@@ -77,6 +79,7 @@ def weight(
     depth: np.ndarray,
     path: np.ndarray,
     group: np.ndarray,
+    by_teeth: np.ndarray | float = 0.0,
 ) -> Weight:
     """Weight of line k (from 1) of a channel.
 
@@ -85,11 +88,13 @@ def weight(
     depth      of wear (W,) [m]
     path       P_k (W,), 1 for the encoders
     group      number of the speed that each window was taken at (W,): each has a factor of its own
+    by_teeth   what teeth that differ from one another add to the prediction (W,)
     """
     scatter = SCATTER[channel]
     ρ, κ = (size[k - 1] for size in scatter.sizes(k))
     κ = κ + scatter.per_depth * k * depth
-    C = np.diag(2 * std**2 + (κ * np.abs(predicted)) ** 2 + scatter.floor**2 + (EACH * path) ** 2).astype(complex)
+    each = 2 * std**2 + (κ * np.abs(predicted)) ** 2 + scatter.floor**2 + (EACH * path) ** 2
+    C = np.diag(each + (TEETH * np.abs(by_teeth)) ** 2).astype(complex)
     C += COMMON**2 * np.outer(path, path)
     for g in np.unique(group):
         m = np.where(group == g, predicted, 0.0)

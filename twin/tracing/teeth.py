@@ -34,6 +34,7 @@ from twin.wear.profile import WornProfile
 LOWEST = (3, 4)  # orders of pinion and gear below which eccentricity and graduation stand
 HIGHEST = (15, 41)
 FLOOR = (0.12e-6, 0.22e-6)  # rms of a healthy machine's pattern in its first windows [m]
+LOCAL_FLOOR = (0.12e-6, 0.1e-6)  # the same within two tooth pitches, where no healthy machine has its energy [m]
 FIRST = 3  # windows that count as the first
 NEAR = 2  # windows on either side of a change
 GRADUATION = (0.6e-6, 1.6e-6)  # of the orders below, of pinion and gear [m]
@@ -266,8 +267,8 @@ def _local_onset(seen: Sequence[Pattern], z: int, gear: int) -> tuple[int, np.nd
     start = X[: FIRST if latest is None else min(latest[1], FIRST)].mean(axis=0)
     share, spread = local_share(start, m, z)
     # what was local before a change was there from the start: wear alone makes it change once more
-    if float(np.sqrt(0.5 * np.sum(np.abs(start) ** 2))) > FLOOR[gear] and share > spread and share > LOCAL:
-        return 0, X[:FIRST].mean(axis=0), max(noise, FLOOR[gear] * np.sqrt(2 / m.size))
+    if float(np.sqrt(0.5 * np.sum(np.abs(start) ** 2))) > LOCAL_FLOOR[gear] and share > spread and share > LOCAL:
+        return 0, X[:FIRST].mean(axis=0), max(noise, LOCAL_FLOOR[gear] * np.sqrt(2 / m.size))
     return None if latest is None else (latest[1], latest[2], noise)
 
 

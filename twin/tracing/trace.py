@@ -7,17 +7,16 @@ Windows held out take no part in any fit; errors before and after are those of t
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin.effects.addition import Addition, name_of
-from twin.effects.extended import extend, window_lines
-from twin.errors import NotAvailable, TwinError
+from twin.errors import NotAvailable
 from twin.model import Model
 from twin.rig import Rig
-from twin.tracing.candidates import started
+from twin.tracing.beside_teeth import explained_beside_teeth, factors_of
 from twin.tracing.eccentricities import Beside as EccentricWindow
 from twin.tracing.eccentricities import fit_eccentricity
 from twin.tracing.found import (
@@ -30,7 +29,6 @@ from twin.tracing.found import (
     of_pitch,
     of_sensor,
     of_turning,
-    plain,
 )
 from twin.tracing.mesh_block import QUIET, MeshBlock, MeshFindings, plain_curve
 from twin.tracing.observed import Observed, chosen, observed
@@ -48,6 +46,7 @@ LEAST_TO_HOLD_OUT = 4  # measurement windows
 STEP_EVIDENCE = 15.0  # nats of a gain that changes in mid-campaign
 GAIN_EVIDENCE, OTHER_EVIDENCE = 6.0, 2.0  # nats: against a good sensor, and against a structure of another kind
 OUT_OF_PROPORTION = 30.0  # nats a misfit: friction reaches 2.5, other structures 200 and more
+PLAIN_MISFIT = 5.0  # at least that much is granted
 QUIET_ELSEWHERE = 10.0  # misfit of the encoders' lines that another structure may leave
 LEAST_GAIN = 0.06  # of ln g
 RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
@@ -122,7 +121,7 @@ def trace(
         if item.name not in rejected:
             found.append(item)
 
-    turns = find_turning(model, features, condition, model.unworn, phase)
+    turns = find_turning(model, features, [o.condition for _, o in fitting], phase)
     turned = {name_of(t.effect): t for t in turns}
     if "backlash_rattle" in turned:
         add(of_turning(turned["backlash_rattle"]))
@@ -189,17 +188,33 @@ def trace(
     fresh = [o for _, o in every if o.index not in out]
     picked = chosen(fresh, MOST_WINDOWS)
     start = np.array([depths.get(o.index, 0.0) for o in picked])
-    factors = _factors(model, picked, profiles, [f.addition for f in found if f.name in TOOTHED])
+    factors = factors_of(model, picked, profiles, [f.addition for f in found if f.name in TOOTHED])
     block = MeshBlock(model, picked, start, phase, factors)
     trials = [t for t in (f.kept for f in kept if f.name not in rejected) if t is not None]
     elsewhere = _other_structure(rig, model, block)
     if elsewhere:
         block = MeshBlock(model, picked, start, phase, factors, ("encoder",))
-    findings = block.explained(
-        skip=tuple(rejected), quiet=max(QUIET_ELSEWHERE if elsewhere else QUIET, tolerated), kept=trials
-    )
-    if factors is not None and findings.found:
-        findings = _with_teeth(findings, block.channels, picked, profiles, found, tuple(rejected))
+    quiet = max(QUIET_ELSEWHERE if elsewhere else QUIET, tolerated)
+    if factors is None:
+        findings = block.explained(skip=tuple(rejected), quiet=quiet, kept=trials)
+    else:
+
+        def anew(beside: Sequence[Addition]) -> list[Addition]:
+            """The teeth's effects, pitch errors fitted anew beside others that were there from the start."""
+            early = tuple(a.effect for a in beside if a.onset_revolutions == 0)
+            fitted = find_pitch_errors(model, teeth, condition, model.unworn, phase, early) if early else None
+            return [
+                Addition(effect=fitted.effect) if f.name == "pitch_error" and fitted is not None else f.addition
+                for f in found
+                if f.name in TOOTHED
+            ]
+
+        findings = explained_beside_teeth(block, trials, profiles, anew, tuple(rejected), quiet)
+        if pitch is not None and findings.found:
+            best = findings.best
+            early = tuple(e for t, e in zip(best.trials, best.effects(), strict=True) if t.onset == 0)
+            fitted = find_pitch_errors(model, teeth, condition, model.unworn, phase, early)
+            found = [of_pitch(fitted) if f.name == "pitch_error" and fitted is not None else f for f in found]
     for item in of_mesh(findings, kept):
         add(item)
 
@@ -254,34 +269,7 @@ def _other_structure(rig: Rig, model: Model, block: MeshBlock) -> bool:
     if any(o.pinion_only for o in block.windows):
         return False
     fits = fit_sensor(rig, model.calibration.modal_damping, quotients(base, block.windows, model.mesh.pair.teeth[0]))
-    return bool(fits) and max(s.over_other for s in fits) < -OUT_OF_PROPORTION * max(base.misfit, 1.0)
-
-
-def _with_teeth(
-    findings: MeshFindings,
-    channels: tuple[str, ...],
-    windows: Sequence[Observed],
-    profiles: Mapping[int, WornProfile],
-    found: Sequence[Found],
-    rejected: tuple[str, ...],
-) -> MeshFindings:
-    """The mesh lines explained once more, with what the teeth's differences make of them beside what was found."""
-    best = findings.best
-    model = findings.model
-    beside = [
-        Addition(effect=plain(e), onset_revolutions=t.onset) for t, e in zip(best.trials, best.effects(), strict=True)
-    ]
-    teeth = [f.addition for f in found if f.name in TOOTHED]
-    factors = _factors(model, windows, profiles, teeth, beside)
-    block = MeshBlock(model, windows, best.depth, best.phase, factors, channels)
-    trials = [started(t, best.numbers(t)[0], t.onset) for t in best.trials]
-    again = block.explained(skip=rejected, kept=trials)
-    return replace(
-        again,
-        table=findings.table,
-        runner_up={**findings.runner_up, **again.runner_up},
-        alike={**findings.alike, **again.alike},
-    )
+    return bool(fits) and max(s.over_other for s in fits) < -OUT_OF_PROPORTION * max(base.misfit, PLAIN_MISFIT)
 
 
 def _mounted(
@@ -323,39 +311,4 @@ def _mounted(
         back = turns[mounting[o.index]] - turns[0]
         lines = {name: y * np.exp(-1j * back * np.arange(1, y.size + 1)) for name, y in o.lines.items()}
         out.append((taken, replace(o, mounting=mounting[o.index], lines=lines)))
-    return out
-
-
-def _factors(
-    model: Model,
-    windows: Sequence[Observed],
-    profiles: Mapping[int, WornProfile],
-    additions: Sequence[Addition],
-    beside: Sequence[Addition] = (),
-) -> list[dict[str, np.ndarray]] | None:
-    """What effects of longer periods make of each window's mesh lines, beside those of the mesh's own period.
-
-    None where there are none.
-    """
-    if not additions:
-        return None
-    out: list[dict[str, np.ndarray]] = []
-    for o in windows:
-        there = tuple(a.effect for a in additions if a.onset_revolutions <= o.revolutions)
-        mesh = tuple(a.effect for a in beside if a.onset_revolutions <= o.revolutions)
-        if not there:
-            out.append({})
-            continue
-        try:
-            whole = window_lines(extend(model, (*there, *mesh)), profiles[o.index], o.condition).lines
-            part = window_lines(extend(model, mesh), profiles[o.index], o.condition).lines
-        except TwinError:
-            out.append({})
-            continue
-        error = whole.transmission_error / part.transmission_error
-        if o.pinion_only:
-            error = whole.pinion_motion / part.pinion_motion
-        out.append(
-            {"encoder": error[:5], "torque": error[:3], "acceleration": (whole.acceleration / part.acceleration)[:10]}
-        )
     return out

@@ -1,10 +1,13 @@
 """What turns with a shaft and pushes: unbalance, torque ripple, and the rattle of teeth that part.
 
-    |mean of the line over the windows| at absolute angle, against the twin's response to a unit of the effect
+    a = Σ_w conj(u_w)·y_w / Σ_w |u_w|²
 
-A line that keeps its size and its phase against the shaft from window to window is driven by it. The torque meter
-shows a ripple of the drive directly; the accelerometer shows an unbalance at the shaft's own order, where the mesh has
-nothing. Where the torque swings as far as its mean and noise fills the spectrum, the teeth part: rattle.
+y_w  line of window w, at absolute angle
+u_w  what a unit of the effect makes of it under the window's own speed and torque, by the twin
+
+A line that keeps its size and its phase, as a multiple of u_w, from window to window is driven by the shaft. The torque
+meter shows a ripple of the drive directly; the accelerometer shows an unbalance at the shaft's own order, where the
+mesh has nothing. Where the torque swings as far as its mean and noise fills the spectrum, the teeth part: rattle.
 
 Source   twin/effects/torque_ripple.py, mass_unbalance.py, backlash_rattle.py
 """
@@ -19,14 +22,15 @@ import numpy as np
 from twin.effects import EFFECTS
 from twin.effects.response import Effect, solve_with
 from twin.errors import TwinError
-from twin.features.window_features import Lines, WindowFeatures
+from twin.features.window_features import Key, Lines, WindowFeatures
 from twin.model import Condition, Model
 from twin.tracing.scatter import MODELLED
-from twin.wear.profile import WornProfile
 
 LEAST_TORQUE = 0.005  # of a line of the torque meter that keeps its phase [N·m]
 LEAST_ACCELERATION = 0.002  # at the pinion's own order [m/s²]
-LEAST_WINDOWS = 4
+LEAST_WINDOWS = 3
+UNIT = 0.1  # of a ripple [N·m]
+ALIKE = 0.02  # of the speed's logarithm; five times that of the torque's: windows that share a response
 STEADY = 0.85  # |mean| over mean of absolute values
 STEADY_SIZE = 0.3  # std of absolute values over their mean: what drives a line does not grow with wear
 ORDERS = range(1, 11)
@@ -45,20 +49,76 @@ class Turning:
     log_evidence: float
 
 
-def _steady(windows: Sequence[WindowFeatures], name: str, key: tuple[int, int, int]) -> tuple[complex, float] | None:
-    """Mean of a line over the windows, and its std; None where it does not keep its phase and its size."""
-    seen = []
-    for w in windows:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Steady:
+    """A line that keeps its size and phase over the windows, as multiples of the response to a unit."""
+
+    multiple: complex
+    std: float
+    size: float  # of the line itself, rms over the windows
+    line_std: float  # of the mean line
+
+
+def _lines(windows: Sequence[WindowFeatures], name: str, key: Key) -> list[tuple[int, complex, float]]:
+    """Window's number, line and its std, where it was read."""
+    out = []
+    for i, w in enumerate(windows):
         lines: Lines | None = getattr(w, name)
         if lines is not None and lines.get(*key) is not None:
-            seen.append((lines.at(*key), lines.std_at(*key)))
+            out.append((i, lines.at(*key), lines.std_at(*key)))
+    return out
+
+
+def _strong(seen: Sequence[tuple[int, complex, float]], least: float, deviations: float) -> bool:
+    """Whether lines stand out of noise, whatever their phases."""
     if len(seen) < LEAST_WINDOWS:
+        return False
+    size = float(np.sqrt(np.mean([abs(y) ** 2 for _, y, _ in seen])))
+    return size > least and size > deviations * _std_of_mean(seen)
+
+
+def _std_of_mean(seen: Sequence[tuple[int, complex, float]]) -> float:
+    return float(np.sqrt(np.mean([s**2 for _, _, s in seen]) / len(seen)))
+
+
+def _steady(seen: Sequence[tuple[int, complex, float]], units: Sequence[complex]) -> _Steady | None:
+    """Lines as multiples of what a unit makes of them in each window; None where they do not keep size and phase."""
+    y = np.array([v for _, v, _ in seen])
+    unit = np.array([units[i] for i, _, _ in seen])
+    if not np.abs(unit).all():
         return None
-    y = np.array([v for v, _ in seen])
-    size = np.abs(y)
-    if abs(y.mean()) < STEADY * size.mean() or np.std(size) > STEADY_SIZE * size.mean():
+    multiples, weight = y / unit, np.abs(unit) ** 2
+    mean = complex(np.average(multiples, weights=weight))
+    sizes = np.abs(multiples)
+    size = float(np.average(sizes, weights=weight))
+    scatter = float(np.sqrt(np.average((sizes - size) ** 2, weights=weight)))
+    if abs(mean) < STEADY * size or scatter > STEADY_SIZE * size:
         return None
-    return complex(y.mean()), float(np.sqrt(np.mean([s**2 for _, s in seen]) / len(seen)))
+    line_std = _std_of_mean(seen)
+    return _Steady(
+        multiple=mean,
+        std=float(line_std / np.sqrt(weight.mean())),
+        size=float(np.sqrt(np.mean(np.abs(y) ** 2))),
+        line_std=line_std,
+    )
+
+
+def _units(
+    model: Model, conditions: Sequence[Condition], effect: Effect, channel: str, order: float, phase: float
+) -> list[complex] | None:
+    """What an effect makes of a line under each condition, in the encoder's angle; None without a steady state."""
+    known: dict[tuple[int, int], complex] = {}
+    out = []
+    for condition in conditions:
+        key = (round(np.log(condition.speed_hz) / ALIKE), round(np.log(condition.torque) / (5 * ALIKE)))
+        if key not in known:
+            try:
+                (seen,) = getattr(solve_with(model, (effect,), model.unworn, condition), channel)([order])
+            except TwinError:
+                return None
+            known[key] = complex(seen * np.exp(1j * order * phase / model.mesh.pair.teeth[0]))
+        out.append(known[key])
+    return out
 
 
 def rattling(windows: Sequence[WindowFeatures]) -> bool:
@@ -70,23 +130,20 @@ def rattling(windows: Sequence[WindowFeatures]) -> bool:
 def find_turning(
     model: Model,
     windows: Sequence[WindowFeatures],
-    condition: Condition,
-    profile: WornProfile,
+    conditions: Sequence[Condition],
     phase: float,
 ) -> list[Turning]:
-    """Rattle, or ripple and unbalance, from measurement windows."""
+    """Rattle, or ripple and unbalance, from measurement windows and their conditions."""
     if rattling(windows):
-        rattle = _rattle(model, windows, condition, profile)
+        rattle = _rattle(model, windows, conditions[0])
         if rattle is not None:
             return [rattle]
-    unbalance = _unbalance(model, windows, condition, profile, phase)
-    ripple = _ripple(model, windows, condition, profile, phase, set() if unbalance is None else {1})
+    unbalance = _unbalance(model, windows, conditions, phase)
+    ripple = _ripple(model, windows, conditions, phase, set() if unbalance is None else {1})
     return [found for found in (ripple, unbalance) if found is not None]
 
 
-def _rattle(
-    model: Model, windows: Sequence[WindowFeatures], condition: Condition, profile: WornProfile
-) -> Turning | None:
+def _rattle(model: Model, windows: Sequence[WindowFeatures], condition: Condition) -> Turning | None:
     """The swing of the load that parts the teeth; None where none is large enough."""
     raw = [
         (abs(w.torque.at(0, p, 0)), p)
@@ -103,7 +160,7 @@ def _rattle(
     if swing <= 0.1 * PARTING * condition.torque:
         return None
     sizes, stds = np.array(seen).T
-    at_brake = _per_unit(model, condition, profile, order)
+    at_brake = _per_unit(model, condition, order)
     size = float(min(swing / at_brake, 45.0)) if at_brake else float(swing)
     return Turning(
         effect=EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=size, order=float(order)),
@@ -118,62 +175,56 @@ def _rattle(
 def _ripple(
     model: Model,
     windows: Sequence[WindowFeatures],
-    condition: Condition,
-    profile: WornProfile,
+    conditions: Sequence[Condition],
     phase: float,
     taken: Collection[int],
 ) -> Turning | None:
     """The one order of the torque that stands out and keeps its phase; teeth that differ have lines at all orders."""
     swings = []
     for p in ORDERS:
-        line = _steady(windows, "torque", (0, p, 0))
-        if line is not None and abs(line[0]) > LEAST_TORQUE and abs(line[0]) > 6 * line[1]:
-            swings.append((abs(line[0]), p, line))
+        seen = _lines(windows, "torque", (0, p, 0))
+        if _strong(seen, LEAST_TORQUE, 6.0):
+            swings.append((float(np.sqrt(np.mean([abs(y) ** 2 for _, y, _ in seen]))), p, seen))
     if not swings:
         return None
-    size, p, (value, std) = max(swings)
+    size, p, seen = max(swings, key=lambda s: s[0])
     rest = max((s for s, q, _ in swings if q != p), default=0.0)
     if p in taken or size < DOMINANT * rest:
         return None
-    unit = EFFECTS["torque_ripple"](amplitude=0.1, order=float(p))
-    try:
-        (seen,) = solve_with(model, (unit,), profile, condition).torque([float(p)])
-    except TwinError:
+    units = _units(model, conditions, EFFECTS["torque_ripple"](amplitude=UNIT, order=float(p)), "torque", p, phase)
+    line = None if units is None else _steady(seen, units)
+    if line is None:
         return None
-    if abs(seen) == 0:
-        return None
-    amplitude = 0.1 * size / abs(seen)
-    turned = value * np.exp(-1j * p * phase / model.mesh.pair.teeth[0]) / seen
+    amplitude = UNIT * abs(line.multiple)
     return Turning(
-        effect=EFFECTS["torque_ripple"](amplitude=float(amplitude), order=float(p), phase=float(np.angle(turned))),
+        effect=EFFECTS["torque_ripple"](
+            amplitude=float(amplitude), order=float(p), phase=float(np.angle(line.multiple))
+        ),
         parameters={
-            "amplitude": (float(amplitude), "N·m", float(amplitude * np.hypot(std / size, MODELLED))),
+            "amplitude": (float(amplitude), "N·m", float(np.hypot(UNIT * line.std, MODELLED * amplitude))),
             "order": (float(p), "", 0.0),
         },
-        log_evidence=_of_line(size, max(std, 1e-3)),
+        log_evidence=_of_line(line.size, max(line.line_std, 1e-3)),
     )
 
 
 def _unbalance(
-    model: Model, windows: Sequence[WindowFeatures], condition: Condition, profile: WornProfile, phase: float
+    model: Model, windows: Sequence[WindowFeatures], conditions: Sequence[Condition], phase: float
 ) -> Turning | None:
-    """What shakes the housing once a turn of the pinion, always at the same angle."""
-    line = _steady(windows, "acceleration", (0, 1, 0))
-    if line is None or abs(line[0]) <= LEAST_ACCELERATION or abs(line[0]) <= 5 * line[1]:
+    """What shakes the housing once a turn of the pinion, always at the same angle, as the square of the speed."""
+    seen = _lines(windows, "acceleration", (0, 1, 0))
+    if not _strong(seen, LEAST_ACCELERATION, 5.0):
         return None
-    unit = EFFECTS["mass_unbalance"](pinion=1e-3)
-    try:
-        (seen,) = solve_with(model, (unit,), profile, condition).acceleration([1.0])
-    except TwinError:
+    units = _units(model, conditions, EFFECTS["mass_unbalance"](pinion=1e-3), "acceleration", 1.0, phase)
+    line = None if units is None else _steady(seen, units)
+    if line is None:
         return None
-    if abs(seen) == 0:
-        return None
-    U = 1e-3 * abs(line[0]) / abs(seen)
-    turned = line[0] * np.exp(-1j * phase / model.mesh.pair.teeth[0]) / seen
+    U = float(1e-3 * abs(line.multiple))
+    heavy = float(np.angle(line.multiple))
     return Turning(
-        effect=EFFECTS["mass_unbalance"](pinion=float(min(U, 0.05)), pinion_heavy_point=float(np.angle(turned))),
-        parameters={"pinion": (float(U), "kg·m", float(U * np.hypot(line[1] / abs(line[0]), MODELLED)))},
-        log_evidence=_of_line(abs(line[0]), line[1]),
+        effect=EFFECTS["mass_unbalance"](pinion=min(U, 0.05), pinion_heavy_point=heavy),
+        parameters={"pinion": (U, "kg·m", float(np.hypot(1e-3 * line.std, MODELLED * U)))},
+        log_evidence=_of_line(line.size, line.line_std),
     )
 
 
@@ -229,11 +280,11 @@ def _of_line(size: float | np.ndarray, std: float | np.ndarray) -> float:
     return float(min(0.5 * np.sum((size / np.maximum(std, 1e-9)) ** 2), 1e6))
 
 
-def _per_unit(model: Model, condition: Condition, profile: WornProfile, order: int) -> float:
+def _per_unit(model: Model, condition: Condition, order: int) -> float:
     """Torque meter's line per unit ripple of the load, linear; 0 where there is no steady state."""
     unit = EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=0.1, order=float(order))
     try:
-        (seen,) = solve_with(model, (unit,), profile, condition).torque([float(order)])
+        (seen,) = solve_with(model, (unit,), model.unworn, condition).torque([float(order)])
     except TwinError:
         return 0.0
     return abs(seen) / 0.1
