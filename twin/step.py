@@ -201,7 +201,7 @@ def _answer(rig: Rig, tracing: Tracing, recent: tuple[Mapping[str, Any], ...], o
         "calibration": report.calibration_report(rig, outcome.memory),
     }
     if any(found.name == "backlash_rattle" for found in tracing.found):
-        answer["wear"]["validity"] |= {"valid": False, "reason": RATTLE}
+        answer["wear"] = answer["rul"] = report.not_available(RATTLE)
     if tracing.history:
         answer["unexplained"] = unexplained_with(tracing, answer["unexplained"])
         answer["tracing"] = tracing_report(tracing)

@@ -55,8 +55,10 @@ def quotients(step=0.0, onset=3000.0, noise=0.01, seed=1):
     ]
 
 
-def beside(tones=(), lines=(), kurtosis=1.0, rates=()):
-    return Beside(duration=5.0, speed_hz=10.0, tones=tones, lines=lines, kurtosis=kurtosis, rates=rates)
+def beside(tones=(), lines=(), kurtosis=1.0, rates=(), swelling=()):
+    return Beside(
+        duration=5.0, speed_hz=10.0, tones=tones, lines=lines, kurtosis=kurtosis, rates=rates, swelling=swelling
+    )
 
 
 def test_step_of_the_gain_is_found_with_its_size_and_time():
@@ -108,6 +110,16 @@ def test_rates_that_fall_anywhere_are_no_defect(seed):
     rng = np.random.default_rng(seed)
     windows = [(1000.0 * n, beside(rates=tuple((r, 0.3) for r in rng.uniform(0.1, 40.0, 10)))) for n in range(8)]
     assert strangers(windows, False).defect is None
+
+
+def test_noise_that_comes_and_goes_with_a_shaft_is_unknown_with_the_shaft_and_its_first_window():
+    windows = [(1000.0 * n, beside(swelling=(("gear", 1.4),) if n > 2 else ())) for n in range(1, 6)]
+    heard = strangers(windows, False)
+    assert heard.swelling == "gear" and heard.unknown and heard.first == 3000.0
+    assert "every turn of the gear" in heard.sentence()
+    assert strangers(windows[:3], False).swelling is None  # one window is none
+    assert strangers(windows, False, struck=True).swelling is None
+    assert not strangers([(1000.0 * n, beside(swelling=(("pinion", 0.6),))) for n in range(5)], False).unknown
 
 
 def test_impacts_without_an_order_are_unknown_unless_a_tooth_strikes():

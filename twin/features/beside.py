@@ -3,13 +3,14 @@
     tones      steady in hertz (foreign.py)
     lines      peaks at orders that are no multiple of either shaft's turn, by frequency and order
     impacts    kurtosis of the most impulsive band, and the rates at which the envelope repeats there (envelope.py)
+    swelling   how deep the noise between the lines comes and goes with the turns of either shaft: what rubs does so
 
 Lines near a strong mesh line are its own skirt, where the speed wanders; they are left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import pi
 from typing import Any
@@ -36,6 +37,8 @@ OF_MESH = 0.03  # of the strongest mesh line within NEAR orders
 NEAR = 3.0
 MOST_LINES = 12
 IMPULSIVE = 1.5  # kurtosis from which the envelope is looked into
+NOISE_FROM = 800.0  # [Hz]: above the mesh lines that carry the load
+SAME_RATE = 0.02  # relative
 WIDE = 0.1  # of the rate: impacts fill a band this wide at least
 
 
@@ -49,6 +52,7 @@ class Beside:
     lines: tuple[tuple[float, float], ...]  # order of pinion rotation, amplitude [m/s²]
     kurtosis: float  # of the most impulsive band
     rates: tuple[tuple[float, float], ...]  # order of pinion rotation, depth, of impacts that no shaft makes
+    swelling: tuple[tuple[str, float], ...] = ()  # shafts with whose turn the noise swells, and how deep
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
@@ -63,6 +67,7 @@ class Beside:
             lines=tuple(tuple(line) for line in data["lines"]),
             kurtosis=data["kurtosis"],
             rates=tuple(tuple(r) for r in data["rates"]),
+            swelling=tuple((name, depth) for name, depth in data["swelling"]),
         )
 
     def as_tones(self) -> tuple[Tone, ...]:
@@ -117,7 +122,8 @@ def beside(rig: Rig, window: Window) -> Beside | None:
         lines = off_order_lines(signal, rig.teeth, track.speed)
     except TwinError:
         return None
-    kurtosis, rates = 0.0, []
+    kurtosis, rates, swelling = 0.0, [], []
+    shafts = (("pinion", 1.0), ("gear", rig.teeth[0] / rig.teeth[1]))
     if signal.usable.all():
         try:
             rest = without_shaft_lines(signal, rig.teeth).values
@@ -126,8 +132,8 @@ def beside(rig: Rig, window: Window) -> Beside | None:
             if found:
                 band = max(found, key=lambda b: b.kurtosis)
                 kurtosis = band.kurtosis
+                swelling = _swelling(rest, per_turn, track.speed, shafts)
                 if kurtosis > IMPULSIVE:
-                    shafts = (("pinion", 1.0), ("gear", rig.teeth[0] / rig.teeth[1]))
                     seen = modulations(rest, per_turn, (band.low, band.high), shafts, 1e-3)
                     rates = [(float(m.rate), float(m.depth)) for m in seen if m.shaft is None]
         except TwinError:
@@ -142,4 +148,19 @@ def beside(rig: Rig, window: Window) -> Beside | None:
         lines=tuple(lines),
         kurtosis=float(kurtosis),
         rates=tuple(rates),
+        swelling=tuple(swelling),
     )
+
+
+def _swelling(
+    rest: np.ndarray, per_turn: float, speed_hz: float, shafts: Sequence[tuple[str, float]]
+) -> list[tuple[str, float]]:
+    """Shafts whose own order modulates the noise, and how deep: by one, it comes and goes once a turn."""
+    band = (NOISE_FROM / speed_hz, 0.45 * per_turn)
+    seen = modulations(rest, per_turn, band, shafts, 1e-3)
+    out = []
+    for name, order in shafts:
+        depths = [float(m.depth) for m in seen if abs(m.rate / order - 1) < SAME_RATE]
+        if depths:
+            out.append((name, max(depths)))
+    return out

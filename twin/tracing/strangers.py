@@ -32,6 +32,7 @@ LEAST_SHARE = 0.6  # of the windows with a series whose series must be this one
 SAME_ORDER = 0.03
 REPETITIONS = 100  # of a defect in a window: slip adds up over them, and the window's order shows their mean
 SHARE_OF_WINDOWS = 0.5
+SWELLING = 0.9  # depth of a modulation: what rubs over half a turn reaches 1.3, a cracked tooth 0.75
 SAME_HERTZ = 1.0
 LEAST_AMPLITUDE = 0.05  # of a foreign tone [m/s²]
 
@@ -55,11 +56,12 @@ class Strangers:
     tones: tuple[ForeignTone, ...]
     orders: tuple[tuple[float, float], ...]  # order-locked lines of no shaft: order, amplitude [m/s²]
     impacts: bool  # irregular ones
+    swelling: str | None  # the shaft with whose turn noise comes and goes, though no tooth strikes
     first: float | None  # revolutions of the first window with any of the unknown ones
 
     @property
     def unknown(self) -> bool:
-        return bool(self.tones or self.orders or self.impacts)
+        return bool(self.tones or self.orders or self.impacts or self.swelling)
 
     def sentence(self) -> str:
         """What is unknown, in words."""
@@ -70,6 +72,8 @@ class Strangers:
             parts.append("lines at orders of no shaft: " + ", ".join(f"{o:.3f}" for o, _ in self.orders))
         if self.impacts:
             parts.append("impacts that repeat with no shaft")
+        if self.swelling:
+            parts.append(f"noise that comes and goes with every turn of the {self.swelling}, as where something rubs")
         return "; ".join(parts)
 
 
@@ -151,13 +155,26 @@ def strangers(windows: Sequence[tuple[float, Beside]], lattice_full: bool, struc
         orders = _common_orders([w for _, w in windows], tones)
         impulsive = [w.kurtosis > 2.5 * IMPULSIVE for _, w in windows]
         impacts = sum(impulsive) >= LEAST_WINDOWS and not struck
+    swelling = None if struck or defect is not None else _swelling([w for _, w in windows])
     first = None
     if tones:
         seen = [r for i, (r, _) in enumerate(windows) if any(t.amplitudes[i] is not None for t in tones)]
         first = min(seen, default=None)
     elif impacts:
         first = min(r for r, w in windows if w.kurtosis > 2.5 * IMPULSIVE)
-    return Strangers(defect=defect, tones=tones, orders=tuple(orders), impacts=impacts, first=first)
+    elif swelling is not None:
+        first = min(r for r, w in windows if dict(w.swelling).get(swelling, 0.0) > SWELLING)
+    return Strangers(defect=defect, tones=tones, orders=tuple(orders), impacts=impacts, swelling=swelling, first=first)
+
+
+def _swelling(windows: Sequence[Beside]) -> str | None:
+    """The shaft with which the noise swells deepest, in more windows than one."""
+    best = None
+    for shaft in ("pinion", "gear"):
+        depths = [depth for w in windows if (depth := dict(w.swelling).get(shaft, 0.0)) > SWELLING]
+        if len(depths) >= LEAST_WINDOWS and (best is None or np.mean(depths) > best[0]):
+            best = (float(np.mean(depths)), shaft)
+    return None if best is None else best[1]
 
 
 def _common_orders(windows: Sequence[Beside], tones: Sequence[ForeignTone]) -> list[tuple[float, float]]:
