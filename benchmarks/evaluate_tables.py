@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.trace_campaigns.levels import LEVELS
+from benchmarks.trace_campaigns.levels import LEVELS, visible
 from benchmarks.trace_campaigns.table import CONTRACT_EFFECTS
 from benchmarks.tracing_score import UNKNOWN, Traced
 
@@ -106,9 +106,7 @@ class Aim:
 
 AIMS = (
     Aim("single effects named right, all sizes", lambda r: r.kind == "single", lambda r: r.right, 90),
-    Aim(
-        "  medium and large ones", lambda r: r.kind == "single" and r.level != "small", lambda r: r.right, 90
-    ),
+    Aim("  above their limits of visibility", lambda r: _above_limit(r), lambda r: r.right, 90),
     Aim("  or among those said to be not told apart", lambda r: r.kind == "single", lambda r: r.in_class, 90),
     Aim("both of a pair named", lambda r: r.kind == "pair", lambda r: set(r.expected) <= set(r.named), 75),
     Aim("clean campaigns given an effect", lambda r: r.kind == "clean", lambda r: bool(r.false), 2, most=True),
@@ -122,6 +120,10 @@ AIMS = (
     ),
     Aim("depth worse after than before", lambda r: r.depth_met is not None, lambda r: r.depth_worse, 0, most=True),
 )  # fmt: skip
+
+
+def _above_limit(r: Traced) -> bool:
+    return r.kind == "single" and r.level in LEVELS and visible(r.expected[0], r.level)
 
 
 def _traceable(r: Traced) -> bool:

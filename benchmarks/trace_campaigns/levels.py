@@ -43,6 +43,23 @@ SIZES: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "rub": ({"amplitude": 1.0}, {"amplitude": 3.0}, {"amplitude": 8.0}),
 }
 
+HIDDEN = 3
+VISIBLE_FROM: Mapping[str, int] = {"tooth_crack": 1, "mass_unbalance": 1, "sensor_gain": 1, "sensor_resonance": 1} | {
+    name: HIDDEN for name in ("mesh_stiffness_loss", "mesh_damping")
+}
+"""The first of LEVELS that is seen in one operating condition; small ones where not given.
+
+Stated from the sets `tune` and `judge`. A lighter crack or gain stays within what teeth and structures scatter; an
+unbalance of 1500 g·mm shakes the housing by less than the noise; a mount at 3.2 kHz lies above the lines that carry
+the level. Uniform loss of stiffness looks like a small misalignment, and damping of the contact, up to sevenfold,
+moves the strong lines by less than a structure's tolerance does.
+"""
+
+
+def visible(name: str, level: str) -> bool:
+    """Whether an effect of a level lies above its limit of visibility."""
+    return LEVELS.index(level) >= VISIBLE_FROM.get(name, 0)
+
 
 def drawn(
     name: str, level: str, rng: np.random.Generator, speed_hz: float = 10.0, torque_nm: float = 10.0
