@@ -1,5 +1,6 @@
 """What turns with a shaft is told from what teeth make: torque ripple from pitch errors, run-out from unbalance."""
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -15,6 +16,7 @@ from twin.tracing.turning import find_turning, run_out_of, swung_by
 PHASE = 0.7  # of the mesh against the encoder's zero [rad]
 RIPPLE = EFFECTS["torque_ripple"](amplitude=0.5, order=8.0, phase=0.4)
 PITCH = EFFECTS["pitch_error"](pinion=tuple(3e-6 * np.random.default_rng(5).normal(size=19)))
+SWAY = EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=0.5, order=1.0)
 NOISE = 1e-4  # [N·m]
 
 
@@ -68,6 +70,17 @@ def test_what_turns_is_found_where_speed_and_load_change_from_window_to_window(n
     for parameter in effect.parameters:
         expected = getattr(effect, parameter.name)
         assert getattr(found.effect, parameter.name) == pytest.approx(expected, rel=0.02, abs=1e-9)
+
+
+@pytest.mark.parametrize(("share", "noise", "names"), [(0.7, 0.0, ["BacklashRattle"]), (0.3, 0.8, ["BacklashRattle"])])
+def test_load_that_swings_as_far_as_its_mean_rattles_and_less_where_noise_tells_of_blows(share, noise, names):
+    scale = share * CONDITION.torque / abs(solve_with(model(), (SWAY,), model().unworn, CONDITION).torque([1.0])[0])
+    windows = [replace(w, noise_rms=noise) for w in recorded(SWAY, torque_scale=scale)]
+    assert [type(t.effect).__name__ for t in find_turning(model(), windows, [CONDITION] * 6, PHASE)] == names
+    steady = [replace(w, noise_rms=0.0) for w in recorded(SWAY, torque_scale=0.3 / share * scale)]
+    assert "BacklashRattle" not in [
+        type(t.effect).__name__ for t in find_turning(model(), steady, [CONDITION] * 6, PHASE)
+    ]
 
 
 def test_line_that_grows_from_window_to_window_is_no_ripple():

@@ -134,32 +134,29 @@ def find_turning(
     phase: float,
 ) -> list[Turning]:
     """Rattle, or ripple and unbalance, from measurement windows and their conditions."""
-    if rattling(windows):
-        rattle = _rattle(model, windows, conditions[0])
-        if rattle is not None:
-            return [rattle]
+    rattle = _rattle(model, windows, conditions)
+    if rattle is not None:
+        return [rattle]
     unbalance = _unbalance(model, windows, conditions, phase)
     ripple = _ripple(model, windows, conditions, phase, set() if unbalance is None else {1})
     return [found for found in (ripple, unbalance) if found is not None]
 
 
-def _rattle(model: Model, windows: Sequence[WindowFeatures], condition: Condition) -> Turning | None:
-    """The swing of the load that parts the teeth; None where none is large enough."""
-    raw = [
-        (abs(w.torque.at(0, p, 0)), p)
-        for w in windows
-        for p in ORDERS
-        if w.torque is not None and w.torque.get(0, p, 0) is not None
-    ]
-    swing, order = max(raw, default=(0.0, 1))
-    seen = [
-        (abs(w.torque.at(0, order, 0)), w.torque.std_at(0, order, 0))
-        for w in windows
-        if w.torque is not None and w.torque.get(0, order, 0) is not None
-    ]
-    if swing <= 0.1 * PARTING * condition.torque:
+def _rattle(model: Model, windows: Sequence[WindowFeatures], conditions: Sequence[Condition]) -> Turning | None:
+    """The swing of the load that parts the teeth; None where none is large enough.
+
+    A swing of most of the mean parts them however regularly; where noise tells that they strike, less is enough.
+    """
+    swings = {p: seen for p in ORDERS if (seen := _lines(windows, "torque", (0, p, 0)))}
+    if not swings:
         return None
-    sizes, stds = np.array(seen).T
+    order = max(swings, key=lambda p: float(np.median([abs(y) for _, y, _ in swings[p]])))
+    shares = [abs(y) / conditions[i].torque for i, y, _ in swings[order]]
+    if float(np.median(shares)) <= PARTING * (0.1 if rattling(windows) else 1.0):
+        return None
+    strongest = [(abs(y), std) for _, y, std in swings[order]]
+    swing, condition = max(size for size, _ in strongest), conditions[0]
+    sizes, stds = np.array(strongest).T
     at_brake = _per_unit(model, condition, order)
     size = float(min(swing / at_brake, 45.0)) if at_brake else float(swing)
     return Turning(
