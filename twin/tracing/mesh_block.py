@@ -281,7 +281,9 @@ class MeshBlock:
                     numbers, _ = candidate.fit.numbers(candidate.fit.trials[-1])
                     again = started(candidate.trial, numbers, candidate.trial.onset)
                     better = self._tried(again, present, best, wear, ROUNDS, leading)
-                refined.append(candidate if better is None else better)
+                # one that sets in has worn with the effect from its first round on: there the better fit stands
+                late = candidate.trial.onset > 0 and better is not None and better.gain < candidate.gain
+                refined.append(candidate if better is None or late else better)
             refined.sort(key=lambda c: -c.gain)
             for candidate in (*tried, *refined):
                 name = candidate.trial.name
