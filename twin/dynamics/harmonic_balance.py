@@ -49,6 +49,7 @@ TOLERANCE = 1e-9  # of the mean force
 WIDEST = 30.0  # rounding of the contacts' corner at the start of the way through contact loss, of F/k̄
 SHARP = 3e-3  # rounding from which the corner itself is tried, of F/k̄
 MAX_STAGES = 40
+LONG, MAX_NEWTON_LONG = 8192, 60  # samples of a period from which the whole way may take so many Newton steps
 BEYOND_MODES = 2.0  # harmonics solved directly under contact loss reach this far beyond the fastest mode
 MAX_LOW_HARMONICS = 300
 
@@ -171,7 +172,8 @@ def solve_through_contact_loss(
     """As `solve`; where that fails, rounds the corner at which contacts open and sharpens it step by step.
 
     Rounded over 30 F/k̄ hardly any contact is ever lost and the solution is easily found; each stage starts from
-    the one before, and one that fails is tried again with a smaller change. The last is the sharp corner itself.
+    the one before, and one that fails is tried again with a smaller change. The last is the sharp corner itself. Over
+    many mesh periods the way is cut short: where it is that long, it hardly ever arrives.
     """
     steady = solve(structure, contacts, mean_force, loads=loads, start=start, tolerance=tolerance)
     if steady.converged:
@@ -179,7 +181,10 @@ def solve_through_contact_loss(
     deflection = mean_force / float(contacts.stiffness.mean())
     rounding, ratio = WIDEST * deflection, 0.5
     reached: tuple[float, np.ndarray | None] = (rounding, None)
+    spent = steady.iterations
     for _ in range(MAX_STAGES):
+        if contacts.samples > LONG and spent > MAX_NEWTON_LONG:
+            break
         stage = solve(
             structure,
             contacts,
@@ -189,6 +194,7 @@ def solve_through_contact_loss(
             tolerance=tolerance,
             rounding=rounding,
         )
+        spent += stage.iterations
         if stage.converged:
             if rounding == 0:
                 return stage
