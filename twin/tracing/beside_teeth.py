@@ -25,7 +25,7 @@ from twin.errors import TwinError
 from twin.model import Model
 from twin.tracing.candidates import TRIALS, plain, started
 from twin.tracing.joint_fit import JointFit, Trial
-from twin.tracing.mesh_block import ALIKE, MOST_EFFECTS, ROUNDS, SHAPING, Candidate, MeshBlock, MeshFindings
+from twin.tracing.mesh_block import MOST_EFFECTS, ROUNDS, SHAPING, Candidate, MeshBlock, MeshFindings, rivals
 from twin.tracing.observed import Observed
 from twin.wear.profile import WornProfile
 
@@ -197,13 +197,9 @@ def explained_beside_teeth(
         if not usable:
             break
         chosen = usable[0]
-        others = sorted(
-            (c for c in (*refined, *tried[REFINED:]) if c.trial.name != chosen.trial.name), key=lambda c: -c.gain
-        )
-        if others:
-            runner_up[chosen.trial.name] = (others[0].trial.name, chosen.gain - others[0].gain)
-        rivals = {c.trial.name for c in others if c.gain > chosen.gain - ALIKE and c.big_enough}
-        alike[chosen.trial.name] = tuple(sorted(rivals))
+        behind, alike[chosen.trial.name] = rivals(chosen, (*refined, *tried[REFINED:]))
+        if behind is not None:
+            runner_up[chosen.trial.name] = behind
         best = chosen.fit
         found.append(chosen)
     return MeshFindings(

@@ -294,11 +294,9 @@ class MeshBlock:
             if not usable:
                 break
             chosen = usable[0]
-            others = [c for c in refined if c.trial.name != chosen.trial.name]
-            if others:
-                runner_up[chosen.trial.name] = (others[0].trial.name, chosen.gain - others[0].gain)
-            rivals = {c.trial.name for c in others if c.gain > chosen.gain - ALIKE and c.big_enough}
-            alike[chosen.trial.name] = tuple(sorted(rivals))
+            behind, alike[chosen.trial.name] = rivals(chosen, refined)
+            if behind is not None:
+                runner_up[chosen.trial.name] = behind
             found.append(chosen)
             best, wear = chosen.fit, chosen.wear
         return MeshFindings(
@@ -367,6 +365,14 @@ class MeshBlock:
         rate = float(np.sum(depth[before] * turns[before]) / np.sum(turns[before] ** 2))
         late = (turns >= onset) & ~before
         return np.where(late, rate * turns, depth)
+
+
+def rivals(chosen: Candidate, tried: Sequence[Candidate]) -> tuple[tuple[str, float] | None, tuple[str, ...]]:
+    """The best of all others and how far it is behind [nat]; the names that the chosen one is hardly told from."""
+    others = sorted((c for c in tried if c.trial.name != chosen.trial.name), key=lambda c: -c.gain)
+    alike = {c.trial.name for c in others if c.gain > chosen.gain - ALIKE and c.big_enough}
+    behind = (others[0].trial.name, chosen.gain - others[0].gain) if others else None
+    return behind, tuple(sorted(alike))
 
 
 def _big_enough(name: str, numbers: np.ndarray) -> bool:
