@@ -108,10 +108,12 @@ def trace(
     # below a tenth of the usual speed lie calibration tests: no sideband, no impact is sought there
     usual = np.median([o.condition.speed_hz for _, o in every]) if every else 0.0
     measured = [(t, o) for t, o in every if o.condition.speed_hz > 0.5 * usual]
-    if phase is None or len(measured) < 2:
-        raise NotAvailable("effects are not traced before two measurement windows with their mesh phase")
+    if len(measured) < 2:
+        raise NotAvailable("effects are not traced before two measurement windows")
     out = held_out([o.index for _, o in measured])
     fitting = [(t, o) for t, o in measured if o.index not in out]
+    if phase is None:
+        return _heard_alone(measured, out, rejected)
     model = nominal_model_of(rig)
     features = [t.features for t, _ in fitting]
     condition = fitting[0][1].condition
@@ -239,6 +241,20 @@ def trace(
         held_out=tuple(sorted(out)),
         fitted=tuple(o.index for _, o in fitting),
         waiting=findings.waiting,
+    )
+
+
+def _heard_alone(measured: Sequence[tuple[Taken, Observed]], out: set[int], rejected: Collection[str]) -> Traced:
+    """What needs no mesh phase: a bearing defect, tones, rub. An angle that wanders makes lines of its own."""
+    beside = [(t.features.revolutions or 0.0, t.beside) for t, _ in measured if t.beside is not None]
+    heard = strangers(beside, True)
+    defect = heard.defect
+    named = defect is not None and "bearing_defect" not in rejected
+    return Traced(
+        found=(of_defect(defect),) if defect is not None and named else (),
+        strangers=heard,
+        held_out=tuple(sorted(out)),
+        fitted=tuple(o.index for _, o in measured if o.index not in out),
     )
 
 
