@@ -125,6 +125,8 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
     if followed.again:
         recent = _recent(rig, (), followed.again)
     record = _record(rig, taken.index, features, outcome)
+    if _rattles(followed.tracing):
+        record |= dict.fromkeys(_OF_WEAR) | {"notes": [*record["notes"], RATTLE]}
     answer = _answer(rig, followed.tracing, recent, outcome)
     events: list[tuple[str, Mapping[str, Any]]] = [("window", record), *followed.events]
     if outcome.updated:
@@ -200,12 +202,16 @@ def _answer(rig: Rig, tracing: Tracing, recent: tuple[Mapping[str, Any], ...], o
         "unexplained": report.unexplained_report(recent, report.doubts(rig, outcome)),
         "calibration": report.calibration_report(rig, outcome.memory),
     }
-    if any(found.name == "backlash_rattle" for found in tracing.found):
+    if _rattles(tracing):
         answer["wear"] = answer["rul"] = report.not_available(RATTLE)
     if tracing.history:
         answer["unexplained"] = unexplained_with(tracing, answer["unexplained"])
         answer["tracing"] = tracing_report(tracing)
     return answer
+
+
+def _rattles(tracing: Tracing) -> bool:
+    return any(found.name == "backlash_rattle" for found in tracing.found)
 
 
 def _level_fault(window: Window, sensor: str | None) -> str | None:
@@ -224,6 +230,7 @@ def _estimate(record: Mapping[str, Any], answer: Mapping[str, Any], events) -> E
     )
 
 
+_OF_WEAR = ("k_wear_per_n", "wear_depth_um", "wear_depth_p05_um", "wear_depth_p95_um", "depth_from", "ways")
 _UPDATE_FIELDS = ("index", "revolutions", "error_percent", "rms_after", "k_wear_per_n", "wear_depth_um")
 
 

@@ -56,7 +56,7 @@ def test_ripple_is_found_with_its_order_size_and_phase():
 
 
 @pytest.mark.parametrize("order", [3, 5, 6, 8])
-def test_torque_that_pitch_errors_make_is_theirs_and_twice_as_much_is_not(order):
+def test_torque_that_pitch_errors_make_is_theirs_and_three_times_as_much_is_not(order):
     assert swung_by(model(), recorded(PITCH), CONDITION, (PITCH,), PHASE, order)
     assert not swung_by(model(), recorded(PITCH, torque_scale=3.0), CONDITION, (PITCH,), PHASE, order)
 

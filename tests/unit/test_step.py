@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 from service.assess import rig_of
+from service.cli.show import WINDOW_COLUMNS, window_rows
 from service.sources.mcap import Recording, read_windows
+from twin.effects import EFFECTS
+from twin.effects.addition import Addition
 from twin.errors import ParameterError, WindowError
 from twin.rig import Rig
 from twin.step import Options, State, step
+from twin.tracing.found import Found
 from twin.windows import Fault, Samples, Window
 
 SHORT = Path(__file__).resolve().parents[2] / "recordings" / "short-campaign.mcap"
@@ -173,6 +177,27 @@ def test_missing_gear_encoder_leaves_the_pinions_with_a_wider_band():
     width = {k: r["wear_depth_p95_um"] - r["wear_depth_p05_um"] for k, r in band.items()}
     assert width["pinion"] > 1.5 * width["both"]
     assert "transmission_error" in estimate.record["not_available"]
+
+
+def test_wear_and_life_are_not_available_while_the_teeth_rattle():
+    rig, windows = recorded()
+    state = uninterrupted()[FIRST_WORN - 1][0]
+    rattle = Found(
+        addition=Addition(effect=EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=8.0, order=1.0)),
+        parameters={}, log_evidence=100.0, runner_up=None, over_runner_up=0.0, numbers=(),
+    )  # fmt: skip
+    state = replace(state, tracing=replace(state.tracing, found=(rattle,)))
+    _, estimate = step(rig, state, windows[FIRST_WORN], Options(trace=False))
+    record = estimate.record
+    for name in ("wear_depth_um", "wear_depth_p05_um", "wear_depth_p95_um", "k_wear_per_n"):
+        assert record[name] is None
+    assert any("part and strike" in note for note in record["notes"])
+    assert record["rms_measured"] > 0 and record["rms_predicted"] > 0
+    for part in ("wear", "rul"):
+        assert estimate.report[part]["status"] == "not available"
+    assert not [kind for kind, _ in estimate.events if kind == "rul"]
+    (shown,) = window_rows([record])
+    assert shown[[key for _, key in WINDOW_COLUMNS].index("wear_depth_um")] == "–"
 
 
 def test_missing_accelerometer_leaves_the_depth_to_the_encoders_and_says_why_no_level_is_compared():

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.mesh_pairs import UNSW_RIG
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
 from twin.errors import ParameterError
@@ -19,7 +20,7 @@ from twin.tracing.path import Quotient, gain_step
 from twin.tracing.reporting import effects_report, tracing_report
 from twin.tracing.state import Stage, Tracing, relevant
 from twin.tracing.strangers import strangers
-from twin.tracing.trace import held_out
+from twin.tracing.trace import held_out, trace
 from twin.tracing.unseen import Compared, by_band_and_order, figures
 from twin.tracing.watch import is_new, widened
 from twin.updating.again import Taken
@@ -146,6 +147,29 @@ def test_machine_without_a_twin_still_has_its_bearing_heard():
     assert effect["parameters"]["order"]["value"] == pytest.approx(3.6, rel=0.01)
     assert "no twin" not in tracing_report(tracing)["reason"] and "cannot be built" in tracing_report(tracing)["reason"]
     assert Tracing.from_dict(json.loads(json.dumps(tracing.to_dict()))) == tracing
+
+
+def test_machine_whose_angle_is_too_coarse_for_the_mesh_has_its_bearing_heard_and_no_stray_lines():
+    rates = tuple((3.6 * k, 0.2) for k in (1, 2, 3, 4))
+    heard = beside(kurtosis=20.0, rates=rates, lines=((5.3, 0.4),))
+    windows = [
+        Taken(
+            index=n,
+            features=WindowFeatures(
+                start_time_ns=n, duration=5.0, quality="good", speed_hz=10.0, revolutions=1000.0 * (n + 1), rms=3.0
+            ),
+            beside=heard,
+        )
+        for n in range(5)
+    ]
+    rig = Rig.from_mapping(UNSW_RIG)
+    traced = trace(rig, windows, {}, None)
+    assert [f.name for f in traced.found] == ["bearing_defect"]
+    assert traced.strangers.orders == () and not traced.strangers.unknown
+    assert traced.held_out == (2,) and traced.fitted == (0, 1, 3, 4)
+    assert trace(rig, windows, {}, None, rejected=("bearing_defect",)).found == ()
+    tooth = [replace(w, beside=beside(rates=tuple((1.0 * k, 0.2) for k in (3, 4, 5, 6)))) for w in windows]
+    assert trace(rig, tooth, {}, None).found == ()
 
 
 def test_quiet_machine_has_no_stranger():

@@ -162,12 +162,9 @@ def trace(
     toothed = {f.name for f in found}
 
     beside = [(t.features.revolutions or 0.0, t.beside) for t, _ in measured if t.beside is not None]
-    heard = strangers(beside, "pitch_error" in toothed, "tooth_crack" in toothed)
-    defect = heard.defect
-    if defect is not None and abs(defect.effect.order - round(defect.effect.order)) < OF_SHAFT:
-        heard = strangers([], True)
-    elif defect is not None:
-        add(of_defect(defect))
+    heard = _of_no_shaft(strangers(beside, "pitch_error" in toothed, "tooth_crack" in toothed))
+    if heard.defect is not None:
+        add(of_defect(heard.defect))
 
     eccentric = [
         EccentricWindow(features=t.features, condition=o.condition, profile=profiles[o.index], worn=o.worn)
@@ -244,14 +241,20 @@ def trace(
     )
 
 
-def _heard_alone(measured: Sequence[tuple[Taken, Observed]], out: set[int], rejected: Collection[str]) -> Traced:
-    """What needs no mesh phase: a bearing defect, tones, rub. An angle that wanders makes lines of its own."""
-    beside = [(t.features.revolutions or 0.0, t.beside) for t, _ in measured if t.beside is not None]
-    heard = strangers(beside, True)
+def _of_no_shaft(heard: Strangers) -> Strangers:
+    """Nothing at all where the defect repeats with the pinion: what strikes then is a tooth."""
     defect = heard.defect
-    named = defect is not None and "bearing_defect" not in rejected
+    at_shaft = defect is not None and abs(defect.effect.order - round(defect.effect.order)) < OF_SHAFT
+    return strangers([], True) if at_shaft else heard
+
+
+def _heard_alone(measured: Sequence[tuple[Taken, Observed]], out: set[int], rejected: Collection[str]) -> Traced:
+    """What needs no mesh phase; an angle that wanders makes lines at orders of no shaft by itself."""
+    beside = [(t.features.revolutions or 0.0, t.beside) for t, _ in measured if t.beside is not None]
+    heard = _of_no_shaft(replace(strangers(beside, False), orders=()))
+    named = heard.defect is not None and "bearing_defect" not in rejected
     return Traced(
-        found=(of_defect(defect),) if defect is not None and named else (),
+        found=(of_defect(heard.defect),) if heard.defect is not None and named else (),
         strangers=heard,
         held_out=tuple(sorted(out)),
         fitted=tuple(o.index for _, o in measured if o.index not in out),
