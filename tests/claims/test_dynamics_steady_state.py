@@ -9,7 +9,10 @@ from tests.dynamics_cases import FOURTEEN, PRIOR, TEN, contacts, model, relative
 from twin.dynamics.harmonic_balance import Action, Contacts, Load, quasi_static_deflection, solve
 from twin.dynamics.integrator import steady_start
 from twin.dynamics.structure import direction
+from twin.effects import EFFECTS
+from twin.effects.response import solve_with
 from twin.errors import NotConverged, ParameterError
+from twin.model import Condition
 
 DEEP = 270e-6  # contact is lost for a fifth of the mesh period
 STATES = [(TEN, 0.0), (TEN, 50e-6), (FOURTEEN, 50e-6), (FOURTEEN, DEEP)]
@@ -196,6 +199,27 @@ def test_what_did_not_converge_is_not_used():
     found = steady(contacts(worn(TEN, 0.0), TEN, 256), TEN)
     with pytest.raises(NotConverged, match=r"residual of 2\.00e-04 of the mean force after \d+ iterations"):
         replace(found, converged=False, residual=2e-4).require_converged()
+
+
+def test_solution_may_be_given_up_after_so_many_products_and_tells_how_many_it_took():
+    table, force = contacts(worn(TEN, 50e-6), TEN, 256), model().mean_force(TEN)
+    whole = solve(STRUCTURE, table, force)
+    assert whole.converged and whole.products > whole.iterations
+    cut = solve(STRUCTURE, table, force, most=1)
+    assert cut.iterations == 1 and not cut.converged
+    assert cut.products < whole.products
+
+
+@pytest.mark.parametrize("seed", [11, 13])
+def test_lightly_loaded_teeth_that_differ_are_solved_over_the_hunting_period_on_finer_samples(seed):
+    rng = np.random.default_rng(seed)
+    errors = EFFECTS["pitch_error"](pinion=tuple(8e-6 * rng.normal(size=19)), gear=tuple(5e-6 * rng.normal(size=52)))
+    light, orders = Condition(speed_hz=14.0, torque=3.0), 19 * np.arange(1, 6)
+    found = solve_with(model(), (errors,), model().unworn, light)
+    assert found.steady.converged
+    finer = solve_with(model(), (errors,), model().unworn, light, samples=256)
+    assert finer.steady.converged
+    assert relative(found.transmission_error(orders), finer.transmission_error(orders)) < 0.02
 
 
 def test_braked_pinion_is_refused():

@@ -49,7 +49,7 @@ TOLERANCE = 1e-9  # of the mean force
 WIDEST = 30.0  # rounding of the contacts' corner at the start of the way through contact loss, of F/k̄
 SHARP = 3e-3  # rounding from which the corner itself is tried, of F/k̄
 MAX_STAGES = 40
-LONG, MAX_NEWTON_LONG = 8192, 60  # samples of a period from which the whole way may take so many Newton steps
+LONG, MAX_LONG = 8192, 1200  # samples of a period from which the whole way may take so many products with its Jacobian
 BEYOND_MODES = 2.0  # harmonics solved directly under contact loss reach this far beyond the fastest mode
 MAX_LOW_HARMONICS = 300
 
@@ -107,6 +107,7 @@ class SteadyState:
     residual: float  # largest residual, of the mean force
     iterations: int
     converged: bool
+    products: int = 0  # with the Jacobian, all iterations together
     directions: tuple[np.ndarray, ...] = field(default=(), repr=False)
     loads: tuple[Load, ...] = field(default=(), repr=False)
 
@@ -175,15 +176,16 @@ def solve_through_contact_loss(
     the one before, and one that fails is tried again with a smaller change. The last is the sharp corner itself. Over
     many mesh periods the way is cut short: where it is that long, it hardly ever arrives.
     """
-    steady = solve(structure, contacts, mean_force, loads=loads, start=start, tolerance=tolerance)
+    room = MAX_LONG if contacts.samples > LONG else None
+    steady = solve(structure, contacts, mean_force, loads=loads, start=start, tolerance=tolerance, most=room)
     if steady.converged:
         return steady
     deflection = mean_force / float(contacts.stiffness.mean())
     rounding, ratio = WIDEST * deflection, 0.5
     reached: tuple[float, np.ndarray | None] = (rounding, None)
-    spent = steady.iterations
+    room = None if room is None else room - steady.products
     for _ in range(MAX_STAGES):
-        if contacts.samples > LONG and spent > MAX_NEWTON_LONG:
+        if room is not None and room <= 0:
             break
         stage = solve(
             structure,
@@ -193,8 +195,9 @@ def solve_through_contact_loss(
             start=reached[1],
             tolerance=tolerance,
             rounding=rounding,
+            most=room,
         )
-        spent += stage.iterations
+        room = None if room is None else room - stage.products
         if stage.converged:
             if rounding == 0:
                 return stage
@@ -289,7 +292,13 @@ class Balance:
         return float(np.abs(found.residual).max()) / self.mean_force
 
     def state(
-        self, d_hat: np.ndarray, found: Evaluated, static: np.ndarray, iterations: int, converged: bool
+        self,
+        d_hat: np.ndarray,
+        found: Evaluated,
+        static: np.ndarray,
+        iterations: int,
+        converged: bool,
+        products: int = 0,
     ) -> SteadyState:
         """The motion as a steady state."""
         forces = self.contacts.stiffness * found.penetration
@@ -306,6 +315,7 @@ class Balance:
             residual=self.size(found),
             iterations=iterations,
             converged=converged,
+            products=products,
             directions=tuple(a.direction for a in actions),
             loads=self.loads,
         )
@@ -320,11 +330,13 @@ def solve(
     start: np.ndarray | SteadyState | None = None,
     tolerance: float = TOLERANCE,
     rounding: float = 0.0,
+    most: int | None = None,
 ) -> SteadyState:
     """The steady state over one period.
 
     start       deflection to start from (n,) [m]; or a steady state of similar contacts, whose departure from its
                 quasi-static deflection is added to that of these; the quasi-static one where None
+    most        products with the Jacobian after which it is given up
     Others as `Balance`. Returns a SteadyState whose `converged` says whether it may be used.
     """
     balance = Balance(structure, contacts, mean_force, loads, rounding)
@@ -344,8 +356,8 @@ def solve(
     d_hat = _lines(np.asarray(start, dtype=float))
     found = balance.at(d_hat)
     size = balance.size(found)
-    iterations = stuck = 0
-    while size > tolerance and iterations < MAX_NEWTON and stuck < MAX_STALLED:
+    iterations = stuck = products = 0
+    while size > tolerance and iterations < MAX_NEWTON and stuck < MAX_STALLED and (most is None or products < most):
         tangent, tangents = balance.tangents(found.closed)
         k_mean = float(tangent.mean()) or float(contacts.stiffness.mean())
         precondition = 1 / (k_mean * closing + inverse)
@@ -353,6 +365,8 @@ def solve(
 
         def jacobian(u, to_closing=to_closing, varying=tangent - k_mean, tangents=tangents):
             """The residual's change for the change P·u of d; u itself where the stiffness is k̄ throughout."""
+            nonlocal products
+            products += 1
             change = irfft(to_closing * u, n, norm="forward")
             out = u + _lines(varying * change)
             for weighted, ratio in zip(tangents, ratios, strict=True):
@@ -382,4 +396,4 @@ def solve(
         found = trial
         size = balance.size(found)
         iterations += 1
-    return balance.state(d_hat, found, static, iterations, size <= tolerance)
+    return balance.state(d_hat, found, static, iterations, size <= tolerance, products)

@@ -14,7 +14,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from twin.dynamics.harmonic_balance import Contacts, SteadyState, solve_through_contact_loss
+from twin.dynamics.harmonic_balance import Contacts, SteadyState, solve, solve_through_contact_loss
 from twin.dynamics.sensitivity import Linearised
 from twin.dynamics.structure import direction
 from twin.effects.parameter import Parameter
@@ -22,6 +22,8 @@ from twin.effects.setup import Setup, common_period, contacts_of, setup_of
 from twin.errors import ParameterError
 from twin.model import Condition, Model
 from twin.wear.profile import WornProfile
+
+MOST_PRODUCTS = 300  # with the Jacobian, before finer samples are tried: hunting periods that are solved take 30 to 250
 
 
 class Effect(Protocol):
@@ -167,7 +169,8 @@ def solve_with(
 
     profile  worn flanks, or one for every slice across the face
     period   "mesh", "pinion", "gear" or "hunting"; the shortest that all effects allow where None
-    samples  a mesh period
+    samples  a mesh period; twice as many as usual where None and a longer period has no steady state otherwise: where
+             teeth nearly part, coarse samples make steps of their contacts that Newton's method cannot pass
     start    a steady state of similar contacts to start from
     """
     effects = tuple(effects)
@@ -180,11 +183,19 @@ def solve_with(
             type(effect).__name__ for effect in effects if common_period((period, effect.period)) != period
         )
         raise ParameterError(f"{names} does not repeat over the period of the {period}: {needed} is needed")
-    setup = _applied(setup_of(model, condition, period, len(profiles), samples), effects)
-    contacts = contacts_of(setup, profiles)
-    steady = solve_through_contact_loss(
-        setup.structure, contacts, model.mean_force(condition), loads=setup.loads, start=start
-    )
+    mean_force = model.mean_force(condition)
+
+    def posed(samples: int | None) -> tuple[Setup, Contacts]:
+        setup = _applied(setup_of(model, condition, period, len(profiles), samples), effects)
+        return setup, contacts_of(setup, profiles)
+
+    setup, contacts = posed(samples)
+    if samples is None and period != "mesh":
+        steady = solve(setup.structure, contacts, mean_force, loads=setup.loads, start=start, most=MOST_PRODUCTS)
+        if steady.converged:
+            return Response(model=model, setup=setup, contacts=contacts, steady=steady)
+        (setup, contacts), start = posed(2 * setup.mesh.samples), None
+    steady = solve_through_contact_loss(setup.structure, contacts, mean_force, loads=setup.loads, start=start)
     return Response(model=model, setup=setup, contacts=contacts, steady=steady)
 
 
