@@ -83,6 +83,23 @@ def test_load_that_swings_as_far_as_its_mean_rattles_and_less_where_noise_tells_
     ]
 
 
+@pytest.mark.parametrize(("size", "scatter", "noise", "rattles"), [
+    (60e-6, 0.03, 0.8, True), (60e-6, 0.001, 0.8, False), (2e-6, 0.03, 0.8, False), (60e-6, 0.03, 0.1, False),
+])  # fmt: skip
+def test_teeth_that_strike_rattle_without_a_torque_meter_where_the_transmission_error_sways(
+    size, scatter, noise, rattles
+):
+    rng = np.random.default_rng(9)
+    windows = []
+    for w in recorded(SWAY):
+        sway = replace(w.acceleration, unit="m", amplitudes=(size * (1 + scatter * rng.normal()), *(1e-7,) * 9))
+        windows.append(replace(w, torque=None, transmission_error=sway, noise_rms=noise))
+    found = find_turning(model(), windows, [CONDITION] * 6, PHASE)
+    assert ("BacklashRattle" in [type(t.effect).__name__ for t in found]) == rattles
+    if rattles:
+        assert found[0].parameters == {"order": (1.0, "", 0.0)}
+
+
 def test_line_that_grows_from_window_to_window_is_no_ripple():
     windows = [recorded(RIPPLE, count=1, torque_scale=s)[0] for s in (0.1, 0.3, 0.6, 1.0, 1.5, 2.0)]
     assert find_turning(model(), windows, [CONDITION] * 6, PHASE) == []

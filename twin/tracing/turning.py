@@ -38,6 +38,8 @@ DOMINANT = 3.0  # of a ripple's line over the next one: pitch errors and run-out
 EXPLAINED = 0.5  # of a line: what may be left where something else makes it
 PARTING = 0.6  # of the mean torque: a swing that parts the teeth
 NOISY = 0.3  # share of the level that lies between the orders, when teeth strike
+SWAYING = 15e-6  # line of the transmission error of teeth that part [m]
+UNSTEADY = 0.012  # scatter of that line from window to window, of its size: a run-out keeps its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,7 +151,7 @@ def _rattle(model: Model, windows: Sequence[WindowFeatures], conditions: Sequenc
     """
     swings = {p: seen for p in ORDERS if (seen := _lines(windows, "torque", (0, p, 0)))}
     if not swings:
-        return None
+        return _rattle_unmeasured(windows, conditions)
     order = max(swings, key=lambda p: float(np.median([abs(y) for _, y, _ in swings[p]])))
     shares = [abs(y) / conditions[i].torque for i, y, _ in swings[order]]
     if float(np.median(shares)) <= PARTING * (0.1 if rattling(windows) else 1.0):
@@ -166,6 +168,27 @@ def _rattle(model: Model, windows: Sequence[WindowFeatures], conditions: Sequenc
             "order": (float(order), "", 0.0),
         },
         log_evidence=_of_line(sizes, stds),
+    )
+
+
+def _rattle_unmeasured(windows: Sequence[WindowFeatures], conditions: Sequence[Condition]) -> Turning | None:
+    """Rattle where no torque meter tells the swing: teeth strike while the transmission error sways, never the same."""
+    if not rattling(windows):
+        return None
+    sways = {p: np.array([abs(y) for _, y, _ in _lines(windows, "transmission_error", (0, p, 0))]) for p in ORDERS}
+    sways = {p: sizes for p, sizes in sways.items() if sizes.size >= LEAST_WINDOWS}
+    if not sways:
+        return None
+    order, sizes = max(sways.items(), key=lambda item: float(np.median(item[1])))
+    size = float(np.median(sizes))
+    scatter = 1.4826 * float(np.median(np.abs(sizes - size)))
+    if size < SWAYING or scatter < UNSTEADY * size:
+        return None
+    swing = PARTING * conditions[0].torque
+    return Turning(
+        effect=EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=min(swing, 45.0), order=float(order)),
+        parameters={"order": (float(order), "", 0.0)},
+        log_evidence=float(0.5 * sizes.size * (scatter / (UNSTEADY * size)) ** 2),
     )
 
 
