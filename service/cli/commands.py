@@ -253,28 +253,61 @@ def report(
 
 
 @app.command()
+def baseline(
+    recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING…", help="Recordings of the healthy machine.")],
+    out: Annotated[Path, typer.Option(help="Baseline file to write.")],
+    rig: RigFile = None,
+    json: JsonFlag = False,
+) -> None:
+    """Learn what a machine without a rig model does when it is well: every line against load and speed."""
+    from service.baselines import described, learned, save
+    from service.cli.beside_baseline import learned_text
+    from service.jsontext import json_text
+
+    found = learned(recordings, rig)
+    save(found, out)
+    print(json_text(described(found)) if json else learned_text(described(found)))
+    _tell(f"baseline written to {out}")
+
+
+@app.command()
 def diagnose(
     source: Annotated[Path, typer.Argument(metavar="SOURCE", help="Recording, or the JSON of an assess.")],
     out: Annotated[Path | None, typer.Option(help="HTML page with figures to write.")] = None,
     rig: RigFile = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="Baseline file: what the machine does beyond it, where no rig model is known.")
+    ] = None,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
     json: JsonFile = None,
 ) -> None:
     """Say which effects the machine has beside wear, how sure that is, and what is left unexplained."""
+    from service.cli import beside_baseline
     from service.cli.diagnosis import text
     from service.cli.diagnosis_figures import page
     from service.cli.report import load_answer
+    from service.errors import InputError
     from service.jsontext import json_text, write_text
 
-    answered = source.suffix == ".json"
-    answer = load_answer(source) if answered else _assess(source, rig, Update.fused, asset, prefix)
+    if baseline is not None:
+        if out is not None:
+            raise InputError("--out: figures beside a baseline are not drawn; --json has all of them as numbers")
+        answer = beside_baseline.answered(source, baseline, rig)
+    elif source.suffix == ".json":
+        answer = load_answer(source)
+    else:
+        answer = _assess(source, rig, Update.fused, asset, prefix)
+        if answer["wear"].get("status") == "not available":
+            answer = beside_baseline.with_strangers(answer, source, rig)
     if json is not None:
         write_text(json, json_text(answer))
     if out is not None:
         write_text(out, page(answer))
     if str(json) != "-":
-        print(text(answer))
+        print(text(answer) if baseline is None else beside_baseline.text(answer))
+        if baseline is None and answer.get("strange"):
+            print(beside_baseline.strangers_text(answer))
     if out is not None:
         _tell(f"figures written to {out}")
 

@@ -60,6 +60,8 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
         alone = (
             "Wear alone explains this machine" if left.get("verdict") == "explained" else "Wear alone is in the twin"
         )
+        if answer["wear"].get("status") == "not available" and not tracing.get("fitted"):
+            alone = "No twin stands behind this"
         out.append(f"{alone}; no effect was added.")
     if left.get("verdict") == "unknown_effect":
         out.append(f"An effect that no name fits is left: {left.get('reason')}.")

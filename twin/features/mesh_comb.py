@@ -51,15 +51,15 @@ class Comb:
     frequency: float  # [Hz]
     score: float  # mean over sensors of Σ_k ln(power/floor)
     next_score: float  # best elsewhere in the range
-    neighbour: float  # frequency of the best comb up to three pinion orders beyond the range [Hz]
+    neighbour: float  # frequency of the best comb of sidebands, or up to three pinion orders beyond the range [Hz]
     neighbour_score: float
 
 
 def comb_search(accelerations: Mapping[str, Samples], nominal: float, teeth: tuple[int, int]) -> Comb:
     """The comb of mesh lines near a nominal mesh frequency [Hz].
 
-    Sidebands make combs of their own, one pinion order apart, but weaker ones than the mesh lines do: hence
-    the look beyond the range. "Elsewhere" begins half a sideband spacing away.
+    Sidebands make combs of their own, whole pinion or gear orders away, but weaker ones than the mesh lines do: hence
+    the look beyond the range. "Elsewhere" begins half a sideband spacing away and leaves them out.
     """
     spectra = [(samples.rate, *averaged_power(samples)) for samples in accelerations.values()]
     finest = min(width for _, _, width in spectra)
@@ -75,11 +75,13 @@ def comb_search(accelerations: Mapping[str, Samples], nominal: float, teeth: tup
     inside = np.abs(frequency - nominal) <= SEARCH * nominal
     best = int(np.argmax(np.where(inside, total, -1.0)))
     elsewhere = np.abs(frequency - frequency[best]) > max(4 * finest, 0.5 * nominal / max(teeth))
-    beyond = int(np.argmax(np.where(elsewhere & ~inside, total, -1.0)))
+    away = np.abs(frequency[:, None] - frequency[best]) / (frequency[best] / np.array(teeth))
+    sideband = np.any(np.abs(away - np.rint(away)) * frequency[best] / np.array(teeth) < 4 * finest, axis=1)
+    beyond = int(np.argmax(np.where(elsewhere & (~inside | sideband), total, -1.0)))
     return Comb(
         frequency=float(frequency[best]),
         score=float(total[best]),
-        next_score=float(total[elsewhere & inside].max(initial=0.0)),
+        next_score=float(total[elsewhere & inside & ~sideband].max(initial=0.0)),
         neighbour=float(frequency[beyond]),
         neighbour_score=float(total[beyond]),
     )

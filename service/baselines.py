@@ -1,0 +1,324 @@
+"""Baselines of machines without a rig model: learned from recordings, kept in a file, and recordings beside them.
+
+A baseline file is a NumPy archive: `header`, JSON with the rig file's values and what is said of every recording, and
+the lines of every recording and channel.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from service.assess import choose_asset, rig_of
+from service.errors import InputError
+from service.jsontext import plain
+from service.rigfile import checked_rig
+from service.sources.mcap import Recording, read_windows
+from twin.baseline.causes import causes_of
+from twin.baseline.diagnosis import Diagnosis, Named, Parts, diagnose, shaft_name
+from twin.baseline.learned import Baseline, learn
+from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, Reading, angle_of, common_period, read
+from twin.baseline.spacing import Spacing, strange_spacing
+from twin.errors import TwinError
+from twin.features.angle import AngleTrack
+from twin.rig import Rig
+from twin.windows import Window
+
+SCHEMA = "gear-twin-baseline/1"
+KEPT = (
+    "name", "start_time_ns", "duration", "turns", "period", "speed_hz", "speed_std_hz", "angle_from", "absolute",
+    "torque_nm",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Tracked:
+    """One usable window with its pinion angle."""
+
+    name: str
+    window: Window
+    track: AngleTrack
+    spacing: Spacing | None  # of lines that no known shaft makes
+
+
+class Loaded(NamedTuple):
+    """The usable windows of one recording."""
+
+    rig: Rig
+    asset: str
+    windows: list[Tracked]
+    refused: list[str]
+
+
+def pair_shafts(rig: Rig) -> tuple[Fraction, Fraction]:
+    """Orders of pinion and gear."""
+    z1, z2 = rig.teeth
+    return Fraction(1), Fraction(int(z1), int(z2))
+
+
+def load(path: Path, rig_path: Path | None = None, shafts: Sequence[Fraction] | None = None) -> Loaded:
+    """The windows of a recording that have a pinion angle.
+
+    shafts  known ones, beside which strange lines are sought; the pair's where None
+    Raises InputError where there is none.
+    """
+    with Recording(path) as recording:
+        asset = choose_asset(recording, None)
+        rig = rig_of(recording, rig_path)
+    shafts = pair_shafts(rig) if shafts is None else shafts
+    windows, refused = [], []
+    for i, window in enumerate(read_windows(path)[2]):
+        name = f"{path.stem}#{i}"
+        try:
+            track = angle_of(rig, window)
+            spacing = strange_spacing(window.accelerations, track, rig.teeth, shafts)
+        except TwinError as error:
+            refused.append(f"{name}: {error}")
+            continue
+        windows.append(Tracked(name=name, window=window, track=track, spacing=spacing))
+    if not windows:
+        raise InputError(f"{path}: no window can be used: {refused[0] if refused else 'there is none'}")
+    return Loaded(rig, asset, windows, refused)
+
+
+def learned(paths: Sequence[Path], rig_path: Path | None = None) -> Baseline:
+    """A baseline from recordings of the healthy machine.
+
+    Another shaft geared to the pinion is taken in where most windows show its lines.
+    """
+    loaded = [load(path, rig_path) for path in paths]
+    rig = loaded[0].rig
+    for path, other in zip(paths, loaded, strict=True):
+        if other.rig.teeth != rig.teeth:
+            raise InputError(f"{path}: {other.rig.teeth} teeth, while {paths[0]} has {rig.teeth}: not one machine")
+    windows = [w for found in loaded for w in found.windows]
+    shafts = (*pair_shafts(rig), *_geared(windows))
+    try:
+        return learn(rig, [read(rig, w.window, shafts, w.name, w.track) for w in windows], shafts)
+    except TwinError as error:
+        raise InputError(f"{', '.join(map(str, paths))}: {error}") from None
+
+
+def _geared(windows: Sequence[Tracked]) -> tuple[Fraction, ...]:
+    """Orders of other shafts that most windows show and are long enough to tell apart."""
+    seen = [w.spacing.ratio for w in windows if w.spacing is not None and w.spacing.ratio is not None]
+    if not seen:
+        return ()
+    most = max(set(seen), key=seen.count)
+    turns = min(w.track.turns for w in windows)
+    known = (Fraction(1), most)
+    long_enough = turns >= TURNS_PER_PERIOD * common_period(known)
+    return (most,) if 2 * seen.count(most) > len(windows) and long_enough else ()
+
+
+def compared(baseline: Baseline, path: Path, rig_path: Path | None = None) -> tuple[Loaded, Diagnosis]:
+    """A recording beside a baseline."""
+    loaded = load(path, rig_path, baseline.shafts)
+    if loaded.rig.teeth != baseline.rig.teeth:
+        raise InputError(
+            f"{path}: {loaded.rig.teeth} teeth in its rig file, {baseline.rig.teeth} in the baseline's: "
+            "which are right?"
+        )
+    try:
+        parts = [_parts(baseline, w) for w in loaded.windows]
+        return loaded, diagnose(baseline, parts)
+    except TwinError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _parts(baseline: Baseline, tracked: Tracked) -> Parts:
+    rig, shafts = baseline.rig, baseline.shafts
+    whole = read(rig, tracked.window, shafts, tracked.name, tracked.track)
+    if whole.turns < 2 * TURNS_PER_PERIOD * whole.period:
+        return Parts(whole=whole)
+    halves = [read(rig, tracked.window, shafts, tracked.name, tracked.track, part) for part in ((0.0, 0.5), (0.5, 1.0))]
+    return Parts(whole=whole, first=halves[0], second=halves[1])
+
+
+def answer(loaded: Loaded, baseline: Baseline, found: Diagnosis) -> dict[str, Any]:
+    """The answer in the names of the contract."""
+    why = "the rig file gives no model of the machine: a baseline tells what is new, not how deep the wear is"
+    missing = {"status": "not available", "reason": why}
+    return plain(
+        {
+            "asset": loaded.asset,
+            "baseline": described(baseline),
+            "windows": [_record(i, c) for i, c in enumerate(found.compared)],
+            "refused": loaded.refused,
+            "wear": missing,
+            "rul": missing,
+            "residual": {
+                "rms_error_percent": _pooled(found, "rms_after"),
+                "waveform_error_percent": _pooled(found, "waveform_after"),
+                "channels": found.errors,
+                "bands": list(found.bands),
+                "orders": list(found.orders),
+            },
+            "effects": [_effect(e, found) for e in found.effects],
+            "unexplained": {
+                "share_percent": found.share_percent,
+                "orders": list(found.orders),
+                "verdict": found.verdict,
+                "reason": found.reason,
+            },
+            "strange": strange(loaded, baseline.shafts, [shaft_name(s, baseline) for s in baseline.shafts]),
+        }
+    )
+
+
+def strange(loaded: Loaded, shafts: Sequence[Fraction], names: Sequence[str]) -> list[dict[str, Any]]:
+    """Spacings of lines that no known shaft makes, with the causes tried."""
+    out = []
+    for w in loaded.windows:
+        s = w.spacing
+        if s is None or s.ratio in shafts:
+            continue
+        tried = causes_of(s.order / s.part, s.std / s.part, w.track.speed, shafts, names)
+        out.append(
+            {
+                "window": w.name,
+                "order": s.order,
+                "order_std": s.std,
+                "frequency_hz": s.order * w.track.speed,
+                "frequency_std_hz": float(np.hypot(s.std * w.track.speed, s.order * w.track.speed_std)),
+                "part": s.part,
+                "geared": None if s.ratio is None else str(s.ratio),
+                "clearness": s.score,
+                "next_clearness": s.next_score,
+                "sidebands": [
+                    {
+                        "channel": b.channel,
+                        "harmonic": b.harmonic,
+                        "multiple": b.multiple,
+                        "amplitude": b.amplitude,
+                        "depth": b.depth,
+                    }
+                    for b in s.sidebands
+                ],
+                "causes": [{"name": c.name, "possible": c.possible, "detail": c.detail} for c in tried],
+            }
+        )
+    return out
+
+
+def described(baseline: Baseline) -> dict[str, Any]:
+    """What a baseline was learned from."""
+    return {
+        "recordings": [r.name for r in baseline.readings],
+        "operating_point": "torque_nm" if baseline.by_torque else "speed_hz",
+        "from": baseline.operating_point(baseline.readings[0]),
+        "to": baseline.operating_point(baseline.readings[-1]),
+        "shafts": [float(s) for s in baseline.shafts],
+        "channels": sorted(baseline.std),
+    }
+
+
+def _record(index: int, compared: Any) -> dict[str, Any]:
+    reading, expected = compared.reading, compared.expected
+    return {
+        "index": index,
+        "name": reading.name,
+        "start_time_ns": reading.start_time_ns,
+        "speed_hz": reading.speed_hz,
+        "speed_std_hz": reading.speed_std_hz,
+        "speed_from": reading.angle_from,
+        "torque_nm": reading.torque_nm,
+        "between": list(expected.between),
+        "interpolated": expected.interpolated,
+        "pattern_correlation": None if expected.alignment is None else expected.alignment.correlation,
+        "same_teeth": compared.same_teeth,
+    }
+
+
+def _pooled(found: Diagnosis, name: str) -> float | None:
+    values = [e[name] for e in found.errors.values()]
+    return float(np.sqrt(np.mean(np.square(values)))) if values else None
+
+
+def _effect(effect: Named, found: Diagnosis) -> dict[str, Any]:
+    errors = [found.errors[c] for c in effect.channels if c in found.errors]
+
+    def pooled(name: str) -> float | None:
+        return float(np.sqrt(np.mean([e[name] ** 2 for e in errors]))) if errors else None
+
+    return {
+        "name": effect.name,
+        "channels": list(effect.channels),
+        "parameters": {n: {"value": v, "unit": u, "std": s} for n, (v, u, s) in effect.parameters.items()},
+        "evidence": {
+            "log_evidence": effect.log_evidence,
+            "over_runner_up": effect.over_runner_up,
+            "runner_up": effect.runner_up,
+            "not_told_from": list(effect.not_told_from),
+            "detail": effect.detail,
+        },
+        "error_before": {"rms_percent": pooled("rms_before"), "waveform_percent": pooled("waveform_before")},
+        "error_after": {"rms_percent": pooled("rms_after"), "waveform_percent": pooled("waveform_after")},
+        "wear_depth_um_before": None,
+        "wear_depth_um_after": None,
+        "onset_revolutions": None,
+        "windows": list(effect.windows),
+    }
+
+
+def save(baseline: Baseline, path: Path) -> None:
+    """Writes a baseline file; InputError where it cannot be written."""
+    header: dict[str, Any] = {
+        "schema": SCHEMA,
+        "rig": baseline.rig.values,
+        "shafts": [[s.numerator, s.denominator] for s in baseline.shafts],
+        "path_scatter": dict(baseline.path_scatter),
+        "readings": [],
+    }
+    arrays: dict[str, np.ndarray] = {f"std/{name}": std for name, std in baseline.std.items()}
+    for i, r in enumerate(baseline.readings):
+        values = {name: getattr(r, name) for name in KEPT}
+        header["readings"].append(values | {"rms": {name: c.rms for name, c in r.channels.items()}})
+        for name, c in r.channels.items():
+            arrays[f"{i}/{name}/lines"] = c.lines
+            arrays[f"{i}/{name}/floor"] = c.floor
+    arrays["header"] = np.frombuffer(json.dumps(plain(header), ensure_ascii=False).encode(), dtype=np.uint8)
+    try:
+        with path.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
+
+
+def read_baseline(path: Path) -> Baseline:
+    """A baseline from its file; InputError where it is none."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            header = json.loads(bytes(archive["header"]).decode())
+            if header.get("schema") != SCHEMA:
+                raise InputError(f"{path}: schema {header.get('schema')!r} is not {SCHEMA!r}")
+            readings = tuple(_reading(archive, i, values) for i, values in enumerate(header["readings"]))
+            std = {name.partition("/")[2]: archive[name] for name in archive.files if name.startswith("std/")}
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
+    except (ValueError, KeyError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a baseline of `gear-twin baseline`: {error}") from None
+    return Baseline(
+        rig=checked_rig(header["rig"], f"{path}: its rig"),
+        shafts=tuple(Fraction(n, d) for n, d in header["shafts"]),
+        readings=readings,
+        std=std,
+        path_scatter=header["path_scatter"],
+    )
+
+
+def _reading(archive: Any, index: int, values: dict[str, Any]) -> Reading:
+    rms = values.pop("rms")
+    channels = {
+        name: ChannelLines(
+            lines=archive[f"{index}/{name}/lines"], floor=archive[f"{index}/{name}/floor"], rms=float(level)
+        )
+        for name, level in rms.items()
+    }
+    return Reading(channels=channels, **values)

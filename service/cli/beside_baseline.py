@@ -1,0 +1,147 @@
+"""What `gear-twin baseline` and `gear-twin diagnose --baseline` print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from service.baselines import answer, compared, load, pair_shafts, read_baseline, strange
+from service.cli.diagnosis import NAMES
+from service.cli.show import number
+from service.errors import InputError
+
+MOST_SIDEBANDS = 6
+NAMES_HERE = NAMES | {
+    "tooth_crack": "a local fault of one tooth",
+    "unknown_effect": "an effect that no name fits",
+}
+UNITS = {"turn": "of a turn"}
+
+
+def answered(recording: Path, baseline: Path, rig: Path | None) -> dict[str, Any]:
+    """The answer about a recording beside a baseline file."""
+    known = read_baseline(baseline)
+    loaded, found = compared(known, recording, rig)
+    return answer(loaded, known, found)
+
+
+def learned_text(described: Mapping[str, Any]) -> str:
+    """What a baseline holds, in words."""
+    unit = "N·m" if described["operating_point"] == "torque_nm" else "Hz"
+    shafts = ", ".join(number(s) for s in described["shafts"])
+    return (
+        f"Baseline of {len(described['recordings'])} windows, {number(described['from'], 6)} to "
+        f"{number(described['to'], 6)} {unit}; channels {', '.join(described['channels'])}; "
+        f"shafts of order {shafts} of the pinion's rotation"
+    )
+
+
+def text(answer: Mapping[str, Any]) -> str:
+    """The diagnosis as plain text: sentences first, then errors by channel and band."""
+    lines = [f"Diagnosis of {answer['asset']} beside its baseline", ""]
+    for effect in answer["effects"]:
+        lines.append(_effect(effect))
+    if not answer["effects"]:
+        lines.append("Nothing is found that the baseline does not have; no effect was added.")
+    left = answer["unexplained"]
+    if left["verdict"] == "unknown_effect":
+        lines.append(f"An effect that no name fits is left: {left['reason']}.")
+    elif left["reason"]:
+        lines.append(f"To be borne in mind: {left['reason']}.")
+    lines += [_strange(s) for s in answer["strange"]]
+    outside = [w["name"] for w in answer["windows"] if not w["interpolated"]]
+    if outside:
+        lines.append(f"Beyond the operating points learned, the nearest of them stands: {', '.join(outside)}.")
+    lines += [f"Not used: {reason}." for reason in answer["refused"]]
+    lines.append(f"Wear depth and life: not available; {answer['wear']['reason']}.")
+    if answer["residual"]["channels"]:
+        lines += ["", "Error on turns that took no part in the fit, before → after:"]
+        for channel, e in answer["residual"]["channels"].items():
+            lines.append(
+                f"  {channel:<8} waveform {e['waveform_before']:6.1f} → {e['waveform_after']:5.1f} %   "
+                f"RMS {e['rms_before']:+7.1f} → {e['rms_after']:+6.1f} %"
+            )
+        lines += ["", "Mesh bands, RMS: measured, baseline, with what was found:"]
+        for b in answer["residual"]["bands"]:
+            lines.append(
+                f"  {b['channel']:<8} {b['harmonic']} x mesh ({b['frequency_hz']:7.1f} Hz) {number(b['measured']):>9} "
+                f"{number(b['predicted_before']):>9} {number(b['predicted']):>9}"
+            )
+    return "\n".join(lines)
+
+
+def _effect(effect: Mapping[str, Any]) -> str:
+    evidence = effect["evidence"]
+    parameters = ", ".join(
+        f"{name.replace('_', ' ')} {number(p['value'])} {UNITS.get(p['unit'], p['unit'])}".rstrip()
+        + (f" ± {number(p['std'], 2)}" if p["std"] else "")
+        for name, p in effect["parameters"].items()
+    )
+    name = NAMES_HERE.get(effect["name"], effect["name"].replace("_", " "))
+    said = f"Found {name} ({', '.join(effect['channels'])}): {evidence['detail']}."
+    if parameters:
+        said += f" {parameters[0].upper()}{parameters[1:]}."
+    said += f" Evidence {evidence['log_evidence']:.0f} nat over the baseline"
+    if evidence["over_runner_up"] is not None:
+        said += f", {evidence['over_runner_up']:.0f} over {evidence['runner_up']}"
+    if evidence["not_told_from"]:
+        said += f"; not told from {' or '.join(evidence['not_told_from'])}"
+    return said + "."
+
+
+def with_strangers(answer: dict[str, Any], recording: Path, rig: Path | None) -> dict[str, Any]:
+    """The answer about a machine without a model, with the lines that belong to no shaft of its rig file."""
+    try:
+        loaded = load(recording, rig)
+    except InputError:
+        return answer
+    found = strange(loaded, pair_shafts(loaded.rig), ("pinion", "gear"))
+    if not found:
+        return answer
+    z1, spacing = loaded.rig.teeth[0], found[0]["order"]
+    speed = found[0]["frequency_hz"] / spacing
+    orders: list[dict[str, Any]] = []
+    for side in found[0]["sidebands"]:
+        for sign in (-1, 1) if side["harmonic"] else (1,):
+            order = side["harmonic"] * z1 + sign * side["multiple"] * spacing
+            if all(abs(order - o["order"]) > 1e-6 for o in orders):
+                orders.append({"order": order, "frequency_hz": order * speed, "share_percent": None})
+    unexplained = {
+        "share_percent": None,
+        "orders": orders,
+        "verdict": "unknown_effect",
+        "reason": f"lines spaced by {found[0]['frequency_hz']:.3f} Hz belong to no shaft of the rig file",
+    }
+    return {**answer, "strange": found, "unexplained": unexplained}
+
+
+def strangers_text(answer: Mapping[str, Any]) -> str:
+    """What belongs to no shaft, in words."""
+    return "\n".join(_strange(s) for s in answer.get("strange", ()))
+
+
+def _strange(found: Mapping[str, Any]) -> str:
+    shown = ", ".join(
+        f"{s['channel']} {s['multiple']}× "
+        + (f"round mesh {s['harmonic']}" if s["harmonic"] else "itself")
+        + f" {number(s['amplitude'], 3)}"
+        + (f" ({100 * s['depth']:.0f} % of it)" if s["depth"] is not None else "")
+        for s in found["sidebands"][:MOST_SIDEBANDS]
+    )
+    slower = (
+        ""
+        if found["part"] == 1
+        else (
+            f"Weaker lines stand at {found['frequency_hz'] / found['part']:.3f} Hz, too: what turns does so that "
+            f"slowly, and acts most {found['part']} times a turn. "
+        )
+    )
+    possible = [c["name"] for c in found["causes"] if c["possible"]]
+    failed = [c["name"] for c in found["causes"] if not c["possible"]]
+    return (
+        f"Unknown effect: lines spaced by {found['frequency_hz']:.3f} ± {found['frequency_std_hz']:.3f} Hz (order "
+        f"{found['order']:.4f}) belong to no known shaft: {shown}. {slower}"
+        f"Tried and failed: {'; '.join(failed) or 'none'}. Not ruled out: "
+        f"{'; '.join(possible) or 'none of those tried'}."
+    )

@@ -1,0 +1,206 @@
+"""A machine without a rig model: what is new is found by its orders and its angle, and what is not new is left alone.
+
+The machine here is made of lines at the orders of its shafts, every tooth its own; the code under test knows the tooth
+counts and the nominal speed.
+"""
+
+from fractions import Fraction
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from twin.baseline.alignment import align
+from twin.baseline.causes import causes_of
+from twin.baseline.diagnosis import Parts, diagnose
+from twin.baseline.learned import learn
+from twin.baseline.path import Path, band_gains, name_of_path
+from twin.baseline.reading import angle_of, read
+from twin.baseline.spacing import strange_spacing
+from twin.effects import EFFECTS
+from twin.errors import ParameterError, WindowError
+from twin.rig import Rig
+from twin.windows import Samples, Window
+
+TEETH = (20, 30)
+RATE = 4096.0
+SPEED = 16.0  # [Hz]
+THIRD = Fraction(1, 4)
+RIG = Rig.from_mapping({
+    "gears": {"pinion": {"teeth": TEETH[0]}, "gear": {"teeth": TEETH[1]}},
+    "operating": {"pinion_speed_hz": SPEED},
+})  # fmt: skip
+SHAFTS = (Fraction(1), Fraction(*TEETH))
+
+
+def machine(load: float, seed: int, *, teeth_seed=7, gain=None, pulse=0.0, third=False, seconds=8.0, foreign=None):
+    """One window: speed falls a little with load, lines grow with it, the zero of the angle is anywhere.
+
+    gain   of the way to sensor b, a function of frequency
+    pulse  height of a blow once a turn of the gear [m/s²]
+    third  whether another shaft is geared to the pinion
+    foreign  order of a modulation of the mesh lines that no shaft makes
+    """
+    rng, pattern = np.random.default_rng(seed), np.random.default_rng(teeth_seed)
+    speed = SPEED * (1 - 0.01 * load)
+    t = np.arange(int(seconds * RATE)) / RATE
+    θ = 2 * np.pi * (speed * t + rng.uniform(0, 12))
+    orders = np.arange(1, 80 * 3) / 3  # hunting lines: pinion 1, gear 2/3
+    shafts = np.array([k % 3 == 0 or k % 2 == 0 for k in range(1, 80 * 3)])
+    size = np.where(shafts, 0.05, 0.004) * np.abs(
+        pattern.normal(size=orders.size) + 1j * pattern.normal(size=orders.size)
+    )
+    phase = pattern.uniform(0, 2 * np.pi, orders.size)
+    mesh = np.abs(orders % TEETH[0]) < 1e-9
+    size = np.where(mesh, 2.0 / (orders / TEETH[0]), size) * (0.6 + 0.8 * load)
+    phase = phase + 0.4 * load * pattern.normal(size=orders.size)
+    out = {}
+    for sensor, seed_of_way in (("a", 1), ("b", 2)):
+        way = np.random.default_rng(seed_of_way)
+        turn = way.uniform(-1, 1, orders.size)
+        x = np.zeros(t.size)
+        for o, s, p, extra in zip(orders, size, phase, turn, strict=True):
+            g = 1.0 + 0j
+            if gain is not None and sensor == "b":
+                g = complex(np.asarray(gain(np.array([o * speed])))[0])
+            modulation = 1.0
+            if foreign is not None and abs(o % TEETH[0]) < 1e-9:
+                modulation = 1 + 0.2 * np.cos(foreign * θ)
+            x += modulation * s * abs(g) * np.cos(o * θ + p + extra + np.angle(g))
+        if third:
+            for n in (1, 2, 3, 5):
+                x += 0.15 * np.cos(n * float(THIRD) * θ + n)
+            for h in (1, 2, 3):
+                x += 0.3 * np.cos(h * TEETH[0] * θ) * (np.cos(float(THIRD) * θ) + np.cos(2 * float(THIRD) * θ + 1))
+        if pulse and sensor == "a":
+            turns = θ * TEETH[0] / TEETH[1] / (2 * np.pi)
+            x += pulse * np.exp(-0.5 * (((turns + 0.3) % 1 - 0.5) / 0.02) ** 2)
+        out[sensor] = Samples(start=0.0, rate=RATE, values=x + 0.2 * rng.normal(size=t.size))
+    return Window(start_time_ns=seed, accelerations=out)
+
+
+def parts(window, shafts=SHAFTS, name="w"):
+    track = angle_of(RIG, window)
+    whole = read(RIG, window, shafts, name, track)
+    halves = [read(RIG, window, shafts, name, track, p) for p in ((0.0, 0.5), (0.5, 1.0))]
+    return Parts(whole=whole, first=halves[0], second=halves[1])
+
+
+@lru_cache(maxsize=1)
+def healthy():
+    loads = np.linspace(0.1, 0.9, 6)
+    return learn(RIG, [parts(machine(load, i), name=f"h{i}").whole for i, load in enumerate(loads)], SHAFTS)
+
+
+def found(**what):
+    return diagnose(healthy(), [parts(machine(0.42, 99, **what))])
+
+
+def test_pattern_of_the_teeth_tells_the_angle_between_two_windows():
+    rng = np.random.default_rng(2)
+    lines = {"a": rng.normal(size=300) + 1j * rng.normal(size=300)}
+    turned = {"a": lines["a"] * np.exp(1j * np.arange(1, 301) / 3 * 5.1)}
+    at = align(lines, turned, 3, 20)
+    assert at.angle == pytest.approx(5.1, abs=2e-3)
+    assert at.correlation > 0.99 and at.next_best < 0.5
+    back = at.turned(turned["a"], 3)
+    assert np.abs(back - lines["a"]).max() < 0.05 * np.abs(lines["a"]).max()
+    assert align(lines, {"b": lines["a"]}, 3, 20) is None
+
+
+@pytest.mark.parametrize("load", [0.3, 0.42, 0.7])
+def test_healthy_machine_at_a_load_not_learned_has_nothing_added(load):
+    diagnosis = diagnose(healthy(), [parts(machine(load, 50))])
+    assert diagnosis.effects == () and diagnosis.verdict == "explained"
+    for errors in diagnosis.errors.values():
+        assert abs(errors["rms_before"]) < 10
+        assert errors["waveform_after"] == errors["waveform_before"]
+
+
+def test_blow_once_a_turn_of_the_gear_is_a_local_fault_of_a_tooth_of_that_shaft():
+    diagnosis = found(pulse=2.0)
+    (effect,) = diagnosis.effects
+    assert effect.name == "tooth_crack" and effect.channels == ("a",)
+    assert effect.parameters["shaft_order"][0] == pytest.approx(2 / 3)
+    assert effect.parameters["width"][0] < 0.3
+    assert effect.over_runner_up > 100
+    errors = diagnosis.errors["a"]
+    assert errors["waveform_after"] < errors["waveform_before"]
+
+
+@pytest.mark.parametrize(("gain", "name"), [
+    (lambda f: np.full(f.size, 0.6 + 0j), "sensor_gain"),
+    (EFFECTS["sensor_resonance"](frequency=700.0, damping_ratio=0.2).response, "sensor_resonance"),
+])  # fmt: skip
+def test_changed_way_to_one_sensor_is_no_fault_of_the_gears(gain, name):
+    diagnosis = found(gain=gain)
+    (effect,) = diagnosis.effects
+    assert effect.name == name and effect.channels == ("b",)
+    if name == "sensor_gain":
+        assert effect.parameters["gain"][0] == pytest.approx(0.6, rel=0.05)
+    else:
+        assert effect.parameters["frequency"][0] == pytest.approx(700.0, rel=0.05)
+        assert effect.parameters["damping_ratio"][0] == pytest.approx(0.2, rel=0.3)
+    errors = diagnosis.errors["b"]
+    assert errors["waveform_after"] < 0.5 * errors["waveform_before"]
+    assert abs(errors["rms_after"]) < 0.5 * abs(errors["rms_before"])
+
+
+def test_other_gears_in_the_same_machine_are_said_to_be_other_gears():
+    diagnosis = found(teeth_seed=11)
+    assert diagnosis.verdict == "unknown_effect" and "other gears" in diagnosis.reason
+    assert not [e for e in diagnosis.effects if e.name == "tooth_crack"]
+
+
+def test_load_beyond_the_baseline_is_said_to_be_beyond_and_finds_nothing():
+    diagnosis = diagnose(healthy(), [parts(machine(1.1, 51))])
+    assert diagnosis.effects == ()
+    assert not diagnosis.compared[0].expected.interpolated and "beyond" in diagnosis.reason
+
+
+def test_resonance_that_has_moved_is_told_with_both_places():
+    f = np.arange(4.0, 200.0, 8.0)
+    now, before = (EFFECTS["sensor_resonance"](frequency=a, damping_ratio=b) for a, b in ((1200.0, 0.3), (2700.0, 0.1)))
+    gain = now.response(30 * f) / before.response(30 * f)
+    named = name_of_path(Path(channel="a", orders=f, gain=gain, level=np.abs(gain), change=1.0, usual=0.1), 30.0)
+    assert named.name == "sensor_resonance" and named.left < 0.01
+    assert named.parameters["frequency"][0] == pytest.approx(1200, rel=0.01)
+    assert named.parameters["frequency_before"][0] == pytest.approx(2700, rel=0.01)
+
+
+def test_gain_of_a_path_is_not_moved_by_what_one_shaft_does():
+    rng = np.random.default_rng(4)
+    x = rng.normal(size=240) + 1j * rng.normal(size=240)
+    y, σ = 0.8 * x, np.full(240, 0.1)
+    y[::12] += 20.0
+    _, gain = band_gains(x, y, σ, np.arange(1, 241) / 3)
+    assert np.abs(gain - 0.8).max() < 0.06
+
+
+def test_shaft_that_the_rig_file_does_not_name_is_found_by_the_spacing_of_its_lines():
+    window = machine(0.5, 3, third=True)
+    spacing = strange_spacing(window.accelerations, angle_of(RIG, window), TEETH, SHAFTS)
+    assert spacing.ratio == THIRD and spacing.score > 1.3 * spacing.next_score
+    plain = machine(0.5, 3)
+    assert strange_spacing(plain.accelerations, angle_of(RIG, plain), TEETH, SHAFTS) is None
+
+
+def test_modulation_that_no_shaft_makes_is_named_by_its_frequency_with_depth_and_causes():
+    order = 0.3961
+    window = machine(0.5, 3, foreign=order, seconds=12.0)
+    track = angle_of(RIG, window)
+    spacing = strange_spacing(window.accelerations, track, TEETH, SHAFTS)
+    assert abs(spacing.order - order) * track.speed < 0.02
+    first = next(s for s in spacing.sidebands if s.harmonic == 1 and s.multiple == 1)
+    assert first.depth == pytest.approx(0.2, rel=0.1)
+    causes = {c.name: c.possible for c in causes_of(order, 1e-4, track.speed, SHAFTS, ("pinion", "gear"))}
+    assert causes["cage of a bearing on the pinion"]
+    assert not causes["a multiple of the pinion's rotation"] and not causes["mains of 50 Hz"]
+
+
+def test_window_too_short_to_tell_lines_apart_and_baseline_of_one_window_are_refused():
+    short = machine(0.5, 3, seconds=0.6)
+    with pytest.raises(WindowError, match="turns are too few"):
+        read(RIG, short, SHAFTS, "short")
+    with pytest.raises(ParameterError, match="at least two recordings"):
+        learn(RIG, [parts(machine(0.5, 3)).whole], SHAFTS)

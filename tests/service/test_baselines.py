@@ -1,0 +1,114 @@
+"""A machine without a rig model from files to answers: import, baseline, diagnosis; and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from service.baselines import compared, described, learned, read_baseline, save
+from service.cli import run
+from service.errors import InputError
+from service.importing import import_recording
+from tests.claims.test_baseline import RATE, SPEED, TEETH, machine
+
+MAPPING = """
+schema = "gear-import/1"
+asset = "bench"
+[file]
+path = "columns.npz"
+sample_rate_hz = {rate}
+[channels.a]
+unit = "m/s2"
+[channels.b]
+unit = "m/s2"
+[rig.gears.pinion]
+teeth = {z1}
+[rig.gears.gear]
+teeth = {z2}
+[rig.operating]
+pinion_speed_hz = {speed}
+"""
+
+
+def recording(folder, name, teeth=TEETH, **what):
+    window = machine(what.pop("load", 0.42), what.pop("seed", 99), **what)
+    columns, mapping, out = (folder / f"{name}.{end}" for end in ("npz", "toml", "mcap"))
+    np.savez(columns, **{k: s.values for k, s in window.accelerations.items()})
+    mapping.write_text(MAPPING.format(rate=RATE, z1=teeth[0], z2=teeth[1], speed=SPEED))
+    import_recording(mapping, out, source=columns)
+    return out
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("machine")
+
+
+@pytest.fixture(scope="module")
+def healthy(folder):
+    return [recording(folder, f"h{i}", load=load, seed=i) for i, load in enumerate((0.1, 0.3, 0.5, 0.7))]
+
+
+@pytest.fixture(scope="module")
+def file(folder, healthy):
+    path = folder / "healthy.baseline"
+    assert run(["baseline", *map(str, healthy), "--out", str(path)]) == 0
+    return path
+
+
+def test_baseline_file_gives_the_baseline_back_whole(file, healthy):
+    made, read = learned(healthy), read_baseline(file)
+    assert described(made) == described(read)
+    assert read.shafts == made.shafts and read.path_scatter == pytest.approx(dict(made.path_scatter))
+    for mine, yours in zip(made.readings, read.readings, strict=True):
+        for name, channel in mine.channels.items():
+            assert np.array_equal(channel.lines, yours.channels[name].lines)
+
+
+def test_fault_is_named_with_errors_and_without_wear(folder, file, capsys):
+    fault = recording(folder, "fault", pulse=2.0)
+    assert run(["diagnose", str(fault), "--baseline", str(file), "--json", str(folder / "fault.json")]) == 0
+    said = capsys.readouterr().out
+    assert "a local fault of one tooth (a)" in said and "not available" in said
+    answer = json.loads((folder / "fault.json").read_text())
+    (effect,) = answer["effects"]
+    assert effect["name"] == "tooth_crack" and effect["parameters"]["shaft_order"]["value"] == pytest.approx(2 / 3)
+    assert effect["error_after"]["waveform_percent"] < effect["error_before"]["waveform_percent"]
+    assert answer["wear"]["status"] == answer["rul"]["status"] == "not available"
+    assert answer["unexplained"]["verdict"] in ("explained", "unknown_effect")
+
+
+def test_healthy_recording_at_another_load_has_no_effect(folder, file, capsys):
+    assert run(["diagnose", str(recording(folder, "well", load=0.6, seed=31)), "--baseline", str(file)]) == 0
+    assert "no effect was added" in capsys.readouterr().out
+
+
+def test_modulation_of_an_unknown_shaft_is_said_without_a_baseline(folder, capsys):
+    path = recording(folder, "modulated", foreign=0.3961, seconds=9.0)
+    assert run(["diagnose", str(path), "--json", str(folder / "modulated.json")]) == 0
+    assert "belong to no known shaft" in capsys.readouterr().out
+    answer = json.loads((folder / "modulated.json").read_text())
+    assert answer["unexplained"]["verdict"] == "unknown_effect"
+    speed = SPEED * (1 - 0.0042)
+    assert answer["strange"][0]["frequency_hz"] == pytest.approx(0.3961 * speed, abs=0.02)
+
+
+@pytest.mark.parametrize(("teeth", "message"), [((21, 30), "21"), ((20, 33), "33")])
+def test_tooth_counts_that_do_not_fit_are_caught_before_a_diagnosis(folder, file, teeth, message):
+    wrong = recording(folder, f"wrong{teeth[0]}{teeth[1]}", teeth=teeth)
+    with pytest.raises(InputError, match=message):
+        compared(read_baseline(file), wrong)
+
+
+def test_file_that_is_no_baseline_is_refused_in_one_line(folder, healthy, capsys):
+    broken = folder / "broken"
+    broken.write_bytes(b"PK not a baseline")
+    assert run(["diagnose", str(healthy[0]), "--baseline", str(broken)]) == 2
+    assert "not a baseline" in capsys.readouterr().err
+    assert run(["diagnose", str(healthy[0]), "--baseline", str(folder / "absent")]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+
+
+def test_baseline_that_cannot_be_written_is_said(healthy, folder):
+    with pytest.raises(InputError, match="cannot be written"):
+        save(learned(healthy), folder / "no" / "such" / "folder")

@@ -1,0 +1,57 @@
+"""Measured machines of which little is known: what is found in them, and what is not."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from service.baselines import compared, learned, load, pair_shafts, strange
+from service.importing import import_recording
+
+ROOT = Path(__file__).parents[2]
+MEASURED = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared")) / "measured"
+MAPPINGS = ROOT / "recordings" / "mappings"
+needs = pytest.mark.skipif(not MEASURED.is_dir(), reason=f"the measured sets are not in {MEASURED} (GEAR_TWIN_SHARED)")
+
+
+@pytest.fixture(scope="module")
+def brought(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("measured")
+
+    def one(name, source):
+        out = folder / f"{source.split('.')[0]}.mcap"
+        import_recording(MAPPINGS / f"{name}.toml", out, source=MEASURED / name / source)
+        return out
+
+    return one
+
+
+@needs
+def test_broken_tooth_is_traced_to_its_shaft_and_the_healthy_load_left_out_has_nothing(brought):
+    def file(state, percent):
+        return brought("spectraquest-broken-tooth", f"{state}30hz{percent}.csv.gz")
+
+    baseline = learned([file("h", percent) for percent in (20, 30, 60, 70)])
+    assert [float(s) for s in baseline.shafts] == [1.0, 0.4, 0.15]
+    _, well = compared(baseline, file("h", 40))
+    assert well.effects == () and well.verdict == "explained"
+    _, broken = compared(baseline, file("b", 40))
+    (local,) = [e for e in broken.effects if e.name == "tooth_crack"]
+    assert local.parameters["shaft_order"][0] == pytest.approx(0.15)
+    assert local.channels == ("a4",) and local.over_runner_up > 100
+    moved = {e.channels[0]: e.parameters["frequency"][0] for e in broken.effects if e.name == "sensor_resonance"}
+    assert set(moved) == {"a1", "a2", "a3"} and moved["a1"] == pytest.approx(1200, rel=0.15)
+    for channel in moved:
+        errors = broken.errors[channel]
+        assert abs(errors["rms_after"]) < 10 and errors["waveform_after"] < 0.8 * errors["waveform_before"]
+
+
+@needs
+def test_modulation_of_the_28_channel_rig_is_named_and_belongs_to_no_gear(brought):
+    found = load(brought("spur-rig-28ch-2000rpm", "channels.npz"))
+    (line,) = strange(found, pair_shafts(found.rig), ("pinion", "gear"))
+    assert line["frequency_hz"] == pytest.approx(39.58, abs=0.05)
+    assert line["frequency_std_hz"] < 0.01 and line["geared"] is None and line["part"] == 3
+    possible = [c["name"] for c in line["causes"] if c["possible"]]
+    assert possible == ["cage of a bearing on the pinion"]
+    assert {s["channel"] for s in line["sidebands"]} >= {"ch01", "ch05", "ch06", "ch11", "ch13", "ch14", "ch15", "ch20"}

@@ -1,0 +1,80 @@
+"""Known causes of a spacing of lines, each tried on its order: which fail, and which the data cannot rule out.
+
+    cage 0.35 … 0.45,   outer race N·(0.35 … 0.45),   inner race N·(0.55 … 0.65),   ball 1.5 … 4.5       of its shaft
+
+for N = 6 … 20 rolling elements: pitch to element diameter 3.3 to 10, contact angle 0 to 40°.
+
+Source   bearing kinematics: T. A. Harris, Rolling Bearing Analysis, 4th ed., Wiley 2001, ch. 8
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+FAR = 5.0  # deviations beyond which an order is another one
+MAINS = (50.0, 60.0)
+MAINS_STD = 0.01  # of the mains frequency [Hz]
+ELEMENTS = range(6, 21)
+CAGE, INNER, BALL = (0.35, 0.45), (0.55, 0.65), (1.5, 4.5)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """One cause tried."""
+
+    name: str
+    possible: bool
+    detail: str
+
+
+def causes_of(
+    order: float, std: float, speed_hz: float, shafts: Sequence[Fraction], names: Sequence[str]
+) -> list[Cause]:
+    """Causes of lines spaced by an order of the pinion, with its standard deviation.
+
+    shafts, names  orders of all shafts and what they are called
+    """
+    out = []
+    for shaft, name in zip(shafts, names, strict=True):
+        ratio = order / float(shaft)
+        nearest = max(1, round(ratio))
+        off = abs(ratio - nearest) * float(shaft)
+        out.append(
+            Cause(
+                name=f"a multiple of the {name}'s rotation",
+                possible=off < FAR * std,
+                detail=f"{ratio:.4f} times it; {off / max(std, 1e-12):.0f} deviations from {nearest}",
+            )
+        )
+    for frequency in MAINS:
+        at = order * speed_hz
+        nearest = max(1, round(at / frequency))
+        off = abs(at - nearest * frequency)
+        limit = FAR * ((std * speed_hz) ** 2 + (MAINS_STD * nearest) ** 2) ** 0.5
+        out.append(
+            Cause(
+                name=f"mains of {frequency:g} Hz",
+                possible=off < limit,
+                detail=f"{at:.3f} Hz, {off:.2f} Hz from {nearest * frequency:g} Hz",
+            )
+        )
+    for shaft, name in zip(shafts, names, strict=True):
+        ratio = order / float(shaft)
+        fit = [n for n in ELEMENTS if CAGE[0] * n <= ratio <= CAGE[1] * n]
+        inner = [n for n in ELEMENTS if INNER[0] * n <= ratio <= INNER[1] * n]
+        said = f"{ratio:.4f} times the {name}'s rotation"
+        out += [
+            Cause(name=f"cage of a bearing on the {name}", possible=CAGE[0] <= ratio <= CAGE[1], detail=said),
+            Cause(name=f"outer race of a bearing on the {name}", possible=bool(fit), detail=_elements(said, fit)),
+            Cause(name=f"inner race of a bearing on the {name}", possible=bool(inner), detail=_elements(said, inner)),
+            Cause(name=f"rolling element on the {name}", possible=BALL[0] <= ratio <= BALL[1], detail=said),
+        ]
+    return out
+
+
+def _elements(said: str, counts: Sequence[int]) -> str:
+    if not counts:
+        return f"{said}: no bearing of {ELEMENTS[0]} to {ELEMENTS[-1]} elements"
+    return f"{said}: {', '.join(map(str, counts))} elements"

@@ -1,0 +1,283 @@
+"""What a recording holds beyond the healthy machine, by the names of the effect table, with errors before and after.
+
+Effects are found on whole windows. Errors are those of turns that took no part: what was found is fitted on the first
+half of every window's turns and judged on the second, which nothing else has seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from twin.baseline.findings import EXTRAPOLATED, SMOOTH, Compared, ShaftChange, compare
+from twin.baseline.learned import Baseline
+from twin.baseline.path import Path, name_of_path
+from twin.baseline.reading import Reading
+
+SIDEBANDS = 2.0  # orders on either side that belong to a mesh harmonic's band
+BANDS = 5
+MOST_LINES = 12
+UNLIKE = 4.0  # misfit of the lines to the healthy scatter, from which something is left that has no name
+LOCAL_BESIDE = ("a coupling, a seat or a load of that shaft that pushes once a turn",)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Parts:
+    """One window's lines: of all its turns, and of either half where they are long enough."""
+
+    whole: Reading
+    first: Reading | None = None
+    second: Reading | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Named:
+    """One effect."""
+
+    name: str
+    channels: tuple[str, ...]
+    parameters: Mapping[str, tuple[float, str, float]]
+    log_evidence: float
+    runner_up: str | None
+    over_runner_up: float | None
+    not_told_from: tuple[str, ...]
+    detail: str
+    windows: tuple[int, ...]  # in which it was found
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Diagnosis:
+    """A recording beside its baseline."""
+
+    compared: tuple[Compared, ...]
+    effects: tuple[Named, ...]
+    errors: Mapping[str, Mapping[str, float]]  # by channel: waveform and rms, before and after [%], on unseen turns
+    bands: tuple[Mapping[str, Any], ...]
+    verdict: str  # explained, unknown_effect or insufficient_data
+    reason: str
+    share_percent: float | None  # of the energy that is left over the healthy scatter
+    orders: tuple[Mapping[str, float], ...]  # strongest lines that are left
+
+
+def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
+    """Findings over all windows of a recording."""
+    compared = [compare(baseline, w.whole) for w in windows]
+    effects = [*_paths(compared), *_shafts(baseline, compared)]
+    errors, bands = _errors(baseline, windows, compared)
+    share, misfit, orders = _left(compared)
+    verdict, reason = "explained", ""
+    if not all(c.same_teeth for c in compared):
+        correlation = min(c.expected.alignment.correlation for c in compared if c.expected.alignment is not None)
+        verdict = "unknown_effect"
+        reason = (
+            f"the pattern of the teeth is not the baseline's (correlation {correlation:.2f}): other gears, another "
+            "assembly, or tooth counts that are not this machine's"
+        )
+    elif misfit > UNLIKE * (1.0 if all(c.expected.interpolated for c in compared) else EXTRAPOLATED**2):
+        verdict, reason = "unknown_effect", f"the lines differ {misfit:.1f} times as much as healthy recordings do"
+    elif any(e.name == "unknown_effect" for e in effects):
+        verdict, reason = "unknown_effect", next(e.detail for e in effects if e.name == "unknown_effect")
+    elif not any(c.expected.interpolated for c in compared):
+        reason = "the operating point lies beyond the baseline's: small effects would not be seen"
+    return Diagnosis(
+        compared=tuple(compared),
+        effects=tuple(effects),
+        errors=errors,
+        bands=tuple(bands),
+        verdict=verdict,
+        reason=reason,
+        share_percent=share,
+        orders=tuple(orders),
+    )
+
+
+def _majority(found: Sequence[int], compared: Sequence[Compared]) -> bool:
+    return 2 * len(found) > len(compared)
+
+
+def _paths(compared: Sequence[Compared]) -> list[Named]:
+    """Changed ways to sensors."""
+    out = []
+    for channel in compared[0].expected.lines:
+        paths = {i: p for i, c in enumerate(compared) for p in c.paths if p.channel == channel and p.changed}
+        if not _majority(list(paths), compared):
+            continue
+        i, path = max(paths.items(), key=lambda item: item[1].change)
+        named = name_of_path(path, compared[i].reading.speed_hz)
+        out.append(
+            Named(
+                name=named.name,
+                channels=(channel,),
+                parameters=named.parameters,
+                log_evidence=_path_evidence(compared[i], path),
+                runner_up=None,
+                over_runner_up=None,
+                not_told_from=("another mount, cable or place of the sensor",),
+                detail=(
+                    f"the way to {channel} has changed alike for the lines of all shafts, by {path.change:.2f} in ln "
+                    f"(usual {path.usual:.2f}); the name leaves {100 * named.left:.0f} % of it"
+                ),
+                windows=tuple(paths),
+            )
+        )
+    return out
+
+
+def _path_evidence(compared: Compared, path: Path) -> float:
+    """What the gain of a path explains of a channel's lines [nat]."""
+    x, σ = compared.expected.lines[path.channel], compared.expected.std[path.channel]
+    y = compared.reading.channels[path.channel].lines[: x.size]
+    g = path.at(np.arange(1, x.size + 1) / compared.reading.period)
+    return float(0.5 * np.sum((np.abs(y - x) ** 2 - np.abs(y - g * x) ** 2) / σ**2))
+
+
+def _shafts(baseline: Baseline, compared: Sequence[Compared]) -> list[Named]:
+    """What single shafts do otherwise than before."""
+    out = []
+    for shaft in baseline.shafts:
+        changes = {i: [c for c in w.believed if c.shaft == shaft] for i, w in enumerate(compared)}
+        found = [i for i, cs in changes.items() if cs]
+        if not _majority(found, compared):
+            continue
+        strongest = max((c for cs in changes.values() for c in cs), key=lambda c: c.log_evidence)
+        channels = tuple(dict.fromkeys(c.channel for cs in changes.values() for c in cs))
+        others = [c.log_evidence for w in compared for c in w.changes if c.shaft != shaft]
+        name, detail, beside = _kind(baseline, shaft, strongest)
+        size = float(np.sqrt(0.5 * np.sum(np.abs(strongest.lines[strongest.strong]) ** 2)))
+        out.append(
+            Named(
+                name=name,
+                channels=channels,
+                parameters={
+                    "shaft_order": (float(shaft), "", 0.0),
+                    "angle": (strongest.angle, "turn", strongest.width / 4),
+                    "width": (strongest.width, "turn", 0.0),
+                    "rms": (size, "", size / float(np.median(strongest.ratio[strongest.strong]))),
+                },
+                log_evidence=strongest.log_evidence,
+                runner_up="the same of another shaft",
+                over_runner_up=strongest.log_evidence - max(others, default=0.0),
+                not_told_from=beside,
+                detail=detail,
+                windows=tuple(found),
+            )
+        )
+    return out
+
+
+def shaft_name(shaft: Fraction, baseline: Baseline) -> str:
+    """What a shaft is called."""
+    z1, z2 = baseline.rig.teeth
+    if shaft == 1:
+        return "pinion"
+    return "gear" if shaft == Fraction(z1, z2) else f"shaft of order {float(shaft):g}"
+
+
+def _kind(baseline: Baseline, shaft: Fraction, change: ShaftChange) -> tuple[str, str, tuple[str, ...]]:
+    """Name, description, and what it is not told from."""
+    where = shaft_name(shaft, baseline)
+    strong = ", ".join(f"{n * float(shaft):g}" for n in change.multiples[change.strong])
+    if change.kind == "local":
+        said = (
+            f"once a turn of the {where}, at one angle (lines in phase to {change.in_phase:.2f}; orders {strong}; four "
+            f"fifths of it within {change.width:.2f} of a turn): one tooth of that shaft, or what pushes there like one"
+        )
+        return "tooth_crack", said, LOCAL_BESIDE
+    known = {"pinion": "pinion", "gear": "gear"}.get(where)
+    if change.kind == "run_out" and known:
+        return f"{known}_eccentricity", f"run-out of the {where} (order {strong})", ("an unbalance of that shaft",)
+    if change.kind == "all_round" and known:
+        return "pitch_error", f"teeth all round the {where} differ from before (orders {strong})", ("wear by teeth",)
+    return "unknown_effect", f"the {where} shakes otherwise than before (orders {strong})", ()
+
+
+def _errors(
+    baseline: Baseline, windows: Sequence[Parts], compared: Sequence[Compared]
+) -> tuple[dict[str, dict[str, float]], list[dict[str, Any]]]:
+    """Errors before and after on the second halves, what was found fitted on the first; and bands of the latest."""
+    sums: dict[str, np.ndarray] = {}
+    bands: list[dict[str, Any]] = []
+    for parts, whole in zip(windows, compared, strict=True):
+        if parts.first is None or parts.second is None:
+            continue
+        fitted = compare(baseline, parts.first, whole.expected)
+        bands = []
+        for channel, x in whole.expected.lines.items():
+            y = parts.second.channels[channel].lines[: x.size]
+            after = fitted.explained(channel)[: y.size]
+            x = x[: y.size]
+            powers = np.abs(y) ** 2, whole.expected.power[channel][: y.size], fitted.explained_power(channel)[: y.size]
+            energies = [float(p.sum()) for p in (*powers, np.abs(y - x) ** 2, np.abs(y - after) ** 2)]
+            sums[channel] = sums.get(channel, np.zeros(5)) + np.array(energies)
+            bands += _bands(channel, powers, parts.second.period, baseline.rig.teeth[0], parts.second.speed_hz)
+    out = {}
+    for channel, (measured, before, after, off_before, off_after) in sums.items():
+        out[channel] = {
+            "waveform_before": 100 * float(np.sqrt(off_before / measured)),
+            "waveform_after": 100 * float(np.sqrt(off_after / measured)),
+            "rms_before": 100 * float(np.sqrt(before / measured) - 1),
+            "rms_after": 100 * float(np.sqrt(after / measured) - 1),
+        }
+    return out, bands
+
+
+def _bands(channel: str, powers: Sequence[np.ndarray], period: int, z1: int, speed_hz: float) -> list[dict[str, Any]]:
+    """RMS of the mesh harmonics' bands, from powers measured, expected, and with what was found."""
+    orders = np.arange(1, powers[0].size + 1) / period
+    out = []
+    for k in range(1, BANDS + 1):
+        inside = np.abs(orders - k * z1) <= SIDEBANDS
+        if inside.any():
+            rms = [float(np.sqrt(0.5 * p[inside].sum())) for p in powers]
+            out.append(
+                {
+                    "channel": channel,
+                    "harmonic": k,
+                    "frequency_hz": k * z1 * speed_hz,
+                    "measured": rms[0],
+                    "predicted_before": rms[1],
+                    "predicted": rms[2],
+                }
+            )
+    return out
+
+
+def _left(compared: Sequence[Compared]) -> tuple[float | None, float, list[dict[str, float]]]:
+    """Share of the energy left beyond the healthy scatter [%], its misfit, and its strongest lines."""
+    energy = beyond = 0.0
+    misfits: list[float] = []
+    lines: dict[int, float] = {}
+    for window in compared:
+        for channel, x in window.expected.lines.items():
+            y, z = window.reading.channels[channel].lines[: x.size], window.explained(channel)
+            left, σ = np.abs(y - z) ** 2, window.expected.std[channel]
+            grown = σ * np.maximum(1.0, np.abs(z) / np.maximum(np.abs(x), 1e-300)).clip(max=5.0)
+            if any(p.changed for p in window.paths if p.channel == channel):
+                grown = np.hypot(grown, SMOOTH * np.abs(z))
+            misfits.append(float(np.mean(left / grown**2)))
+            energy += float(np.sum(np.abs(y) ** 2))
+            excess = np.maximum(left - 9 * grown**2, 0.0)
+            beyond += float(np.sum(excess))
+            for k in np.argsort(excess)[::-1][:MOST_LINES].tolist():
+                if excess[k] > 0:
+                    lines[k] = max(lines.get(k, 0.0), float(excess[k]))
+    if energy == 0:
+        return None, 0.0, []
+    first = compared[0].reading
+    strongest = sorted(lines.items(), key=lambda item: -item[1])[:MOST_LINES]
+    return (
+        100 * beyond / energy,
+        float(np.median(misfits)),
+        [
+            {
+                "order": float((k + 1) / first.period),
+                "frequency_hz": float((k + 1) / first.period * first.speed_hz),
+                "share_percent": 100 * value / energy,
+            }
+            for k, value in strongest
+        ],
+    )

@@ -1,0 +1,197 @@
+"""What a window shows beyond the healthy machine, by the orders and the angle at which it shows it.
+
+    Y_k = g(f_k)·x_k + δ_k + noise
+
+x    the healthy machine at this operating point                     (learned.py)
+g    what changed on the way to a sensor: one smooth function of frequency for the lines of all shafts alike
+δ    what one shaft does more or otherwise than before: lines at n·s of its order s that no other shaft makes
+
+    evidence = ½·Σ (|δ|²/σ² − 1)          nats against the healthy scatter
+
+What δ is follows from its orders and from the phases of its lines:
+
+    n = 1 alone                       run-out of the shaft
+    many n, in phase at one angle     something local: one tooth, struck once a turn
+    many n, phases anyhow             teeth that differ from before, all round
+
+Source   twin/effects (what each effect does to orders and angle); P. D. McFadden, J. D. Smith, Proc. IMechE 199 C4
+         (1985) 287–292 (a local defect is a pulse in the average)
+Holds    the same teeth in mesh as in the baseline
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from twin.baseline.learned import Baseline, Expected
+from twin.baseline.path import Path, band_gains, band_levels
+from twin.baseline.reading import Reading
+
+LEAST_BANDS = 3  # that a path is told by
+LINES = 12  # of a shaft that are looked at, from its first
+LEAST_EVIDENCE = 60.0  # nats: three times what healthy recordings beyond the baseline's range reach
+STRONG = 4.0  # |δ|/σ of a line that counts
+ALONE = 0.8  # share of n = 1 in the energy that makes it run-out
+LOCAL = 0.75  # |Σ δ·e^{inφ}| over Σ |δ| at the best angle, that makes it local
+LOCAL_LINES = 4  # strong lines that a local fault has at least
+EXTRAPOLATED = 4.0  # times more scatter of a path, and evidence asked, beyond what was learned
+SMOOTH = 0.15  # of a line: what one gain a band leaves of a path that has changed
+BESIDE_PATH = 4.0  # times more evidence in a channel whose path has changed
+SAME_TEETH = 0.3  # correlation with the baseline's pattern below which these are other teeth
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ShaftChange:
+    """What one shaft does beyond the baseline, in one channel."""
+
+    shaft: Fraction
+    channel: str
+    multiples: np.ndarray  # n (m,)
+    lines: np.ndarray  # δ_n complex (m,)
+    ratio: np.ndarray  # |δ_n|/σ_n (m,)
+    log_evidence: float
+    angle: float  # of the shaft at which the lines are in phase [turns]
+    in_phase: float  # |Σ δ·e^{inφ}| over Σ |δ| there, of the strong lines
+    width: float  # share of a turn that holds four fifths of the pulse's energy
+
+    @property
+    def strong(self) -> np.ndarray:
+        return self.ratio > STRONG
+
+    @property
+    def kind(self) -> str:
+        """`run_out`, `local` or `all_round`."""
+        energy = np.abs(self.lines) ** 2 * self.strong
+        if energy[self.multiples == 1].sum() > ALONE * energy.sum():
+            return "run_out"
+        return "local" if self.strong.sum() >= LOCAL_LINES and self.in_phase > LOCAL else "all_round"
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Compared:
+    """A window beside the healthy machine."""
+
+    reading: Reading
+    expected: Expected
+    paths: tuple[Path, ...]
+    changes: tuple[ShaftChange, ...]  # of every shaft and channel, strongest evidence first
+
+    @property
+    def same_teeth(self) -> bool:
+        """Whether the pattern of the teeth is the baseline's."""
+        found = self.expected.alignment
+        return found is None or found.correlation > SAME_TEETH
+
+    @property
+    def believed(self) -> tuple[ShaftChange, ...]:
+        """Changes beyond what healthy recordings show."""
+        more = 1.0 if self.expected.interpolated else EXTRAPOLATED
+        moved = {p.channel for p in self.paths if p.changed}
+
+        def least(change: ShaftChange) -> float:
+            return LEAST_EVIDENCE * more * (BESIDE_PATH if change.channel in moved else 1.0)
+
+        if not self.same_teeth:
+            return ()
+        return tuple(c for c in self.changes if c.log_evidence > least(c) and c.strong.any())
+
+    def explained(self, channel: str) -> np.ndarray:
+        """The lines of a channel with everything that was found (K,)."""
+        x = self.expected.lines[channel].copy()
+        orders = np.arange(1, x.size + 1) / self.reading.period
+        for path in self.paths:
+            if path.channel == channel and path.changed:
+                x *= path.at(orders)
+        for change in self.believed:
+            if change.channel == channel:
+                places = np.rint(change.multiples * float(change.shaft) * self.reading.period).astype(int) - 1
+                x[places] += change.lines
+        return x
+
+    def explained_power(self, channel: str) -> np.ndarray:
+        """|Y|² of the lines of a channel with everything that was found (K,)."""
+        power = self.expected.power[channel].copy()
+        orders = np.arange(1, power.size + 1) / self.reading.period
+        for path in self.paths:
+            if path.channel == channel and path.changed:
+                power *= path.level_at(orders) ** 2
+        with_all = self.explained(channel)
+        for change in self.believed:
+            if change.channel == channel:
+                places = np.rint(change.multiples * float(change.shaft) * self.reading.period).astype(int) - 1
+                power[places] = np.abs(with_all[places]) ** 2
+        return power
+
+
+def compare(baseline: Baseline, reading: Reading, expected: Expected | None = None) -> Compared:
+    """A window beside the baseline; NotAvailable where they cannot be compared.
+
+    expected  where it is known already, in the window's angle
+    """
+    expected = baseline.expected(reading) if expected is None else expected
+    more = 1.0 if expected.interpolated else EXTRAPOLATED
+    paths, changes = [], []
+    for channel, x in expected.lines.items():
+        y, σ = reading.channels[channel].lines[: x.size], expected.std[channel]
+        orders = np.arange(1, x.size + 1) / reading.period
+        middles, gain = band_gains(x, y, σ, orders)
+        g, spread = np.ones(orders.size, dtype=complex), σ
+        if middles.size >= LEAST_BANDS:
+            path = Path(
+                channel=channel,
+                orders=middles,
+                gain=gain,
+                level=band_levels(expected.power[channel], y, orders, middles),
+                change=float(np.sqrt(np.mean(np.log(np.abs(gain)) ** 2))),
+                usual=more * baseline.path_scatter.get(channel, 0.0),
+            )
+            paths.append(path)
+            if path.changed:
+                g = path.at(orders)
+                spread = np.abs(g) * np.hypot(σ, SMOOTH * np.abs(x))
+        for shaft in baseline.shafts:
+            found = _shaft_change(shaft, baseline.shafts, channel, y - g * x, spread, reading.period)
+            if found is not None:
+                changes.append(found)
+    changes.sort(key=lambda c: -c.log_evidence)
+    return Compared(reading=reading, expected=expected, paths=tuple(paths), changes=tuple(changes))
+
+
+def own_multiples(shaft: Fraction, shafts: Sequence[Fraction], highest: float, most: int = LINES) -> np.ndarray:
+    """n of a shaft's lines n·s that no other shaft makes by itself, the lowest first."""
+    others = [s for s in shafts if s != shaft]
+    n = range(1, int(highest / float(shaft)) + 1)
+    own = [m for m in n if not any((m * shaft / s).denominator == 1 for s in others)]
+    return np.array(own[:most], dtype=int)
+
+
+def _shaft_change(
+    shaft: Fraction, shafts: Sequence[Fraction], channel: str, left: np.ndarray, σ: np.ndarray, period: int
+) -> ShaftChange | None:
+    n = own_multiples(shaft, shafts, left.size / period)
+    if n.size == 0:
+        return None
+    places = np.array([int(m * shaft * period) for m in n.tolist()]) - 1
+    δ, ratio = left[places], np.abs(left[places]) / σ[places]
+    strong = ratio > STRONG
+    φ = np.linspace(0, 1, 2048, endpoint=False)
+    turned = np.exp(2j * np.pi * np.outer(φ, n.astype(float)))
+    together = np.abs(turned[:, strong] @ δ[strong]) if strong.any() else np.zeros(φ.size)
+    best = int(np.argmax(together))
+    pulse = np.abs(turned[:, strong] @ δ[strong]) ** 2 if strong.any() else np.ones(φ.size)
+    widest = np.sort(pulse)[::-1].cumsum()
+    return ShaftChange(
+        shaft=shaft,
+        channel=channel,
+        multiples=n,
+        lines=δ,
+        ratio=ratio,
+        log_evidence=float(0.5 * np.sum(ratio**2 - 1)),
+        angle=float(φ[best]),
+        in_phase=float(together[best] / max(np.abs(δ[strong]).sum(), 1e-300)),
+        width=float((np.searchsorted(widest, 0.8 * widest[-1]) + 1) / φ.size),
+    )

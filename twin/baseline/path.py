@@ -1,0 +1,163 @@
+"""What changed on the way from the gears to a sensor: one smooth function of frequency, the same for all shafts' lines.
+
+    g_b = Σ conj(x_k)·Y_k/σ_k² / Σ |x_k|²/σ_k²          over the lines of band b
+
+x  the healthy machine's lines, Y the measured ones, σ the healthy scatter
+
+Source   twin/effects/sensor_gain.py, sensor_resonance.py
+Holds    the same teeth in mesh: lines keep their phases among one another
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from twin.effects.sensor_resonance import SensorResonance
+
+BAND = 8.0  # width over which the gain of a path is taken [orders of the pinion]
+LEAST_LINES = 8  # of a band
+CHANGED = 2.0  # times the healthy scatter of ln|g|
+LEAST_CHANGE = 0.25  # rms of ln|g| that is worth a word
+UNEXPLAINED = 0.4  # share of ln g's energy that a name may leave
+BETTER = 0.6  # of what a simpler name leaves, that the next must leave at most
+LEAST_GAIN = 1e-3
+KNOWN = 0.3  # standard error of a band's gain, of the gain, up to which it is known
+STRONGEST = 9.0  # squared ratio to its scatter that one line counts at most
+FAR, ROUNDS = 2.0, 12  # deviations from which a line counts for half, and rounds of weighting
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Path:
+    """What changed on the way to one sensor."""
+
+    channel: str
+    orders: np.ndarray  # middles of the bands (b,)
+    gain: np.ndarray  # complex (b,)
+    level: np.ndarray  # root of measured over expected power (b,): what the lines lose in common phase is in it
+    change: float  # rms of ln|g|
+    usual: float  # the same among healthy recordings
+
+    @property
+    def changed(self) -> bool:
+        return self.change > max(LEAST_CHANGE, CHANGED * self.usual)
+
+    def at(self, orders: np.ndarray) -> np.ndarray:
+        """g at orders (n,)."""
+        size = np.interp(orders, self.orders, np.log(np.abs(self.gain)))
+        phase = np.interp(orders, self.orders, np.unwrap(np.angle(self.gain)))
+        return np.exp(size + 1j * phase)
+
+    def level_at(self, orders: np.ndarray) -> np.ndarray:
+        """Gain of the levels at orders (n,)."""
+        return np.exp(np.interp(orders, self.orders, np.log(np.maximum(self.level, LEAST_GAIN))))
+
+
+def band_gains(x: np.ndarray, y: np.ndarray, σ: np.ndarray, orders: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Middle [orders] and complex gain from x to y of every band; (K,) → (b,), (b,).
+
+    What one shaft does otherwise than before is no path: no line counts for more than its share, and what lies far
+    off the others counts for less (Cauchy's weights). Bands whose lines do not tell it are left out.
+    """
+    middles, gains = [], []
+    for low in np.arange(0.0, orders[-1], BAND):
+        inside = (orders > low) & (orders <= low + BAND)
+        if inside.sum() < LEAST_LINES or not np.abs(x[inside]).any():
+            continue
+        a, b = x[inside], y[inside]
+        spread = np.sqrt(σ[inside] ** 2 + np.abs(a) ** 2 / STRONGEST)
+        w, g = 1 / spread**2, 1.0 + 0j
+        for _ in range(ROUNDS):
+            g = (a.conj() * b * w).sum() / (np.abs(a) ** 2 * w).sum()
+            off = np.abs(b - g * a) / spread
+            w = 1 / spread**2 / (1 + (off / FAR) ** 2)
+        error = np.sqrt(np.sum(np.abs(b - g * a) ** 2 * w) / np.sum(np.abs(a) ** 2 * w) / a.size)
+        if error < KNOWN * max(abs(g), LEAST_GAIN):
+            middles.append(low + BAND / 2)
+            gains.append(g)
+    found = np.array(gains)
+    return np.array(middles), np.where(np.abs(found) < LEAST_GAIN, LEAST_GAIN, found)
+
+
+def band_levels(power: np.ndarray, y: np.ndarray, orders: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """Root of measured over expected power in bands (b,), from expected powers and measured lines, (K,) each."""
+    out = []
+    for middle in middles:
+        inside = np.abs(orders - middle) <= BAND / 2
+        out.append(np.sqrt(np.sum(np.abs(y[inside]) ** 2) / max(float(power[inside].sum()), 1e-300)))
+    return np.array(out)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PathName:
+    """What the change of a path is called."""
+
+    name: str  # sensor_gain, sensor_resonance or unknown_effect
+    parameters: Mapping[str, tuple[float, str, float]]
+    left: float  # share of ln g's energy that it does not explain
+
+
+def name_of_path(path: Path, speed_hz: float) -> PathName:
+    """A constant gain, a resonance of the mount, one that has moved, or none of them.
+
+    Each is fitted to ln g, size and phase; the simplest stands unless the next leaves BETTER times as much or less.
+    """
+    f, g = path.orders * speed_hz, path.gain
+    whole = float(np.sum(np.abs(np.log(g)) ** 2))
+
+    def mount(ln_frequency: float, ln_damping: float) -> np.ndarray:
+        return SensorResonance(frequency=float(np.exp(ln_frequency)), damping_ratio=float(np.exp(ln_damping))).response(
+            f
+        )
+
+    models = {
+        1: lambda p: np.exp(p[0]) * np.ones(f.size, dtype=complex),
+        3: lambda p: np.exp(p[0]) * mount(p[1], p[2]),
+        5: lambda p: np.exp(p[0]) * mount(p[1], p[2]) / mount(p[3], p[4]),
+    }
+    low, high = np.log(max(150.0, 0.5 * f[0])), np.log(2.5 * f[-1])
+    bounds = [(-3.0, 3.0), (low, high), (np.log(0.01), np.log(0.7)), (low, high), (np.log(0.01), np.log(0.7))]
+    chosen: tuple[float, int, np.ndarray, np.ndarray] | None = None
+    for count, model in models.items():
+
+        def off(p: np.ndarray, model: Callable = model) -> np.ndarray:
+            difference = np.log(model(p) / g)  # the phase within a half turn
+            return np.concatenate((difference.real, difference.imag))
+
+        fits = [
+            least_squares(off, start, bounds=tuple(zip(*bounds[:count], strict=True)), loss="soft_l1", f_scale=0.3)
+            for start in _starts(count, f)
+        ]
+        fit = min(fits, key=lambda found: found.cost)
+        left = float(np.sum(off(fit.x) ** 2)) / whole
+        if chosen is None or left < BETTER * chosen[0]:
+            spread = np.diag(np.linalg.pinv(fit.jac.T @ fit.jac)) * 2 * fit.cost / max(2 * f.size - count, 1)
+            chosen = left, count, fit.x, np.sqrt(np.maximum(spread, 0))
+    assert chosen is not None
+    left, count, p, std = chosen
+    if left > UNEXPLAINED:
+        return PathName(name="unknown_effect", parameters={}, left=left)
+    parameters: dict[str, tuple[float, str, float]] = {}
+    names = (
+        ("gain", ""),
+        ("frequency", "Hz"),
+        ("damping_ratio", ""),
+        ("frequency_before", "Hz"),
+        ("damping_before", ""),
+    )
+    for (name, unit), value, s in zip(names[:count], np.exp(p), std, strict=False):
+        parameters[name] = (float(value), unit, float(value * s))
+    return PathName(name="sensor_gain" if count == 1 else "sensor_resonance", parameters=parameters, left=left)
+
+
+def _starts(count: int, f: np.ndarray) -> list[list[float]]:
+    """Where fits begin: resonances over the range of frequencies."""
+    places = np.log(np.geomspace(max(300.0, 2 * f[0]), f[-1], 6))
+    if count == 1:
+        return [[0.0]]
+    if count == 3:
+        return [[0.0, a, np.log(0.1)] for a in places]
+    return [[0.0, a, np.log(0.1), b, np.log(0.1)] for a in places for b in places if a != b]

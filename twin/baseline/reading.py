@@ -1,0 +1,156 @@
+"""The lines of one window of a machine of which little is known: complex amplitudes at every order its shafts can make.
+
+    X_k = 2/Σw · Σ_n w_n·x_n·e^{−i·o_k·θ_n}/H(o_k)          o_k = k/Q,  k = 1 … K
+
+θ    pinion angle: from an encoder, or from the mesh lines with a zero of its own
+Q    pinion turns after which all shafts stand as before: every sum of whole multiples of the shafts' orders is a k/Q
+H    what the interpolation onto even angles leaves of a line
+
+Source   chirp-z transform: L. R. Rabiner, R. W. Schafer, C. M. Rader, IEEE Trans. Audio Electroacoust. 17 (1969) 86–92
+Holds    windows of more than 4·Q turns: closer lines run into each other
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import lcm
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.signal import czt
+
+from twin.errors import NotAvailable, TwinError, WindowError
+from twin.features.angle import AngleTrack
+from twin.features.extract import pinion_angle
+from twin.features.orders import hann
+from twin.features.resample import AngleSignal, on_angle, spline_response
+from twin.rig import Rig
+from twin.windows import Window
+
+HIGHEST = 200.0  # order of the pinion up to which lines are read
+USABLE = 0.4  # of the sampling rate
+TURNS_PER_PERIOD = 4.0  # Hann's main lobe is four bins wide
+FLOOR_ORDERS = 0.8  # width over which the floor between the lines is taken
+LEAST_VALID = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ChannelLines:
+    """One channel's lines at k/Q, k = 1 … K."""
+
+    lines: np.ndarray  # X_k complex (K,), peak, in the channel's unit
+    floor: np.ndarray  # mean |X|² that noise alone gives (K,)
+    rms: float  # of the channel, its mean left out
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Reading:
+    """One window's lines."""
+
+    name: str  # of the recording and window
+    start_time_ns: int
+    duration: float  # [s]
+    turns: float  # of the pinion
+    period: int  # Q
+    speed_hz: float
+    speed_std_hz: float | None
+    angle_from: str
+    absolute: bool  # whether the angle's zero stays the same from window to window
+    torque_nm: float | None
+    channels: Mapping[str, ChannelLines]
+
+    @property
+    def orders(self) -> np.ndarray:
+        """Of the pinion's rotation, of the channel with most lines (K,)."""
+        count = max(c.lines.size for c in self.channels.values())
+        return np.arange(1, count + 1) / self.period
+
+
+def common_period(shafts: Sequence[Fraction]) -> int:
+    """Q: pinion turns after which shafts of these orders stand as before."""
+    return lcm(*(s.denominator for s in shafts))
+
+
+def angle_of(rig: Rig, window: Window) -> AngleTrack:
+    """Pinion angle of a window; NotAvailable or WindowError where it cannot be told."""
+    return pinion_angle(rig, window, window.accelerations)
+
+
+def read(
+    rig: Rig,
+    window: Window,
+    shafts: Sequence[Fraction],
+    name: str,
+    track: AngleTrack | None = None,
+    part: tuple[float, float] = (0.0, 1.0),
+) -> Reading:
+    """The lines of every accelerometer of a window at the orders of its shafts.
+
+    shafts  order of every shaft, of the pinion's rotation: the pinion's own 1 among them
+    part    of the window's turns, from and to
+    Raises NotAvailable where no channel can be used, WindowError where the window is too short.
+    """
+    track = angle_of(rig, window) if track is None else track
+    Q = common_period(shafts)
+    turns = (track.stop - track.start) / (2 * np.pi) * (part[1] - part[0])
+    if turns < TURNS_PER_PERIOD * Q:
+        raise WindowError(
+            f"{turns:.0f} pinion turns are too few to tell lines 1/{Q} order apart: at least "
+            f"{TURNS_PER_PERIOD * Q:.0f} are needed"
+        )
+    channels: dict[str, ChannelLines] = {}
+    reasons = []
+    for sensor, samples in window.accelerations.items():
+        if np.isfinite(samples.values).mean() < LEAST_VALID:
+            reasons.append(f"accel/{sensor}: less than 90 % of its samples are valid")
+            continue
+        try:
+            signal, per_turn = on_angle(samples, track, samples.values.size)
+            channels[sensor] = lines_of(_part(signal, part), per_turn, Q)
+        except TwinError as error:
+            reasons.append(f"accel/{sensor}: {error}")
+    if not channels:
+        raise NotAvailable("no accelerometer can be used: " + ("; ".join(reasons) or "there is none"))
+    torque = [float(np.nanmean(s.values)) for s in window.torques.values() if np.isfinite(s.values).any()]
+    return Reading(
+        name=name,
+        start_time_ns=window.start_time_ns,
+        duration=window.duration,
+        turns=float(turns),
+        period=Q,
+        speed_hz=float(track.speed),
+        speed_std_hz=track.speed_std,
+        angle_from=track.source,
+        absolute=bool(window.encoders) and "mesh" not in track.source,
+        torque_nm=torque[0] if torque else None,
+        channels=channels,
+    )
+
+
+def _part(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:
+    low, high = (round(share * signal.values.size) for share in part)
+    return AngleSignal(
+        start=signal.start + low * signal.step,
+        step=signal.step,
+        values=signal.values[low:high],
+        usable=signal.usable[low:high],
+    )
+
+
+def lines_of(signal: AngleSignal, per_turn: float, Q: int, highest: float = HIGHEST) -> ChannelLines:
+    """Lines at k/Q of a signal on even angles, up to a highest order."""
+    values = signal.values - signal.values.mean()
+    weight = hann(values.size)
+    weight = weight / weight.sum()
+    count = int(min(highest, USABLE * per_turn) * Q)
+    f = signal.step / (2 * np.pi * Q)  # cycles a sample of the order 1/Q
+    X = 2 * czt(values * weight, count, np.exp(-2j * np.pi * f), np.exp(2j * np.pi * f))
+    order = np.arange(1, count + 1) / Q
+    X *= np.exp(-1j * order * signal.start) / spline_response(order / per_turn)
+    power = np.abs(2 * np.fft.rfft(values * weight)) ** 2
+    bins = 2 * np.pi / (values.size * signal.step)  # orders a bin
+    smooth = median_filter(power, size=max(9, int(FLOOR_ORDERS / bins)) | 1, mode="nearest") / np.log(2)
+    floor = smooth[np.clip(np.rint(order / bins).astype(int), 0, smooth.size - 1)]
+    return ChannelLines(lines=X, floor=np.maximum(floor, 1e-300), rms=float(values.std()))
