@@ -4,8 +4,8 @@
 
 Sets: `spectraquest` (broken tooth: baseline from the healthy loads but one, then the healthy and the broken recording
 of that one; every sensor together and alone; error before and after with what was found at another load) and
-`modulation` (28 channels: what the lines belong to). The data lie beside the project (GEAR_TWIN_SHARED sets where); the
-status is 0 whenever it ran.
+`modulation` (28 channels: what the lines belong to) and `encoders` (a pair's ratio and run-out). The data lie beside
+the project (GEAR_TWIN_SHARED sets where); the status is 0 whenever it ran.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 from service.baselines import load, pair_shafts, strange
 from service.importing import import_recording
 from twin.baseline.diagnosis import Parts, diagnose
+from twin.baseline.encoder_pair import pair_motion, quadrature
 from twin.baseline.findings import Compared
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.reading import Reading, read
@@ -31,6 +32,7 @@ ROOT = Path(__file__).parents[1]
 MAPPINGS = ROOT / "recordings" / "mappings"
 MEASURED = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared")) / "measured"
 LOADS = (0, 20, 30, 40, 60, 70, 80)
+RADII_MM = (15.0, 30.0)  # base radii of the source's model of the encoder pair: assumed
 THIRD = Fraction(3, 20)
 SENSORS = ("a1", "a2", "a3", "a4")
 
@@ -147,7 +149,35 @@ def modulation(folder: Path) -> None:
             print(f"  {'possible' if c['possible'] else 'fails   '}  {c['name']}: {c['detail']}")
 
 
-SETS = {"spectraquest": spectraquest, "modulation": modulation}
+def encoders(folder: Path) -> None:
+    """Ratio and run-out of a pair from its two encoders."""
+    z = np.load(MEASURED / "spur-pair-dual-encoder" / "encoders.npz")
+    first, second = (quadrature(z[f"enc{n}_a"], z[f"enc{n}_b"]) for n in (1, 2))
+    per_turn = int(z["counts_per_rev"])
+    m = pair_motion(first.counts, second.counts, (per_turn, per_turn), float(z["fs_hz"]))
+    print(f"turns {m.turns[0]:.2f} and {m.turns[1]:.2f}, {first.reversals + second.reversals} reversals, ", end="")
+    print(f"{first.illegal + second.illegal} illegal transitions, {'opposite' if m.opposite else 'the same'} senses")
+    print(f"ratio {m.ratio:.4f} ± {m.ratio_std:.4f} ({100 * m.ratio_std / m.ratio:.2f} %); ", end="")
+    print(f"tooth counts that fit: {', '.join(str(q) for q in m.teeth[:6])}")
+    for r in m.run_out:
+        radius = RADII_MM[r.wheel - 1]
+        own = r.amplitude * (1.0 if r.wheel == 1 else 1 / m.ratio)  # as an angle of its own wheel
+        print(
+            f"{r.multiple}× a turn of wheel {r.wheel}: {r.amplitude * 1e6:7.0f} ± {r.std * 1e6:5.0f} µrad of wheel 1; ",
+            end="",
+        )
+        print(f"of wheel 1; {own * radius * 1e3:5.0f} µm on an assumed base radius of {radius:g} mm")
+    time, size, share = m.largest_step
+    print(
+        f"missed counts: {len(m.steps)} steps believed; the largest tried, {size / (2 * np.pi) * per_turn:.0f} ", end=""
+    )
+    print(f"counts at {time:.2f} s, stands above {100 * share:.0f} % of what the rest does by itself (99 % asked)")
+    print(
+        f"rest, rms: {m.before.std() * 1e6:.0f} µrad with the ratio alone, {m.after.std() * 1e6:.0f} µrad with run-out"
+    )
+
+
+SETS = {"spectraquest": spectraquest, "modulation": modulation, "encoders": encoders}
 
 
 def main() -> None:
