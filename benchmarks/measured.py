@@ -20,7 +20,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from service.baselines import load, pair_shafts, strange
+from service.baselines import load, pair_shafts, strangers
 from service.importing import import_recording
 from twin.baseline.diagnosis import Parts, diagnose
 from twin.baseline.encoder_pair import pair_motion, quadrature
@@ -137,8 +137,7 @@ def modulation(folder: Path) -> None:
     """What the lines of the 28-channel rig belong to."""
     data = MEASURED / "spur-rig-28ch-2000rpm"
     found = load(imported(data.name, data / "channels.npz", folder))
-    shafts = pair_shafts(found.rig)
-    for s in strange(found, shafts, ("pinion", "gear")):
+    for s in strangers(found):
         print(f"lines spaced by {s['frequency_hz']:.4f} ± {s['frequency_std_hz']:.4f} Hz, order {s['order']:.5f}")
         if s["part"] > 1:
             print(f"  weaker lines at {s['frequency_hz'] / s['part']:.4f} Hz, too: causes are tried at that")

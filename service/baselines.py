@@ -20,10 +20,10 @@ from service.errors import InputError
 from service.jsontext import plain
 from service.rigfile import checked_rig
 from service.sources.mcap import Recording, read_windows
-from twin.baseline.causes import causes_of
-from twin.baseline.diagnosis import Diagnosis, Named, Parts, diagnose, shaft_name
+from twin.baseline.diagnosis import Diagnosis, diagnose
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, Reading, angle_of, common_period, read
+from twin.baseline.reporting import NO_DEPTH, described, parts_of, record, sections, strange, strange_of
 from twin.baseline.spacing import Spacing, strange_spacing
 from twin.errors import TwinError
 from twin.features.angle import AngleTrack
@@ -126,145 +126,33 @@ def compared(baseline: Baseline, path: Path, rig_path: Path | None = None) -> tu
             "which are right?"
         )
     try:
-        parts = [_parts(baseline, w) for w in loaded.windows]
+        parts = [parts_of(baseline, w.window, w.name, w.track) for w in loaded.windows]
         return loaded, diagnose(baseline, parts)
     except TwinError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def _parts(baseline: Baseline, tracked: Tracked) -> Parts:
-    rig, shafts = baseline.rig, baseline.shafts
-    whole = read(rig, tracked.window, shafts, tracked.name, tracked.track)
-    if whole.turns < 2 * TURNS_PER_PERIOD * whole.period:
-        return Parts(whole=whole)
-    halves = [read(rig, tracked.window, shafts, tracked.name, tracked.track, part) for part in ((0.0, 0.5), (0.5, 1.0))]
-    return Parts(whole=whole, first=halves[0], second=halves[1])
-
-
 def answer(loaded: Loaded, baseline: Baseline, found: Diagnosis) -> dict[str, Any]:
     """The answer in the names of the contract."""
-    why = "the rig file gives no model of the machine: a baseline tells what is new, not how deep the wear is"
-    missing = {"status": "not available", "reason": why}
+    missing = {"status": "not available", "reason": NO_DEPTH}
     return plain(
         {
             "asset": loaded.asset,
             "baseline": described(baseline),
-            "windows": [_record(i, c) for i, c in enumerate(found.compared)],
+            "windows": [record(i, c) for i, c in enumerate(found.compared)],
             "refused": loaded.refused,
             "wear": missing,
             "rul": missing,
-            "residual": {
-                "rms_error_percent": _pooled(found, "rms_after"),
-                "waveform_error_percent": _pooled(found, "waveform_after"),
-                "channels": found.errors,
-                "bands": list(found.bands),
-                "orders": list(found.orders),
-            },
-            "effects": [_effect(e, found) for e in found.effects],
-            "unexplained": {
-                "share_percent": found.share_percent,
-                "orders": list(found.orders),
-                "verdict": found.verdict,
-                "reason": found.reason,
-            },
-            "strange": strange(loaded, baseline.shafts, [shaft_name(s, baseline) for s in baseline.shafts]),
+            **sections(baseline, found),
+            "strange": strange_of(baseline, [(w.name, w.spacing, w.track) for w in loaded.windows]),
         }
     )
 
 
-def strange(loaded: Loaded, shafts: Sequence[Fraction], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Spacings of lines that no known shaft makes, with the causes tried."""
-    out = []
-    for w in loaded.windows:
-        s = w.spacing
-        if s is None or s.ratio in shafts:
-            continue
-        tried = causes_of(s.order / s.part, s.std / s.part, w.track.speed, shafts, names)
-        out.append(
-            {
-                "window": w.name,
-                "order": s.order,
-                "order_std": s.std,
-                "frequency_hz": s.order * w.track.speed,
-                "frequency_std_hz": float(np.hypot(s.std * w.track.speed, s.order * w.track.speed_std)),
-                "part": s.part,
-                "geared": None if s.ratio is None else str(s.ratio),
-                "clearness": s.score,
-                "next_clearness": s.next_score,
-                "sidebands": [
-                    {
-                        "channel": b.channel,
-                        "harmonic": b.harmonic,
-                        "multiple": b.multiple,
-                        "amplitude": b.amplitude,
-                        "depth": b.depth,
-                    }
-                    for b in s.sidebands
-                ],
-                "causes": [{"name": c.name, "possible": c.possible, "detail": c.detail} for c in tried],
-            }
-        )
-    return out
-
-
-def described(baseline: Baseline) -> dict[str, Any]:
-    """What a baseline was learned from."""
-    return {
-        "recordings": [r.name for r in baseline.readings],
-        "operating_point": "torque_nm" if baseline.by_torque else "speed_hz",
-        "from": baseline.operating_point(baseline.readings[0]),
-        "to": baseline.operating_point(baseline.readings[-1]),
-        "shafts": [float(s) for s in baseline.shafts],
-        "channels": sorted(baseline.std),
-    }
-
-
-def _record(index: int, compared: Any) -> dict[str, Any]:
-    reading, expected = compared.reading, compared.expected
-    return {
-        "index": index,
-        "name": reading.name,
-        "start_time_ns": reading.start_time_ns,
-        "speed_hz": reading.speed_hz,
-        "speed_std_hz": reading.speed_std_hz,
-        "speed_from": reading.angle_from,
-        "torque_nm": reading.torque_nm,
-        "between": list(expected.between),
-        "interpolated": expected.interpolated,
-        "pattern_correlation": None if expected.alignment is None else expected.alignment.correlation,
-        "same_teeth": compared.same_teeth,
-    }
-
-
-def _pooled(found: Diagnosis, name: str) -> float | None:
-    values = [e[name] for e in found.errors.values()]
-    return float(np.sqrt(np.mean(np.square(values)))) if values else None
-
-
-def _effect(effect: Named, found: Diagnosis) -> dict[str, Any]:
-    errors = [found.errors[c] for c in effect.channels if c in found.errors]
-
-    def pooled(name: str) -> float | None:
-        return float(np.sqrt(np.mean([e[name] ** 2 for e in errors]))) if errors else None
-
-    return {
-        "name": effect.name,
-        "channels": list(effect.channels),
-        "parameters": {n: {"value": v, "unit": u, "std": s} for n, (v, u, s) in effect.parameters.items()},
-        "evidence": {
-            "log_evidence": effect.log_evidence,
-            "over_runner_up": effect.over_runner_up,
-            "runner_up": effect.runner_up,
-            "not_told_from": list(effect.not_told_from),
-            "detail": effect.detail,
-        },
-        "error_before": {"rms_percent": pooled("rms_before"), "waveform_percent": pooled("waveform_before")},
-        "error_after": {"rms_percent": pooled("rms_after"), "waveform_percent": pooled("waveform_after")},
-        "wear_depth_um_before": None,
-        "wear_depth_um_after": None,
-        "onset_revolutions": None,
-        "windows": list(effect.windows),
-    }
+def strangers(loaded: Loaded) -> list[dict[str, Any]]:
+    """Spacings of lines that neither gear makes."""
+    seen = [(w.name, w.spacing, w.track) for w in loaded.windows]
+    return strange(seen, pair_shafts(loaded.rig), ("pinion", "gear"))
 
 
 def save(baseline: Baseline, path: Path) -> None:

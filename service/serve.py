@@ -32,6 +32,7 @@ from service.served import Ended, ServedPipeline
 from service.settings import Settings
 from service.sources.zenoh import ZenohSource, open_session
 from service.store import Store
+from twin.baseline.learned import Baseline
 from twin.errors import TwinError
 from twin.rig import Rig
 
@@ -61,13 +62,18 @@ def run(
     rig = load_mapping(settings.rig) if settings.rig else None
     if rig is not None:
         checked_rig(rig, str(settings.rig))
+    baseline = None
+    if settings.baseline is not None:
+        from service.baselines import read_baseline
+
+        baseline = read_baseline(settings.baseline)
     with ExitStack() as stack:
         stack.enter_context(_only_service_of(settings.data))
         store = stack.enter_context(Store(settings.data / DATABASE))
         board = Board.from_store(store)
         listening = stack.enter_context(_listen(settings.http_host, settings.http_port))
         desk = Desk(store)
-        worker = Worker(settings, store, board, desk, rig, twin or _twin())
+        worker = Worker(settings, store, board, desk, rig, twin or _twin(), baseline)
         app = create_app(board, store, desk, not_ready=worker.not_ready, gauges=worker.gauges)
         server = _Server(app, board, worker, lambda: announce(_address(listening)), stop)
         worker.on_end = server.end
@@ -85,9 +91,17 @@ class Worker(threading.Thread):
     """The thread that owns the Zenoh session and the pipeline."""
 
     def __init__(
-        self, settings: Settings, store: Store, board: Board, desk: Desk, rig: Mapping[str, Any] | None, twin: Twin
+        self,
+        settings: Settings,
+        store: Store,
+        board: Board,
+        desk: Desk,
+        rig: Mapping[str, Any] | None,
+        twin: Twin,
+        baseline: Baseline | None = None,
     ) -> None:
         super().__init__(name="twin", daemon=True)
+        self._baseline = baseline
         self._settings, self._store, self._board, self._rig = settings, store, board, rig
         self._desk = desk
         self._step, self._new_state, *more = twin
@@ -166,7 +180,10 @@ class Worker(threading.Thread):
 
         prefix = self._settings.prefix
         options = Options(
-            update=self._settings.update, error_threshold=self._settings.error_threshold, trace=self._settings.trace
+            update=self._settings.update,
+            error_threshold=self._settings.error_threshold,
+            trace=self._settings.trace,
+            baseline=self._baseline,
         )
         with (
             OfferedRigs(session, prefix, self._guard) as offered,

@@ -40,6 +40,7 @@ class Settings(BaseSettings):
     update: Literal["fused", "paper"] = "fused"
     error_threshold: float = Field(default=0.05, gt=0, lt=1, description="RMS error that triggers an update")
 
+    baseline: Path | None = Field(default=None, description="baseline file of machines whose rig file gives no model")
     trace: bool = Field(default=True, description="whether effects that the model lacks are sought and added")
 
     # results

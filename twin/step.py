@@ -7,13 +7,15 @@ No hidden memory: the same three things give the same answer. `State.to_dict()` 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
 
 from twin import report
-from twin.errors import NotAvailable, NotConverged, ParameterError, WindowError
+from twin.baseline.learned import Baseline
+from twin.baseline.reporting import told_of
+from twin.errors import NotAvailable, NotConverged, ParameterError, TwinError, WindowError
 from twin.features.beside import beside
 from twin.features.extract import extract
 from twin.features.window_features import WindowFeatures
@@ -43,6 +45,7 @@ class Options:
     error_threshold: float = 0.05  # relative RMS error above which a window updates the twin (paper 4.2)
     update_until: float = inf  # pinion revolutions after which the twin only predicts
     trace: bool = True  # whether effects that the model lacks are sought and added
+    baseline: Baseline | None = None  # what a machine without a model does when it is well
 
     def __post_init__(self) -> None:
         if self.update not in UPDATES:
@@ -116,7 +119,7 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
     try:
         outcome = taken_in(rig, state.memory, taken, _taking(options))
     except (NotAvailable, NotConverged) as reason:
-        return _without_twin(rig, state, taken, str(reason), options.trace)
+        return _without_twin(rig, state, taken, window, str(reason), options)
     followed = Followed(tracing=state.tracing, outcome=outcome)
     if options.trace:
         followed = follow(rig, state.tracing, taken, outcome, _taking(options))
@@ -269,10 +272,13 @@ def _percent(share: float) -> float | None:
     return None if share != share else 100 * share
 
 
-def _without_twin(rig: Rig, state: State, taken: Taken, reason: str, trace: bool) -> tuple[State, Estimate]:
+def _without_twin(
+    rig: Rig, state: State, taken: Taken, window: Window, reason: str, options: Options
+) -> tuple[State, Estimate]:
     """What can be said where no model of the machine can be built, or the window lacks what it needs.
 
-    Level, speed and bands; of wear and life what earlier windows told, where there are any.
+    Level, speed and bands, and what is new beside a baseline; of wear and life what earlier windows told, where there
+    are any.
     """
     features = taken.features
     record = {
@@ -321,12 +327,52 @@ def _without_twin(rig: Rig, state: State, taken: Taken, reason: str, trace: bool
     }
     events: list[tuple[str, Mapping[str, Any]]] = [("window", record)]
     tracing = state.tracing
-    if trace and features.speed_hz is not None:
+    if options.trace and features.speed_hz is not None:
         tracing, told = listen(rig, tracing, taken)
         events += told
         if not tracing.stages:
             answer["effects"] = effects_report(tracing)
             answer["unexplained"] = unexplained_with(tracing, answer["unexplained"])
             answer["tracing"] = tracing_report(tracing)
+    standing = state.standing
+    if options.baseline is not None:
+        new, found = _beside(options.baseline, rig, window, state, answer["effects"])
+        answer |= new
+        events += found
+        standing = report.plain({name: answer[name] for name in new})
     estimate = _estimate(record, answer, events)
-    return replace(state, windows_seen=state.windows_seen + 1, tracing=tracing), estimate
+    return replace(state, windows_seen=state.windows_seen + 1, tracing=tracing, standing=standing), estimate
+
+
+def _beside(
+    baseline: Baseline, rig: Rig, window: Window, state: State, heard: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, Any], list[tuple[str, Mapping[str, Any]]]]:
+    """What a window holds beyond a baseline, and what of it is there for the first time.
+
+    heard  effects that need no baseline
+    """
+    index = state.windows_seen
+    try:
+        told = told_of(baseline, rig, window, f"window {index}")
+    except TwinError as fault:
+        doubt: dict[str, Any] = {
+            "share_percent": None,
+            "orders": [],
+            "verdict": "insufficient_data",
+            "reason": str(fault),
+        }
+        return {"unexplained": doubt}, []
+    names = {effect["name"] for effect in told["effects"]}
+    told["effects"] = [*told["effects"], *(effect for effect in heard if effect["name"] not in names)]
+    before = {_named(effect) for effect in state.standing.get("effects", ())}
+    events: list[tuple[str, Mapping[str, Any]]] = [
+        ("effect", {"action": "found", "name": effect["name"], "window": index, "evidence": effect["evidence"]})
+        for effect in told["effects"]
+        if _named(effect) not in before
+    ]
+    return told, events
+
+
+def _named(effect: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
+    """What makes two reports the same effect: its name and where it is seen."""
+    return effect["name"], tuple(effect.get("channels", ()))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from service.baselines import answer, compared, load, pair_shafts, read_baseline, strange
+from service.baselines import answer, compared, load, read_baseline, strangers
 from service.cli.diagnosis import NAMES
 from service.cli.show import number
 from service.errors import InputError
@@ -96,7 +96,7 @@ def with_strangers(answer: dict[str, Any], recording: Path, rig: Path | None) ->
         loaded = load(recording, rig)
     except InputError:
         return answer
-    found = strange(loaded, pair_shafts(loaded.rig), ("pinion", "gear"))
+    found = strangers(loaded)
     if not found:
         return answer
     z1, spacing = loaded.rig.teeth[0], found[0]["order"]

@@ -203,12 +203,14 @@ def serve(
     data: Annotated[Path | None, typer.Option(help="Directory of the database.")] = None,
     update: Annotated[Update | None, typer.Option(help="What sets the depth: fused or paper.")] = None,
     no_trace: NoTrace = False,
+    baseline: Annotated[Path | None, typer.Option(help="Baseline of machines whose rig file gives no model.")] = None,
     prefix: Annotated[str | None, typer.Option(help="First part of all keys.")] = None,
 ) -> int:
     """Run the service: Zenoh in, REST, page and Zenoh out. Every setting also as GEAR_TWIN_... variable."""
     from service.serve import run
 
     given = {"listen": listen, "connect": connect, "http": http, "rig": rig, "data": data, "update": update}
+    given["baseline"] = baseline
     return run(_settings(**given, prefix=prefix, trace=False if no_trace else None))
 
 
@@ -260,9 +262,10 @@ def baseline(
     json: JsonFlag = False,
 ) -> None:
     """Learn what a machine without a rig model does when it is well: every line against load and speed."""
-    from service.baselines import described, learned, save
+    from service.baselines import learned, save
     from service.cli.beside_baseline import learned_text
     from service.jsontext import json_text
+    from twin.baseline.reporting import described
 
     found = learned(recordings, rig)
     save(found, out)

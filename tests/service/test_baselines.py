@@ -5,11 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from service.baselines import compared, described, learned, read_baseline, save
+from service.baselines import compared, learned, read_baseline, save
 from service.cli import run
 from service.errors import InputError
 from service.importing import import_recording
 from tests.claims.test_baseline import RATE, SPEED, TEETH, machine
+from twin.baseline.reporting import described
 
 MAPPING = """
 schema = "gear-import/1"

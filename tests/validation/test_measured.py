@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from service.baselines import compared, learned, load, pair_shafts, strange
+from service.baselines import compared, learned, load, strangers
 from service.importing import import_recording
 
 ROOT = Path(__file__).parents[2]
@@ -49,7 +49,7 @@ def test_broken_tooth_is_traced_to_its_shaft_and_the_healthy_load_left_out_has_n
 @needs
 def test_modulation_of_the_28_channel_rig_is_named_and_belongs_to_no_gear(brought):
     found = load(brought("spur-rig-28ch-2000rpm", "channels.npz"))
-    (line,) = strange(found, pair_shafts(found.rig), ("pinion", "gear"))
+    (line,) = strangers(found)
     assert line["frequency_hz"] == pytest.approx(39.58, abs=0.05)
     assert line["frequency_std_hz"] < 0.01 and line["geared"] is None and line["part"] == 3
     possible = [c["name"] for c in line["causes"] if c["possible"]]

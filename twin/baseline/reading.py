@@ -19,7 +19,6 @@ from math import lcm
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.signal import czt
 
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack
@@ -141,6 +140,8 @@ def _part(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:
 
 def lines_of(signal: AngleSignal, per_turn: float, Q: int, highest: float = HIGHEST) -> ChannelLines:
     """Lines at k/Q of a signal on even angles, up to a highest order."""
+    from scipy.signal import czt  # takes as long to import as all else together
+
     values = signal.values - signal.values.mean()
     weight = hann(values.size)
     weight = weight / weight.sum()
