@@ -4,6 +4,8 @@ The machine here is made of lines at the orders of its shafts, every tooth its o
 counts and the nominal speed.
 """
 
+import json
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 
@@ -20,6 +22,7 @@ from twin.baseline.spacing import strange_spacing
 from twin.effects import EFFECTS
 from twin.errors import ParameterError, WindowError
 from twin.rig import Rig
+from twin.step import Options, State, step
 from twin.windows import Samples, Window
 
 TEETH = (20, 30)
@@ -204,3 +207,26 @@ def test_window_too_short_to_tell_lines_apart_and_baseline_of_one_window_are_ref
         read(RIG, short, SHAFTS, "short")
     with pytest.raises(ParameterError, match="at least two recordings"):
         learn(RIG, [parts(machine(0.5, 3)).whole], SHAFTS)
+
+
+def test_service_step_says_what_is_new_beside_a_baseline_once_and_leaves_wear_alone():
+    state, options = State(), Options(baseline=healthy())
+    told = []
+    for what in ({}, {"pulse": 2.0}, {"pulse": 2.0}):
+        window = replace(machine(0.42, 99, **what), start_time_ns=len(told) * 10**10)
+        state, estimate = step(RIG, State.from_dict(json.loads(json.dumps(state.to_dict()))), window, options)
+        told.append((estimate.report, [data["name"] for kind, data in estimate.events if kind == "effect"]))
+    assert [events for _, events in told] == [[], ["tooth_crack"], []]
+    assert [[e["name"] for e in report["effects"]] for report, _ in told] == [[], ["tooth_crack"], ["tooth_crack"]]
+    for report, _ in told:
+        assert report["wear"]["status"] == report["rul"]["status"] == "not available"
+    assert told[1][0]["baseline"]["window"]["same_teeth"]
+
+
+def test_baseline_of_other_tooth_counts_is_said_not_to_fit():
+    other = Rig.from_mapping({
+        "gears": {"pinion": {"teeth": 20}, "gear": {"teeth": 31}}, "operating": {"pinion_speed_hz": SPEED},
+    })  # fmt: skip
+    _, estimate = step(other, State(), machine(0.42, 99), Options(baseline=healthy()))
+    assert estimate.report["unexplained"]["verdict"] == "insufficient_data"
+    assert estimate.report["effects"] == []
