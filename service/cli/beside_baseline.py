@@ -14,6 +14,7 @@ from service.errors import InputError
 MOST_SIDEBANDS = 6
 NAMES_HERE = NAMES | {
     "tooth_crack": "a local fault of one tooth",
+    "mesh_change": "a change of the mesh itself",
     "unknown_effect": "an effect that no name fits",
 }
 UNITS = {"turn": "of a turn"}

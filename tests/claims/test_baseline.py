@@ -36,12 +36,15 @@ RIG = Rig.from_mapping({
 SHAFTS = (Fraction(1), Fraction(*TEETH))
 
 
-def machine(load: float, seed: int, *, teeth_seed=7, gain=None, pulse=0.0, third=False, seconds=8.0, foreign=None):
+def machine(
+    load: float, seed: int, *, teeth_seed=7, gain=None, pulse=0.0, third=False, seconds=8.0, foreign=None, mesh=1.0
+):
     """One window: speed falls a little with load, lines grow with it, the zero of the angle is anywhere.
 
     gain   of the way to sensor b, a function of frequency
     pulse  height of a blow once a turn of the gear [m/s²]
     third  whether another shaft is geared to the pinion
+    mesh     factor on the mesh lines
     foreign  order of a modulation of the mesh lines that no shaft makes
     """
     rng, pattern = np.random.default_rng(seed), np.random.default_rng(teeth_seed)
@@ -54,8 +57,8 @@ def machine(load: float, seed: int, *, teeth_seed=7, gain=None, pulse=0.0, third
         pattern.normal(size=orders.size) + 1j * pattern.normal(size=orders.size)
     )
     phase = pattern.uniform(0, 2 * np.pi, orders.size)
-    mesh = np.abs(orders % TEETH[0]) < 1e-9
-    size = np.where(mesh, 2.0 / (orders / TEETH[0]), size) * (0.6 + 0.8 * load)
+    meshing = np.abs(orders % TEETH[0]) < 1e-9
+    size = np.where(meshing, mesh * 2.0 / (orders / TEETH[0]), size) * (0.6 + 0.8 * load)
     phase = phase + 0.4 * load * pattern.normal(size=orders.size)
     out = {}
     for sensor, seed_of_way in (("a", 1), ("b", 2)):
@@ -147,6 +150,13 @@ def test_changed_way_to_one_sensor_is_no_fault_of_the_gears(gain, name):
     errors = diagnosis.errors["b"]
     assert errors["waveform_after"] < 0.5 * errors["waveform_before"]
     assert abs(errors["rms_after"]) < 0.5 * abs(errors["rms_before"])
+
+
+def test_mesh_that_does_otherwise_on_every_tooth_alike_is_one_class_that_wear_belongs_to():
+    diagnosis = found(mesh=1.3)
+    (effect,) = diagnosis.effects
+    assert effect.name == "mesh_change"
+    assert set(effect.not_told_from) >= {"wear", "misalignment", "tooth_friction", "mesh_stiffness_loss"}
 
 
 def test_other_gears_in_the_same_machine_are_said_to_be_other_gears():

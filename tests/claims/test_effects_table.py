@@ -54,6 +54,35 @@ def test_no_effect_is_the_model_itself_to_the_bit():
 
 
 @pytest.mark.parametrize("name", CONTRACT)
+def test_signature_is_what_the_model_makes(name):
+    """Of the stated instance, in the orders of acceleration and transmission error and in the channels that move."""
+    effect, signature = INSTANCES[name][0], EFFECTS[name].signature
+    found, base = solved(effect, period="hunting"), with_instance("none", "hunting")
+    pairs = {
+        "acceleration": (found.acceleration_lines, base.acceleration_lines),
+        "encoder": (found.transmission_error_lines, base.transmission_error_lines),
+        "torque": (found.torque_lines, base.torque_lines),
+    }
+    moved = {c for c, (a, b) in pairs.items() if np.abs(a - b).max() > 1e-6 * np.abs(b).max()}
+    assert moved <= {*signature.channels, "encoder", "torque"} and set(signature.channels) <= moved
+    if signature.shape == "path":
+        assert moved == {"acceleration"}
+    with_it, without = pairs["encoder"]
+    change = np.abs(np.abs(with_it) - np.abs(without))
+    z1 = model().mesh.pair.teeth[0]
+    own = {"pinion": 1.0, "gear": z1 / model().mesh.pair.teeth[1]}
+    mesh = np.isclose(found.orders % z1, 0) | np.isclose(found.orders % z1, z1)
+    if signature.shape == "alike":
+        assert change[~mesh].max() < 1e-6 * change.max()
+    if signature.shape == "run_out":
+        strongest = found.orders[np.argmax(np.where(mesh, 0, change))]
+        assert any(np.isclose(strongest, own[shaft]) for shaft in signature.shafts)
+    if signature.shape in ("local", "all_round"):
+        several = np.sort(np.where(mesh, 0, change))[::-1]
+        assert several[5] > 0.05 * several[0]
+
+
+@pytest.mark.parametrize("name", CONTRACT)
 def test_nothing_is_left_of_an_effect_at_its_neutral_values_to_the_bit(name):
     effect = neutral(INSTANCES[name][0])
     healthy = with_instance("none", effect.period)

@@ -17,11 +17,14 @@ from twin.baseline.findings import EXTRAPOLATED, SMOOTH, Compared, ShaftChange, 
 from twin.baseline.learned import Baseline
 from twin.baseline.path import Path, name_of_path
 from twin.baseline.reading import Reading
+from twin.effects import EFFECTS
+from twin.effects.signature import Signature
 
 SIDEBANDS = 2.0  # orders on either side that belong to a mesh harmonic's band
 BANDS = 5
 MOST_LINES = 12
 UNLIKE = 4.0  # misfit of the lines to the healthy scatter, from which something is left that has no name
+MESH_CHANGE = "mesh_change"  # what every tooth does alike: no baseline tells those effects from one another
 LOCAL_BESIDE = ("a coupling, a seat or a load of that shaft that pushes once a turn",)
 
 
@@ -138,7 +141,7 @@ def _path_evidence(compared: Compared, path: Path) -> float:
 def _shafts(baseline: Baseline, compared: Sequence[Compared]) -> list[Named]:
     """What single shafts do otherwise than before."""
     out = []
-    for shaft in baseline.shafts:
+    for shaft in (*baseline.shafts, Fraction(int(baseline.rig.teeth[0]))):
         changes = {i: [c for c in w.believed if c.shaft == shaft] for i, w in enumerate(compared)}
         found = [i for i, cs in changes.items() if cs]
         if not _majority(found, compared):
@@ -152,12 +155,7 @@ def _shafts(baseline: Baseline, compared: Sequence[Compared]) -> list[Named]:
             Named(
                 name=name,
                 channels=channels,
-                parameters={
-                    "shaft_order": (float(shaft), "", 0.0),
-                    "angle": (strongest.angle, "turn", strongest.width / 4),
-                    "width": (strongest.width, "turn", 0.0),
-                    "rms": (size, "", size / float(np.median(strongest.ratio[strongest.strong]))),
-                },
+                parameters=_parameters(strongest, size),
                 log_evidence=strongest.log_evidence,
                 runner_up="the same of another shaft",
                 over_runner_up=strongest.log_evidence - max(others, default=0.0),
@@ -169,30 +167,57 @@ def _shafts(baseline: Baseline, compared: Sequence[Compared]) -> list[Named]:
     return out
 
 
+def _parameters(change: ShaftChange, size: float) -> dict[str, tuple[float, str, float]]:
+    """Where a change sits and how large it is."""
+    std = size / float(np.median(change.ratio[change.strong]))
+    out = {"shaft_order": (float(change.shaft), "", 0.0), "rms": (size, "", std)}
+    if change.kind == "local":
+        out |= {"angle": (change.angle, "turn", change.width / 4), "width": (change.width, "turn", 0.0)}
+    return out
+
+
 def shaft_name(shaft: Fraction, baseline: Baseline) -> str:
     """What a shaft is called."""
     z1, z2 = baseline.rig.teeth
     if shaft == 1:
         return "pinion"
+    if shaft == z1:
+        return "mesh"
     return "gear" if shaft == Fraction(z1, z2) else f"shaft of order {float(shaft):g}"
+
+
+def names_of(shape: str, shaft: str) -> tuple[str, ...]:
+    """Effects of the table that an accelerometer sees with this shape on this shaft, by their signatures."""
+    role = shaft if shaft in ("pinion", "gear", "mesh") else "other"
+    signatures: dict[str, Signature] = {name: effect.signature for name, effect in EFFECTS.items()}
+    return tuple(
+        name
+        for name, signature in signatures.items()
+        if signature.shape == shape
+        and "acceleration" in signature.channels
+        and (role in signature.shafts or shape == "alike")
+    )
 
 
 def _kind(baseline: Baseline, shaft: Fraction, change: ShaftChange) -> tuple[str, str, tuple[str, ...]]:
     """Name, description, and what it is not told from."""
     where = shaft_name(shaft, baseline)
     strong = ", ".join(f"{n * float(shaft):g}" for n in change.multiples[change.strong])
-    if change.kind == "local":
-        said = (
+    names = names_of(change.kind, where)
+    said = {
+        "alike": f"the mesh lines have changed, no shaft's: every tooth does otherwise alike (orders {strong})",
+        "run_out": f"run-out of the {where} (order {strong})",
+        "local": (
             f"once a turn of the {where}, at one angle (lines in phase to {change.in_phase:.2f}; orders {strong}; four "
             f"fifths of it within {change.width:.2f} of a turn): one tooth of that shaft, or what pushes there like one"
-        )
-        return "tooth_crack", said, LOCAL_BESIDE
-    known = {"pinion": "pinion", "gear": "gear"}.get(where)
-    if change.kind == "run_out" and known:
-        return f"{known}_eccentricity", f"run-out of the {where} (order {strong})", ("an unbalance of that shaft",)
-    if change.kind == "all_round" and known:
-        return "pitch_error", f"teeth all round the {where} differ from before (orders {strong})", ("wear by teeth",)
-    return "unknown_effect", f"the {where} shakes otherwise than before (orders {strong})", ()
+        ),
+        "all_round": f"teeth all round the {where} differ from before (orders {strong})",
+    }[change.kind]
+    if change.kind == "alike":
+        return MESH_CHANGE, said, ("wear", *names)
+    if not names:
+        return "unknown_effect", f"{said}; no effect of the table does that there", ()
+    return names[0], said, (*names[1:], *(LOCAL_BESIDE if change.kind == "local" else ()))
 
 
 def _errors(

@@ -10,6 +10,7 @@ g    what changed on the way to a sensor: one smooth function of frequency for t
 
 What δ is follows from its orders and from the phases of its lines:
 
+    mesh orders                       every tooth alike
     n = 1 alone                       run-out of the shaft
     many n, in phase at one angle     something local: one tooth, struck once a turn
     many n, phases anyhow             teeth that differ from before, all round
@@ -32,6 +33,8 @@ from twin.baseline.path import Path, band_gains, band_levels
 from twin.baseline.reading import Reading
 
 LEAST_BANDS = 3  # that a path is told by
+TURNED = 0.6  # of the mesh's phase, that the angle between two windows may be off [rad]
+MESH_LINES = 6  # harmonics of the mesh that are looked at
 LINES = 12  # of a shaft that are looked at, from its first
 LEAST_EVIDENCE = 60.0  # nats: three times what healthy recordings beyond the baseline's range reach
 STRONG = 4.0  # |δ|/σ of a line that counts
@@ -46,9 +49,9 @@ SAME_TEETH = 0.3  # correlation with the baseline's pattern below which these ar
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ShaftChange:
-    """What one shaft does beyond the baseline, in one channel."""
+    """What one shaft, or the mesh, does beyond the baseline, in one channel."""
 
-    shaft: Fraction
+    shaft: Fraction  # order; the pinion's tooth count for the mesh
     channel: str
     multiples: np.ndarray  # n (m,)
     lines: np.ndarray  # δ_n complex (m,)
@@ -64,7 +67,9 @@ class ShaftChange:
 
     @property
     def kind(self) -> str:
-        """`run_out`, `local` or `all_round`."""
+        """A shape of twin/effects/signature.py: `alike`, `run_out`, `local` or `all_round`."""
+        if self.shaft > 1 and self.shaft.denominator == 1:
+            return "alike"
         energy = np.abs(self.lines) ** 2 * self.strong
         if energy[self.multiples == 1].sum() > ALONE * energy.sum():
             return "run_out"
@@ -97,7 +102,15 @@ class Compared:
 
         if not self.same_teeth:
             return ()
-        return tuple(c for c in self.changes if c.log_evidence > least(c) and c.strong.any())
+        # mesh lines go with the load, and with the way to the sensor: there nothing of theirs is believed
+        known = self.expected.interpolated
+        return tuple(
+            c
+            for c in self.changes
+            if c.log_evidence > least(c)
+            and c.strong.any()
+            and (c.kind != "alike" or (known and c.channel not in moved))
+        )
 
     def explained(self, channel: str) -> np.ndarray:
         """The lines of a channel with everything that was found (K,)."""
@@ -154,11 +167,29 @@ def compare(baseline: Baseline, reading: Reading, expected: Expected | None = No
                 g = path.at(orders)
                 spread = np.abs(g) * np.hypot(σ, SMOOTH * np.abs(x))
         for shaft in baseline.shafts:
-            found = _shaft_change(shaft, baseline.shafts, channel, y - g * x, spread, reading.period)
-            if found is not None:
-                changes.append(found)
+            n = own_multiples(shaft, baseline.shafts, x.size / reading.period)
+            if n.size:
+                changes.append(_change(shaft, n, channel, y - g * x, spread, reading.period))
+        mesh = Fraction(int(baseline.rig.teeth[0]))
+        n = np.arange(1, min(MESH_LINES, int(orders[-1] / mesh)) + 1)
+        changes.append(
+            _change(mesh, n, channel, _turned_mesh(y, g * x, spread, mesh, reading.period), spread, reading.period)
+        )
     changes.sort(key=lambda c: -c.log_evidence)
     return Compared(reading=reading, expected=expected, paths=tuple(paths), changes=tuple(changes))
+
+
+def _turned_mesh(y: np.ndarray, x: np.ndarray, σ: np.ndarray, mesh: Fraction, period: int) -> np.ndarray:
+    """y − x, the mesh lines turned together to where they are nearest: the teeth's pattern leaves so much open."""
+    n = np.arange(1, min(MESH_LINES, y.size // (int(mesh) * period)) + 1)
+    places = n * int(mesh) * period - 1
+    if places.size == 0:
+        return y - x
+    turned = np.exp(1j * np.outer(np.linspace(-TURNED, TURNED, 121), n)) * y[places]
+    off = (np.abs(turned - x[places]) ** 2 / σ[places] ** 2).sum(axis=1)
+    left = y - x
+    left[places] = turned[int(np.argmin(off))] - x[places]
+    return left
 
 
 def own_multiples(shaft: Fraction, shafts: Sequence[Fraction], highest: float, most: int = LINES) -> np.ndarray:
@@ -169,12 +200,8 @@ def own_multiples(shaft: Fraction, shafts: Sequence[Fraction], highest: float, m
     return np.array(own[:most], dtype=int)
 
 
-def _shaft_change(
-    shaft: Fraction, shafts: Sequence[Fraction], channel: str, left: np.ndarray, σ: np.ndarray, period: int
-) -> ShaftChange | None:
-    n = own_multiples(shaft, shafts, left.size / period)
-    if n.size == 0:
-        return None
+def _change(shaft: Fraction, n: np.ndarray, channel: str, left: np.ndarray, σ: np.ndarray, period: int) -> ShaftChange:
+    """What is left at multiples n of an order."""
     places = np.array([int(m * shaft * period) for m in n.tolist()]) - 1
     δ, ratio = left[places], np.abs(left[places]) / σ[places]
     strong = ratio > STRONG

@@ -1,5 +1,7 @@
 """What a gearbox may have beside wear: one effect, one file, one line here. The key is the name that results report."""
 
+from typing import Any
+
 from twin.effects.backlash_rattle import BacklashRattle
 from twin.effects.bearing_defect import BearingDefect, BearingGeometry
 from twin.effects.gear_eccentricity import GearEccentricity
@@ -20,7 +22,7 @@ from twin.effects.tooth_crack import ToothCrack
 from twin.effects.tooth_friction import ToothFriction
 from twin.effects.torque_ripple import TorqueRipple
 
-EFFECTS = {
+EFFECTS: dict[str, Any] = {
     "none": NoEffect,
     "pinion_eccentricity": PinionEccentricity,
     "gear_eccentricity": GearEccentricity,

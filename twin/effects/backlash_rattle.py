@@ -24,6 +24,7 @@ from typing import ClassVar
 from twin.dynamics.structure import direction
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +42,7 @@ class BacklashRattle:
         Parameter(name="order", unit="", low=0.02, high=100.0, prior=5.0, shape=True),
         Parameter(name="phase", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
+    signature: ClassVar[Signature] = Signature(shape="parting")
 
     def __post_init__(self) -> None:
         check(self)

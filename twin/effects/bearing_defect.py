@@ -34,6 +34,7 @@ import numpy as np
 from twin.dynamics.structure import direction
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 from twin.errors import ParameterError
 
 PLACES = ("x4", "y4", "x6", "y6", "x9", "y9", "x11", "y11")
@@ -89,6 +90,7 @@ class BearingDefect:
         Parameter(name="modulation_order", unit="", low=0.02, high=5.0, prior=1.0, shape=True),
         Parameter(name="phase", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
+    signature: ClassVar[Signature] = Signature(shape="own", channels=("acceleration",))
     period: ClassVar[str] = "hunting"
 
     def __post_init__(self) -> None:

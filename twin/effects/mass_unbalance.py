@@ -21,6 +21,7 @@ from typing import ClassVar
 from twin.dynamics.structure import direction
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup, common_period
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +39,7 @@ class MassUnbalance:
         Parameter(name="pinion_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
         Parameter(name="gear_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
+    signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("pinion", "gear"))
 
     def __post_init__(self) -> None:
         check(self)

@@ -16,6 +16,7 @@ from typing import ClassVar
 
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +28,7 @@ class MeshDamping:
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(name="factor", unit="", low=0.0, high=20.0, prior=1.0, neutral=1.0),
     )
+    signature: ClassVar[Signature] = Signature(shape="alike")
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from typing import ClassVar
 
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,3 +33,5 @@ class MeshStiffnessLoss:
 
     def apply(self, setup: Setup) -> Setup:
         return setup.with_stiffness(1 - self.loss)
+
+    signature: ClassVar[Signature] = Signature(shape="alike")

@@ -25,6 +25,7 @@ from typing import ClassVar
 
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 SLICES = 13
 
@@ -38,6 +39,7 @@ class Misalignment:
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(name="lead_gap", unit="m", low=-200e-6, high=200e-6, prior=30e-6),
     )
+    signature: ClassVar[Signature] = Signature(shape="alike")
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

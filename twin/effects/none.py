@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from twin.effects.parameter import Parameter
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,3 +19,5 @@ class NoEffect:
 
     def apply(self, setup: Setup) -> Setup:
         return setup
+
+    signature: ClassVar[Signature] = Signature(shape="none", channels=())

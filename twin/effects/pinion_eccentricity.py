@@ -22,6 +22,7 @@ from typing import ClassVar
 from twin.effects.eccentricity import eccentric
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +38,7 @@ class PinionEccentricity:
         Parameter(name="high_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
         Parameter(name="shift_share", unit="", low=0.0, high=1.5, prior=0.5, shape=True),
     )
+    signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("pinion",))
     period: ClassVar[str] = "pinion"
 
     def __post_init__(self) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup, common_period
+from twin.effects.signature import Signature
 from twin.errors import ParameterError
 
 
@@ -33,6 +34,7 @@ class PitchError:
         Parameter(name="pinion", unit="m", low=-100e-6, high=100e-6, prior=5e-6, teeth=0),
         Parameter(name="gear", unit="m", low=-100e-6, high=100e-6, prior=5e-6, teeth=1),
     )
+    signature: ClassVar[Signature] = Signature(shape="all_round", shafts=("pinion", "gear"))
 
     def __post_init__(self) -> None:
         check(self)

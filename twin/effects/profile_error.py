@@ -22,6 +22,7 @@ import numpy as np
 
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +40,7 @@ class ProfileError:
         Parameter(name="slope", unit="m", low=-100e-6, high=100e-6, prior=10e-6),
         Parameter(name="relief_length", unit="m", low=1e-4, high=2e-2, prior=1e-3, shape=True),
     )
+    signature: ClassVar[Signature] = Signature(shape="alike")
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

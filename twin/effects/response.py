@@ -19,6 +19,7 @@ from twin.dynamics.sensitivity import Linearised
 from twin.dynamics.structure import direction
 from twin.effects.parameter import Parameter
 from twin.effects.setup import Setup, common_period, contacts_of, setup_of
+from twin.effects.signature import Signature
 from twin.errors import ParameterError
 from twin.model import Condition, Model
 from twin.wear.profile import WornProfile
@@ -30,6 +31,7 @@ class Effect(Protocol):
     """One thing that a healthy gearbox does not have."""
 
     parameters: ClassVar[tuple[Parameter, ...]]
+    signature: ClassVar[Signature]
 
     @property
     def period(self) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +28,7 @@ class SensorGain:
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(name="gain", unit="", low=0.01, high=100.0, prior=0.15, neutral=1.0),
     )
+    signature: ClassVar[Signature] = Signature(shape="path", channels=("acceleration",))
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

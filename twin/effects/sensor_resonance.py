@@ -21,6 +21,7 @@ import numpy as np
 
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +35,7 @@ class SensorResonance:
         Parameter(name="frequency", unit="Hz", low=50.0, high=1e5, prior=2000.0, neutral=inf),
         Parameter(name="damping_ratio", unit="", low=0.001, high=0.7, prior=0.05, shape=True),
     )
+    signature: ClassVar[Signature] = Signature(shape="path", channels=("acceleration",))
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 from twin.errors import ParameterError
 
 
@@ -36,6 +37,7 @@ class ToothCrack:
         Parameter(name="stiffness_loss", unit="", low=0.0, high=0.95, prior=0.3),
         Parameter(name="tooth", unit="", low=0, high=10_000, prior=10_000, shape=True),
     )
+    signature: ClassVar[Signature] = Signature(shape="local", shafts=("pinion", "gear", "other"))
 
     def __post_init__(self) -> None:
         check(self)

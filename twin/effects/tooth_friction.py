@@ -31,6 +31,7 @@ import numpy as np
 from twin.dynamics.structure import direction
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +47,7 @@ class ToothFriction:
         Parameter(name="static_ratio", unit="", low=0.5, high=3.0, prior=0.5, neutral=1.0, shape=True),
         Parameter(name="stribeck_speed", unit="m/s", low=1e-4, high=1.0, prior=0.1, shape=True),
     )
+    signature: ClassVar[Signature] = Signature(shape="alike")
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

@@ -23,6 +23,7 @@ from typing import ClassVar
 from twin.dynamics.structure import direction
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
+from twin.effects.signature import Signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +39,7 @@ class TorqueRipple:
         Parameter(name="order", unit="", low=0.02, high=100.0, prior=10.0, shape=True),
         Parameter(name="phase", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
+    signature: ClassVar[Signature] = Signature(shape="one_order", shafts=("pinion",))
 
     def __post_init__(self) -> None:
         check(self)
