@@ -123,8 +123,10 @@ function effectCard(effect, decide) {
   const rival = evidence.runner_up
     ? `${words(evidence.runner_up)}, ${number(evidence.over_runner_up)} behind` : "none";
   const rows = [...sizes,
-    ["since", effect.onset_revolutions ? `${revolutions(effect.onset_revolutions)} rev` : "from the start"],
-    ["ln evidence over the twin without it", number(evidence.log_evidence)], ["next best", rival],
+    ["since", effect.channels ? "–"
+      : effect.onset_revolutions ? `${revolutions(effect.onset_revolutions)} rev` : "from the start"],
+    [`ln evidence over the ${effect.channels ? "baseline" : "twin without it"}`, number(evidence.log_evidence)],
+    ["next best", rival],
     ["waveform error, unseen windows", change(before.waveform_percent, after.waveform_percent, "%")],
     ["wear depth", change(effect.wear_depth_um_before, effect.wear_depth_um_after, "µm")]];
   if (Number.isFinite(effect.rul_revolutions_before) && Number.isFinite(effect.rul_revolutions_after)) {
@@ -133,9 +135,11 @@ function effectCard(effect, decide) {
   }
   if (evidence.not_told_from?.length) rows.push(["not told from", evidence.not_told_from.map(words).join(", ")]);
   if (evidence.detail) rows.push(["seen", evidence.detail]);
-  const buttons = (VERBS[effect.status] ?? VERBS.found).map((verb) => decisionButton(effect.name, verb, decide));
+  const verbs = effect.channels ? [] : VERBS[effect.status] ?? VERBS.found; // beside a baseline nothing is fitted on
+  const buttons = verbs.map((verb) => decisionButton(effect.name, verb, decide));
+  const where = effect.channels ? ` (${effect.channels.join(", ")})` : "";
   return element("div", { className: "effect" },
-    element("div", { className: "head" }, element("strong", {}, words(effect.name)),
+    element("div", { className: "head" }, element("strong", {}, words(effect.name) + where),
       element("span", { className: "badge" }, effect.status ?? "found"),
       element("span", { className: "decide" }, ...buttons)),
     element("table", {}, element("tbody", {}, ...rows.map(([name, value]) =>
