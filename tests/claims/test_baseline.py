@@ -20,7 +20,7 @@ from twin.baseline.path import Path, band_gains, name_of_path
 from twin.baseline.reading import angle_of, read
 from twin.baseline.spacing import strange_spacing
 from twin.effects import EFFECTS
-from twin.errors import ParameterError, WindowError
+from twin.errors import NotAvailable, ParameterError, WindowError
 from twin.rig import Rig
 from twin.step import Options, State, step
 from twin.windows import Samples, Window
@@ -163,6 +163,14 @@ def test_other_gears_in_the_same_machine_are_said_to_be_other_gears():
     diagnosis = found(teeth_seed=11)
     assert diagnosis.verdict == "unknown_effect" and "other gears" in diagnosis.reason
     assert not [e for e in diagnosis.effects if e.name == "tooth_crack"]
+
+
+def test_exchanged_channels_are_said_to_be_exchanged_before_a_diagnosis():
+    window = machine(0.42, 99)
+    exchanged = {"a": window.accelerations["b"], "b": window.accelerations["a"]}
+    with pytest.raises(NotAvailable, match="a and b seem exchanged"):
+        diagnose(healthy(), [parts(replace(window, accelerations=exchanged))])
+    assert healthy().swapped(parts(window).whole) is None
 
 
 def test_load_beyond_the_baseline_is_said_to_be_beyond_and_finds_nothing():

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from service.baselines import compared, learned, load, strangers
+from service.errors import InputError
 from service.importing import import_recording
 
 ROOT = Path(__file__).parents[2]
@@ -55,3 +56,38 @@ def test_modulation_of_the_28_channel_rig_is_named_and_belongs_to_no_gear(brough
     possible = [c["name"] for c in line["causes"] if c["possible"]]
     assert possible == ["cage of a bearing on the pinion"]
     assert {s["channel"] for s in line["sidebands"]} >= {"ch01", "ch05", "ch06", "ch11", "ch13", "ch14", "ch15", "ch20"}
+
+
+WRONG = {
+    "teeth of the pinion": (
+        lambda text: text.replace("teeth = 32", "teeth = 31"),
+        r"sidebands at 1/32 of 950\.\d+ Hz, not",
+    ),
+    "teeth of the gear": (
+        lambda text: text.replace("teeth = 80", "teeth = 78"),
+        r"\(32, 78\) teeth .* which are right",
+    ),
+    "rate": (lambda text: text.replace("12800", "10000"), "no comb of mesh lines stands out"),
+    "two channels": (
+        lambda text: (
+            text.replace("[channels.a1]", "[channels.X]")
+            .replace("[channels.a3]", '[channels.a1]\ncolumn = "a3"')
+            .replace("[channels.X]", '[channels.a3]\ncolumn = "a1"')
+        ),
+        "a1 and a3 seem exchanged",
+    ),
+}
+
+
+@needs
+@pytest.mark.parametrize("what", WRONG)
+@pytest.mark.parametrize("state", ["h", "b"])
+def test_wrong_mapping_is_caught_before_a_diagnosis_with_what_does_not_fit(brought, tmp_path, what, state):
+    name = "spectraquest-broken-tooth"
+    baseline = learned([brought(name, f"h30hz{percent}.csv.gz") for percent in (30, 60)])
+    edit, message = WRONG[what]
+    mapping, out = tmp_path / "wrong.toml", tmp_path / "wrong.mcap"
+    mapping.write_text(edit((MAPPINGS / f"{name}.toml").read_text()))
+    import_recording(mapping, out, source=MEASURED / name / f"{state}30hz40.csv.gz")
+    with pytest.raises(InputError, match=message):
+        compared(baseline, out)

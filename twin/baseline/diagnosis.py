@@ -19,6 +19,7 @@ from twin.baseline.path import Path, name_of_path
 from twin.baseline.reading import Reading
 from twin.effects import EFFECTS
 from twin.effects.signature import Signature
+from twin.errors import NotAvailable
 
 SIDEBANDS = 2.0  # orders on either side that belong to a mesh harmonic's band
 BANDS = 5
@@ -67,7 +68,14 @@ class Diagnosis:
 
 
 def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
-    """Findings over all windows of a recording."""
+    """Findings over all windows of a recording; NotAvailable where its channels are not those of the baseline."""
+    for w in windows:
+        pair = baseline.swapped(w.whole)
+        if pair is not None:
+            raise NotAvailable(
+                f"{w.whole.name}: {pair[0]} and {pair[1]} seem exchanged: the pattern of the teeth fits the baseline "
+                "much better with each as the other; is the mapping right?"
+            )
     compared = [compare(baseline, w.whole) for w in windows]
     effects = [*_paths(compared), *_shafts(baseline, compared)]
     errors, bands = _errors(baseline, windows, compared)
@@ -85,7 +93,13 @@ def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
     elif any(e.name == "unknown_effect" for e in effects):
         verdict, reason = "unknown_effect", next(e.detail for e in effects if e.name == "unknown_effect")
     elif not any(c.expected.interpolated for c in compared):
-        reason = "the operating point lies beyond the baseline's: small effects would not be seen"
+        unit = "N·m" if baseline.by_torque else "Hz"
+        low, high = (baseline.operating_point(r) for r in (baseline.readings[0], baseline.readings[-1]))
+        at = baseline.operating_point(compared[0].reading)
+        reason = (
+            f"the operating point ({at:.5g} {unit}) lies beyond the baseline's ({low:.5g} to {high:.5g} {unit}): "
+            "another load or speed, or a wrong sampling rate; small effects would not be seen"
+        )
     return Diagnosis(
         compared=tuple(compared),
         effects=tuple(effects),

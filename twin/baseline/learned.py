@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -29,7 +29,11 @@ from twin.rig import Rig
 
 SMOOTH_ORDERS = 4.0  # width over which scatter is averaged
 VARIES = 0.03  # of torque, relative, from which it is the operating point
+SWAPPED, FITS = 0.03, 0.3  # of correlation that exchanging two channels must add, and reach, to be believed
 BEYOND = 0.05  # of the range learned, from which an operating point lies outside it
+
+
+Values = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -77,6 +81,19 @@ class Baseline:
             raise ParameterError(f"lines at 1/{reading.period} order against a baseline at 1/{self.period}")
         return _expected(self.rig, self.readings, self.std, reading, self.operating_point(reading), self.by_torque)
 
+    def swapped(self, reading: Reading) -> tuple[str, str] | None:
+        """Two channels whose names seem exchanged: with each as the other the pattern of the teeth fits much better."""
+        u = self.operating_point(reading)
+        lines, *_ = _interpolated(self.readings, u, self.by_torque)
+        named = _lines(reading)
+        shared = sorted(set(named) & set(lines))
+        fit: dict[tuple[str, str] | None, float] = {None: _fit(named, lines, reading.period, self.rig.teeth[0])}
+        for a, b in combinations(shared, 2):
+            exchanged = named | {a: named[b], b: named[a]}
+            fit[a, b] = _fit(exchanged, lines, reading.period, self.rig.teeth[0])
+        best = max(fit, key=lambda key: fit[key])
+        return best if best is not None and fit[best] > max(fit[None] + SWAPPED, FITS) else None
+
     def without(self, names: Sequence[str]) -> Baseline:
         """The same baseline, some of its recordings left out."""
         left = tuple(r for r in self.readings if r.name not in names)
@@ -84,6 +101,11 @@ class Baseline:
             raise ParameterError("a baseline needs at least two recordings")
         std, path = _scatter(left)
         return replace(self, readings=left, std=std, path_scatter=path)
+
+
+def _fit(lines: Values, others: Values, period: int, teeth: int) -> float:
+    found = align(lines, others, period, teeth)
+    return 0.0 if found is None else found.correlation
 
 
 def learn(rig: Rig, readings: Sequence[Reading], shafts: Sequence[Fraction]) -> Baseline:
@@ -135,9 +157,6 @@ def _turned(reading: Reading, alignment: Alignment) -> Reading:
         name: replace(c, lines=alignment.turned(c.lines, reading.period)) for name, c in reading.channels.items()
     }
     return replace(reading, channels=channels)
-
-
-Values = dict[str, np.ndarray]
 
 
 def _interpolated(readings: Sequence[Reading], u: float, torque: bool) -> tuple[Values, Values, bool, tuple[str, ...]]:
