@@ -286,16 +286,13 @@ def diagnose(
     json: JsonFile = None,
 ) -> None:
     """Say which effects the machine has beside wear, how sure that is, and what is left unexplained."""
-    from service.cli import beside_baseline
+    from service.cli import beside_baseline, beside_figures
     from service.cli.diagnosis import text
     from service.cli.diagnosis_figures import page
     from service.cli.report import load_answer
-    from service.errors import InputError
     from service.jsontext import json_text, write_text
 
     if baseline is not None:
-        if out is not None:
-            raise InputError("--out: figures beside a baseline are not drawn; --json has all of them as numbers")
         answer = beside_baseline.answered(source, baseline, rig)
     elif source.suffix == ".json":
         answer = load_answer(source)
@@ -306,7 +303,7 @@ def diagnose(
     if json is not None:
         write_text(json, json_text(answer))
     if out is not None:
-        write_text(out, page(answer))
+        write_text(out, page(answer) if baseline is None else beside_figures.page(answer))
     if str(json) != "-":
         print(text(answer) if baseline is None else beside_baseline.text(answer))
         if baseline is None and answer.get("strange"):

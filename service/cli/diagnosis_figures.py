@@ -11,7 +11,7 @@ from service.cli.show import number, summary_lines
 
 BEFORE, AFTER, MEASURED = "#d62728", "#1f77b4", "#444444"
 FLOOR = 1e-6  # amplitude below which nothing is drawn [m/s²]
-_STYLE = (
+STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#222}"
     "table{border-collapse:collapse;font-size:13px}td,th{border-bottom:1px solid #ccc;padding:3px 8px;text-align:left}"
 )
@@ -25,7 +25,7 @@ def page(answer: Mapping[str, Any]) -> str:
     log = "".join(f"<li>{escape(change(e))}</li>" for e in answer["tracing"].get("log") or [])
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style>'
+        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'
         f"<h1>{title}</h1>{told}{effects_part(answer)}{figures(answer)}"
         f"<h2>Wear and life</h2><ul>{summary}</ul>" + (f"<h2>Changes of the model</h2><ul>{log}</ul>" if log else "")
     )
@@ -85,7 +85,7 @@ def _by_band(answer: Mapping[str, Any]) -> Any:
         title=f"Held-out window {residual['window']} by mesh harmonic",
         xaxis_title="mesh harmonic ± 2 shaft orders",
         yaxis_title="RMS [m/s²]",
-        **_LOOK,
+        **LOOK,
     )
     return plot
 
@@ -124,7 +124,7 @@ def _by_order(answer: Mapping[str, Any]) -> Any:
         yaxis_title="amplitude [m/s²]",
         yaxis_type="log",
         yaxis_dtick=1,
-        **_LOOK,
+        **LOOK,
     )
     return plot
 
@@ -152,12 +152,12 @@ def _depths(answer: Mapping[str, Any]) -> Any:
         title="Wear depth, the whole history run again",
         xaxis_title="pinion revolutions",
         yaxis_title="largest wear depth [µm]",
-        **_LOOK,
+        **LOOK,
     )
     return plot
 
 
-_LOOK: dict[str, Any] = {
+LOOK: dict[str, Any] = {
     "template": "plotly_white",
     "height": 400,
     "margin": {"t": 100},

@@ -68,7 +68,11 @@ def test_baseline_file_gives_the_baseline_back_whole(file, healthy):
 
 def test_fault_is_named_with_errors_and_without_wear(folder, file, capsys):
     fault = recording(folder, "fault", pulse=2.0)
-    assert run(["diagnose", str(fault), "--baseline", str(file), "--json", str(folder / "fault.json")]) == 0
+    given = ["--json", str(folder / "fault.json"), "--out", str(folder / "fault.html")]
+    assert run(["diagnose", str(fault), "--baseline", str(file), *given]) == 0
+    html = (folder / "fault.html").read_text()
+    assert "a local fault of one tooth" in html and "Mesh bands, RMS" not in html
+    assert html.count("plotly-graph-div") == 2  # bands, and the turn of the shaft: no way to a sensor has changed
     said = capsys.readouterr().out
     assert "a local fault of one tooth (a)" in said and "not available" in said
     answer = json.loads((folder / "fault.json").read_text())

@@ -24,6 +24,7 @@ from twin.errors import NotAvailable
 SIDEBANDS = 2.0  # orders on either side that belong to a mesh harmonic's band
 BANDS = 5
 MOST_LINES = 12
+PULSE_POINTS = 201  # over a turn, to be drawn
 UNLIKE = 4.0  # misfit of the lines to the healthy scatter, from which something is left that has no name
 MESH_CHANGE = "mesh_change"  # what every tooth does alike: no baseline tells those effects from one another
 LOCAL_BESIDE = ("a coupling, a seat or a load of that shaft that pushes once a turn",)
@@ -51,6 +52,7 @@ class Named:
     not_told_from: tuple[str, ...]
     detail: str
     windows: tuple[int, ...]  # in which it was found
+    curves: Mapping[str, Sequence[float]]  # to be drawn: of a path against frequency, of a shaft over a turn
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -139,6 +141,11 @@ def _paths(compared: Sequence[Compared]) -> list[Named]:
                     f"(usual {path.usual:.2f}); the name leaves {100 * named.left:.0f} % of it"
                 ),
                 windows=tuple(paths),
+                curves={
+                    "frequency_hz": (path.orders * compared[i].reading.speed_hz).tolist(),
+                    "gain": np.abs(path.gain).tolist(),
+                    "fitted": named.fitted,
+                },
             )
         )
     return out
@@ -176,9 +183,17 @@ def _shafts(baseline: Baseline, compared: Sequence[Compared]) -> list[Named]:
                 not_told_from=beside,
                 detail=detail,
                 windows=tuple(found),
+                curves=_pulse(strongest),
             )
         )
     return out
+
+
+def _pulse(change: ShaftChange) -> dict[str, Sequence[float]]:
+    """What a shaft does more than before, over one turn of it, by its strong lines."""
+    turn = np.linspace(0, 1, PULSE_POINTS)
+    n, δ = change.multiples[change.strong], change.lines[change.strong]
+    return {"turn": turn.tolist(), "added": (np.exp(2j * np.pi * np.outer(turn, n)) @ δ).real.tolist()}
 
 
 def _parameters(change: ShaftChange, size: float) -> dict[str, tuple[float, str, float]]:

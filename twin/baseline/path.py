@@ -98,6 +98,7 @@ class PathName:
     name: str  # sensor_gain, sensor_resonance or unknown_effect
     parameters: Mapping[str, tuple[float, str, float]]
     left: float  # share of ln g's energy that it does not explain
+    fitted: tuple[float, ...] = ()  # |g| that the name gives, of every band; none where it has no name
 
 
 def name_of_path(path: Path, speed_hz: float) -> PathName:
@@ -137,6 +138,7 @@ def name_of_path(path: Path, speed_hz: float) -> PathName:
             spread = np.diag(np.linalg.pinv(fit.jac.T @ fit.jac)) * 2 * fit.cost / max(2 * f.size - count, 1)
             chosen = left, count, fit.x, np.sqrt(np.maximum(spread, 0))
     assert chosen is not None
+    fitted = tuple(np.abs(models[chosen[1]](chosen[2])).tolist())
     left, count, p, std = chosen
     if left > UNEXPLAINED:
         return PathName(name="unknown_effect", parameters={}, left=left)
@@ -150,7 +152,9 @@ def name_of_path(path: Path, speed_hz: float) -> PathName:
     )
     for (name, unit), value, s in zip(names[:count], np.exp(p), std, strict=False):
         parameters[name] = (float(value), unit, float(value * s))
-    return PathName(name="sensor_gain" if count == 1 else "sensor_resonance", parameters=parameters, left=left)
+    return PathName(
+        name="sensor_gain" if count == 1 else "sensor_resonance", parameters=parameters, left=left, fitted=fitted
+    )
 
 
 def _starts(count: int, f: np.ndarray) -> list[list[float]]:

@@ -170,4 +170,5 @@ def _effect(effect: Named, found: Diagnosis) -> dict[str, Any]:
         "wear_depth_um_after": None,
         "onset_revolutions": None,
         "windows": list(effect.windows),
+        "curves": {name: list(values) for name, values in effect.curves.items()},
     }
