@@ -14,7 +14,7 @@ from typing import Any
 
 from twin import report
 from twin.baseline.learned import Baseline
-from twin.baseline.reporting import told_of
+from twin.baseline.reporting import strangers_of, told_of
 from twin.errors import NotAvailable, NotConverged, ParameterError, TwinError, WindowError
 from twin.features.beside import beside
 from twin.features.extract import extract
@@ -340,6 +340,12 @@ def _without_twin(
         answer |= new
         events += found
         standing = report.plain({name: answer[name] for name in new})
+    elif options.trace and not tracing.stages:
+        try:
+            new = strangers_of(rig, window, f"window {state.windows_seen}")
+        except TwinError:  # the record says already why there is no speed
+            new = {}
+        answer |= new
     estimate = _estimate(record, answer, events)
     return replace(state, windows_seen=state.windows_seen + 1, tracing=tracing, standing=standing), estimate
 

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from service.baselines import answer, compared, load, read_baseline, strangers
+from service.baselines import answer, compared, read_baseline
 from service.cli.diagnosis import NAMES
 from service.cli.show import number
-from service.errors import InputError
 
 MOST_SIDEBANDS = 6
 NAMES_HERE = NAMES | {
@@ -91,32 +90,6 @@ def _effect(effect: Mapping[str, Any]) -> str:
     return said + "."
 
 
-def with_strangers(answer: dict[str, Any], recording: Path, rig: Path | None) -> dict[str, Any]:
-    """The answer about a machine without a model, with the lines that belong to no shaft of its rig file."""
-    try:
-        loaded = load(recording, rig)
-    except InputError:
-        return answer
-    found = strangers(loaded)
-    if not found:
-        return answer
-    z1, spacing = loaded.rig.teeth[0], found[0]["order"]
-    speed = found[0]["frequency_hz"] / spacing
-    orders: list[dict[str, Any]] = []
-    for side in found[0]["sidebands"]:
-        for sign in (-1, 1) if side["harmonic"] else (1,):
-            order = side["harmonic"] * z1 + sign * side["multiple"] * spacing
-            if all(abs(order - o["order"]) > 1e-6 for o in orders):
-                orders.append({"order": order, "frequency_hz": order * speed, "share_percent": None})
-    unexplained = {
-        "share_percent": None,
-        "orders": orders,
-        "verdict": "unknown_effect",
-        "reason": f"lines spaced by {found[0]['frequency_hz']:.3f} Hz belong to no shaft of the rig file",
-    }
-    return {**answer, "strange": found, "unexplained": unexplained}
-
-
 def strangers_text(answer: Mapping[str, Any]) -> str:
     """What belongs to no shaft, in words."""
     return "\n".join(_strange(s) for s in answer.get("strange", ()))
@@ -140,9 +113,11 @@ def _strange(found: Mapping[str, Any]) -> str:
     )
     possible = [c["name"] for c in found["causes"] if c["possible"]]
     failed = [c["name"] for c in found["causes"] if not c["possible"]]
+    place = f"{found['frequency_hz']:.3f} ± {found['frequency_std_hz']:.3f} Hz (order {found['order']:.4f})"
+    if found["geared"] is not None:
+        return f"Another shaft turns with the pinion as {found['geared']}: lines spaced by {place}, {shown}."
     return (
-        f"Unknown effect: lines spaced by {found['frequency_hz']:.3f} ± {found['frequency_std_hz']:.3f} Hz (order "
-        f"{found['order']:.4f}) belong to no known shaft: {shown}. {slower}"
+        f"Unknown effect: lines spaced by {place} belong to no known shaft: {shown}. {slower}"
         f"Tried and failed: {'; '.join(failed) or 'none'}. Not ruled out: "
         f"{'; '.join(possible) or 'none of those tried'}."
     )

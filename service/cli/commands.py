@@ -298,8 +298,6 @@ def diagnose(
         answer = load_answer(source)
     else:
         answer = _assess(source, rig, Update.fused, asset, prefix)
-        if answer["wear"].get("status") == "not available":
-            answer = beside_baseline.with_strangers(answer, source, rig)
     if json is not None:
         write_text(json, json_text(answer))
     if out is not None:

@@ -248,3 +248,12 @@ def test_baseline_of_other_tooth_counts_is_said_not_to_fit():
     _, estimate = step(other, State(), machine(0.42, 99), Options(baseline=healthy()))
     assert estimate.report["unexplained"]["verdict"] == "insufficient_data"
     assert estimate.report["effects"] == []
+
+
+def test_step_without_a_baseline_names_strange_lines_and_takes_a_further_shaft_for_no_effect():
+    _, modulated = step(RIG, State(), machine(0.5, 3, foreign=0.3961, seconds=12.0))
+    assert modulated.report["unexplained"]["verdict"] == "unknown_effect"
+    assert modulated.report["strange"][0]["order"] == pytest.approx(0.3961, abs=1e-3)
+    _, geared = step(RIG, State(), machine(0.5, 3, third=True))
+    assert geared.report["strange"][0]["geared"] == "1/4"
+    assert geared.report["unexplained"]["verdict"] != "unknown_effect"

@@ -38,6 +38,35 @@ def told_of(baseline: Baseline, rig: Rig, window: Window, name: str) -> dict[str
     }
 
 
+def strangers_of(rig: Rig, window: Window, name: str) -> dict[str, Any]:
+    """Lines of one window that neither gear makes: `strange`, and `unexplained` where no further shaft makes them.
+
+    Nothing where there are none; raises TwinError where the pinion's angle cannot be told.
+    """
+    z1, z2 = rig.teeth
+    shafts = (Fraction(1), Fraction(int(z1), int(z2)))
+    track = angle_of(rig, window)
+    spacing = strange_spacing(window.accelerations, track, rig.teeth, shafts)
+    found = strange([(name, spacing, track)], shafts, ("pinion", "gear"))
+    if spacing is None or not found:
+        return {}
+    if spacing.ratio is not None:
+        return {"strange": found}
+    orders: dict[float, dict[str, Any]] = {}
+    for side in spacing.sidebands:
+        for sign in (-1, 1) if side.harmonic else (1,):
+            order = side.harmonic * z1 + sign * side.multiple * spacing.order
+            line = {"order": order, "frequency_hz": order * track.speed, "share_percent": None}
+            orders.setdefault(round(order, 6), line)
+    unexplained = {
+        "share_percent": None,
+        "orders": list(orders.values()),
+        "verdict": "unknown_effect",
+        "reason": f"lines spaced by {spacing.order * track.speed:.3f} Hz belong to no shaft of the rig file",
+    }
+    return {"strange": found, "unexplained": unexplained}
+
+
 def sections(baseline: Baseline, found: Diagnosis) -> dict[str, Any]:
     """`residual`, `effects` and `unexplained` of the contract."""
     return {

@@ -95,6 +95,8 @@ def strange_spacing(
     spacings = np.arange(LOWEST_BINS * width, WIDEST, finest / (2 * MULTIPLES))
     off = np.abs(spacings * common_period(shafts) - np.rint(spacings * common_period(shafts))) / common_period(shafts)
     spacings = spacings[off > KNOWN_BINS * width]
+    if spacings.size == 0:  # the window is too short: known orders fill all
+        return None
     places = [(0, m) for m in range(1, MULTIPLES + 1)]
     places += [(h, sign * m) for h in range(1, HARMONICS + 1) for m in range(1, MULTIPLES + 1) for sign in (-1, 1)]
     score = np.zeros(spacings.size)
