@@ -150,7 +150,7 @@ def test_machine_without_a_twin_still_has_its_bearing_heard():
 
 
 def test_machine_whose_angle_is_too_coarse_for_the_mesh_has_its_bearing_heard_and_no_stray_lines():
-    rates = tuple((3.6 * k, 0.2) for k in (1, 2, 3, 4))
+    rates = tuple((3.6 * k, 0.2) for k in (1, 2, 3, 4, 5, 6))
     heard = beside(kurtosis=20.0, rates=rates, lines=((5.3, 0.4),))
     windows = [
         Taken(
@@ -160,14 +160,15 @@ def test_machine_whose_angle_is_too_coarse_for_the_mesh_has_its_bearing_heard_an
             ),
             beside=heard,
         )
-        for n in range(5)
+        for n in range(9)
     ]
     rig = Rig.from_mapping(UNSW_RIG)
     traced = trace(rig, windows, {}, None)
     assert [f.name for f in traced.found] == ["bearing_defect"]
     assert traced.strangers.orders == () and not traced.strangers.unknown
-    assert traced.held_out == (2,) and traced.fitted == (0, 1, 3, 4)
+    assert traced.held_out == (2, 5, 8) and traced.fitted == (0, 1, 3, 4, 6, 7)
     assert trace(rig, windows, {}, None, rejected=("bearing_defect",)).found == ()
+    assert trace(rig, windows[:3], {}, None).found == ()  # three windows are not sure enough without the mesh phase
     tooth = [replace(w, beside=beside(rates=tuple((1.0 * k, 0.2) for k in (3, 4, 5, 6)))) for w in windows]
     assert trace(rig, tooth, {}, None).found == ()
 

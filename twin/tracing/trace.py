@@ -52,6 +52,7 @@ LEAST_GAIN = 0.06  # of ln g
 RUN_OUT_WITH_PITCH = 5e-6  # run-out that pitch errors do not imitate [m]
 BEYOND_HEALTHY = 5.0  # energy of pitch errors' lines beyond that of a healthy machine's, over it
 LEAST_WITHOUT_RUN_OUT = 10e-6  # of an eccentricity that only sidebands show [m]
+ALONE_EVIDENCE = 60.0  # nats of a bearing defect without a mesh phase: what is none reaches 49 there, a small one 64
 OF_SHAFT = 0.02  # of an order of the pinion: what repeats there is no bearing
 TOOTHED = ("pitch_error", "tooth_crack")
 MOVED = 15e-6  # jump of the mean transmission error that is a disc's: an edge of 10,000 is 30 µm
@@ -252,6 +253,8 @@ def _heard_alone(measured: Sequence[tuple[Taken, Observed]], out: set[int], reje
     """What needs no mesh phase; an angle that wanders makes lines at orders of no shaft by itself."""
     beside = [(t.features.revolutions or 0.0, t.beside) for t, _ in measured if t.beside is not None]
     heard = _of_no_shaft(replace(strangers(beside, False), orders=()))
+    if heard.defect is not None and heard.defect.log_evidence < ALONE_EVIDENCE:
+        heard = replace(heard, defect=None)
     named = heard.defect is not None and "bearing_defect" not in rejected
     return Traced(
         found=(of_defect(heard.defect),) if heard.defect is not None and named else (),
