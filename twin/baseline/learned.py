@@ -94,14 +94,6 @@ class Baseline:
         best = max(fit, key=lambda key: fit[key])
         return best if best is not None and fit[best] > max(fit[None] + SWAPPED, FITS) else None
 
-    def without(self, names: Sequence[str]) -> Baseline:
-        """The same baseline, some of its recordings left out."""
-        left = tuple(r for r in self.readings if r.name not in names)
-        if len(left) < 2:
-            raise ParameterError("a baseline needs at least two recordings")
-        std, path = _scatter(left)
-        return replace(self, readings=left, std=std, path_scatter=path)
-
 
 def _fit(lines: Values, others: Values, period: int, teeth: int) -> float:
     found = align(lines, others, period, teeth)
