@@ -335,11 +335,11 @@ def _without_twin(
             answer["unexplained"] = unexplained_with(tracing, answer["unexplained"])
             answer["tracing"] = tracing_report(tracing)
     standing = state.standing
-    if options.baseline is not None:
-        new, found = _beside(options.baseline, rig, window, state, answer["effects"])
+    if options.baseline is not None and not tracing.stages:
+        new, found = _beside(options.baseline, rig, window, state, effects_report(tracing))
         answer |= new
         events += found
-        standing = report.plain({name: answer[name] for name in new})
+        standing = {**standing, **report.plain(new)}
     elif options.trace and not tracing.stages:
         try:
             new = strangers_of(rig, window, f"window {state.windows_seen}")

@@ -134,6 +134,18 @@ def test_blow_once_a_turn_of_the_gear_is_a_local_fault_of_a_tooth_of_that_shaft(
     assert errors["waveform_after"] < errors["waveform_before"]
 
 
+def test_fault_stays_at_its_angle_of_the_shaft_wherever_the_zero_of_a_window_lies():
+    angles = []
+    for seed in (99, 7, 23):
+        diagnosis = diagnose(healthy(), [parts(machine(0.42, seed, pulse=2.0))])
+        (effect,) = diagnosis.effects
+        angles.append(effect.parameters["angle"][0])
+        curve = effect.curves
+        highest = curve["turn"][int(np.argmax(curve["added"]))]
+        assert abs((highest - angles[-1] + 0.5) % 1 - 0.5) < 0.02
+    assert np.abs((np.array(angles) - angles[0] + 0.5) % 1 - 0.5).max() < 0.01
+
+
 @pytest.mark.parametrize(("gain", "name"), [
     (lambda f: np.full(f.size, 0.6 + 0j), "sensor_gain"),
     (EFFECTS["sensor_resonance"](frequency=700.0, damping_ratio=0.2).response, "sensor_resonance"),
@@ -239,6 +251,19 @@ def test_service_step_says_what_is_new_beside_a_baseline_once_and_leaves_wear_al
     for report, _ in told:
         assert report["wear"]["status"] == report["rul"]["status"] == "not available"
     assert told[1][0]["baseline"]["window"]["same_teeth"]
+
+
+def test_what_is_no_longer_there_is_no_longer_said_and_no_baseline_takes_the_answer_of_a_twin():
+    state, options = State(), Options(baseline=healthy(), trace=False)
+    names = []
+    for i, what in enumerate(({"pulse": 2.0}, {})):
+        window = replace(machine(0.42, 99, **what), start_time_ns=i * 10**10)
+        state, estimate = step(RIG, state, window, options)
+        names.append([e["name"] for e in estimate.report["effects"]])
+    assert names == [["tooth_crack"], []]
+    known = replace(State(), standing={"wear": {"k_wear_per_n": 1.0}})
+    after, estimate = step(RIG, known, machine(0.42, 99), options)
+    assert estimate.report["wear"] == after.standing["wear"] == {"k_wear_per_n": 1.0}
 
 
 def test_baseline_of_other_tooth_counts_is_said_not_to_fit():

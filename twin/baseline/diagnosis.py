@@ -190,10 +190,10 @@ def _shafts(baseline: Baseline, compared: Sequence[Compared]) -> list[Named]:
 
 
 def _pulse(change: ShaftChange) -> dict[str, Sequence[float]]:
-    """What a shaft does more than before, over one turn of it, by its strong lines."""
+    """What a shaft does more than before, over one turn of it in the baseline's angle, by its strong lines."""
     turn = np.linspace(0, 1, PULSE_POINTS)
     n, δ = change.multiples[change.strong], change.lines[change.strong]
-    return {"turn": turn.tolist(), "added": (np.exp(2j * np.pi * np.outer(turn, n)) @ δ).real.tolist()}
+    return {"turn": turn.tolist(), "added": (np.exp(2j * np.pi * np.outer(turn + change.zero, n)) @ δ).real.tolist()}
 
 
 def _parameters(change: ShaftChange, size: float) -> dict[str, tuple[float, str, float]]:

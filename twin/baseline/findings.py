@@ -57,7 +57,8 @@ class ShaftChange:
     lines: np.ndarray  # δ_n complex (m,)
     ratio: np.ndarray  # |δ_n|/σ_n (m,)
     log_evidence: float
-    angle: float  # of the shaft at which the lines are in phase [turns]
+    zero: float  # where in the window's turn of the shaft the baseline's begins [turns]
+    angle: float  # of the shaft at which the lines are in phase, from there [turns]
     in_phase: float  # |Σ δ·e^{inφ}| over Σ |δ| there, of the strong lines
     width: float  # share of a turn that holds four fifths of the pulse's energy
 
@@ -147,6 +148,7 @@ def compare(baseline: Baseline, reading: Reading, expected: Expected | None = No
     """
     expected = baseline.expected(reading) if expected is None else expected
     more = 1.0 if expected.interpolated else EXTRAPOLATED
+    ahead = 0.0 if expected.alignment is None else expected.alignment.angle
     paths, changes = [], []
     for channel, x in expected.lines.items():
         y, σ = reading.channels[channel].lines[: x.size], expected.std[channel]
@@ -169,11 +171,13 @@ def compare(baseline: Baseline, reading: Reading, expected: Expected | None = No
         for shaft in baseline.shafts:
             n = own_multiples(shaft, baseline.shafts, x.size / reading.period)
             if n.size:
-                changes.append(_change(shaft, n, channel, y - g * x, spread, reading.period))
+                changes.append(_change(shaft, n, channel, y - g * x, spread, reading.period, ahead))
         mesh = Fraction(int(baseline.rig.teeth[0]))
         n = np.arange(1, min(MESH_LINES, int(orders[-1] / mesh)) + 1)
         changes.append(
-            _change(mesh, n, channel, _turned_mesh(y, g * x, spread, mesh, reading.period), spread, reading.period)
+            _change(
+                mesh, n, channel, _turned_mesh(y, g * x, spread, mesh, reading.period), spread, reading.period, ahead
+            )
         )
     changes.sort(key=lambda c: -c.log_evidence)
     return Compared(reading=reading, expected=expected, paths=tuple(paths), changes=tuple(changes))
@@ -200,8 +204,10 @@ def own_multiples(shaft: Fraction, shafts: Sequence[Fraction], highest: float, m
     return np.array(own[:most], dtype=int)
 
 
-def _change(shaft: Fraction, n: np.ndarray, channel: str, left: np.ndarray, σ: np.ndarray, period: int) -> ShaftChange:
-    """What is left at multiples n of an order."""
+def _change(
+    shaft: Fraction, n: np.ndarray, channel: str, left: np.ndarray, σ: np.ndarray, period: int, ahead: float
+) -> ShaftChange:
+    """What is left at multiples n of an order; `ahead`, by which the baseline is, of the pinion [rad]."""
     places = np.array([int(m * shaft * period) for m in n.tolist()]) - 1
     δ, ratio = left[places], np.abs(left[places]) / σ[places]
     strong = ratio > STRONG
@@ -210,6 +216,7 @@ def _change(shaft: Fraction, n: np.ndarray, channel: str, left: np.ndarray, σ: 
     together = np.abs(turned[:, strong] @ δ[strong]) if strong.any() else np.zeros(φ.size)
     best = int(np.argmax(together))
     pulse = np.abs(turned[:, strong] @ δ[strong]) ** 2 if strong.any() else np.ones(φ.size)
+    zero = float(shaft) * ahead / (2 * np.pi) % 1
     widest = np.sort(pulse)[::-1].cumsum()
     return ShaftChange(
         shaft=shaft,
@@ -218,7 +225,8 @@ def _change(shaft: Fraction, n: np.ndarray, channel: str, left: np.ndarray, σ: 
         lines=δ,
         ratio=ratio,
         log_evidence=float(0.5 * np.sum(ratio**2 - 1)),
-        angle=float(φ[best]),
+        zero=zero,
+        angle=float((φ[best] - zero) % 1),
         in_phase=float(together[best] / max(np.abs(δ[strong]).sum(), 1e-300)),
         width=float((np.searchsorted(widest, 0.8 * widest[-1]) + 1) / φ.size),
     )
