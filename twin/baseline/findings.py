@@ -43,7 +43,7 @@ LOCAL = 0.75  # |Σ δ·e^{inφ}| over Σ |δ| at the best angle, that makes it 
 LOCAL_LINES = 4  # strong lines that a local fault has at least
 EXTRAPOLATED = 4.0  # times more scatter of a path, and evidence asked, beyond what was learned
 SMOOTH = 0.15  # of a line: what one gain a band leaves of a path that has changed
-BESIDE_PATH = 4.0  # times more evidence in a channel whose path has changed
+BESIDE_PATH = 2.0  # times more evidence in a channel whose path has changed
 SAME_TEETH = 0.3  # correlation with the baseline's pattern below which these are other teeth
 
 
