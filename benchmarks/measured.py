@@ -20,10 +20,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from service.assess import assess
 from service.baselines import load, pair_shafts, strangers
+from service.cli.pair import sentences, with_assumed_radii
 from service.importing import import_recording
 from twin.baseline.diagnosis import Parts, diagnose
-from twin.baseline.encoder_pair import pair_motion, quadrature
 from twin.baseline.findings import Compared
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.reading import Reading, read
@@ -150,30 +151,10 @@ def modulation(folder: Path) -> None:
 
 def encoders(folder: Path) -> None:
     """Ratio and run-out of a pair from its two encoders."""
-    z = np.load(MEASURED / "spur-pair-dual-encoder" / "encoders.npz")
-    first, second = (quadrature(z[f"enc{n}_a"], z[f"enc{n}_b"]) for n in (1, 2))
-    per_turn = int(z["counts_per_rev"])
-    m = pair_motion(first.counts, second.counts, (per_turn, per_turn), float(z["fs_hz"]))
-    print(f"turns {m.turns[0]:.2f} and {m.turns[1]:.2f}, {first.reversals + second.reversals} reversals, ", end="")
-    print(f"{first.illegal + second.illegal} illegal transitions, {'opposite' if m.opposite else 'the same'} senses")
-    print(f"ratio {m.ratio:.4f} ± {m.ratio_std:.4f} ({100 * m.ratio_std / m.ratio:.2f} %); ", end="")
-    print(f"tooth counts that fit: {', '.join(str(q) for q in m.teeth[:6])}")
-    for r in m.run_out:
-        radius = RADII_MM[r.wheel - 1]
-        own = r.amplitude * (1.0 if r.wheel == 1 else 1 / m.ratio)  # as an angle of its own wheel
-        print(
-            f"{r.multiple}× a turn of wheel {r.wheel}: {r.amplitude * 1e6:7.0f} ± {r.std * 1e6:5.0f} µrad of wheel 1; ",
-            end="",
-        )
-        print(f"of wheel 1; {own * radius * 1e3:5.0f} µm on an assumed base radius of {radius:g} mm")
-    time, size, share = m.largest_step
-    print(
-        f"missed counts: {len(m.steps)} steps believed; the largest tried, {size / (2 * np.pi) * per_turn:.0f} ", end=""
-    )
-    print(f"counts at {time:.2f} s, stands above {100 * share:.0f} % of what the rest does by itself (99 % asked)")
-    print(
-        f"rest, rms: {m.before.std() * 1e6:.0f} µrad with the ratio alone, {m.after.std() * 1e6:.0f} µrad with run-out"
-    )
+    data = MEASURED / "spur-pair-dual-encoder"
+    answer = assess(imported(data.name, data / "encoders.npz", folder))
+    for line in sentences(with_assumed_radii(answer, RADII_MM)["pair"]):
+        print(line)
 
 
 SETS = {"spectraquest": spectraquest, "modulation": modulation, "encoders": encoders}

@@ -14,12 +14,17 @@
     [channels.ch14]                        # the sensor's name; pinion or gear for a torque or an encoder
     kind = "accel"                         # accel, torque or encoder
     column = "ch14"                        # header of a CSV column, array of an NPZ; the name if left out
-    unit = "V"                             # m/s2, g, V, Pa, unknown; torque: Nm, V, unknown; encoder: s
+    unit = "V"                             # m/s2, g, V, Pa, unknown; torque: Nm, V, unknown
     sensitivity = 0.0510204                # V per m/s² or per N·m, with unit V
-    edges_per_rev = 1024                   # encoder
-    first_edge_index = 0                   # encoder
 
-    [rig]                                  # a rig file of what is known: tooth counts, nominal speed, …
+    [channels.pinion]
+    kind = "encoder"
+    unit = "s"                             # times of its edges; or "quadrature": two levels, 0 or 1, at every sample
+    columns = ["enc1_a", "enc1_b"]         # of a quadrature encoder, in place of `column`
+    edges_per_rev = 1024                   # with quadrature the fourfold counts; or the name of a number in an NPZ file
+    first_edge_index = 0
+
+    [rig]                                  # a rig file of what is known: tooth counts, nominal speed, …; may be empty
 
 Every fault is one line that names the key, its value and what would be right.
 """
@@ -40,28 +45,33 @@ from service.wire.topics import KINDS, NAME, SHAFTS
 SCHEMA = "gear-import/1"
 STANDARD_GRAVITY = 9.80665  # [m/s²]
 RATES = (1.0, 1e7)  # [Hz]
+QUADRATURE = "quadrature"
+EDGES = (1, 1e7)  # a turn
 UNITS = {
     "accel": ("m/s2", "g", "V", "Pa", "unknown"),
     "torque": ("Nm", "V", "unknown"),
-    "encoder": ("s",),
+    "encoder": ("s", QUADRATURE),
 }
-_KEYS = {
+_KEYS: dict[str, tuple[str, ...]] = {
     "": ("schema", "asset", "description", "started", "notes", "file", "channels", "rig"),
     "file.": ("path", "sample_rate_hz", "delimiter"),
-    "channels.": ("kind", "column", "unit", "sensitivity", "edges_per_rev", "first_edge_index", "note"),
-}
+    "channels.": (
+        "kind", "column", "unit", "sensitivity", "edges_per_rev", "first_edge_index", "note", "columns",
+    ),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelMapping:
-    """One column and what it becomes."""
+    """One column, or the two of a quadrature encoder, and what it becomes."""
 
     kind: str  # accel, torque or encoder
     name: str  # sensor or shaft
-    column: str
+    columns: tuple[str, ...]
     unit: str
     factor: float = 1.0  # from the file's values to the contract's unit
-    edges_per_rev: int = 0
+    edges_per_rev: int = 0  # 0 where the data file holds it, or of no encoder
+    edges_per_rev_from: str = ""  # the number of the data file that holds it
     first_edge_index: int = 0
     note: str = ""
 
@@ -163,20 +173,47 @@ def _channel(where: str, name: str, table: Any) -> ChannelMapping:
         raise InputError(f"{where}: {key}.sensitivity = {sensitivity!r} goes with unit 'V' only, not {unit!r}")
     elif unit == "g":
         factor = STANDARD_GRAVITY
-    edges, first = 0, 0
+    edges, edges_from, first = 0, "", 0
     if kind == "encoder":
-        edges = int(_number(where, f"{key}.edges_per_rev", table.get("edges_per_rev"), (1, 1e7), "edges", "?"))
+        given = table.get("edges_per_rev")
+        if isinstance(given, str):
+            edges_from = given
+        else:
+            edges = checked_edges(where, f"{key}.edges_per_rev", given)
         first = int(_number(where, f"{key}.first_edge_index", table.get("first_edge_index", 0), (0, 2**53), ""))
     return ChannelMapping(
         kind=kind,
         name=name,
-        column=str(table.get("column", name)),
+        columns=_columns(where, key, name, unit, table),
         unit=unit,
         factor=factor,
         edges_per_rev=edges,
+        edges_per_rev_from=edges_from,
         first_edge_index=first,
         note=str(table.get("note", "")),
     )
+
+
+def checked_edges(where: str, key: str, value: Any) -> int:
+    """A number of edges a turn; InputError where it cannot be."""
+    number = _number(where, key, value, EDGES, "edges")
+    if number != int(number):
+        raise InputError(f"{where}: {key} = {number:g} must be a whole number of edges a turn")
+    return int(number)
+
+
+def _columns(where: str, key: str, name: str, unit: str, table: dict[str, Any]) -> tuple[str, ...]:
+    """The columns of a channel: one, or the two levels of a quadrature encoder."""
+    if unit != QUADRATURE:
+        if "columns" in table:
+            raise InputError(f"{where}: {key}.columns goes with unit {QUADRATURE!r} only, not {unit!r}; column?")
+        return (str(table.get("column", name)),)
+    columns = table.get("columns")
+    if "column" in table or not isinstance(columns, list) or not all(isinstance(c, str) for c in columns):
+        raise InputError(f"{where}: {key}.columns must name the two levels, a and b, of a quadrature encoder")
+    if len(columns) != 2 or columns[0] == columns[1]:
+        raise InputError(f"{where}: {key}.columns = {columns} must name two columns, the levels a and b")
+    return tuple(columns)
 
 
 def _known(where: str, path: str, table: dict[str, Any], shown: str | None = None) -> None:

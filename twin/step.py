@@ -14,6 +14,7 @@ from typing import Any
 
 from twin import report
 from twin.baseline.learned import Baseline
+from twin.baseline.pair_reporting import pair_of
 from twin.baseline.reporting import strangers_of, told_of
 from twin.errors import NotAvailable, NotConverged, ParameterError, TwinError, WindowError
 from twin.features.beside import beside
@@ -28,7 +29,7 @@ from twin.tracing.state import Tracing
 from twin.updating.again import Taken, Taking, retake, taken_in
 from twin.updating.conditions import kind_of
 from twin.updating.memory import Memory
-from twin.updating.update import Outcome
+from twin.updating.update import NEEDED, Outcome
 from twin.windows import Window
 
 UPDATES = ("fused", "paper")
@@ -107,7 +108,8 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
     What the rig file or the channels do not allow is reported as not available, with the reason.
     """
     features = extract(rig, window)
-    if features.rms is None and features.speed_hz is None:
+    pair = None if rig.has(*NEEDED) else pair_of(rig, window)
+    if features.rms is None and features.speed_hz is None and (pair is None or "ratio" not in pair):
         reasons = "; ".join(dict.fromkeys(features.unavailable.values()))
         raise WindowError(f"the window tells neither level nor speed: {reasons}")
     taken = Taken(
@@ -119,7 +121,7 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
     try:
         outcome = taken_in(rig, state.memory, taken, _taking(options))
     except (NotAvailable, NotConverged) as reason:
-        return _without_twin(rig, state, taken, window, str(reason), options)
+        return _without_twin(rig, state, taken, window, str(reason), options, pair)
     followed = Followed(tracing=state.tracing, outcome=outcome)
     if options.trace:
         followed = follow(rig, state.tracing, taken, outcome, _taking(options))
@@ -273,20 +275,29 @@ def _percent(share: float) -> float | None:
 
 
 def _without_twin(
-    rig: Rig, state: State, taken: Taken, window: Window, reason: str, options: Options
+    rig: Rig,
+    state: State,
+    taken: Taken,
+    window: Window,
+    reason: str,
+    options: Options,
+    pair: Mapping[str, Any] | None,
 ) -> tuple[State, Estimate]:
     """What can be said where no model of the machine can be built, or the window lacks what it needs.
 
-    Level, speed and bands, and what is new beside a baseline; of wear and life what earlier windows told, where there
-    are any.
+    Level, speed and bands, what two encoders tell of the pair, and what is new beside a baseline; of wear and life what
+    earlier windows told, where there are any.
     """
     features = taken.features
+    moving = pair if pair is not None and "ratio" in pair else None  # its speed is the mean through run-up and stop
+    teeth = rig.get("gears.pinion.teeth")
+    mesh_frequency = None if features.speed_hz is None or teeth is None else features.speed_hz * teeth
     record = {
         "index": state.windows_seen,
         "kind": kind_of(features, rig),
         "start_time_ns": features.start_time_ns,
         "revolutions": features.revolutions,
-        "speed_hz": features.speed_hz,
+        "speed_hz": features.speed_hz if moving is None else moving["speed_hz"]["mean"],
         "torque_nm": features.torque_nm,
         "rms_measured": features.rms,
         "rms_predicted": None,
@@ -297,15 +308,14 @@ def _without_twin(
         "wear_depth_um": None,
         "speed_std_hz": features.speed_std_hz,
         "speed_from": features.angle_from,
-        "mesh_frequency_hz": None if features.speed_hz is None else features.speed_hz * rig.teeth[0],
+        "mesh_frequency_hz": mesh_frequency,
         "mesh_bands": None if features.mesh_bands is None else list(features.mesh_bands),
         "notes": [reason],
         "not_available": dict(features.unavailable),
     }
     missing = report.not_available(reason)
     residual: dict[str, Any] = missing
-    if features.mesh_bands is not None and features.speed_hz is not None:
-        mesh_frequency = features.speed_hz * rig.teeth[0]
+    if features.mesh_bands is not None and mesh_frequency is not None:
         residual = {
             "rms_error_percent": None,
             "waveform_error_percent": None,
@@ -335,6 +345,10 @@ def _without_twin(
             answer["unexplained"] = unexplained_with(tracing, answer["unexplained"])
             answer["tracing"] = tracing_report(tracing)
     standing = state.standing
+    if pair is not None and (moving is not None or "pair" not in standing):
+        told_pair = report.plain({"window": state.windows_seen, **pair})
+        answer["pair"] = told_pair
+        standing = {**standing, "pair": told_pair} if moving is not None else standing
     if options.baseline is not None and not tracing.stages:
         new, found = _beside(options.baseline, rig, window, state, effects_report(tracing))
         answer |= new

@@ -182,6 +182,36 @@ class Unexplained(_Open):
     verdict: str | None = Field(None, description="`explained`, `unknown_effect` or `insufficient_data`")
 
 
+class RunOut(_Open):
+    """What comes once, or so many times, a turn of one wheel."""
+
+    shaft: str
+    multiple: int = Field(description="times a turn")
+    amplitude_urad: float | None = Field(description="as an angle of the pinion [µrad]")
+    std_urad: float | None
+    amplitude_um: float | None = Field(description="on the wheel's base radius [µm]; null where none is known")
+    std_um: float | None
+    not_told_from: list[str] = Field(description="what encoders alone cannot tell it from")
+
+
+class Pair(_Open):
+    """What two encoders tell of a pair whose rig file gives no model."""
+
+    window: int = Field(description="index of the window that told it")
+    ratio: Figure | None = Field(None, description="turns of the pinion for one of the gear")
+    teeth_that_fit: list[str] | None = Field(None, description="tooth counts gear/pinion within two deviations")
+    stated: JsonValue = Field(None, description="the rig file's ratio, and whether the encoders contradict it")
+    run_out: list[RunOut] | None = None
+    rest_urad: dict[str, float | None] | None = Field(
+        None,
+        description="rms of the transmission error [µrad of the pinion] `before` and `after` run-out is taken out",
+    )
+    missed_counts: JsonValue = Field(None, description="steps that are believed, and the largest that was tried")
+    transmission_error: JsonValue = Field(None, description="over the pinion's turns, before and after [µrad]")
+    speed: JsonValue = Field(None, description="of either shaft against time [Hz]")
+    status: str | None = Field(None, description="`not available` with a `reason`, where the window does not tell it")
+
+
 class Asset(_Open):
     """The whole state of one asset, the same as `gear-twin assess` writes."""
 
@@ -193,6 +223,7 @@ class Asset(_Open):
     effects: list[Effect] | NotAvailable
     unexplained: Unexplained | NotAvailable
     tracing: Tracing | NotAvailable
+    pair: Pair | None = Field(None, description="absent where a model is known, or an encoder is not there")
     data_quality: dict[str, Any]
 
 

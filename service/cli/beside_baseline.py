@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from service.baselines import answer, compared, read_baseline
+from service.cli import strange
 from service.cli.diagnosis import NAMES
 from service.cli.show import number
 
-MOST_SIDEBANDS = 6
 NAMES_HERE = NAMES | {
     "tooth_crack": "a local fault of one tooth",
     "mesh_change": "a change of the mesh itself",
@@ -49,7 +49,7 @@ def text(answer: Mapping[str, Any]) -> str:
         lines.append(f"An effect that no name fits is left: {left['reason']}.")
     elif left["reason"]:
         lines.append(f"To be borne in mind: {left['reason']}.")
-    lines += [_strange(s) for s in answer["strange"]]
+    lines += strange.sentences(answer["strange"])
     outside = [w["name"] for w in answer["windows"] if not w["interpolated"]]
     if outside:
         lines.append(f"Beyond the operating points learned, the nearest of them stands: {', '.join(outside)}.")
@@ -88,36 +88,3 @@ def _effect(effect: Mapping[str, Any]) -> str:
     if evidence["not_told_from"]:
         said += f"; not told from {' or '.join(evidence['not_told_from'])}"
     return said + "."
-
-
-def strangers_text(answer: Mapping[str, Any]) -> str:
-    """What belongs to no shaft, in words."""
-    return "\n".join(_strange(s) for s in answer.get("strange", ()))
-
-
-def _strange(found: Mapping[str, Any]) -> str:
-    shown = ", ".join(
-        f"{s['channel']} {s['multiple']}× "
-        + (f"round mesh {s['harmonic']}" if s["harmonic"] else "itself")
-        + f" {number(s['amplitude'], 3)}"
-        + (f" ({100 * s['depth']:.0f} % of it)" if s["depth"] is not None else "")
-        for s in found["sidebands"][:MOST_SIDEBANDS]
-    )
-    slower = (
-        ""
-        if found["part"] == 1
-        else (
-            f"Weaker lines stand at {found['frequency_hz'] / found['part']:.3f} Hz, too: what turns does so that "
-            f"slowly, and acts most {found['part']} times a turn. "
-        )
-    )
-    possible = [c["name"] for c in found["causes"] if c["possible"]]
-    failed = [c["name"] for c in found["causes"] if not c["possible"]]
-    place = f"{found['frequency_hz']:.3f} ± {found['frequency_std_hz']:.3f} Hz (order {found['order']:.4f})"
-    if found["geared"] is not None:
-        return f"Another shaft turns with the pinion as {found['geared']}: lines spaced by {place}, {shown}."
-    return (
-        f"Unknown effect: lines spaced by {place} belong to no known shaft: {shown}. {slower}"
-        f"Tried and failed: {'; '.join(failed) or 'none'}. Not ruled out: "
-        f"{'; '.join(possible) or 'none of those tried'}."
-    )

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
+from service.cli import strange
 from service.cli.beside_baseline import NAMES_HERE, text
-from service.cli.diagnosis_figures import AFTER, BEFORE, LOOK, MEASURED, STYLE
+from service.cli.look import AFTER, BEFORE, LOOK, MEASURED, STYLE, as_html
 
 LINES = ("Error on turns", "Mesh bands")  # of the text, from which the figures say the same
 
@@ -20,14 +21,11 @@ def page(answer: Mapping[str, Any]) -> str:
         f"<p>{escape(line)}</p>" for part in said if not part.startswith(LINES) for line in part.splitlines() if line
     )
     errors = next((part for part in said if part.startswith(LINES[0])), "")
-    drawn = [plot for plot in (_bands(answer), _paths(answer), _turns(answer)) if plot is not None]
-    figures = "".join(
-        plot.to_html(full_html=False, include_plotlyjs="inline" if i == 0 else False) for i, plot in enumerate(drawn)
-    )
+    figures = as_html((_bands(answer), _paths(answer), _turns(answer), *strange.plots(answer["strange"])))
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'
-        f"<h1>{title}</h1>{told}<pre>{escape(errors)}</pre>{figures}"
+        f"<h1>{title}</h1>{told}<pre>{escape(errors)}</pre>{strange.tables(answer['strange'])}{figures}"
     )
 
 

@@ -192,6 +192,9 @@ def import_(
     with progress_bar("importing") as bar:
         found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source)
     print(json_text(found) if json else f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
+    for label, counts in found["encoders"].items():
+        if counts["illegal_transitions"] or counts["reversals"]:
+            _tell(f"{label}: {found['notes'][label]}")
 
 
 @app.command()
@@ -281,6 +284,10 @@ def diagnose(
     baseline: Annotated[
         Path | None, typer.Option(help="Baseline file: what the machine does beyond it, where no rig model is known.")
     ] = None,
+    base_radii_mm: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Assumed base radii of pinion and gear, for run-out in µm where the rig file has none."),
+    ] = None,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
     json: JsonFile = None,
@@ -289,6 +296,7 @@ def diagnose(
     from service.cli import beside_baseline, beside_figures
     from service.cli.diagnosis import text
     from service.cli.diagnosis_figures import page
+    from service.cli.pair import with_assumed_radii
     from service.cli.report import load_answer
     from service.jsontext import json_text, write_text
 
@@ -298,14 +306,14 @@ def diagnose(
         answer = load_answer(source)
     else:
         answer = _assess(source, rig, Update.fused, asset, prefix)
+    if base_radii_mm is not None:
+        answer = with_assumed_radii(answer, base_radii_mm)
     if json is not None:
         write_text(json, json_text(answer))
     if out is not None:
         write_text(out, page(answer) if baseline is None else beside_figures.page(answer))
     if str(json) != "-":
         print(text(answer) if baseline is None else beside_baseline.text(answer))
-        if baseline is None and answer.get("strange"):
-            print(beside_baseline.strangers_text(answer))
     if out is not None:
         _tell(f"figures written to {out}")
 

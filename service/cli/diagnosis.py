@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
+from service.cli import pair, strange
 from service.cli.show import number, spread
 
 NAMES = {
@@ -50,8 +51,9 @@ def text(answer: Mapping[str, Any]) -> str:
 def sentences(answer: Mapping[str, Any]) -> list[str]:
     """What an engineer may quote."""
     tracing, effects = answer["tracing"], answer["effects"]
+    beside = [*strange.sentences(answer.get("strange", ())), *pair.sentences(answer.get("pair"))]
     if tracing.get("status") == "not available" or tracing.get("reason"):
-        return [f"No effect has been sought: {tracing['reason']}."]
+        return [f"No effect has been sought: {tracing['reason']}.", *beside]
     out = [sentence(effect) for effect in effects]
     if effects:
         out.append(_together(answer))
@@ -80,7 +82,7 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
     held = tracing.get("held_out") or []
     if held:
         out.append(f"Held out of all fits, and what errors are computed on: windows {', '.join(map(str, held))}.")
-    return out
+    return out + beside
 
 
 def _together(answer: Mapping[str, Any]) -> str:

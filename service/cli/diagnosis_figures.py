@@ -6,15 +6,12 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
+from service.cli import pair, strange
 from service.cli.diagnosis import NAMES, change, figure, nats, sentences, turns
+from service.cli.look import AFTER, BEFORE, LOOK, MEASURED, STYLE, as_html
 from service.cli.show import number, summary_lines
 
-BEFORE, AFTER, MEASURED = "#d62728", "#1f77b4", "#444444"
 FLOOR = 1e-6  # amplitude below which nothing is drawn [m/s²]
-STYLE = (
-    "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#222}"
-    "table{border-collapse:collapse;font-size:13px}td,th{border-bottom:1px solid #ccc;padding:3px 8px;text-align:left}"
-)
 
 
 def page(answer: Mapping[str, Any]) -> str:
@@ -26,7 +23,7 @@ def page(answer: Mapping[str, Any]) -> str:
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'
-        f"<h1>{title}</h1>{told}{effects_part(answer)}{figures(answer)}"
+        f"<h1>{title}</h1>{told}{effects_part(answer)}{strange.tables(answer.get('strange', ()))}{figures(answer)}"
         f"<h2>Wear and life</h2><ul>{summary}</ul>" + (f"<h2>Changes of the model</h2><ul>{log}</ul>" if log else "")
     )
 
@@ -60,11 +57,9 @@ def effects_part(answer: Mapping[str, Any]) -> str:
 
 
 def figures(answer: Mapping[str, Any]) -> str:
-    """The figures as HTML, Plotly's script once; empty where there is nothing to draw."""
-    drawn = [plot for plot in (_by_band(answer), _by_order(answer), _depths(answer)) if plot is not None]
-    return "".join(
-        plot.to_html(full_html=False, include_plotlyjs="inline" if i == 0 else False) for i, plot in enumerate(drawn)
-    )
+    """The figures as HTML; empty where there is nothing to draw."""
+    others = (*strange.plots(answer.get("strange", ())), *pair.plots(answer.get("pair")))
+    return as_html((_by_band(answer), _by_order(answer), _depths(answer), *others))
 
 
 def _by_band(answer: Mapping[str, Any]) -> Any:
@@ -155,11 +150,3 @@ def _depths(answer: Mapping[str, Any]) -> Any:
         **LOOK,
     )
     return plot
-
-
-LOOK: dict[str, Any] = {
-    "template": "plotly_white",
-    "height": 400,
-    "margin": {"t": 100},
-    "legend": {"orientation": "h", "y": 1, "yanchor": "bottom"},
-}

@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from service.cli import pair
 from service.cli.diagnosis import sentence
 from service.cli.diagnosis_figures import effects_part, figures
 from service.cli.show import WINDOW_COLUMNS, summary_lines, window_rows
@@ -47,7 +48,8 @@ def text_report(answer: Mapping[str, Any]) -> str:
     widths = [max(len(row[i]) for row in rows) for i in range(len(titles))]
     table = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
     effects = [f"  {sentence(effect)}" for effect in answer["effects"]]
-    return "\n".join([f"Asset {answer['asset']}", "", *summary_lines(answer), *effects, "", *table])
+    own = pair.sentences(answer.get("pair"))
+    return "\n".join([f"Asset {answer['asset']}", "", *summary_lines(answer), *own, *effects, "", *table])
 
 
 def html_report(answer: Mapping[str, Any]) -> str:
@@ -56,11 +58,13 @@ def html_report(answer: Mapping[str, Any]) -> str:
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in window_rows(answer["windows"])
     )
-    summary = "".join(f"<li>{escape(line)}</li>" for line in summary_lines(answer))
+    said = (*summary_lines(answer), *pair.sentences(answer.get("pair")))
+    summary = "".join(f"<li>{escape(line)}</li>" for line in said)
     title = f"Gear wear of {escape(answer['asset'])}"
     rms = _chart(answer["windows"], {"measured": "rms_measured", "twin": "rms_predicted"}, "RMS [m/s²]")
     depth = _chart(answer["windows"], {"twin": "wear_depth_um"}, "largest wear depth [µm]")
-    effects = f"{effects_part(answer)}{figures(answer)}" if answer["effects"] else ""
+    drawn = answer["effects"] or answer.get("pair") or answer.get("strange")
+    effects = f"{effects_part(answer)}{figures(answer)}" if drawn else ""
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
         f"<h1>{title}</h1><ul>{summary}</ul><h2>RMS against revolutions</h2>{rms}"

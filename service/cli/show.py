@@ -116,9 +116,11 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
 
 
 def print_answer(answer: Mapping[str, Any]) -> None:
-    """The window table and the summary."""
+    """The window table, the summary, and what two encoders tell of the pair."""
     from rich.console import Console
     from rich.table import Table
+
+    from service.cli.pair import sentences
 
     console = Console()
     console = console if console.is_terminal else Console(width=170)
@@ -128,5 +130,5 @@ def print_answer(answer: Mapping[str, Any]) -> None:
     for row in window_rows(answer["windows"]):
         table.add_row(*row)
     console.print(table)
-    for line in summary_lines(answer):
+    for line in (*summary_lines(answer), *sentences(answer.get("pair"))):
         console.print(line, markup=False, highlight=False)

@@ -3,7 +3,7 @@
 import { anything, fixed, isAvailable, number, range, reasonOf, revolutions, words } from "./format.js";
 
 const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration",
-  "data_quality", "tracing"]);
+  "data_quality", "tracing", "pair"]);
 
 function element(tag, attributes = {}, ...children) {
   const made = Object.assign(document.createElement(tag), attributes);
@@ -207,6 +207,29 @@ function residualPanel(residual) {
   return made;
 }
 
+// What two encoders tell of a pair without a model.
+function pairPanel(pair) {
+  if (!pair) return [];
+  if (!isAvailable(pair)) return [panel("Pair by its encoders", facts(pair))];
+  const { ratio, rest_urad: rest, stated, missed_counts: missed, turns, base_radii: radii } = pair;
+  const rows = [["ratio, pinion to gear", `${number(ratio.value, 5)} ± ${number(ratio.std, 2)}`],
+    ["tooth counts that fit", pair.teeth_that_fit.slice(0, 6).join(", ") || "none from 10 to 60"],
+    ["turns of pinion and gear", `${number(turns.pinion)}, ${number(turns.gear)}`],
+    ["transmission error, rms [µrad]", `${number(rest.before, 4)} → ${number(rest.after, 4)} without run-out`],
+    ["missed counts", missed.believed.map((s) => `${number(s.counts)} at ${number(s.time_s)} s`).join(", ") || "none believed"]];
+  if (stated) {
+    rows.push([`ratio of ${stated.from}`, `${number(stated.ratio, 5)}, ${stated.contradicted ? "contradicted" : "not contradicted"}`]);
+  }
+  const inUm = radii !== null;
+  const terms = pair.run_out.map((t) => [`${t.multiple}× a turn of the ${t.shaft}`,
+    `${number(t.amplitude_urad, 4)} ± ${number(t.std_urad, 2)}`,
+    ...(inUm ? [`${number(t.amplitude_um)} ± ${number(t.std_um, 2)}`] : []), t.not_told_from.join(", ")]);
+  return [panel("Pair by its encoders",
+    element("table", {}, element("tbody", {}, ...rows.map(([name, text]) =>
+      element("tr", {}, element("td", { className: "name" }, name), element("td", {}, text))))),
+    table(["run-out", "µrad of the pinion#", ...(inUm ? ["µm#"] : []), "not told from"], terms))];
+}
+
 function windowsPanel(windows) {
   const rows = windows.slice(-12).reverse().map((w) => ({
     className: w.updated ? "updated" : "",
@@ -248,13 +271,14 @@ function refocus(label, effect) {
 }
 
 export function drawTables(state, quality, inspections, decide) {
-  const { windows, wear, effects, unexplained, residual, calibration, tracing } = state;
+  const { windows, wear, effects, unexplained, residual, calibration, tracing, pair } = state;
   const more = Object.entries(state).filter(([name]) => !KNOWN.has(name));
   const { label, effect } = focused();
   document.getElementById("tables").replaceChildren(
     effectsPanel(effects, unexplained, tracing, decide),
     qualityPanel(quality),
     ...waysPanel(wear),
+    ...pairPanel(pair),
     calibrationPanel(calibration ?? { status: "not available", reason: "the twin has not been calibrated" }),
     residualPanel(residual),
     ...more.map(([name, part]) => panel(words(name).replace(/^./, (c) => c.toUpperCase()), facts(part, "none"))),

@@ -5,8 +5,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from twin.baseline.encoder_pair import pair_motion, quadrature
+from twin.baseline.encoder_pair import forward_edges, pair_motion, quadrature
 from twin.errors import WindowError
+from twin.windows import Edges
 
 PER_TURN, RATE, RATIO = 4000, 20000.0, 31 / 16
 
@@ -28,7 +29,9 @@ def counted(seed, seconds=6.0, missed=0, once=(0.008, 0.02), ratio=RATIO):
     n1, n2 = (np.floor(θ / (2 * np.pi) * PER_TURN).astype(int) for θ in (θ1, -θ2))
     if missed:
         n1 = n1 - missed * (t > 3.1)
-    return n1, n2
+    return tuple(
+        Edges(per_rev=PER_TURN, first_index=i, times=forward_edges(n, RATE).times) for i, n in enumerate((n1, n2))
+    )
 
 
 def test_levels_give_the_counts_back_with_reversals_and_illegal_steps():
@@ -41,8 +44,7 @@ def test_levels_give_the_counts_back_with_reversals_and_illegal_steps():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_ratio_and_run_out_are_found_with_an_uncertainty_that_holds(seed):
-    found = pair_motion(*counted(seed), (PER_TURN, PER_TURN), RATE)
-    assert found.opposite
+    found = pair_motion(*counted(seed))
     assert abs(found.ratio / RATIO - 1) < 0.002
     assert abs(found.ratio - RATIO) < 3 * found.ratio_std
     assert Fraction(31, 16) in found.teeth
@@ -54,13 +56,56 @@ def test_ratio_and_run_out_are_found_with_an_uncertainty_that_holds(seed):
 
 
 def test_missed_counts_are_found_with_their_time_and_their_number():
-    found = pair_motion(*counted(2, missed=40), (PER_TURN, PER_TURN), RATE)
+    found = pair_motion(*counted(2, missed=40))
     ((time, size),) = found.steps
     assert time == pytest.approx(3.1, abs=0.15)
     assert size / (2 * np.pi) * PER_TURN == pytest.approx(-40, abs=6)
     assert abs(found.ratio - RATIO) < 3 * found.ratio_std
 
 
-def test_wheels_that_hardly_turn_tell_nothing():
-    with pytest.raises(WindowError, match="tell no ratio"):
-        pair_motion(np.arange(2000), np.arange(1000), (PER_TURN, PER_TURN), RATE)
+def test_missed_transition_between_two_of_one_sense_counts_two_and_one_at_a_reversal_none():
+    on = quadrature(*levels(np.array([0, 1, 3, 4])))
+    assert (on.illegal, on.filled) == (1, 1) and np.array_equal(on.counts, [0, 1, 3, 4])
+    turned = quadrature(*levels(np.array([0, 1, 3, 2])))
+    assert (turned.illegal, turned.filled) == (1, 0) and np.array_equal(turned.counts, [0, 1, 1, 0])
+
+
+def test_edges_of_the_forward_sense_rise_and_what_is_taken_back_is_passed_once():
+    found = forward_edges(-np.array([0, 1, 2, 1, 0, 1, 2, 3, 5]), 10.0)
+    assert found.sense == -1 and found.taken_back == 2
+    assert found.times == pytest.approx([0.05, 0.15, 0.65, 0.725, 0.775])
+    with pytest.raises(WindowError, match="no forward sense"):
+        forward_edges(np.array([0, 1, 0]), 10.0)
+
+
+def test_lost_edges_and_either_wheel_first_give_the_same_ratio():
+    first, second = counted(1)
+    holed = first.times.copy()
+    holed[500:900] = np.nan
+    lossy = pair_motion(Edges(per_rev=PER_TURN, first_index=77, times=holed), second)
+    whole, turned = pair_motion(first, second), pair_motion(second, first)
+    assert lossy.ratio == pytest.approx(whole.ratio, abs=whole.ratio_std)
+    assert 1 / turned.ratio == pytest.approx(whole.ratio, abs=whole.ratio_std)
+
+
+def test_terms_that_come_as_often_within_less_than_a_turn_are_said_to_be_alike():
+    alike = {(r.wheel, r.multiple): r.alike for r in pair_motion(*counted(0, seconds=4.0)).run_out}
+    assert alike[1, 1] == ((2, 2),) and alike[2, 2] == ((1, 1),) and alike[2, 1] == ()
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "message"),
+    [
+        (np.arange(2000.0), np.arange(1000.0), "tell no ratio"),
+        (np.arange(9000.0), 1e5 + np.arange(9000.0), "at the same time"),
+    ],
+)
+def test_wheels_that_hardly_turn_or_never_together_tell_nothing(first, second, message):
+    with pytest.raises(WindowError, match=message):
+        pair_motion(*(Edges(per_rev=PER_TURN, first_index=0, times=t) for t in (first, second)))
+
+
+def test_a_tachometer_of_few_edges_tells_no_run_out():
+    few = Edges(per_rev=8, first_index=0, times=np.arange(80.0))
+    with pytest.raises(WindowError, match="at least 16"):
+        pair_motion(few, few)

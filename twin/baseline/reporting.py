@@ -135,6 +135,16 @@ def strange(
                     }
                     for b in s.sidebands
                 ],
+                "spectrum": [
+                    {
+                        "channel": e.channel,
+                        "harmonic": e.harmonic,
+                        "from_hz": e.start * track.speed,
+                        "step_hz": e.step * track.speed,
+                        "amplitude": [float(f"{a:.4g}") for a in e.amplitude],
+                    }
+                    for e in s.excerpts
+                ],
                 "causes": [{"name": c.name, "possible": c.possible, "detail": c.detail} for c in tried],
             }
         )

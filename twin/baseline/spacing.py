@@ -34,6 +34,7 @@ CLEAR = 1.5  # mean ln(power/floor) from which a spacing is believed
 OVER_NEXT = 1.15  # times the best that is no multiple or part of it
 WHOLE = 0.8  # of a spacing's score, that two or three times it must reach to be the spacing itself
 KNOWN_BINS = 2.5  # lines that near to a known order are its own
+EXCERPT_POINTS = 400
 MOST_DENOMINATOR = 40  # of a shaft's order, as a ratio of small tooth counts
 
 
@@ -48,7 +49,18 @@ class Sideband:
     depth: float | None  # of the mesh line; None for harmonic 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Excerpt:
+    """The spectrum of one channel round a mesh harmonic: the highest line of every step."""
+
+    channel: str
+    harmonic: int
+    start: float  # of the first step's middle [orders]
+    step: float  # [orders]
+    amplitude: np.ndarray  # peak (n,)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Spacing:
     """One spacing that stands out."""
 
@@ -57,6 +69,7 @@ class Spacing:
     score: float
     next_score: float
     sidebands: tuple[Sideband, ...]  # strongest first
+    excerpts: tuple[Excerpt, ...]  # of the channel with the strongest sideband
     ratio: Fraction | None  # of the pinion's speed, where it is one of small tooth counts
     part: int = 1  # 2 or 3 where weaker lines stand at halves or thirds of it, too: what turns is that much slower
 
@@ -125,12 +138,15 @@ def strange_spacing(
     order, std = _refined(spectra, teeth[0], s0, places)
     found = Fraction(order).limit_denominator(MOST_DENOMINATOR)
     geared = abs(float(found) - order) < max(2 * std, 0.1 * width)
+    sidebands = _sidebands(spectra, teeth[0], order)
+    shown = next((b.channel for b in sidebands if b.harmonic), None)
     return Spacing(
         order=float(found) if geared else order,
         std=std,
         score=float(score[best]),
         next_score=following,
-        sidebands=_sidebands(spectra, teeth[0], order),
+        sidebands=sidebands,
+        excerpts=() if shown is None else _excerpts(shown, spectra[shown], teeth[0], order),
         ratio=found if geared else None,
         part=part if between[part] > PARTS else 1,
     )
@@ -199,3 +215,19 @@ def _sidebands(spectra: Mapping[str, _Spectrum], z1: int, order: float) -> tuple
                 depth = None if not mesh else float(sum(a for a, _ in sides) / mesh)
                 out.append(Sideband(channel=name, harmonic=h, multiple=m, amplitude=amplitude, depth=depth))
     return tuple(sorted(out, key=lambda b: -b.amplitude))
+
+
+def _excerpts(channel: str, s: _Spectrum, z1: int, order: float) -> tuple[Excerpt, ...]:
+    """The spectrum round every mesh harmonic, as wide as the sidebands that are sought and half a spacing more."""
+    out = []
+    half = (MULTIPLES + 0.5) * order
+    size = max(1, round(2 * half / s.bin / EXCERPT_POINTS))
+    for h in range(1, HARMONICS + 1):
+        low = max(0, round((h * z1 - half) / s.bin))
+        values = s.amplitude[low : min(round((h * z1 + half) / s.bin) + 1, s.amplitude.size)]
+        count = values.size // size
+        if count:
+            highest = values[: count * size].reshape(-1, size).max(axis=1)
+            start = (low + (size - 1) / 2) * s.bin
+            out.append(Excerpt(channel=channel, harmonic=h, start=start, step=size * s.bin, amplitude=highest))
+    return tuple(out)
