@@ -152,7 +152,11 @@ def modulation(folder: Path) -> None:
 def encoders(folder: Path) -> None:
     """Ratio and run-out of a pair from its two encoders."""
     data = MEASURED / "spur-pair-dual-encoder"
-    answer = assess(imported(data.name, data / "encoders.npz", folder))
+    out = folder / "pair.mcap"
+    notes = import_recording(MAPPINGS / f"{data.name}.toml", out, source=data / "encoders.npz")["notes"]
+    for name in ("encoder/pinion", "encoder/gear", "senses"):
+        print(f"{name}: {notes[name]}")
+    answer = assess(out)
     for line in sentences(with_assumed_radii(answer, RADII_MM)["pair"]):
         print(line)
 

@@ -186,7 +186,8 @@ class Assembler:
     def _place(self, label: str, frame: Frame, lost: int) -> Iterator[tuple[Window, dict[str, Any]]]:
         """Puts one frame into the window in progress, after closing what it shows to be over."""
         begin, size = split_index(frame, self._closed_until), _size(frame)
-        if begin == size and frame.end_time_ns <= self._closed_until:
+        late = frame.end_time_ns <= self._closed_until if size else frame.start_time_ns < self._closed_until
+        if begin == size and late:
             self.count(label, order.LATE)
             return
         current = self._open

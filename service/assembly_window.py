@@ -24,6 +24,7 @@ _EDGE_SLACK = 0.02  # share of edges that may come out of order by noise; more, 
 _FLAT_RUN = 4  # equal extreme samples in a row that no vibration gives: clipped
 _PILE = 5  # samples at the extreme level, and times as many as at the level before it, that none gives either
 _MARGIN = 0.05  # [s] by which channels may start and end apart
+_NOTHING_LEFT = "neither an accelerometer nor an encoder is left"
 _SAME_RATE = 1e-5  # relative: a rate measured frame by frame is not a change of rate
 
 
@@ -88,7 +89,8 @@ def build_window(
             Fault(kind="missing_channel", channel=label, count=1, action="degraded", detail="was there before")
         )
     if not groups["accel"] and not groups["encoder"]:
-        detail = "neither an accelerometer nor an encoder is left"
+        still = any(f.kind == "standstill" for f in faults)
+        detail = "no edge passed: the machine stands still" if still else _NOTHING_LEFT
         faults.append(Fault(kind="nothing_usable", channel="", count=1, action="refused", detail=detail))
     worst = max((_SEVERITY.index(f.action) for f in faults), default=0)
     return Window(
@@ -235,6 +237,8 @@ def _edges(
     """One encoder; None where its edges cannot be trusted."""
     parts = [p for p in _majority(label, parts, lambda p: p.frame.edges_per_rev, "edges/rev", faults) if p.size]
     if not parts:
+        detail = "no edge passed: the shaft stands still"
+        faults.append(Fault(kind="standstill", channel=label, count=1, action="none", detail=detail))
         return None
     first = parts[0].frame.first_edge_index + parts[0].begin
     total = sum(p.size for p in parts)

@@ -110,8 +110,8 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
     features = extract(rig, window)
     pair = None if rig.has(*NEEDED) else pair_of(rig, window)
     if features.rms is None and features.speed_hz is None and (pair is None or "ratio" not in pair):
-        reasons = "; ".join(dict.fromkeys(features.unavailable.values()))
-        raise WindowError(f"the window tells neither level nor speed: {reasons}")
+        reasons = [*features.unavailable.values(), *([] if pair is None else [pair["reason"]])]
+        raise WindowError(f"the window tells neither level nor speed: {'; '.join(dict.fromkeys(reasons))}")
     taken = Taken(
         index=state.windows_seen,
         features=features,

@@ -3,7 +3,7 @@
 import { anything, fixed, isAvailable, number, range, reasonOf, revolutions, words } from "./format.js";
 
 const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration",
-  "data_quality", "tracing", "pair"]);
+  "data_quality", "tracing", "pair", "strange"]);
 
 function element(tag, attributes = {}, ...children) {
   const made = Object.assign(document.createElement(tag), attributes);
@@ -146,11 +146,11 @@ function effectCard(effect, decide) {
       element("tr", {}, element("td", { className: "name" }, name), element("td", {}, value))))));
 }
 
-function effectsPanel(effects, unexplained, tracing, decide) {
+function effectsPanel(effects, unexplained, tracing, wear, decide) {
   const list = isAvailable(effects) ? effects : [];
   const made = panel("Effects");
   if (!isAvailable(effects)) made.append(facts(effects));
-  else if (!list.length) made.append(element("p", { className: "none" }, "Wear alone; no effect has been added."));
+  else if (!list.length) made.append(element("p", { className: "none" }, isAvailable(wear) ? "Wear alone; no effect has been added." : "No twin stands behind this; no effect has been added."));
   made.append(...list.map((effect) => effectCard(effect, decide)));
   const ruledOut = (isAvailable(tracing) && tracing.rejected) || [];
   for (const name of ruledOut) {
@@ -159,7 +159,8 @@ function effectsPanel(effects, unexplained, tracing, decide) {
   }
   made.append(told);
   made.append(element("p", { className: "none" }, isAvailable(unexplained)
-    ? `Unexplained: ${number(unexplained.share_percent)} % of the energy over the noise; ${words(unexplained.verdict ?? "")}${
+    ? `Unexplained: ${Number.isFinite(unexplained.share_percent)
+      ? `${number(unexplained.share_percent)} % of the energy over the noise; ` : ""}${words(unexplained.verdict ?? "")}${
       unexplained.reason ? `: ${unexplained.reason}` : ""}`
     : `Unexplained: not available: ${reasonOf(unexplained)}`));
   if (isAvailable(unexplained) && unexplained.verdict === "unknown_effect") {
@@ -230,6 +231,24 @@ function pairPanel(pair) {
     table(["run-out", "µrad of the pinion#", ...(inUm ? ["µm#"] : []), "not told from"], terms))];
 }
 
+// Lines that belong to no known shaft: where they stand, and which causes were tried on them.
+function strangePanels(strange) {
+  return (strange ?? []).map((found) => {
+    const sides = found.sidebands.slice(0, 8).map((s) => [s.channel,
+      `${s.harmonic ? `mesh ${s.harmonic} ± ` : ""}${s.multiple}×`, number(s.amplitude),
+      Number.isFinite(s.depth) ? fixed(100 * s.depth) : "–"]);
+    const causes = [...found.causes].sort((a, b) => Number(b.possible) - Number(a.possible))
+      .map((c) => [c.name, c.possible ? "possible" : "fails", c.detail]);
+    const slower = found.part === 1 ? "" : `; weaker ones at ${fixed(found.frequency_hz / found.part, 5)} Hz, too`;
+    const what = found.geared === null ? "belong to no known shaft" : `are another shaft's, geared as ${found.geared}`;
+    return panel("Lines of no known shaft",
+      element("p", {}, `Lines spaced by ${fixed(found.frequency_hz, 5)} ± ${number(found.frequency_std_hz, 2)} Hz (order ${
+        fixed(found.order, 5)}) ${what}${slower}.`),
+      table(["channel", "lines", "amplitude#", "of the mesh line [%]#"], sides),
+      table(["cause tried", "", "on which ground"], causes));
+  });
+}
+
 function windowsPanel(windows) {
   const rows = windows.slice(-12).reverse().map((w) => ({
     className: w.updated ? "updated" : "",
@@ -271,14 +290,15 @@ function refocus(label, effect) {
 }
 
 export function drawTables(state, quality, inspections, decide) {
-  const { windows, wear, effects, unexplained, residual, calibration, tracing, pair } = state;
+  const { windows, wear, effects, unexplained, residual, calibration, tracing, pair, strange } = state;
   const more = Object.entries(state).filter(([name]) => !KNOWN.has(name));
   const { label, effect } = focused();
   document.getElementById("tables").replaceChildren(
-    effectsPanel(effects, unexplained, tracing, decide),
+    effectsPanel(effects, unexplained, tracing, wear, decide),
     qualityPanel(quality),
     ...waysPanel(wear),
     ...pairPanel(pair),
+    ...strangePanels(strange),
     calibrationPanel(calibration ?? { status: "not available", reason: "the twin has not been calibrated" }),
     residualPanel(residual),
     ...more.map(([name, part]) => panel(words(name).replace(/^./, (c) => c.toUpperCase()), facts(part, "none"))),

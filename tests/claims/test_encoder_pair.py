@@ -18,7 +18,8 @@ def levels(counts):
     return a, np.array([0, 1, 1, 0])[counts % 4]
 
 
-def counted(seed, seconds=6.0, missed=0, once=(0.008, 0.02), ratio=RATIO):
+def counts(seed, seconds=6.0, missed=0, once=(0.008, 0.02), ratio=RATIO):
+    """Counts of both encoders at every sample, through a run-up and a stop; the second wheel turns the other way."""
     rng = np.random.default_rng(seed)
     t = np.arange(int(seconds * RATE)) / RATE
     speed = np.clip(t - 0.5, 0, 0.5) * 2 * np.clip(seconds - 0.5 - t, 0, 0.5) * 2 * 1.4
@@ -29,9 +30,13 @@ def counted(seed, seconds=6.0, missed=0, once=(0.008, 0.02), ratio=RATIO):
     n1, n2 = (np.floor(θ / (2 * np.pi) * PER_TURN).astype(int) for θ in (θ1, -θ2))
     if missed:
         n1 = n1 - missed * (t > 3.1)
-    return tuple(
-        Edges(per_rev=PER_TURN, first_index=i, times=forward_edges(n, RATE).times) for i, n in enumerate((n1, n2))
-    )
+    return n1, n2
+
+
+def counted(*given, **what):
+    """The same as edges."""
+    both = (forward_edges(n, RATE).times for n in counts(*given, **what))
+    return tuple(Edges(per_rev=PER_TURN, first_index=i, times=times) for i, times in enumerate(both))
 
 
 def test_levels_give_the_counts_back_with_reversals_and_illegal_steps():

@@ -90,12 +90,20 @@ def test_healthy_recording_at_another_load_has_no_effect(folder, file, capsys):
 
 def test_modulation_of_an_unknown_shaft_is_said_without_a_baseline(folder, capsys):
     path = recording(folder, "modulated", foreign=0.3961, seconds=9.0)
-    assert run(["diagnose", str(path), "--json", str(folder / "modulated.json")]) == 0
+    given = ["--json", str(folder / "modulated.json"), "--out", str(folder / "modulated.html")]
+    assert run(["diagnose", str(path), *given]) == 0
     assert "belong to no known shaft" in capsys.readouterr().out
     answer = json.loads((folder / "modulated.json").read_text())
     assert answer["unexplained"]["verdict"] == "unknown_effect"
     speed = SPEED * (1 - 0.0042)
-    assert answer["strange"][0]["frequency_hz"] == pytest.approx(0.3961 * speed, abs=0.02)
+    (found,) = answer["strange"]
+    assert found["frequency_hz"] == pytest.approx(0.3961 * speed, abs=0.02)
+    part = found["spectrum"][0]
+    line = np.argmax(part["amplitude"])  # of the mesh, in the middle
+    assert part["from_hz"] + line * part["step_hz"] == pytest.approx(TEETH[0] * speed, abs=2 * part["step_hz"])
+    html = (folder / "modulated.html").read_text()
+    assert html.count("plotly-graph-div") == 2 and "Causes tried on" in html
+    assert "spectrum round the mesh lines" in html and "Depth of the modulation" in html
 
 
 @pytest.mark.parametrize(("teeth", "message"), [((21, 30), "21"), ((20, 33), "33")])

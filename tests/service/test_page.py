@@ -8,6 +8,12 @@ from pathlib import Path
 import pytest
 import service_fakes as fakes
 
+from tests.claims.test_encoder_pair import counted
+from twin.baseline.pair_reporting import pair_of
+from twin.report import plain
+from twin.rig import Rig
+from twin.windows import Window
+
 CHROMIUM = Path(os.environ.get("GEAR_TWIN_CHROMIUM", "/usr/bin/chromium"))
 FLAGS = (
     "--no-sandbox",
@@ -104,6 +110,24 @@ def test_what_is_not_known_is_said_with_its_reason(open_page, store, board):
         text = page.inner_text(f"#{chart} .chart")
         assert "not available" in text and "gears.module" in text
     assert points(page, "rms")[0] == 1
+
+
+def test_pair_of_encoders_and_lines_of_no_shaft_have_their_panels(open_page, store, board):
+    pinion, gear = counted(1)
+    window = Window(start_time_ns=1, encoders={"pinion": pinion, "gear": gear})
+    strange = {
+        "frequency_hz": 39.597, "frequency_std_hz": 0.001, "order": 1.188, "part": 3, "geared": None,
+        "sidebands": [{"channel": "ch11", "harmonic": 1, "multiple": 2, "amplitude": 1.1, "depth": 0.083}],
+        "causes": [{"name": "mains of 50 Hz", "possible": False, "detail": "13.199 Hz"}],
+    }  # fmt: skip
+    told = {"pair": {"window": 0, **plain(pair_of(Rig.from_mapping({}), window))}, "strange": [strange]}
+    fakes.take(store, board, "pair", 0, 10.0, report=fakes.little_known_report() | told)
+    page = open_page()
+    wait_for_windows(page, 1)
+    shown = page.inner_text("#tables")
+    assert "31/16" in shown and "1× a turn of the gear" in shown and "its encoder's disc" in shown
+    assert "Lines spaced by 39.597 ± 0.001 Hz" in shown and "13.199 Hz, too" in shown
+    assert "mesh 1 ± 2×" in shown and "8.30" in shown and "mains of 50 Hz" in shown
 
 
 def test_assets_are_chosen_by_the_selector_and_new_ones_join(open_page, store, board):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import socket
 import subprocess
 import sys
@@ -36,11 +37,14 @@ def fetch(address: str):
 
 
 @contextmanager
-def service(data: Path):
-    """A service process: its Zenoh endpoint, its address and the process."""
+def service(data: Path, **settings: str):
+    """A service process with settings by their names: its Zenoh endpoint, its address and the process."""
     endpoint, http = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
     arguments = ["serve", "--listen", endpoint, "--http", http, "--data", str(data)]
-    process = subprocess.Popen([*COMMAND, *arguments], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    environment = os.environ | {f"GEAR_TWIN_{name.upper()}": value for name, value in settings.items()}
+    process = subprocess.Popen(
+        [*COMMAND, *arguments], cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     try:
         deadline = time.monotonic() + 60.0
         while True:

@@ -330,3 +330,43 @@ def test_a_fast_vibration_beyond_the_range_is_clipped_though_no_two_samples_in_a
     assert _held(clipped, 1) == np.sum(vibration >= 60) > 50
     assert _held(clipped, -1) == 0
     assert _held(np.round(vibration), 1) == _held(np.round(vibration), -1) == 0  # coarse steps are no clipping
+
+
+def standing(frames, channels, until, since):
+    """Frames of encoders that stand still before and after some seconds since T0."""
+    out = []
+    for f in frames:
+        start = (f.start_time_ns - T0) / NS
+        if f.channel in channels and not until <= start < since:
+            f = dataclasses.replace(f, edge_offsets_ns=np.empty(0))
+        out.append(f)
+    return out
+
+
+def test_a_run_up_and_a_stop_are_one_window_of_two_encoders_alone():
+    frames = standing(unbroken(6, channels=(PINION, GEAR)), (PINION, GEAR), 1.0, 4.5)
+    (window,), assembler = assembled(frames)
+    assert window.quality == "good" and window.accelerations == {} and window.faults == ()
+    assert window.start_time_ns == T0
+    for shaft in ("pinion", "gear"):
+        times = window.encoders[shaft].times
+        assert np.isfinite(times).all() and times[0] == pytest.approx(1.0, abs=0.01)
+        assert times[-1] == pytest.approx(4.5, abs=0.01)
+    assert all(set(kinds) == {"frames"} for kinds in assembler.counters.values())
+
+
+def test_a_shaft_that_stands_still_is_noted_and_a_machine_that_does_is_said_to():
+    frames = unbroken(8, channels=(PINION, GEAR))
+    (one,), _ = assembled(standing(frames, (GEAR,), 9.0, 9.0))
+    assert set(one.encoders) == {"pinion"} and one.quality == "good"
+    assert faults([one]) == [(0, "standstill", "encoder/gear", 1, "none")]
+    (none,), _ = assembled(standing(frames, (PINION, GEAR), 9.0, 9.0))
+    assert none.quality == "refused" and none.faults[-1].detail == "no edge passed: the machine stands still"
+
+
+def test_a_standstill_over_a_cut_of_the_stream_is_neither_late_nor_a_gap():
+    frames = standing(unbroken(30, channels=(PINION, GEAR)), (PINION, GEAR), 0.0, 8.0)
+    windows, assembler = assembled(frames)
+    assert [w.quality for w in windows] == ["good", "refused"]
+    for label in ("encoder/pinion", "encoder/gear"):
+        assert set(assembler.counters[label]) == {"frames", "standstill"}

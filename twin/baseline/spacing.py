@@ -101,7 +101,9 @@ def _spectra(accelerations: Mapping[str, Samples], track: AngleTrack, period: in
 def strange_spacing(
     accelerations: Mapping[str, Samples], track: AngleTrack, teeth: tuple[int, int], shafts: Sequence[Fraction]
 ) -> Spacing | None:
-    """The spacing that stands out most; None where none does."""
+    """The spacing that stands out most; None where none does, or there is no accelerometer."""
+    if not accelerations:
+        return None
     spectra = _spectra(accelerations, track, common_period(shafts))
     width = max(s.bin for s in spectra.values())
     finest = min(s.bin for s in spectra.values())

@@ -1,0 +1,92 @@
+"""Machines without a model through a running service: import, replay over Zenoh, REST; nothing is invented."""
+
+import pytest
+
+from service.baselines import learned, save
+from service.importing import import_recording
+from service.replay import replay
+from tests.claims.test_encoder_pair import counts
+from tests.service.test_pair import imported
+from tests.service.test_whole import ROOT, answer_of, fetch, service
+
+MAPPINGS = ROOT / "recordings" / "mappings"
+IDLE = "0.7"  # silence that ends a window [s]
+
+
+@pytest.fixture(scope="module")
+def brought(shared, tmp_path_factory):
+    """A file of a measured set as a recording."""
+    folder = tmp_path_factory.mktemp("brought")
+
+    def one(name, source):
+        out = folder / f"{source.split('.')[0]}.mcap"
+        import_recording(MAPPINGS / f"{name}.toml", out, source=shared / "measured" / name / source)
+        return out
+
+    return one
+
+
+def answered(address, endpoint, recording, asset):
+    """What the service answers once it has taken a recording of one window; every part of it by REST."""
+    replay(recording, [endpoint], 0.0)
+    answer = answer_of(address, asset, 1)
+    for part in ("wear", "rul", "residual", "effects", "tracing"):
+        assert fetch(f"{address}/v1/assets/{asset}/{part}") == answer[part]
+    assert fetch(f"{address}/v1/assets/{asset}/windows") == answer["windows"]
+    return answer
+
+
+def assert_no_wear_is_invented(answer):
+    for part in ("wear", "rul"):
+        assert answer[part]["status"] == "not available"
+        assert "the rig file" in answer[part]["reason"]
+    for window in answer["windows"]:
+        assert window["wear_depth_um"] is window["k_wear_per_n"] is window["rms_predicted"] is None
+        assert window["updated"] is False
+
+
+def test_two_encoders_alone_are_answered_by_a_running_service(tmp_path):
+    recording, _ = imported(tmp_path, *counts(1))
+    with service(tmp_path / "data", idle_timeout=IDLE) as (endpoint, address, _):
+        answer = answered(address, endpoint, recording, "two-encoders")
+        assert_no_wear_is_invented(answer)
+        assert "31/16" in answer["pair"]["teeth_that_fit"] and answer["effects"] == []
+        assert fetch(f"{address}/v1/assets")[0]["status"] == "ok"
+
+
+def test_measured_pair_and_measured_rig_are_answered_by_one_service(brought, tmp_path):
+    pair = brought("spur-pair-dual-encoder", "encoders.npz")
+    rig = brought("spur-rig-28ch-2000rpm", "channels.npz")
+    with service(tmp_path, idle_timeout=IDLE) as (endpoint, address, _):
+        answer = answered(address, endpoint, pair, "spur-pair")
+        assert_no_wear_is_invented(answer)
+        found = answer["pair"]
+        assert found["ratio"]["value"] == pytest.approx(1.941, abs=0.004)
+        assert found["ratio"]["std"] < 0.0025 * found["ratio"]["value"]
+        assert {"31/16", "33/17"} <= set(found["teeth_that_fit"]) and "2/1" not in found["teeth_that_fit"]
+        assert found["rest_urad"]["before"] == pytest.approx(23200, rel=0.02)
+        assert found["rest_urad"]["after"] == pytest.approx(7600, rel=0.02)
+        assert answer["residual"]["status"] == "not available" and answer["effects"] == []
+
+        answer = answered(address, endpoint, rig, "spur-rig-28ch")
+        assert_no_wear_is_invented(answer)
+        assert "pair" not in answer and answer["effects"] == []
+        (line,) = answer["strange"]
+        assert line["frequency_hz"] == pytest.approx(39.597, abs=0.005) and line["geared"] is None
+        assert [c["name"] for c in line["causes"] if c["possible"]] == ["cage of a bearing on the pinion"]
+        assert answer["unexplained"]["verdict"] == "unknown_effect"
+        assert answer["residual"]["bands"][0]["measured"] > 0 and answer["residual"]["bands"][0]["predicted"] is None
+
+
+def test_measured_broken_tooth_is_told_from_its_baseline_by_a_running_service(brought, tmp_path):
+    def file(state, percent):
+        return brought("spectraquest-broken-tooth", f"{state}30hz{percent}.csv.gz")
+
+    healthy = tmp_path / "healthy.baseline"
+    save(learned([file("h", percent) for percent in (30, 60)]), healthy)
+    with service(tmp_path / "data", idle_timeout=IDLE, baseline=str(healthy)) as (endpoint, address, _):
+        answer = answered(address, endpoint, file("b", 40), "spectraquest-gfd")
+    assert_no_wear_is_invented(answer)
+    (local,) = [e for e in answer["effects"] if e["name"] == "tooth_crack"]
+    assert local["parameters"]["shaft_order"]["value"] == pytest.approx(0.15) and local["channels"] == ["a4"]
+    assert "pair" not in answer and answer["baseline"]["window"]["same_teeth"] is True
