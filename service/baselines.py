@@ -71,7 +71,10 @@ def load(path: Path, rig_path: Path | None = None, shafts: Sequence[Fraction] | 
     with Recording(path) as recording:
         asset = choose_asset(recording, None)
         rig = rig_of(recording, rig_path)
-    shafts = pair_shafts(rig) if shafts is None else shafts
+    try:
+        shafts = pair_shafts(rig) if shafts is None else shafts
+    except TwinError as error:
+        raise InputError(f"{path}: a baseline needs the tooth counts of the pair: {error}") from None
     windows, refused = [], []
     for i, window in enumerate(read_windows(path)[2]):
         name = f"{path.stem}#{i}"

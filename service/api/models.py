@@ -206,7 +206,8 @@ class Pair(_Open):
         None,
         description="rms of the transmission error [µrad of the pinion] `before` and `after` run-out is taken out",
     )
-    missed_counts: JsonValue = Field(None, description="steps that are believed, and the largest that was tried")
+    missed_counts: JsonValue = Field(None, description="sharp steps that no wheel repeats: time and counts")
+    sharp_steps: JsonValue = Field(None, description="others: what a wheel repeats, or what was passed once only")
     transmission_error: JsonValue = Field(None, description="over the pinion's turns, before and after [µrad]")
     speed: JsonValue = Field(None, description="of either shaft against time [Hz]")
     status: str | None = Field(None, description="`not available` with a `reason`, where the window does not tell it")

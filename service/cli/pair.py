@@ -12,6 +12,7 @@ from twin.baseline.pair_reporting import in_micrometres
 
 MOST_TEETH = 6  # ratios of tooth counts that are named
 RADII_MM = (0.5, 5000.0)  # of a wheel
+CERTAIN = 2.0  # standard deviations from which a run-out is told from none
 TIMES = {1: "once", 2: "twice"}
 
 
@@ -44,7 +45,7 @@ def sentences(pair: Mapping[str, Any] | None) -> list[str]:
         return []
     if "ratio" not in pair:
         return [f"Pair by its two encoders: {reason(pair)}."]
-    ratio, rest, missed = pair["ratio"], pair["rest_urad"], pair["missed_counts"]
+    ratio, rest = pair["ratio"], pair["rest_urad"]
     share = 100 * ratio["std"] / ratio["value"]
     turns, speed = pair["turns"], pair["speed_hz"]
     out = [
@@ -65,16 +66,30 @@ def sentences(pair: Mapping[str, Any] | None) -> list[str]:
         f"Transmission error, rms as an angle of the pinion: {rest['before']:,.0f} µrad with the ratio alone, "
         f"{rest['after']:,.0f} µrad without the run-out."
     )
-    for step in missed["believed"]:
-        out.append(f"Counts were missed at {step['time_s']:.2f} s: {step['counts']:.0f} of the pinion's encoder.")
-    if not missed["believed"]:
-        tried = missed["largest_tried"]
-        out.append(
-            f"No step of missed counts is believed: the largest tried, {tried['counts']:.0f} counts at "
-            f"{tried['time_s']:.2f} s, stands above {tried['above_percent']:.0f} % of what the rest does by itself "
-            f"({missed['asked_percent']:.0f} % asked)."
-        )
+    out += [
+        f"Counts were missed at {step['time_s']:.2f} s: {step['counts']:+.0f} of the pinion's encoder, or as much of "
+        "the gear's."
+        for step in pair["missed_counts"]
+    ]
+    out += [_sharp(step) for step in pair["sharp_steps"]]
+    if not pair["missed_counts"]:
+        out.append("No counts are found missing.")
     return out
+
+
+def _sharp(step: Mapping[str, Any]) -> str:
+    """A sharp step that is not believed to be missed counts."""
+    size = f"{step['counts']:+.0f} counts of the pinion's encoder"
+    if step["shaft"] is None:
+        return (
+            f"A sharp step of {size} at {step['time_s']:.2f} s: missed counts, or a mark on a wheel that was passed "
+            "there once only."
+        )
+    return (
+        f"A sharp step of {size} comes at {step['turn']:.3f} of the {step['shaft']}'s turn, {step['times']} times of "
+        f"{step['times']}: a tooth or a mark of its encoder's disc. Were they counts missed every time, the ratio "
+        f"would be {step['ratio_if_missed']:.4f}."
+    )
 
 
 def _teeth(fit: Sequence[str]) -> str:
@@ -95,7 +110,8 @@ def _run_out(term: Mapping[str, Any], radii: Mapping[str, Any] | None) -> str:
         kind = "an assumed base radius" if radii["assumed"] else "its base radius"
         radius = radii[f"{term['shaft']}_mm"]
         said += f", {term['amplitude_um']:.0f} ± {term['std_um']:.0f} µm on {kind} of {radius:g} mm"
-    return f"{said}; of the wheel or of {' or '.join(term['not_told_from'])}, not told apart."
+    none = "; not told from none" if term["amplitude_urad"] < CERTAIN * term["std_urad"] else ""
+    return f"{said}; of the wheel or of {' or '.join(term['not_told_from'])}, not told apart{none}."
 
 
 def plots(pair: Mapping[str, Any] | None) -> list[Any]:

@@ -212,12 +212,14 @@ function residualPanel(residual) {
 function pairPanel(pair) {
   if (!pair) return [];
   if (!isAvailable(pair)) return [panel("Pair by its encoders", facts(pair))];
-  const { ratio, rest_urad: rest, stated, missed_counts: missed, turns, base_radii: radii } = pair;
+  const { ratio, rest_urad: rest, stated, missed_counts: missed, sharp_steps: sharp, turns, base_radii: radii } = pair;
   const rows = [["ratio, pinion to gear", `${number(ratio.value, 5)} ± ${number(ratio.std, 2)}`],
     ["tooth counts that fit", pair.teeth_that_fit.slice(0, 6).join(", ") || "none from 10 to 60"],
     ["turns of pinion and gear", `${number(turns.pinion)}, ${number(turns.gear)}`],
     ["transmission error, rms [µrad]", `${number(rest.before, 4)} → ${number(rest.after, 4)} without run-out`],
-    ["missed counts", missed.believed.map((s) => `${number(s.counts)} at ${number(s.time_s)} s`).join(", ") || "none believed"]];
+    ["missed counts", missed.map((s) => `${number(s.counts)} at ${number(s.time_s)} s`).join(", ") || "none found"],
+    ...sharp.map((s) => ["sharp step", `${number(s.counts)} counts ${s.shaft
+      ? `at ${fixed(s.turn)} of each turn of the ${s.shaft}` : `at ${number(s.time_s)} s, passed once only`}`])];
   if (stated) {
     rows.push([`ratio of ${stated.from}`, `${number(stated.ratio, 5)}, ${stated.contradicted ? "contradicted" : "not contradicted"}`]);
   }

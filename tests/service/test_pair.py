@@ -160,6 +160,21 @@ def test_assumed_radii_are_refused_where_there_is_nothing_to_give_in_micrometres
     assert "the rig file gives" in capsys.readouterr().err
 
 
+def test_a_baseline_is_refused_where_no_tooth_counts_are_known(pair, tmp_path, capsys):
+    assert run(["baseline", str(pair), "--out", str(tmp_path / "b")]) == 2
+    assert "a baseline needs the tooth counts of the pair" in capsys.readouterr().err
+
+
+def test_levels_of_a_csv_file_are_read_alike(tmp_path):
+    turning = np.repeat(np.arange(800), 2)
+    npz, _ = imported(tmp_path, turning, -turning, change=('"per_turn"', "4000"))
+    known = read_windows(npz)[2][0].encoders["gear"].times
+    table = np.stack([*levels(turning), *levels(-turning)], axis=1)
+    np.savetxt(tmp_path / "levels.csv", table, fmt="%d", delimiter=",", header="a1,b1,a2,b2", comments="")
+    import_recording(tmp_path / "mapping.toml", tmp_path / "csv.mcap", source=tmp_path / "levels.csv")
+    assert np.array_equal(read_windows(tmp_path / "csv.mcap")[2][0].encoders["gear"].times, known)
+
+
 WRONG = [
     (('["a1", "b1"]', '["a1"]'), r"channels.pinion.columns = \['a1'\] must name two columns"),
     (('["a1", "b1"]', '["a1", "a1"]'), "must name two columns"),

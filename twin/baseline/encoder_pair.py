@@ -7,16 +7,22 @@ R    ratio, turns of wheel 1 for one of wheel 2
 a, b once and twice a turn of wheel w: run-out of wheel and disc, not told apart by encoders alone     [rad of wheel 1]
 s_j  a step at t_j: counts that were missed                                                          [rad of wheel 1]
 
-The rest is no white noise: teeth and torsion leave it alike over a good part of a turn. So standard deviations come
-from blocks of it, drawn anew (moving-block bootstrap), and a step is believed only where it stands out of what such
-blocks do. Two terms that come as often within less than a turn are fitted together and said to be not told apart.
+The rest is no white noise: teeth and torsion leave it alike over a good part of a turn, and the fit has taken of it
+what comes at its own orders. So standard deviations come from rests drawn anew with its spectrum, at the fitted orders
+as strong as where it is strongest beside them. Steps are sought as `pair_jumps` says. Two terms that come as often
+within less than a turn are fitted together and said to be not told apart.
 
 Edges are those of the forward sense: one is passed where the wheel comes farther than ever, so that a stretch that is
 taken back and passed again counts once. Forward is the sense in which the wheel turns on the whole.
 
-Source   H. R. Künsch, Ann. Statist. 17 (1989) 1217–1241 (blocks);
+    S(o) = |Σ_n w_n·rest_n·e^{−i·o·θ_n}|²/Σw²         o > o_f;        largest S of o_f … 2·o_f, smoothed, at and below
+
+o    order of wheel 1, o_f the highest that is fitted; w Hann's window
+
+Source   S. Prichard, J. Theiler, Phys. Rev. Lett. 73 (1994) 951–954 (rests drawn with a given spectrum);
          G. Dalpiaz, A. Rivola, R. Rubini, Meccanica 31 (1996) 433–447 (transmission error from encoders)
-Holds    runs of a turn and more of either wheel, through run-up and stop; a wheel that swings gives its net angle
+Holds    runs of a turn and more of either wheel, through run-up and stop; a wheel that swings gives its net angle. What
+         the rest does by itself more strongly below o_f than above is taken for run-out
 """
 
 from __future__ import annotations
@@ -27,18 +33,20 @@ from fractions import Fraction
 
 import numpy as np
 
+from twin.baseline.pair_jumps import Jump, jumps_of
 from twin.errors import WindowError
 from twin.windows import Edges
 
 HARMONICS = 2
 LEAST_TURNS = 1.0  # of either wheel
-LEAST_EDGES = 16  # a turn: two harmonics with room to spare
-MOST_EDGES = 4000  # that are fitted; more say no more
-BLOCK_TURNS = 0.15  # of wheel 1: longer than what the rest stays alike over
+LEAST_EDGES = 16  # a turn of the faster wheel: two harmonics with room to spare
+MOST_EDGES = 4000  # that are fitted, unless fewer than KEPT_EDGES a turn would be left
+KEPT_EDGES = 32
+MOST_TURNS = 400.0  # of wheel 1 that are fitted, the first of a window; more say no more
+BESIDE = 2.0  # times the highest fitted order: up to there the rest tells how strong it is at the fitted ones
+SMOOTHED = 0.8  # orders that its spectrum is averaged over there
 DRAWS = 400
-STEP_TESTS = 60  # places where a step is tried
-STEP_LEVEL = 0.99  # share of drawn rests whose best step is smaller than a step that is believed
-NEARLY = 0.9  # of the largest step tried: others as large could as well be there
+LASTING = 0.5  # relative, by which a missed count may be smaller or larger in the long run than at its place
 TEETH = range(10, 61)  # tooth counts that are tried on the ratio
 SEED = 1
 
@@ -82,7 +90,7 @@ class PairMotion:
     turns: tuple[float, float]
     run_out: tuple[RunOut, ...]
     steps: tuple[tuple[float, float], ...]  # time [s] and size [rad of wheel 1] of missed counts
-    largest_step: tuple[float, float, float]  # of those tried: time [s], size [rad], share of drawn rests below it
+    jumps: tuple[Jump, ...]  # sharp steps that are no missed counts, or may be something else; indices of `time`
     angle: np.ndarray  # of wheel 1 at the edges that were fitted, from the first of them (m,) [rad]
     time: np.ndarray  # (m,) [s]
     before: np.ndarray  # rest with the ratio alone (m,) [rad of wheel 1]
@@ -93,6 +101,12 @@ class PairMotion:
         """Ratios of tooth counts within two deviations, the smallest counts first."""
         near = {Fraction(b, a) for a in TEETH for b in TEETH if abs(b / a - self.ratio) < 2 * self.ratio_std}
         return tuple(sorted(near, key=lambda q: (q.numerator + q.denominator, abs(float(q) - self.ratio))))
+
+
+def ratio_moved(ratio: float, jump: Jump) -> float:
+    """By how much the ratio would be another, were a wheel's sharp step counts that are missed there every turn."""
+    every = 1.0 if jump.wheel == 2 else ratio  # of them for each turn of wheel 2
+    return -jump.size / (2 * np.pi) * every
 
 
 def quadrature(a: np.ndarray, b: np.ndarray) -> Counts:
@@ -150,54 +164,40 @@ def pair_motion(first: Edges, second: Edges) -> PairMotion:
             f"wheels that turn {turns[0]:.2f} and {turns[1]:.2f} times tell no ratio: at least {LEAST_TURNS:g} turn "
             "of either is needed"
         )
-    if min(first.per_rev, second.per_rev) < LEAST_EDGES:
+    faster = first.per_rev * min(1.0, turns[0] / turns[1])  # edges of wheel 1 in a turn of the faster one
+    if min(faster, second.per_rev) < LEAST_EDGES:
         raise WindowError(
-            f"{first.per_rev} and {second.per_rev} edges a turn tell no run-out: at least {LEAST_EDGES} of either "
-            "wheel are needed"
+            f"{first.per_rev} and {second.per_rev} edges a turn tell no run-out: at least {LEAST_EDGES} in a turn of "
+            "the faster wheel are needed"
         )
     both = np.flatnonzero((t1 >= t2[0]) & (t1 <= t2[-1]))
     if both.size < LEAST_EDGES:
         raise WindowError("the wheels do not turn at the same time: encoders of two machines, or clocks apart?")
-    both = both[:: max(1, both.size // MOST_EDGES)]
+    both = both[: round(MOST_TURNS * first.per_rev)]
+    both = both[:: max(1, min(both.size // MOST_EDGES, int(faster / KEPT_EDGES)))]
     t, θ1 = t1[both], φ1[both]
     θ2 = np.interp(t, t2, φ2)
+    turned = float(np.ptp(θ1)) / (2 * np.pi)
     plain = np.stack([np.ones(t.size), θ2], axis=1)
     before = θ1 - plain @ _solve(plain, θ1)
-    columns = _columns(θ1, θ2)
-    fitted = _solve(columns, θ1)
-    after = θ1 - columns @ fitted
-    rng = np.random.default_rng(SEED)
-    blocks = max(8, round(BLOCK_TURNS * 2 * np.pi / np.median(np.diff(θ1))))
-    places = np.linspace(0.1, 0.9, STEP_TESTS)
-    tried = [t[int(p * t.size)] for p in places]
-    inverse, steps = np.linalg.pinv(columns), np.array([(t > s).astype(float) for s in tried])
-    free = steps - (steps @ inverse.T) @ columns.T  # of a step, what nothing else explains
-    norms = np.sqrt(np.einsum("ij,ij->i", free, free))
-    sizes = np.abs(free @ after) / norms
-    draws, largest = [], []
-    for _ in range(DRAWS):
-        rest = _drawn(after, blocks, rng)
-        draws.append(fitted + inverse @ rest)
-        largest.append(float(np.max(np.abs(free @ rest) / norms)))
-    best = int(np.argmax(sizes))
-    share = float(np.mean(np.array(largest) < sizes[best]))
-    step = float(free[best] @ after / norms[best] ** 2)
-    believed = share > STEP_LEVEL
-    if believed:
-        columns = np.concatenate((columns, steps[best][:, None]), axis=1)
-        fitted = _solve(columns, θ1)
-        after = θ1 - columns @ fitted
-        inverse = np.linalg.pinv(columns)
-        draws = [fitted + inverse @ _drawn(after, blocks, rng) for _ in range(DRAWS)]
-        step = float(fitted[-1])
-    std = np.std(np.array(draws), axis=0)
-    # waves longer than a block are in no draw: the ratio moves by them as it does by the higher harmonics, or, where no
-    # step is believed, by one of those that would help most
-    moved = [fitted[1] - _solve(_columns(θ1, θ2, 1), θ1)[1]]
-    if not believed:
-        shifts = (inverse[1] @ steps.T) * (free @ after) / norms**2
-        moved.append(np.abs(shifts[sizes >= NEARLY * sizes[best]]).max())
-    ends = sum((1 / (n.per_rev * turn)) ** 2 for n, turn in zip((first, second), turns, strict=True))  # an edge each
+    columns, rng = _columns(θ1, θ2), np.random.default_rng(SEED)
+    fitted, after, rests = _fitted(columns, θ1, turned, rng)
+    jumps = jumps_of(after, rests, (θ1, θ2), turned, 2 * np.pi * max(1 / first.per_rev, fitted[1] / second.per_rev))
+    steps = {j: (np.arange(t.size) >= j.index).astype(float) for j in jumps if j.missed}
+    steps = _lasting(columns, steps, θ1)
+    if steps:
+        columns = np.concatenate((columns, np.stack(list(steps.values()), axis=1)), axis=1)
+        fitted, after, rests = _fitted(columns, θ1, turned, rng)
+    inverse = np.linalg.pinv(columns)
+    std = np.std(rests @ inverse.T, axis=0)
+    # what no draw has: higher harmonics; sharp steps not told from miscounts; and those of a wheel, were they miscounts
+    untold = [np.arange(t.size) >= j.index for j in jumps if j.wheel is None and j not in steps]
+    moved = (
+        fitted[1] - _solve(_columns(θ1, θ2, 1), θ1)[1],
+        fitted[1] - _solve(np.concatenate((columns, *(u[:, None] for u in untold)), axis=1), θ1)[1],
+        *(ratio_moved(fitted[1], j) for j in jumps if j.wheel is not None),
+    )
+    ends = sum((1 / (n.per_rev * turn)) ** 2 / 6 for n, turn in zip((first, second), turns, strict=True))  # of an edge
     spread = std[1] ** 2 + fitted[1] ** 2 * ends + sum(m**2 for m in moved)
     return PairMotion(
         ratio=float(fitted[1]),
@@ -209,17 +209,36 @@ def pair_motion(first: Edges, second: Edges) -> PairMotion:
                 multiple=k,
                 amplitude=float(np.hypot(*fitted[i : i + 2])),
                 std=float(np.sqrt(np.mean(std[i : i + 2] ** 2))),
-                alike=_alike((w, k), fitted[1], turns[0]),
+                alike=_alike((w, k), fitted[1], turned),
             )
             for i, (w, k) in zip(range(2, 2 + 4 * HARMONICS, 2), _terms(HARMONICS), strict=True)
         ),
-        steps=((float(tried[best]), step),) if believed else (),
-        largest_step=(float(tried[best]), step, share),
+        steps=tuple(
+            (float(t[j.index]), float(size)) for j, size in zip(steps, fitted[2 + 4 * HARMONICS :], strict=True)
+        ),
+        jumps=tuple(j for j in jumps if j not in steps),
         angle=θ1 - θ1[0],
         time=t,
         before=before,
         after=after,
     )
+
+
+def _fitted(
+    columns: np.ndarray, θ1: np.ndarray, turns: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The fit (k,), its rest (n,), and rests drawn with the same spectrum (DRAWS, n)."""
+    fitted = _solve(columns, θ1)
+    after = θ1 - columns @ fitted
+    return fitted, after, _drawn(after, turns, fitted[1], rng)
+
+
+def _lasting(columns: np.ndarray, steps: dict[Jump, np.ndarray], θ1: np.ndarray) -> dict[Jump, np.ndarray]:
+    """Of sharp steps those that last: fitted together they are as large as they are sharp."""
+    if not steps:
+        return steps
+    sizes = _solve(np.concatenate((columns, np.stack(list(steps.values()), axis=1)), axis=1), θ1)[columns.shape[1] :]
+    return {j: c for (j, c), size in zip(steps.items(), sizes, strict=True) if abs(size / j.size - 1) < LASTING}
 
 
 def _passed(edges: Edges) -> tuple[np.ndarray, np.ndarray]:
@@ -253,10 +272,19 @@ def _solve(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(columns, values, rcond=None)[0]
 
 
-def _drawn(rest: np.ndarray, block: int, rng: np.random.Generator) -> np.ndarray:
-    """A rest made of blocks of the given one, each with a sign of its own."""
-    count = -(-rest.size // block)
-    starts = rng.integers(0, rest.size - block + 1, count)
-    signs = rng.choice([-1.0, 1.0], count)
-    drawn = np.concatenate([s * rest[a : a + block] for a, s in zip(starts, signs, strict=True)])
-    return drawn[: rest.size]
+def _drawn(rest: np.ndarray, turns: float, ratio: float, rng: np.random.Generator) -> np.ndarray:
+    """Rests (DRAWS, n) with the spectrum of the given one (n,), at the fitted orders as strong as beside them."""
+    n = rest.size
+    weight = np.hanning(n)
+    spectrum = np.abs(np.fft.rfft(weight * (rest - rest.mean()), 2 * n)) ** 2 / (weight @ weight)
+    order = np.arange(spectrum.size) / (2 * turns)
+    highest = HARMONICS * max(1.0, 1 / ratio) + 1 / turns
+    beside = (order > highest) & (order < BESIDE * highest)
+    width = max(1, round(2 * turns * SMOOTHED))
+    smooth = np.convolve(spectrum, np.ones(width) / width, "same")
+    spectrum[order <= highest] = smooth[beside].max()
+    size = np.sqrt(n * spectrum)  # of the parts of a draw twice as long, of which one half is taken
+    out = np.empty((DRAWS, n))
+    for row in out:
+        row[:] = np.fft.irfft(size * (rng.normal(size=size.size) + 1j * rng.normal(size=size.size)), 2 * n)[:n]
+    return out

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.baseline.encoder_pair import STEP_LEVEL, PairMotion, pair_motion
+from twin.baseline.encoder_pair import PairMotion, pair_motion, ratio_moved
 from twin.errors import WindowError
 from twin.report import MICRO, not_available
 from twin.rig import Rig
@@ -85,7 +85,6 @@ def _stated(value: float, said: str, ratio: float, std: float) -> dict[str, Any]
 
 def _section(motion: PairMotion, edges: tuple[Edges, Edges], duration: float) -> dict[str, Any]:
     per_count = 2 * pi / edges[0].per_rev
-    time, size, share = motion.largest_step
     speed = _speeds(edges, duration)
     return {
         "ratio": {"value": motion.ratio, "unit": "", "std": motion.ratio_std},
@@ -107,11 +106,18 @@ def _section(motion: PairMotion, edges: tuple[Edges, Edges], duration: float) ->
         ],
         "base_radii": None,
         "rest_urad": {"before": float(motion.before.std()) * MICRO, "after": float(motion.after.std()) * MICRO},
-        "missed_counts": {
-            "believed": [{"time_s": t, "counts": s / per_count} for t, s in motion.steps],
-            "largest_tried": {"time_s": time, "counts": size / per_count, "above_percent": 100 * share},
-            "asked_percent": 100 * STEP_LEVEL,
-        },
+        "missed_counts": [{"time_s": t, "counts": s / per_count} for t, s in motion.steps],
+        "sharp_steps": [
+            {
+                "time_s": float(motion.time[j.index]),
+                "counts": j.size / per_count,
+                "shaft": None if j.wheel is None else SHAFTS[j.wheel - 1],
+                "turn": j.turn,
+                "times": j.seen,
+                "ratio_if_missed": None if j.wheel is None else motion.ratio + ratio_moved(motion.ratio, j),
+            }
+            for j in motion.jumps
+        ],
         "transmission_error": _curve(motion),
         "speed": speed,
     }
