@@ -310,7 +310,7 @@ def _without_twin(
         "speed_from": features.angle_from,
         "mesh_frequency_hz": mesh_frequency,
         "mesh_bands": None if features.mesh_bands is None else list(features.mesh_bands),
-        "notes": [reason],
+        "notes": [reason, *_contradicted(moving)],
         "not_available": dict(features.unavailable),
     }
     missing = report.not_available(reason)
@@ -362,6 +362,15 @@ def _without_twin(
         answer |= new
     estimate = _estimate(record, answer, events)
     return replace(state, windows_seen=state.windows_seen + 1, tracing=tracing, standing=standing), estimate
+
+
+def _contradicted(pair: Mapping[str, Any] | None) -> list[str]:
+    """That the encoders contradict the rig file's ratio, where they do."""
+    stated = None if pair is None else pair["stated"]
+    if pair is None or stated is None or not stated["contradicted"]:
+        return []
+    ratio = pair["ratio"]
+    return [f"the encoders' ratio {ratio['value']:.4f} ± {ratio['std']:.4f} contradicts {stated['from']}"]
 
 
 def _beside(

@@ -86,9 +86,9 @@ def _sharp(step: Mapping[str, Any]) -> str:
             "there once only."
         )
     return (
-        f"A sharp step of {size} comes at {step['turn']:.3f} of the {step['shaft']}'s turn, {step['times']} times of "
-        f"{step['times']}: a tooth or a mark of its encoder's disc. Were they counts missed every time, the ratio "
-        f"would be {step['ratio_if_missed']:.4f}."
+        f"A sharp step of {size} comes at {step['turn']:.3f} of the {step['shaft']}'s turn, in each of {step['times']} "
+        "turns: a tooth or a mark of its encoder's disc. Were they counts missed every time, the ratio would be "
+        f"{step['ratio_if_missed']:.4f}."
     )
 
 
@@ -131,6 +131,12 @@ def _transmission_error(pair: Mapping[str, Any]) -> Any:
         (f"without the run-out of both wheels, {rest['after']:,.0f} µrad rms", "after_urad", AFTER),
     ):
         plot.add_scatter(x=curve["pinion_turns"], y=curve[key], mode="lines", name=name, line_color=colour)
+    for step in (*pair["missed_counts"], *pair["sharp_steps"]):
+        again = f" each turn of the {step['shaft']}" if step.get("shaft") else ""
+        plot.add_vline(
+            x=step["pinion_turns"], line={"dash": "dot", "color": MEASURED, "width": 1},
+            annotation_text=f"{step['counts']:+.0f} counts{again}",
+        )  # fmt: skip
     plot.update_layout(
         title="Transmission error by the two encoders",
         xaxis_title="pinion turns",

@@ -66,6 +66,12 @@ def test_measured_pair_and_measured_rig_are_answered_by_one_service(brought, tmp
         assert {"31/16", "33/17"} <= set(found["teeth_that_fit"]) and "2/1" not in found["teeth_that_fit"]
         assert found["rest_urad"]["before"] == pytest.approx(23200, rel=0.02)
         assert found["rest_urad"]["after"] == pytest.approx(7600, rel=0.02)
+        once = {(t["shaft"], t["multiple"]): t for t in found["run_out"]}["gear", 1]
+        assert once["amplitude_urad"] == pytest.approx(32050, rel=0.02) and once["std_urad"] < 0.15 * 32050
+        assert once["amplitude_um"] is None and once["not_told_from"] == ["its encoder's disc"]
+        (sharp,) = found["sharp_steps"]
+        assert (sharp["shaft"], sharp["times"]) == ("gear", 2) and sharp["turn"] == pytest.approx(0.416, abs=0.003)
+        assert found["missed_counts"] == []
         assert answer["residual"]["status"] == "not available" and answer["effects"] == []
 
         answer = answered(address, endpoint, rig, "spur-rig-28ch")

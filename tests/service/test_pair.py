@@ -8,11 +8,15 @@ import pytest
 from service.api.models import Asset, Pair
 from service.assess import assess
 from service.cli import run
+from service.cli.pair import plots, sentences
 from service.errors import InputError
 from service.importing import import_recording
 from service.sources.mcap import Recording, read_windows
-from tests.claims.test_encoder_pair import PER_TURN, RATE, counts, levels
+from tests.claims.test_encoder_pair import PER_TURN, RATE, counts, levels, marked
 from twin.baseline.encoder_pair import forward_edges
+from twin.baseline.pair_reporting import pair_of
+from twin.rig import Rig
+from twin.windows import Window
 
 MAPPING = """
 schema = "gear-import/1"
@@ -117,7 +121,9 @@ teeth = {}
 @pytest.mark.parametrize(("teeth", "contradicted"), [((16, 31), False), ((15, 30), True)])
 def test_stated_teeth_are_held_beside_the_ratio_and_give_micrometres(tmp_path, teeth, contradicted):
     path, _ = imported(tmp_path, *counts(1), rig=TEETH.format(*teeth))
-    found = assess(path)["pair"]
+    answer = assess(path)
+    found = answer["pair"]
+    assert (f"contradicts {teeth[1]}/{teeth[0]} teeth" in answer["windows"][0]["notes"][-1]) is contradicted
     assert found["stated"]["contradicted"] is contradicted and found["stated"]["from"] == f"{teeth[1]}/{teeth[0]} teeth"
     assert found["base_radii"]["assumed"] is False
     radius = 1e-3 * teeth[0] * np.cos(np.radians(20))
@@ -140,6 +146,22 @@ def test_diagnose_tells_the_pair_in_words_figures_and_json(pair, tmp_path, capsy
     assert speed["pinion_hz"][0] == 0 and max(speed["pinion_hz"]) == pytest.approx(1.4, rel=0.05)
     assert run(["report", str(tmp_path / "d.json")]) == 0
     assert "turns of the pinion for one of the gear" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("what", "said", "drawn"),
+    [
+        ({"counts": 15}, "of the gear's turn, in each of 4 turns", "counts each turn of the gear"),
+        ({"counts": 0, "angle": 1.75}, "Counts were missed at", "-30 counts"),
+    ],
+)
+def test_sharp_steps_are_told_and_drawn(what, said, drawn):
+    pinion, gear = marked(7, **what)
+    window = Window(start_time_ns=1, encoders={"pinion": pinion, "gear": gear})
+    section = {"window": 0, **pair_of(Rig.from_mapping({}), window)}
+    assert said in "\n".join(sentences(section))
+    (mark,) = plots(section)[0].layout.annotations
+    assert drawn in mark.text
 
 
 def test_a_wheel_that_hardly_turns_gives_no_ratio_and_says_why(tmp_path):

@@ -85,7 +85,7 @@ def _stated(value: float, said: str, ratio: float, std: float) -> dict[str, Any]
 
 def _section(motion: PairMotion, edges: tuple[Edges, Edges], duration: float) -> dict[str, Any]:
     per_count = 2 * pi / edges[0].per_rev
-    speed = _speeds(edges, duration)
+    speed, turned = _speeds(edges, duration), motion.angle / (2 * pi)
     return {
         "ratio": {"value": motion.ratio, "unit": "", "std": motion.ratio_std},
         "teeth_that_fit": [f"{q.numerator}/{q.denominator}" for q in motion.teeth],
@@ -106,10 +106,14 @@ def _section(motion: PairMotion, edges: tuple[Edges, Edges], duration: float) ->
         ],
         "base_radii": None,
         "rest_urad": {"before": float(motion.before.std()) * MICRO, "after": float(motion.after.std()) * MICRO},
-        "missed_counts": [{"time_s": t, "counts": s / per_count} for t, s in motion.steps],
+        "missed_counts": [
+            {"time_s": t, "pinion_turns": float(np.interp(t, motion.time, turned)), "counts": s / per_count}
+            for t, s in motion.steps
+        ],
         "sharp_steps": [
             {
                 "time_s": float(motion.time[j.index]),
+                "pinion_turns": float(turned[j.index]),
                 "counts": j.size / per_count,
                 "shaft": None if j.wheel is None else SHAFTS[j.wheel - 1],
                 "turn": j.turn,
