@@ -152,6 +152,15 @@ def test_a_long_window_of_a_fast_machine_is_answered_from_its_first_turns():
     assert gear.amplitude == pytest.approx(2e-5 * 60 * 2 * np.pi, rel=0.05)
 
 
+def test_a_coarse_encoder_that_loses_most_of_its_edges_still_gives_the_ratio():
+    rng = np.random.default_rng(1)
+    times = [np.arange(n) / rate for n, rate in ((480, 16.0), (248, 16.0 / RATIO))]
+    for t in times:
+        t[rng.permutation(t.size)[: round(0.7 * t.size)]] = np.nan
+    found = pair_motion(*(Edges(per_rev=16, first_index=0, times=t) for t in times))
+    assert found.ratio == pytest.approx(RATIO, abs=3 * found.ratio_std)
+
+
 def test_a_tachometer_of_few_edges_tells_no_run_out():
     few = Edges(per_rev=8, first_index=0, times=np.arange(80.0))
     with pytest.raises(WindowError, match="at least 16"):

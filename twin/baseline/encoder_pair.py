@@ -171,8 +171,11 @@ def pair_motion(first: Edges, second: Edges) -> PairMotion:
             "the faster wheel are needed"
         )
     both = np.flatnonzero((t1 >= t2[0]) & (t1 <= t2[-1]))
-    if both.size < LEAST_EDGES:
-        raise WindowError("the wheels do not turn at the same time: encoders of two machines, or clocks apart?")
+    if both.size < 2 or np.ptp(φ1[both]) < 2 * np.pi * LEAST_TURNS:
+        raise WindowError(
+            f"the wheels do not turn at the same time for {LEAST_TURNS:g} turn: encoders of two machines, or clocks "
+            "apart?"
+        )
     both = both[: round(MOST_TURNS * first.per_rev)]
     both = both[:: max(1, min(both.size // MOST_EDGES, int(faster / KEPT_EDGES)))]
     t, θ1 = t1[both], φ1[both]
@@ -282,7 +285,7 @@ def _drawn(rest: np.ndarray, turns: float, ratio: float, rng: np.random.Generato
     beside = (order > highest) & (order < BESIDE * highest)
     width = max(1, round(2 * turns * SMOOTHED))
     smooth = np.convolve(spectrum, np.ones(width) / width, "same")
-    spectrum[order <= highest] = smooth[beside].max()
+    spectrum[order <= highest] = smooth[beside].max() if beside.any() else smooth.max()  # none: most edges are lost
     size = np.sqrt(n * spectrum)  # of the parts of a draw twice as long, of which one half is taken
     out = np.empty((DRAWS, n))
     for row in out:
