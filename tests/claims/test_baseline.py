@@ -290,3 +290,12 @@ def test_step_without_a_baseline_names_strange_lines_and_takes_a_further_shaft_f
     _, geared = step(RIG, State(), machine(0.5, 3, third=True))
     assert geared.report["strange"][0]["geared"] == "1/4"
     assert geared.report["unexplained"]["verdict"] != "unknown_effect"
+
+
+@pytest.mark.parametrize("wrong", [0.985, 1.01, 1.025])
+def test_sampling_rate_that_the_tachometer_contradicts_is_caught_before_a_diagnosis(wrong):
+    window = machine(0.3, 5, metered=True)
+    angle_of(RIG, window)  # the right rate is taken
+    channels = {k: replace(s, rate=wrong * s.rate) for k, s in window.accelerations.items()}
+    with pytest.raises(NotAvailable, match=r"mesh lines lie at .* Hz, but encoder/pinion turns 20 teeth at .* % "):
+        angle_of(RIG, replace(window, accelerations=channels))
