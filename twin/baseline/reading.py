@@ -128,7 +128,7 @@ def read(
             continue
         try:
             signal, per_turn = on_angle(samples, track, samples.values.size)
-            channels[sensor] = lines_of(_part(signal, part), per_turn, Q)
+            channels[sensor] = lines_of(part_of(signal, part), per_turn, Q)
         except TwinError as error:
             reasons.append(f"accel/{sensor}: {error}")
     if not channels:
@@ -149,7 +149,8 @@ def read(
     )
 
 
-def _part(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:
+def part_of(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:
+    """A stretch of a signal, from and to a share of it."""
     low, high = (round(share * signal.values.size) for share in part)
     return AngleSignal(
         start=signal.start + low * signal.step,
