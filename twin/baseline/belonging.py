@@ -22,7 +22,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from twin.baseline.reading import HIGHEST, TURNS_PER_PERIOD, USABLE, ChannelLines, common_period, lines_of, part_of
+from twin.baseline.reading import HIGHEST, TURNS_PER_PERIOD, USABLE, common_period, lines_of, part_of
 from twin.baseline.spacing import KNOWN_BINS, Spacing
 from twin.errors import WindowError
 from twin.features.angle import AngleTrack
@@ -79,13 +79,10 @@ def belonging(
             own = kind == i
             out.append(_family(name, family, lines[:, own], floor[:, own], rms2))
         if spacing is not None:
-            strange = [
-                _at(s, _orders(spacing, teeth[0], Q, per_turn, signal.turns / STRETCHES), per_turn, r, Q)
-                for s, r in zip(stretches, read, strict=True)
-            ]
-            out.append(
-                _family(name, FAMILIES[-1], np.array([x for x, _ in strange]), np.array([f for _, f in strange]), rms2)
-            )
+            grid, apart = _orders(spacing, teeth[0], Q, per_turn, signal.turns / STRETCHES)
+            strange = _at(stretches, grid, spacing.order, per_turn)
+            near = np.clip(np.rint(grid[apart] * Q).astype(int) - 1, 0, floor.shape[1] - 1)
+            out.append(_family(name, FAMILIES[-1], strange[:, apart], floor[:, near], rms2))
     return out
 
 
@@ -100,26 +97,29 @@ def _kinds(count: int, Q: int, teeth: tuple[int, int], shafts: Sequence[Fraction
     return kind
 
 
-def _orders(spacing: Spacing, z1: int, Q: int, per_turn: float, turns: float) -> np.ndarray:
-    """Orders of the lines of no shaft, those left out that fall on a shaft's."""
-    multiples = np.array([m for m in range(-MULTIPLES, MULTIPLES + 1) if m])
+def _orders(spacing: Spacing, z1: int, Q: int, per_turn: float, turns: float) -> tuple[np.ndarray, np.ndarray]:
+    """Orders of the lines of no shaft (mesh harmonics from 0, multiples), and which are read: none that a shaft has."""
+    multiples = np.arange(-MULTIPLES, MULTIPLES + 1)
     top = min(HIGHEST, USABLE * per_turn)
-    harmonics = np.arange(int(top // z1) + 1) * z1
-    orders = (harmonics[:, None] + multiples * spacing.order).ravel()
-    apart = np.abs(orders * Q - np.rint(orders * Q)) / Q > KNOWN_BINS / turns
-    return np.unique(orders[apart & (orders > 0) & (orders < top)])
+    grid = np.arange(int(top // z1) + 1)[:, None] * z1 + multiples * spacing.order
+    apart = np.abs(grid * Q - np.rint(grid * Q)) / Q > KNOWN_BINS / turns
+    return grid, apart & (multiples != 0) & (grid > 0) & (grid < top)
 
 
-def _at(
-    stretch: AngleSignal, orders: np.ndarray, per_turn: float, read: ChannelLines, Q: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Complex lines of a stretch at any orders, and the floor there."""
-    weight = hann(stretch.values.size)
-    values = (stretch.values - stretch.values.mean()) * weight / weight.sum()
-    angles = stretch.angles
-    lines = np.array([2 * np.sum(values * np.exp(-1j * o * angles)) for o in orders])
-    near = np.clip(np.rint(orders * Q).astype(int) - 1, 0, read.floor.size - 1)
-    return lines / spline_response(orders / per_turn), read.floor[near]
+def _at(stretches: Sequence[AngleSignal], grid: np.ndarray, spacing: float, per_turn: float) -> np.ndarray:
+    """Complex lines of every stretch at orders that go by the spacing along every row; (stretches, *grid)."""
+    from scipy.signal import CZT  # takes as long to import as all else together
+
+    step, out = stretches[0].step, []
+    plans: dict[int, CZT] = {}
+    for stretch in stretches:
+        n = stretch.values.size
+        plan = plans.get(n) or plans.setdefault(n, CZT(n, grid.shape[1], np.exp(-1j * step * spacing)))
+        weight = hann(n)
+        values = 2 * (stretch.values - stretch.values.mean()) * weight / weight.sum()
+        turning = np.exp(-1j * step * grid[:, :1] * np.arange(n))
+        out.append(plan(values * turning) * np.exp(-1j * grid * stretch.start))
+    return np.array(out) / spline_response(grid / per_turn)
 
 
 def _family(channel: str, name: str, lines: np.ndarray, floor: np.ndarray, rms2: np.ndarray) -> Family:
