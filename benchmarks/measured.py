@@ -4,8 +4,9 @@
 
 Sets: `spectraquest` (broken tooth: baseline from the healthy loads but one, then the healthy and the broken recording
 of that one; every sensor together and alone; error before and after with what was found at another load) and
-`modulation` (28 channels: what the lines belong to) and `encoders` (a pair's ratio and run-out). The data lie beside
-the project (GEAR_TWIN_SHARED sets where); the status is 0 whenever it ran.
+`modulation` (28 channels: what the lines belong to), `encoders` (a pair's ratio and run-out) and `wear` (levels at
+measured depths: everything that is tried on them). The data lie beside the project (GEAR_TWIN_SHARED sets where); the
+status is 0 whenever it ran.
 """
 
 from __future__ import annotations
@@ -20,14 +21,18 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from service import relating
 from service.assess import assess
 from service.baselines import load, pair_shafts, strangers
+from service.cli import relating as shown
 from service.cli.pair import sentences, with_assumed_radii
 from service.importing import import_recording
+from service.series import load_series
 from twin.baseline.diagnosis import Parts, diagnose
 from twin.baseline.findings import Compared
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.reading import Reading, read
+from twin.levels.trials import try_all
 
 ROOT = Path(__file__).parents[1]
 MAPPINGS = ROOT / "recordings" / "mappings"
@@ -35,6 +40,7 @@ MEASURED = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared")) / "m
 LOADS = (0, 20, 30, 40, 60, 70, 80)
 RADII_MM = (15.0, 30.0)  # base radii of the source's model of the encoder pair: assumed
 THIRD = Fraction(3, 20)
+DRAWS = 12  # of what the rig file of the wear series estimates
 SENSORS = ("a1", "a2", "a3", "a4")
 
 
@@ -161,7 +167,23 @@ def encoders(folder: Path) -> None:
         print(line)
 
 
-SETS = {"spectraquest": spectraquest, "modulation": modulation, "encoders": encoders}
+def wear(folder: Path) -> None:
+    """Levels at measured depths, each case left out in turn."""
+    name = "bgu-spur-wear-35"
+    series = load_series(MAPPINGS / f"{name}.toml", MEASURED / name / "records.csv")
+    tried = try_all(
+        series.rig,
+        series.conditions,
+        series.cases,
+        spreads=series.estimated,
+        draws=DRAWS,
+        progress=lambda share, doing: print(f"{100 * share:3.0f} % {doing}", file=sys.stderr),
+    )
+    answer = relating.answer(series, tried)
+    print(shown.text(answer))
+
+
+SETS = {"spectraquest": spectraquest, "modulation": modulation, "encoders": encoders, "wear": wear}
 
 
 def main() -> None:

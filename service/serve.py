@@ -34,6 +34,7 @@ from service.sources.zenoh import ZenohSource, open_session
 from service.store import Store
 from twin.baseline.learned import Baseline
 from twin.errors import TwinError
+from twin.levels.relation import Relation
 from twin.rig import Rig
 
 log = logging.getLogger(__name__)
@@ -67,13 +68,18 @@ def run(
         from service.baselines import read_baseline
 
         baseline = read_baseline(settings.baseline)
+    relation = None
+    if settings.relation is not None:
+        from service.relating import read_relation
+
+        relation = read_relation(settings.relation)
     with ExitStack() as stack:
         stack.enter_context(_only_service_of(settings.data))
         store = stack.enter_context(Store(settings.data / DATABASE))
         board = Board.from_store(store)
         listening = stack.enter_context(_listen(settings.http_host, settings.http_port))
         desk = Desk(store)
-        worker = Worker(settings, store, board, desk, rig, twin or _twin(), baseline)
+        worker = Worker(settings, store, board, desk, rig, twin or _twin(), baseline, relation)
         app = create_app(board, store, desk, not_ready=worker.not_ready, gauges=worker.gauges)
         server = _Server(app, board, worker, lambda: announce(_address(listening)), stop)
         worker.on_end = server.end
@@ -99,9 +105,10 @@ class Worker(threading.Thread):
         rig: Mapping[str, Any] | None,
         twin: Twin,
         baseline: Baseline | None = None,
+        relation: Relation | None = None,
     ) -> None:
         super().__init__(name="twin", daemon=True)
-        self._baseline = baseline
+        self._baseline, self._relation = baseline, relation
         self._settings, self._store, self._board, self._rig = settings, store, board, rig
         self._desk = desk
         self._step, self._new_state, *more = twin
@@ -184,6 +191,7 @@ class Worker(threading.Thread):
             error_threshold=self._settings.error_threshold,
             trace=self._settings.trace,
             baseline=self._baseline,
+            relation=self._relation,
         )
         with (
             OfferedRigs(session, prefix, self._guard) as offered,

@@ -41,6 +41,9 @@ class Settings(BaseSettings):
     error_threshold: float = Field(default=0.05, gt=0, lt=1, description="RMS error that triggers an update")
 
     baseline: Path | None = Field(default=None, description="baseline file of machines whose rig file gives no model")
+    relation: Path | None = Field(
+        default=None, description="relation file of level and wear depth, for machines whose rig file gives no model"
+    )
     trace: bool = Field(default=True, description="whether effects that the model lacks are sought and added")
 
     # results

@@ -20,6 +20,8 @@ from twin.errors import NotAvailable, NotConverged, ParameterError, TwinError, W
 from twin.features.beside import beside
 from twin.features.extract import extract
 from twin.features.window_features import WindowFeatures
+from twin.levels.relation import Relation
+from twin.levels.reporting import NO_RATE, wear_by_level
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
 from twin.tracing.following import Followed, follow, listen
@@ -47,6 +49,7 @@ class Options:
     update_until: float = inf  # pinion revolutions after which the twin only predicts
     trace: bool = True  # whether effects that the model lacks are sought and added
     baseline: Baseline | None = None  # what a machine without a model does when it is well
+    relation: Relation | None = None  # of level and wear depth, for machines without a model
 
     def __post_init__(self) -> None:
         if self.update not in UPDATES:
@@ -335,6 +338,13 @@ def _without_twin(
         "calibration": missing,
         **state.standing,
     }
+    standing = state.standing
+    if options.relation is not None:
+        wear = _by_level(options.relation, rig, features, state)
+        answer |= {"wear": wear, "rul": report.not_available(NO_RATE)}
+        standing = {**standing, **report.plain({"wear": wear, "rul": answer["rul"]})}
+        if "max_depth_um" in wear:
+            record["wear_depth_um"] = wear["max_depth_um"]["combined"]["median"]
     events: list[tuple[str, Mapping[str, Any]]] = [("window", record)]
     tracing = state.tracing
     if options.trace and features.speed_hz is not None:
@@ -344,7 +354,6 @@ def _without_twin(
             answer["effects"] = effects_report(tracing)
             answer["unexplained"] = unexplained_with(tracing, answer["unexplained"])
             answer["tracing"] = tracing_report(tracing)
-    standing = state.standing
     if pair is not None and (moving is not None or "pair" not in standing):
         told_pair = report.plain({"window": state.windows_seen, **pair})
         answer["pair"] = told_pair
@@ -371,6 +380,14 @@ def _contradicted(pair: Mapping[str, Any] | None) -> list[str]:
         return []
     ratio = pair["ratio"]
     return [f"the encoders' ratio {ratio['value']:.4f} ± {ratio['std']:.4f} contradicts {stated['from']}"]
+
+
+def _by_level(relation: Relation, rig: Rig, features: WindowFeatures, state: State) -> dict[str, Any]:
+    """`wear` by the relation of level and depth, or why it is not available."""
+    try:
+        return wear_by_level(relation, rig, features, state.standing.get("wear", {}), state.windows_seen)
+    except NotAvailable as missing:
+        return report.not_available(str(missing))
 
 
 def _beside(

@@ -10,6 +10,7 @@ from service.baselines import answer, compared, read_baseline
 from service.cli import strange
 from service.cli.diagnosis import NAMES
 from service.cli.show import number
+from twin.baseline.operating import UNITS as UNITS_OF_AXES
 
 NAMES_HERE = NAMES | {
     "tooth_crack": "a local fault of one tooth",
@@ -28,11 +29,13 @@ def answered(recording: Path, baseline: Path, rig: Path | None) -> dict[str, Any
 
 def learned_text(described: Mapping[str, Any]) -> str:
     """What a baseline holds, in words."""
-    unit = "N·m" if described["operating_point"] == "torque_nm" else "Hz"
+    points = ", ".join(
+        f"{number(v['from'], 6)} to {number(v['to'], 6)} {UNITS_OF_AXES[axis]}"
+        for axis, v in described["operating_points"].items()
+    )
     shafts = ", ".join(number(s) for s in described["shafts"])
     return (
-        f"Baseline of {len(described['recordings'])} windows, {number(described['from'], 6)} to "
-        f"{number(described['to'], 6)} {unit}; channels {', '.join(described['channels'])}; "
+        f"Baseline of {len(described['recordings'])} windows, {points}; channels {', '.join(described['channels'])}; "
         f"shafts of order {shafts} of the pinion's rotation"
     )
 

@@ -48,6 +48,9 @@ def assess(
     json: JsonFile = None,
     update: UpdateWay = Update.fused,
     no_trace: NoTrace = False,
+    relation: Annotated[
+        Path | None, typer.Option(help="Relation of level and wear depth, where the rig file gives no model.")
+    ] = None,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
 ) -> None:
@@ -56,7 +59,7 @@ def assess(
     from service.jsontext import json_text, write_text
 
     try:
-        answer = _assess(recording, rig, update, asset, prefix, trace=_tracing(no_trace))
+        answer = _assess(recording, rig, update, asset, prefix, trace=_tracing(no_trace), relation=relation)
     except Unassessable as error:
         if json is not None:
             write_text(json, json_text(error.answer))
@@ -207,13 +210,16 @@ def serve(
     update: Annotated[Update | None, typer.Option(help="What sets the depth: fused or paper.")] = None,
     no_trace: NoTrace = False,
     baseline: Annotated[Path | None, typer.Option(help="Baseline of machines whose rig file gives no model.")] = None,
+    relation: Annotated[
+        Path | None, typer.Option(help="Relation of level and wear depth, of machines whose rig file gives no model.")
+    ] = None,
     prefix: Annotated[str | None, typer.Option(help="First part of all keys.")] = None,
 ) -> int:
     """Run the service: Zenoh in, REST, page and Zenoh out. Every setting also as GEAR_TWIN_... variable."""
     from service.serve import run
 
     given = {"listen": listen, "connect": connect, "http": http, "rig": rig, "data": data, "update": update}
-    given["baseline"] = baseline
+    given |= {"baseline": baseline, "relation": relation}
     return run(_settings(**given, prefix=prefix, trace=False if no_trace else None))
 
 
@@ -277,6 +283,49 @@ def baseline(
 
 
 @app.command()
+def relate(
+    series: Annotated[Path, typer.Argument(metavar="SERIES", help="Series file (TOML): levels at known wear depths.")],
+    source: Annotated[
+        Path | None, typer.Option(help="Table of the records (CSV), instead of the series file's.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="HTML page with figures to write.")] = None,
+    relation: Annotated[Path | None, typer.Option(help="Relation file to write, for `serve --relation`.")] = None,
+    draws: Annotated[int, typer.Option(min=0, max=200, help="Draws of what the rig file estimates.")] = 12,
+    json: JsonFile = None,
+) -> None:
+    """Calibrate the relation of level and wear depth on measured depths, and try what could make what is missed."""
+    from service import relating
+    from service.cli import relating as shown
+    from service.cli.show import progress_bar
+    from service.errors import InputError
+    from service.jsontext import json_text, write_text
+    from service.series import load_series
+    from twin.errors import TwinError
+    from twin.levels.trials import try_all
+
+    known = load_series(series, source)
+    with progress_bar("relating") as bar:
+        try:
+            tried = try_all(
+                known.rig, known.conditions, known.cases, spreads=known.estimated, draws=draws, progress=bar
+            )
+        except TwinError as error:
+            raise InputError(f"{series}: {error}") from None
+    answer = relating.answer(known, tried)
+    if json is not None:
+        write_text(json, json_text(answer))
+    if relation is not None:
+        relating.save_relation(known, tried, relation)
+    if out is not None:
+        write_text(out, shown.page(answer))
+    if str(json) != "-":
+        print(shown.text(answer))
+    for path, what in ((out, "figures"), (relation, "relation")):
+        if path is not None:
+            _tell(f"{what} written to {path}")
+
+
+@app.command()
 def diagnose(
     source: Annotated[Path, typer.Argument(metavar="SOURCE", help="Recording, or the JSON of an assess.")],
     out: Annotated[Path | None, typer.Option(help="HTML page with figures to write.")] = None,
@@ -331,6 +380,7 @@ def _assess(
     prefix: str,
     enough: Any = None,
     trace: bool = True,
+    relation: Path | None = None,
 ) -> dict[str, Any]:
     """An assessment with progress shown and faults of the data told, one line each."""
     from service.assess import assess as run
@@ -339,7 +389,12 @@ def _assess(
     from service.pipeline import assembly_settings
     from twin.step import Options
 
-    options = Options(update=update.value, trace=trace)
+    known = None
+    if relation is not None:
+        from service.relating import read_relation
+
+        known = read_relation(relation)
+    options = Options(update=update.value, trace=trace, relation=known)
     with progress_bar("assessing") as bar:
         answer = run(
             recording,

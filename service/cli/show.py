@@ -95,6 +95,8 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
     if isinstance(depth, Mapping):
         lines.append(f"Largest wear depth, both flanks: {spread(depth.get('combined'), 'µm')}")
         lines.append(f"  pinion {spread(depth.get('pinion'), 'µm')}; gear {spread(depth.get('gear'), 'µm')}")
+        if wear.get("reason"):
+            lines.append(f"  {wear['reason']}")
     else:
         lines.append(f"Wear depth: {reason(wear)}")
     validity = wear.get("validity")

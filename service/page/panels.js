@@ -29,7 +29,8 @@ export function drawCards(state) {
   const measured = last && Number.isFinite(last.rms_measured) ? last
     : { status: "not available", reason: windows.length ? "the latest window has no RMS" : "no window yet" };
   document.getElementById("cards").replaceChildren(
-    card("Maximum wear depth", combined, () => fixed(combined.median), "µm", () => `5–95 %: ${range(combined)} µm`),
+    card("Maximum wear depth", combined, () => fixed(combined.median), "µm",
+      () => (combined.p95 === null && wear.reason ? wear.reason : `5–95 %: ${range(combined)} µm`)),
     card("Remaining life", hours, () => fixed(hours.median), "h",
       () => `5–95 %: ${range(hours)} h; ${revolutions(rul.revolutions?.median)} rev`),
     card("Archard coefficient K", k, () => number(wear.k_wear_per_n), "1/N",

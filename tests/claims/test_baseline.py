@@ -23,7 +23,7 @@ from twin.effects import EFFECTS
 from twin.errors import NotAvailable, ParameterError, WindowError
 from twin.rig import Rig
 from twin.step import Options, State, step
-from twin.windows import Samples, Window
+from twin.windows import Edges, Samples, Window
 
 TEETH = (20, 30)
 RATE = 4096.0
@@ -37,10 +37,13 @@ SHAFTS = (Fraction(1), Fraction(*TEETH))
 
 
 def machine(
-    load: float, seed: int, *, teeth_seed=7, gain=None, pulse=0.0, third=False, seconds=8.0, foreign=None, mesh=1.0
-):
+    load: float, seed: int, *, nominal=SPEED, metered=False, teeth_seed=7, gain=None, pulse=0.0, third=False,
+    seconds=8.0, foreign=None, mesh=1.0,
+):  # fmt: skip
     """One window: speed falls a little with load, lines grow with it, the zero of the angle is anywhere.
 
+    nominal  speed without load [Hz]
+    metered  whether there are a torque meter, 20 N·m at full load, and a tachometer of one edge a turn
     gain   of the way to sensor b, a function of frequency
     pulse  height of a blow once a turn of the gear [m/s²]
     third  whether another shaft is geared to the pinion
@@ -48,7 +51,7 @@ def machine(
     foreign  order of a modulation of the mesh lines that no shaft makes
     """
     rng, pattern = np.random.default_rng(seed), np.random.default_rng(teeth_seed)
-    speed = SPEED * (1 - 0.01 * load)
+    speed = nominal * (1 - 0.01 * load)
     t = np.arange(int(seconds * RATE)) / RATE
     θ = 2 * np.pi * (speed * t + rng.uniform(0, 12))
     orders = np.arange(1, 80 * 3) / 3  # hunting lines: pinion 1, gear 2/3
@@ -82,7 +85,12 @@ def machine(
             turns = θ * TEETH[0] / TEETH[1] / (2 * np.pi)
             x += pulse * np.exp(-0.5 * (((turns + 0.3) % 1 - 0.5) / 0.02) ** 2)
         out[sensor] = Samples(start=0.0, rate=RATE, values=x + 0.2 * rng.normal(size=t.size))
-    return Window(start_time_ns=seed, accelerations=out)
+    if not metered:
+        return Window(start_time_ns=seed, accelerations=out)
+    turns = np.arange(np.ceil(θ[0] / (2 * np.pi)), np.floor(θ[-1] / (2 * np.pi)) + 1)
+    edges = Edges(per_rev=1, first_index=int(turns[0]), times=(2 * np.pi * turns - θ[0]) / (2 * np.pi * speed))
+    torque = Samples(start=0.0, rate=100.0, values=np.full(int(100 * seconds), 20 * load))
+    return Window(start_time_ns=seed, accelerations=out, torques={"pinion": torque}, encoders={"pinion": edges})
 
 
 def parts(window, shafts=SHAFTS, name="w"):
@@ -282,3 +290,12 @@ def test_step_without_a_baseline_names_strange_lines_and_takes_a_further_shaft_f
     _, geared = step(RIG, State(), machine(0.5, 3, third=True))
     assert geared.report["strange"][0]["geared"] == "1/4"
     assert geared.report["unexplained"]["verdict"] != "unknown_effect"
+
+
+@pytest.mark.parametrize("wrong", [0.985, 1.01, 1.025])
+def test_sampling_rate_that_the_tachometer_contradicts_is_caught_before_a_diagnosis(wrong):
+    window = machine(0.3, 5, metered=True)
+    angle_of(RIG, window)  # the right rate is taken
+    channels = {k: replace(s, rate=wrong * s.rate) for k, s in window.accelerations.items()}
+    with pytest.raises(NotAvailable, match=r"mesh lines lie at .* Hz, but encoder/pinion turns 20 teeth at .* % "):
+        angle_of(RIG, replace(window, accelerations=channels))

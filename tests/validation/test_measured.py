@@ -3,11 +3,15 @@
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from service.baselines import compared, learned, load, strangers
 from service.errors import InputError
 from service.importing import import_recording
+from service.relating import answer
+from service.series import load_series
+from twin.levels.trials import try_all
 
 ROOT = Path(__file__).parents[2]
 MEASURED = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared")) / "measured"
@@ -91,3 +95,48 @@ def test_wrong_mapping_is_caught_before_a_diagnosis_with_what_does_not_fit(broug
     import_recording(mapping, out, source=MEASURED / name / f"{state}30hz40.csv.gz")
     with pytest.raises(InputError, match=message):
         compared(baseline, out)
+
+
+@pytest.fixture(scope="module")
+def wear_series():
+    return load_series(MAPPINGS / "bgu-spur-wear-35.toml", MEASURED / "bgu-spur-wear-35" / "records.csv")
+
+
+@needs
+def test_wear_series_has_its_assemblies(wear_series):
+    cases = wear_series.cases
+    assert wear_series.records == 378 and cases.worn.sum() == 23 and (~cases.worn).sum() == 4
+    i = cases.name.index("W20")
+    assert cases.depth[i] == pytest.approx(488e-6)
+    assert cases.level["45rps"][i] / 9.80665 == pytest.approx(1.676, abs=0.002)
+    first = cases.name.index("W1")
+    for level in cases.level.values():  # the first case lies below the unworn ones
+        assert level[first] < level[~cases.worn].mean()
+
+
+@needs
+@pytest.mark.slow
+def test_levels_of_the_wear_series_beside_curves_that_know_nothing_of_gears(wear_series):
+    s = wear_series
+    tried = try_all(s.rig, s.conditions, s.cases, spreads=s.estimated, draws=2)
+    by = {t.name: t.errors for t in tried.trials}
+    line, slow, fast = by["straight line"], "15rps", "45rps"
+    # the twin with nothing but a gain and a background is nearer than a line at 15 rev/s, not at 45
+    assert by["background"].mean(slow) < 0.75 * line.mean(slow)
+    assert by["background"].mean(fast) > line.mean(fast)
+    # a gain alone fails by more than the level itself: what the machine does beside the mesh must be known
+    assert min(by["twin"].mean(k) for k in s.conditions) > 1
+    # what both speeds of an assembly share is needed; with it the twin is nearer than a line at both
+    assert "assembly" in tried.choice.causes
+    assert all(tried.errors.mean(k) < line.mean(k) for k in s.conditions)
+    # from four worn cases the twin knows the rest better than a line does
+    assert tried.few["background"][slow] < 0.5 * tried.few["straight line"][slow]
+    # the level stops rising; the depth then has a lower bound alone, and the bands hold the truth
+    told = answer(s, tried)
+    assert all(600 < r["not_rising"]["from_um"] < 650 for r in told["relation"].values())
+    held = [d["p05_um"] <= d["true_um"] <= (d["p95_um"] or 1e9) for d in told["depths"]]
+    assert np.mean(held) >= 0.8  # 90 % band, 23 cases
+    assert all(d["p95_um"] is None for d in told["depths"][-2:])
+    # the within-case scatter is not reached, not even by a spline
+    for k, floor in told["floor"].items():
+        assert floor["within_case_percent"] < 100 * by["spline"].mean(k)

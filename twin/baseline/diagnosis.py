@@ -15,6 +15,7 @@ import numpy as np
 
 from twin.baseline.findings import EXTRAPOLATED, SMOOTH, Compared, ShaftChange, compare
 from twin.baseline.learned import Baseline
+from twin.baseline.operating import UNITS
 from twin.baseline.path import Path, name_of_path
 from twin.baseline.reading import Reading
 from twin.effects import EFFECTS
@@ -95,11 +96,11 @@ def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
     elif any(e.name == "unknown_effect" for e in effects):
         verdict, reason = "unknown_effect", next(e.detail for e in effects if e.name == "unknown_effect")
     elif not any(c.expected.interpolated for c in compared):
-        unit = "N·m" if baseline.by_torque else "Hz"
-        low, high = (baseline.operating_point(r) for r in (baseline.readings[0], baseline.readings[-1]))
         at = baseline.operating_point(compared[0].reading)
+        here = ", ".join(f"{v:.5g} {UNITS[axis]}" for axis, v in zip(baseline.axes, at, strict=True))
+        known = ", ".join(f"{low:.5g} to {high:.5g} {UNITS[axis]}" for axis, (low, high) in baseline.range.items())
         reason = (
-            f"the operating point ({at:.5g} {unit}) lies beyond the baseline's ({low:.5g} to {high:.5g} {unit}): "
+            f"the operating point ({here}) lies beyond the baseline's ({known}): "
             "another load or speed, or a wrong sampling rate; small effects would not be seen"
         )
     return Diagnosis(

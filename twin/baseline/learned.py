@@ -1,9 +1,9 @@
 """The response of a healthy machine, learned from recordings: every line against load and speed, with its scatter.
 
-    x_k(u) = (1 − t)·X_k(u_i) + t·X_k(u_i+1)          u between the neighbouring recordings i and i + 1
+    x_k(u) = Σ_i w_i(u)·X_k(u_i)                      w the weights of the recordings around u (operating.py)
     σ_k²   = ½·(e_k² + local mean of e²),  e          what a recording misses of this between its own neighbours
 
-u    operating point: torque where it is measured and varies, else the speed (an induction motor's slip tells its load)
+u    operating point: torque, speed or both
 X_k  complex lines of the recordings at the orders of all shafts, laid over one another by their pattern
 
 Between recordings it is interpolated, beyond them the nearest recording stands, and is said to.
@@ -16,22 +16,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import combinations, pairwise
+from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from twin.baseline.alignment import Alignment, align
+from twin.baseline.operating import axes_of, order_of, point_of, weights_of
 from twin.baseline.path import band_gains
 from twin.baseline.reading import Reading
 from twin.errors import NotAvailable, ParameterError
 from twin.rig import Rig
 
 SMOOTH_ORDERS = 4.0  # width over which scatter is averaged
-VARIES = 0.03  # of torque, relative, from which it is the operating point
 SWAPPED, FITS = 0.03, 0.3  # of correlation that exchanging two channels must add, and reach, to be believed
-BEYOND = 0.05  # of the range learned, from which an operating point lies outside it
-
 
 Values = dict[str, np.ndarray]
 
@@ -48,13 +47,13 @@ class Expected:
     between: tuple[str, ...]  # names of the recordings that it comes from
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Baseline:
     """A healthy machine."""
 
     rig: Rig
     shafts: tuple[Fraction, ...]  # orders of all shafts
-    readings: tuple[Reading, ...]  # sorted by operating point, laid over one another
+    readings: tuple[Reading, ...]  # laid over one another, in the order of their operating points
     std: Mapping[str, np.ndarray]  # by channel (K,)
     path_scatter: Mapping[str, float]  # rms of ln|g| of the path to each sensor among the recordings (path.py)
 
@@ -62,29 +61,30 @@ class Baseline:
     def period(self) -> int:
         return self.readings[0].period
 
-    @property
-    def by_torque(self) -> bool:
-        """Whether the operating point is the torque; else the speed."""
-        return _by_torque(self.readings)
+    @cached_property
+    def axes(self) -> tuple[str, ...]:
+        """What tells operating points apart: `torque_nm`, `speed_hz` or both."""
+        return axes_of(self.readings)
 
-    def operating_point(self, reading: Reading) -> float:
-        """u of a window."""
-        if not self.by_torque:
-            return reading.speed_hz
-        if reading.torque_nm is None:
-            raise NotAvailable("the window has no torque, by which the baseline was learned")
-        return reading.torque_nm
+    def operating_point(self, reading: Reading) -> np.ndarray:
+        """u of a window on the axes (d,)."""
+        return point_of(reading, self.axes)
+
+    @property
+    def range(self) -> dict[str, tuple[float, float]]:
+        """Least and largest of the operating points learned, by axis."""
+        points = np.array([self.operating_point(r) for r in self.readings])
+        return {axis: (float(p.min()), float(p.max())) for axis, p in zip(self.axes, points.T, strict=True)}
 
     def expected(self, reading: Reading) -> Expected:
         """The healthy machine at a window's operating point, laid over the window."""
         if reading.period != self.period:
             raise ParameterError(f"lines at 1/{reading.period} order against a baseline at 1/{self.period}")
-        return _expected(self.rig, self.readings, self.std, reading, self.operating_point(reading), self.by_torque)
+        return _expected(self.rig, self.readings, self.std, reading, self.axes)
 
     def swapped(self, reading: Reading) -> tuple[str, str] | None:
         """Two channels whose names seem exchanged: with each as the other the pattern of the teeth fits much better."""
-        u = self.operating_point(reading)
-        lines, *_ = _interpolated(self.readings, u, self.by_torque)
+        lines, *_ = _interpolated(self.readings, reading, self.axes)
         named = _lines(reading)
         shared = sorted(set(named) & set(lines))
         fit: dict[tuple[str, str] | None, float] = {None: _fit(named, lines, reading.period, self.rig.teeth[0])}
@@ -107,41 +107,31 @@ def learn(rig: Rig, readings: Sequence[Reading], shafts: Sequence[Fraction]) -> 
     """
     if len(readings) < 2:
         raise ParameterError("a baseline needs at least two recordings of the healthy machine: one shows no scatter")
-    torque = _by_torque(readings)
-    ordered = sorted(readings, key=lambda r: _point(r, torque))
-    laid = _laid_over(rig, ordered)
-    std, path = _scatter(laid)
+    axes = axes_of(readings)
+    ordered = sorted(readings, key=lambda r: tuple(point_of(r, axes)))
+    laid = _laid_over(rig, ordered, axes)
+    std, path = _scatter(laid, axes)
     return Baseline(rig=rig, shafts=tuple(shafts), readings=laid, std=std, path_scatter=path)
-
-
-def _by_torque(readings: Sequence[Reading]) -> bool:
-    torques = [r.torque_nm for r in readings]
-    if any(t is None for t in torques):
-        return False
-    known = np.array(torques, dtype=float)
-    return bool(np.ptp(known) > VARIES * abs(known.mean()))
-
-
-def _point(reading: Reading, torque: bool) -> float:
-    return float(reading.torque_nm) if torque and reading.torque_nm is not None else reading.speed_hz
 
 
 def _lines(reading: Reading) -> dict[str, np.ndarray]:
     return {name: c.lines for name, c in reading.channels.items()}
 
 
-def _laid_over(rig: Rig, ordered: Sequence[Reading]) -> tuple[Reading, ...]:
-    """All readings in the angle of the middle one, each by its neighbour that is there already."""
-    if all(r.absolute for r in ordered):
-        return tuple(ordered)
-    middle = len(ordered) // 2
-    out = {middle: ordered[middle]}
-    for i, j in [(i, i - 1) for i in range(middle + 1, len(ordered))] + [(i, i + 1) for i in range(middle)[::-1]]:
-        found = align(_lines(out[j]), _lines(ordered[i]), ordered[i].period, rig.teeth[0])
+def _laid_over(rig: Rig, readings: Sequence[Reading], axes: Sequence[str]) -> tuple[Reading, ...]:
+    """All readings in the angle of the middle one, each by its nearest neighbour that is there already."""
+    if all(r.absolute for r in readings):
+        return tuple(readings)
+    out: dict[int, Reading] = {}
+    for i, j in order_of(np.array([point_of(r, axes) for r in readings])):
+        if j is None:
+            out[i] = readings[i]
+            continue
+        found = align(_lines(out[j]), _lines(readings[i]), readings[i].period, rig.teeth[0])
         if found is None:
-            raise NotAvailable(f"{ordered[i].name} and {ordered[j].name} have no accelerometer in common")
-        out[i] = _turned(ordered[i], found)
-    return tuple(out[i] for i in range(len(ordered)))
+            raise NotAvailable(f"{readings[i].name} and {readings[j].name} have no accelerometer in common")
+        out[i] = _turned(readings[i], found)
+    return tuple(out[i] for i in range(len(readings)))
 
 
 def _turned(reading: Reading, alignment: Alignment) -> Reading:
@@ -151,33 +141,26 @@ def _turned(reading: Reading, alignment: Alignment) -> Reading:
     return replace(reading, channels=channels)
 
 
-def _interpolated(readings: Sequence[Reading], u: float, torque: bool) -> tuple[Values, Values, bool, tuple[str, ...]]:
-    """Lines and their powers at an operating point, whether it lies among the readings, and the names of its source."""
-    points = [_point(r, torque) for r in readings]
-    reach = BEYOND * (points[-1] - points[0])
-    if u <= points[0] or u >= points[-1]:
-        near = readings[0] if u <= points[0] else readings[-1]
-        inside = points[0] - reach <= u <= points[-1] + reach
-        lines = _lines(near)
-        return lines, {name: np.abs(x) ** 2 for name, x in lines.items()}, inside, (near.name,)
-    for low, high in pairwise(range(len(points))):
-        if points[low] <= u <= points[high]:
-            break
-    width = points[high] - points[low]
-    t = 0.5 if width == 0 else (u - points[low]) / width
-    a, b = _lines(readings[low]), _lines(readings[high])
+def _interpolated(
+    readings: Sequence[Reading], reading: Reading, axes: Sequence[str]
+) -> tuple[Values, Values, bool, tuple[str, ...]]:
+    """Lines and their powers at a reading's point, whether it lies among the others, and the names of its source."""
+    points = np.array([point_of(r, axes) for r in readings])
+    weights, inside = weights_of(points, point_of(reading, axes))
+    sources = [(w, _lines(readings[i])) for i, w in sorted(weights.items())]
+    shared = set.intersection(*(set(lines) for _, lines in sources))
     out, power = {}, {}
-    for name in sorted(a.keys() & b.keys()):
-        m = min(a[name].size, b[name].size)
-        out[name] = (1 - t) * a[name][:m] + t * b[name][:m]
-        power[name] = (1 - t) * np.abs(a[name][:m]) ** 2 + t * np.abs(b[name][:m]) ** 2
-    return out, power, True, (readings[low].name, readings[high].name)
+    for name in sorted(shared):
+        m = min(lines[name].size for _, lines in sources)
+        out[name] = np.sum([w * lines[name][:m] for w, lines in sources], axis=0)
+        power[name] = np.sum([w * np.abs(lines[name][:m]) ** 2 for w, lines in sources], axis=0)
+    return out, power, inside, tuple(readings[i].name for i in sorted(weights))
 
 
 def _expected(
-    rig: Rig, readings: Sequence[Reading], std: Mapping[str, np.ndarray], reading: Reading, u: float, torque: bool
+    rig: Rig, readings: Sequence[Reading], std: Mapping[str, np.ndarray], reading: Reading, axes: Sequence[str]
 ) -> Expected:
-    lines, power, inside, between = _interpolated(readings, u, torque)
+    lines, power, inside, between = _interpolated(readings, reading, axes)
     found = None
     if not (reading.absolute and all(r.absolute for r in readings)):
         found = align(_lines(reading), lines, reading.period, rig.teeth[0])
@@ -196,14 +179,15 @@ def _expected(
     )
 
 
-def _scatter(readings: Sequence[Reading]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+def _scatter(readings: Sequence[Reading], axes: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """What readings miss of the baseline of the others: of each line (K,), and of the path's ln|g|; by channel."""
     missed: dict[str, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
-    torque = _by_torque(readings)
-    inner = range(1, len(readings) - 1) if len(readings) > 2 else range(len(readings))
-    for i in inner:
+    left_out = []
+    for i in range(len(readings)):
         others = [r for j, r in enumerate(readings) if j != i]
-        lines, _, _, _ = _interpolated(others, _point(readings[i], torque), torque)
+        left_out.append((i, *_interpolated(others, readings[i], axes)))
+    between = [(i, lines) for i, lines, _, _, names in left_out if len(names) > 1]
+    for i, lines in between or [(i, lines) for i, lines, *_ in left_out]:
         for name, channel in readings[i].channels.items():
             if name in lines:
                 m = min(lines[name].size, channel.lines.size)

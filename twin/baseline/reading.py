@@ -23,6 +23,7 @@ from scipy.ndimage import median_filter
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack
 from twin.features.extract import pinion_angle
+from twin.features.mesh_speed import mesh_speed
 from twin.features.orders import hann
 from twin.features.resample import AngleSignal, on_angle, spline_response
 from twin.rig import Rig
@@ -33,6 +34,7 @@ USABLE = 0.4  # of the sampling rate
 TURNS_PER_PERIOD = 4.0  # Hann's main lobe is four bins wide
 FLOOR_ORDERS = 0.8  # width over which the floor between the lines is taken
 LEAST_VALID = 0.9
+SAME_CLOCK = 0.003  # relative difference of speed by encoder and by mesh lines that is still one
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -73,8 +75,27 @@ def common_period(shafts: Sequence[Fraction]) -> int:
 
 
 def angle_of(rig: Rig, window: Window) -> AngleTrack:
-    """Pinion angle of a window; NotAvailable or WindowError where it cannot be told."""
-    return pinion_angle(rig, window, window.accelerations)
+    """Pinion angle of a window; NotAvailable or WindowError where it cannot be told, or two witnesses contradict."""
+    track = pinion_angle(rig, window, window.accelerations)
+    if track.source.startswith("encoder"):
+        _check_clocks(rig, window, track)
+    return track
+
+
+def _check_clocks(rig: Rig, window: Window, track: AngleTrack) -> None:
+    """The mesh lines must turn with the encoder: a wrong sampling rate, edge count or tooth count parts them."""
+    z1, z2 = rig.teeth
+    try:
+        seen = mesh_speed(window.accelerations, (int(z1), int(z2)), track.speed)
+    except NotAvailable:  # no clear mesh lines to compare with
+        return
+    off = seen.track.speed / track.speed - 1
+    if abs(off) > SAME_CLOCK:
+        raise NotAvailable(
+            f"the mesh lines lie at {z1 * seen.track.speed:.2f} Hz, but {track.source} turns {z1} teeth at "
+            f"{z1 * track.speed:.2f} Hz, {100 * abs(off):.2g} % {'less' if off > 0 else 'more'}: wrong sampling rate, "
+            "edges per turn or tooth count?"
+        )
 
 
 def read(
@@ -107,7 +128,7 @@ def read(
             continue
         try:
             signal, per_turn = on_angle(samples, track, samples.values.size)
-            channels[sensor] = lines_of(_part(signal, part), per_turn, Q)
+            channels[sensor] = lines_of(part_of(signal, part), per_turn, Q)
         except TwinError as error:
             reasons.append(f"accel/{sensor}: {error}")
     if not channels:
@@ -128,7 +149,8 @@ def read(
     )
 
 
-def _part(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:
+def part_of(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:
+    """A stretch of a signal, from and to a share of it."""
     low, high = (round(share * signal.values.size) for share in part)
     return AngleSignal(
         start=signal.start + low * signal.step,

@@ -155,9 +155,7 @@ def described(baseline: Baseline) -> dict[str, Any]:
     """What a baseline was learned from."""
     return {
         "recordings": [r.name for r in baseline.readings],
-        "operating_point": "torque_nm" if baseline.by_torque else "speed_hz",
-        "from": baseline.operating_point(baseline.readings[0]),
-        "to": baseline.operating_point(baseline.readings[-1]),
+        "operating_points": {axis: {"from": low, "to": high} for axis, (low, high) in baseline.range.items()},
         "shafts": [float(s) for s in baseline.shafts],
         "channels": sorted(baseline.std),
     }

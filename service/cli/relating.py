@@ -1,0 +1,194 @@
+"""What `gear-twin relate` prints, and its page with figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from html import escape
+from typing import Any
+
+from service.cli.diagnosis_figures import AFTER, BEFORE, LOOK, MEASURED, STYLE
+from service.cli.show import number
+
+SPLINE = "#2ca02c"
+TABLE = "What was tried"
+
+
+def text(answer: Mapping[str, Any]) -> str:
+    """Sentences and tables as plain text."""
+    conditions = list(answer["conditions"])
+    head = "".join(f"{k:>18}" for k in conditions)
+    lines = [f"Level against wear depth of {answer['asset']}: {answer['description']}", ""]
+    lines += sentences(answer)
+    lines += [
+        "",
+        f"{TABLE}: error on worn cases left out, each in turn, mean (worst) %; ln evidence over the background",
+    ]
+    lines.append(f"{'':<20}{head}")
+    for t in answer["trials"]:
+        gain = "" if t["log_evidence"] is None else f"{t['log_evidence']:+8.1f} nat"
+        lines.append(f"{t['name']:<20}{_cells(t, conditions)}{gain}   {t['said']}")
+    lines.append(f"{'chosen':<20}{_cells(answer['chosen'], conditions)}   {' + '.join(answer['chosen']['causes'])}")
+    lines += ["", "Chosen and fitted on every other case, error on the rest, and the other way round:"]
+    for name, e in answer["judged"].items():
+        lines.append(f"{name:<20}{_cells(e, conditions)}")
+    few = answer["few"]
+    lines += ["", "Fitted on the unworn and four worn cases, error on the rest:"]
+    for name, e in few.items():
+        lines.append(f"{name:<20}" + "".join(f"{e[k]:>12.1f}      " for k in conditions))
+    if answer["estimated_spread"]:
+        lines += [
+            "",
+            f"What is estimated: mean error of the twin with its background over {answer['draws']} draws of it",
+        ]
+        lines.append(
+            f"{'10, 50, 90 %':<20}"
+            + "".join(f"{' '.join(f'{x:.0f}' for x in answer['estimated_spread'][k]):>18}" for k in conditions)
+        )
+    lines += ["", "For scale, mean scatter or error %:"]
+    for said, key in (
+        ("within a case", "within_case_percent"),
+        ("spline, all cases", "spline_through_all_percent"),
+        ("unworn days", "unworn_days_percent"),
+    ):
+        lines.append(f"{said:<20}" + "".join(f"{number(answer['floor'][k][key], 3):>12}      " for k in conditions))
+    lines += ["", "Depth from the levels of all conditions together, by the relation of all other cases (5–95 %):"]
+    for d in answer["depths"]:
+        above = f"{d['p95_um']:6.0f}" if d["p95_um"] is not None else "     –"
+        said = f"   found {d['median_um']:6.0f}   {d['p05_um']:6.0f} … {above}"
+        said += "" if d["p95_um"] is not None else "   at least"
+        lines.append(f"  {d['name']:<8} {d['true_um']:6.0f} µm{said}")
+    return "\n".join(lines)
+
+
+def _cells(errors: Mapping[str, Any], conditions: list[str]) -> str:
+    return "".join(
+        f"{errors['mean_error_percent'][k]:>12.1f} ({errors['worst_error_percent'][k]:3.0f})" for k in conditions
+    )
+
+
+def sentences(answer: Mapping[str, Any]) -> list[str]:
+    """What came out, in words."""
+    worn = sum(c["depth_um"] > 0 for c in answer["cases"])
+    unworn = len(answer["cases"]) - worn
+    lines = [
+        f"{worn} worn and {unworn} unworn assemblies of {answer['records']} records; "
+        f"{len(answer['estimated'])} numbers of the rig file are estimated."
+    ]
+    earned = [t for t in answer["trials"] if t["log_evidence"] is not None]
+    single = [t["name"] for t in earned if t["log_evidence"] >= 3]
+    lines.append(
+        f"Beside the background, of {len(earned)} causes tried by themselves "
+        + (f"{', '.join(single)} better the cases left out by 3 nat and more." if single else "none earns 3 nat.")
+    )
+    causes = [c for c in answer["chosen"]["causes"] if c != "background"]
+    lines.append(
+        f"The best combination has {' and '.join(causes)}." if causes else "No combination does better than that."
+    )
+    for k, r in answer["relation"].items():
+        falling = r["not_rising"]
+        line = f"{k}: a level scatters by {number(r['std_percent'], 3)} % from assembly to assembly; "
+        line += f"it tells depths up to some {number(r['told_to_um'], 3)} µm from the deepest"
+        if falling:
+            line += f"; over the cases from {number(falling['from_um'], 3)} µm on it does not rise with depth "
+            line += f"(Spearman {falling['spearman']:+.2f})"
+        lines.append(line + ".")
+    lines += [f"To be borne in mind: {n}." for n in answer["notes"]]
+    return lines
+
+
+def page(answer: Mapping[str, Any]) -> str:
+    """HTML with the sentences, the table and the figures."""
+    title = f"Level against wear depth of {escape(answer['asset'])}"
+    told = "".join(f"<p>{escape(line)}</p>" for line in sentences(answer))
+    table = text(answer).partition(TABLE)
+    drawn = [_levels(answer), _causes(answer), _apart(answer)]
+    figures = "".join(
+        plot.to_html(full_html=False, include_plotlyjs="inline" if i == 0 else False) for i, plot in enumerate(drawn)
+    )
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
+        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'
+        f"<h1>{title}</h1><p>{escape(answer['description'])}</p>{told}{figures}"
+        f'<pre style="overflow-x:auto">{escape(table[1] + table[2])}</pre>'
+    )
+
+
+def _levels(answer: Mapping[str, Any]) -> Any:
+    """Cases and curves, one panel a condition."""
+    from plotly.subplots import make_subplots
+
+    conditions = list(answer["conditions"])
+    plot = make_subplots(rows=1, cols=len(conditions), subplot_titles=conditions)
+    for i, k in enumerate(conditions, 1):
+        curve, first = answer["curves"][k], i == 1
+        common: dict[str, Any] = {"row": 1, "col": i}
+        plot.add_scatter(
+            x=curve["depth_um"], y=curve["high"], mode="lines", line_width=0, showlegend=False, hoverinfo="skip",
+            **common,
+        )  # fmt: skip
+        plot.add_scatter(
+            x=curve["depth_um"], y=curve["low"], mode="lines", line_width=0, fill="tonexty",
+            fillcolor="rgba(31,119,180,0.15)", name="5–95 % of a new assembly", showlegend=first, legendgroup="band",
+            **common,
+        )  # fmt: skip
+        plot.add_scatter(
+            x=curve["depth_um"], y=curve["level"], mode="lines", line_color=AFTER, name="with what was chosen",
+            showlegend=first, legendgroup="relation", **common,
+        )  # fmt: skip
+        plot.add_scatter(
+            x=curve["depth_um"], y=curve["twin"], mode="lines", line={"color": BEFORE, "dash": "dash"},
+            name="twin with background", showlegend=first, legendgroup="twin", **common,
+        )  # fmt: skip
+        plot.add_scatter(
+            x=curve["spline_depth_um"], y=curve["spline"], mode="lines", line={"color": SPLINE, "dash": "dot"},
+            name="spline", showlegend=first, legendgroup="spline", **common,
+        )  # fmt: skip
+        plot.add_scatter(
+            x=[c["depth_um"] for c in answer["cases"]], y=[c["level"][k] for c in answer["cases"]],
+            error_y={"array": [c["scatter"][k] for c in answer["cases"]], "thickness": 1}, mode="markers",
+            marker_color=MEASURED, text=[c["name"] for c in answer["cases"]], name="measured, one an assembly",
+            showlegend=first, legendgroup="cases", **common,
+        )  # fmt: skip
+    plot.update_xaxes(title="largest wear depth [µm]")
+    plot.update_yaxes(title="RMS [m/s²]", rangemode="tozero")
+    plot.update_layout(title="Level against wear depth", **LOOK | {"height": 500, "margin": {"t": 140}})
+    plot.update_layout(legend={"orientation": "h", "y": 1.1, "yanchor": "bottom"})
+    return plot
+
+
+def _causes(answer: Mapping[str, Any]) -> Any:
+    """Mean errors on cases left out, by what was tried."""
+    import plotly.graph_objects as go
+
+    rows = [t for t in answer["trials"] if t["name"] != "twin"]  # without a background its bar hides all others
+    rows = [*rows, {"name": "chosen", **answer["chosen"]}]
+    plot = go.Figure()
+    for k, colour in zip(answer["conditions"], (AFTER, BEFORE, SPLINE, MEASURED), strict=False):
+        plot.add_bar(
+            x=[r["name"] for r in rows], y=[r["mean_error_percent"][k] for r in rows], name=k, marker_color=colour
+        )
+    plot.update_layout(
+        title="Error on worn cases left out (the twin with a gain alone is beyond the scale)",
+        yaxis_title="mean |error| [%]",
+        **LOOK,
+    )
+    return plot
+
+
+def _apart(answer: Mapping[str, Any]) -> Any:
+    """How much of the time no tooth touches."""
+    import plotly.graph_objects as go
+
+    plot = go.Figure()
+    for k, colour in zip(answer["conditions"], (AFTER, BEFORE, SPLINE, MEASURED), strict=False):
+        apart = answer["curves"][k]["apart"]
+        plot.add_scatter(
+            x=apart["depth_um"], y=[100 * s for s in apart["share"]], mode="lines", name=k, line_color=colour
+        )
+    plot.update_layout(
+        title="Time without contact, by the twin as the rig file has it",
+        xaxis_title="largest wear depth [µm]",
+        yaxis_title="share of the time [%]",
+        **LOOK,
+    )
+    return plot

@@ -1,0 +1,107 @@
+"""Operating points of a machine without a model: by what they are told apart, and between which of them one lies.
+
+    u = torque                   where it is measured and varies
+      = (torque, speed)          where the speed varies, too, by more than the torque explains
+      = speed                    else (an induction motor's slip tells its load)
+
+On one axis a point lies between two neighbours, in the plane within a triangle of the Delaunay triangulation, axes
+over their ranges; its weights are linear, 1 at a point learned. Outside, the nearest point learned stands alone.
+
+Source   linear interpolation on a Delaunay triangulation: M. de Berg et al., Computational Geometry, 3rd ed., ch. 9
+Holds    lines that change evenly between the points learned; what they miss of one another is the scatter
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import Delaunay, QhullError
+
+from twin.baseline.reading import Reading
+from twin.errors import NotAvailable
+
+VARIES = 0.03  # of torque, relative, from which it is an axis
+SPEED_VARIES = 0.05  # of speed, relative, beyond what the torque explains, from which it is an axis beside it
+LEAST_PLANE = 4  # readings from which a plane is spanned
+BEYOND = 0.05  # of the range learned, from which a point lies outside it
+
+UNITS = {"torque_nm": "N·m", "speed_hz": "Hz"}
+
+
+def axes_of(readings: Sequence[Reading]) -> tuple[str, ...]:
+    """Names of what tells the operating points of these readings apart."""
+    torques = [r.torque_nm for r in readings]
+    if any(t is None for t in torques):
+        return ("speed_hz",)
+    torque = np.array(torques, dtype=float)
+    if np.ptp(torque) <= VARIES * abs(torque.mean()):
+        return ("speed_hz",)
+    speed = np.array([r.speed_hz for r in readings])
+    if len(readings) >= LEAST_PLANE:
+        rest = speed - np.polyval(np.polyfit(torque, speed, 1), torque)
+        if np.ptp(rest) > SPEED_VARIES * speed.mean():
+            return ("torque_nm", "speed_hz")
+    return ("torque_nm",)
+
+
+def point_of(reading: Reading, axes: Sequence[str]) -> np.ndarray:
+    """A reading's place on the axes (d,); NotAvailable where it lacks one."""
+    if "torque_nm" in axes and reading.torque_nm is None:
+        raise NotAvailable("the window has no torque, by which the baseline was learned")
+    return np.array([float(getattr(reading, axis)) for axis in axes])
+
+
+def order_of(points: np.ndarray) -> list[tuple[int, int | None]]:
+    """All points (n, d) from the middle one outwards, each with its nearest neighbour that came before."""
+    place = _scaled(points, points)
+    first = int(np.argmin(np.abs(place - np.median(place, axis=0)).sum(axis=1)))
+    out: list[tuple[int, int | None]] = [(first, None)]
+    left = [i for i in range(len(points)) if i != first]
+    while left:
+        done = [i for i, _ in out]
+        distance = np.linalg.norm(place[left][:, None] - place[done][None], axis=2)
+        i, j = np.unravel_index(int(np.argmin(distance)), distance.shape)
+        out.append((left.pop(int(i)), done[int(j)]))
+    return out
+
+
+def weights_of(points: np.ndarray, at: np.ndarray) -> tuple[dict[int, float], bool]:
+    """Weights of the points learned (n, d) for a point (d,), and whether it lies among them."""
+    place, u = _scaled(points, points), _scaled(points, at[None])[0]
+    found = _along(place[:, 0], float(u[0])) if place.shape[1] == 1 else _within(place, u)
+    if found is not None:
+        return found, True
+    distance = np.linalg.norm(place - u, axis=1)
+    near = int(np.argmin(distance))
+    return {near: 1.0}, bool(distance[near] <= BEYOND)
+
+
+def _scaled(points: np.ndarray, values: np.ndarray) -> np.ndarray:
+    low, width = points.min(axis=0), np.ptp(points, axis=0)
+    return (values - low) / np.where(width > 0, width, 1.0)
+
+
+def _along(place: np.ndarray, u: float) -> dict[int, float] | None:
+    order = np.argsort(place, kind="stable")
+    rising = place[order]
+    if not rising[0] < u < rising[-1]:
+        return None
+    high = int(np.searchsorted(rising, u, side="right"))
+    a, b = rising[high - 1], rising[high]
+    t = float((u - a) / (b - a))
+    return {int(order[high - 1]): 1 - t, int(order[high]): t}
+
+
+def _within(place: np.ndarray, u: np.ndarray) -> dict[int, float] | None:
+    try:
+        mesh = Delaunay(place)
+    except QhullError:  # all on one line
+        return None
+    simplex = int(mesh.find_simplex(u))
+    if simplex < 0:
+        return None
+    A = mesh.transform[simplex]
+    part = A[:2] @ (u - A[2])
+    weights = np.append(part, 1 - part.sum())
+    return {int(i): float(w) for i, w in zip(mesh.simplices[simplex], weights, strict=True) if w > 0}

@@ -1,0 +1,264 @@
+"""A relation between wear depth and level, calibrated on cases whose depth was measured.
+
+    level² = exp(2·a)·(background² + (gain·E(depth))²)
+
+E           what the twin says of the level at a depth, one curve an operating condition         [m/s²]
+gain        from the twin's accelerometer to the machine's, one a condition or one for all
+background  what the machine does beside the mesh, one a condition                               [m/s²]
+a           how this assembly differs from the others: a number of standard deviation σ_a for all conditions at once
+
+What is left in ln(level) is normal: a, common to the conditions of one case, and a rest of its own in each. Both are
+taken from the cases: σ_a² is the covariance of their residuals, the rest's variance what remains.
+
+The way back, from levels to depth, is the posterior on an even grid of depths, without any preference among them. Where
+the level does not rise with depth any more only a lower bound comes out.
+
+Source   the level and its gain: paper, section 3.3; posterior by quadrature: A. Gelman et al., Bayesian Data Analysis,
+         3rd ed., ch. 3
+Holds    within the depths of the cases; for the sensor, the speeds and the load that they were measured with
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from twin.errors import ParameterError
+from twin.levels.curve import LevelCurve
+from twin.model import Condition
+
+GRID = 401  # depths of the posterior
+Z95 = 1.645  # of the 5–95 % band
+LEAST_CASES = 3
+SAME_SPEED, SAME_TORQUE = 0.02, 0.1  # relative differences within which a condition is the same
+LEAST_FALLING = 4  # cases that are called a region
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cases:
+    """Levels at known depths: one entry an assembly of the machine."""
+
+    name: tuple[str, ...]  # (n,)
+    depth: np.ndarray  # largest depth (n,) [m]
+    level: Mapping[str, np.ndarray]  # of every condition (n,) [m/s²]
+    scatter: Mapping[str, np.ndarray]  # standard deviation within the case (n,) [m/s²]
+
+    def __post_init__(self) -> None:
+        for label, level in self.level.items():
+            if level.shape != self.depth.shape or not np.all(level > 0):
+                raise ParameterError(f"{label}: one positive level a case is needed, {self.depth.size} in all")
+
+    def only(self, which: np.ndarray) -> Cases:
+        """Some of the cases; which (n,) bool."""
+        return Cases(
+            name=tuple(n for n, w in zip(self.name, which, strict=True) if w),
+            depth=self.depth[which],
+            level={k: v[which] for k, v in self.level.items()},
+            scatter={k: v[which] for k, v in self.scatter.items()},
+        )
+
+    @property
+    def worn(self) -> np.ndarray:
+        """Which are worn (n,) bool."""
+        return self.depth > 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Form:
+    """Which terms the relation has."""
+
+    background: bool = True
+    one_gain: bool = False  # for all conditions
+    run_in: bool = False  # assemblies with unworn gears have a background of their own
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthFound:
+    """Depth from levels."""
+
+    median: float  # [m]
+    p05: float
+    p95: float
+    bounded: bool  # False where the deepest case is not ruled out: then only p05 says something
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Relation:
+    """Level against depth of every condition."""
+
+    curves: Mapping[str, LevelCurve]
+    background: Mapping[str, float]  # [m/s²]
+    gain: Mapping[str, float]
+    assembly_std: float  # σ_a
+    rest_std: Mapping[str, float]
+    deepest: float  # of the cases [m]
+
+    @property
+    def teeth(self) -> tuple[int, int]:
+        """Tooth counts of the pair that it is of."""
+        return next(iter(self.curves.values())).teeth
+
+    def level(self, label: str, depth) -> np.ndarray:
+        """Level [m/s²] at depths [m]."""
+        return np.hypot(self.background[label], self.gain[label] * self.curves[label].at(depth))
+
+    def std(self, label: str) -> float:
+        """Of ln(level) of a new assembly."""
+        return float(np.hypot(self.assembly_std, self.rest_std[label]))
+
+    def assembly(self, depth: float, levels: Mapping[str, float]) -> float:
+        """a of one assembly from levels [m/s²] at a known depth [m]: the mean of its posterior."""
+        weight = {k: 1 / max(self.rest_std[k], 1e-6) ** 2 for k in levels}
+        off = sum(w * (np.log(levels[k]) - np.log(self.level(k, depth))) for k, w in weight.items())
+        return float(off / (sum(weight.values()) + 1 / max(self.assembly_std, 1e-6) ** 2))
+
+    def depth(self, levels: Mapping[str, float]) -> DepthFound:
+        """Depth from the levels [m/s²] of one assembly under some of the conditions."""
+        unknown = set(levels) - set(self.curves)
+        if unknown or not levels:
+            raise ParameterError(f"no curve for {', '.join(map(repr, sorted(unknown)))}; {', '.join(self.curves)}")
+        grid = np.linspace(0, self.deepest, GRID)
+        labels = list(levels)
+        off = np.array([np.log(levels[k]) - np.log(self.level(k, grid)) for k in labels])
+        covariance = np.diag([self.rest_std[k] ** 2 for k in labels]) + self.assembly_std**2
+        log = -0.5 * np.sum(off * np.linalg.solve(covariance, off), axis=0)
+        mass = np.cumsum(np.exp(log - log.max()))
+        p05, median, p95 = np.interp([0.05, 0.5, 0.95], mass / mass[-1], grid)
+        return DepthFound(
+            median=float(median),
+            p05=float(p05),
+            p95=float(p95),
+            bounded=bool(log[-1] - log.max() < -0.5 * Z95**2),
+        )
+
+    def condition_of(self, speed_hz: float, torque: float | None) -> str | None:
+        """The condition of a window by its speed [Hz] and torque [N·m], None where it is another."""
+        for label, curve in self.curves.items():
+            c = curve.condition
+            near = abs(speed_hz / c.speed_hz - 1) <= SAME_SPEED
+            if near and (torque is None or abs(torque / c.torque - 1) <= SAME_TORQUE):
+                return label
+        return None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The relation as JSON-safe data."""
+        return {
+            "teeth": list(self.teeth),
+            "conditions": {
+                k: {
+                    "speed_hz": c.condition.speed_hz,
+                    "torque": c.condition.torque,
+                    "depth": c.depth.tolist(),
+                    "level": c.level.tolist(),
+                    "background": self.background[k],
+                    "gain": self.gain[k],
+                    "rest_std": self.rest_std[k],
+                }
+                for k, c in self.curves.items()
+            },
+            "assembly_std": self.assembly_std,
+            "deepest": self.deepest,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Relation:
+        conditions = data["conditions"]
+        curves = {}
+        for k, v in conditions.items():
+            depth, level = np.array(v["depth"], float), np.array(v["level"], float)
+            zero = np.zeros_like(depth)
+            curves[k] = LevelCurve(
+                teeth=(int(data["teeth"][0]), int(data["teeth"][1])),
+                condition=Condition(speed_hz=v["speed_hz"], torque=v["torque"]),
+                depth=depth,
+                level=level,
+                scatter=zero,
+                apart=zero,
+                back=zero,
+            )
+
+        def each(name: str) -> dict[str, float]:
+            return {k: float(v[name]) for k, v in conditions.items()}
+
+        return cls(
+            curves=curves,
+            background=each("background"),
+            gain=each("gain"),
+            rest_std=each("rest_std"),
+            assembly_std=float(data["assembly_std"]),
+            deepest=float(data["deepest"]),
+        )
+
+    def told_to(self, label: str) -> float:
+        """Depth [m] from which on the level does not tell a depth from the deepest: their 5–95 % bands overlap."""
+        grid = np.linspace(0, self.deepest, GRID)
+        rise = np.log(self.level(label, grid[-1])) - np.log(self.level(label, grid))
+        apart = np.abs(rise) > Z95 * np.sqrt(2) * self.std(label)
+        return float(grid[np.flatnonzero(apart)[-1] + 1]) if apart.any() else 0.0
+
+
+def fit(cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None) -> Relation:
+    """The relation that the cases leave least of in ln(level)."""
+    form = form or Form()
+    labels = list(curves)
+    if cases.depth.size < LEAST_CASES:
+        raise ParameterError(f"{cases.depth.size} cases are too few for a relation: at least {LEAST_CASES}")
+    measured = {k: np.log(cases.level[k]) for k in labels}
+    twin = {k: curves[k].at(cases.depth) for k in labels}
+
+    m, worn = len(labels), cases.worn
+    unworn_apart = form.background and form.run_in and not worn.all()
+
+    def unpacked(p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gains, backgrounds of worn and of unworn assemblies, (m,) each."""
+        p = np.exp(p)
+        gain, p = (np.full(m, p[0]), p[1:]) if form.one_gain else (p[:m], p[m:])
+        background = p[:m] if form.background else np.zeros(m)
+        return gain, background, p[m:] if unworn_apart else background
+
+    def off(p: np.ndarray) -> np.ndarray:
+        gain, own, unworn = unpacked(p)
+        return np.array(
+            [
+                measured[k] - np.log(np.hypot(np.where(worn, own[i], unworn[i]), gain[i] * twin[k]))
+                for i, k in enumerate(labels)
+            ]
+        )
+
+    start = [float(np.mean(measured[k] - np.log(twin[k]))) for k in labels]
+    start = [float(np.mean(start))] if form.one_gain else start
+    if form.background:
+        start += [float(measured[k].min()) - 0.2 for k in labels] * (2 if unworn_apart else 1)
+    p = least_squares(lambda p: off(p).ravel(), start, method="lm").x
+    gain, background, _ = unpacked(p)
+    residual = off(p)
+    free = len(p) / m
+    covariance = residual @ residual.T / max(residual.shape[1] - free, 1)
+    common = float(np.mean(covariance[~np.eye(m, dtype=bool)])) if m > 1 else 0.0
+    common = float(np.clip(common, 0.0, np.diag(covariance).min()))
+    return Relation(
+        curves=curves,
+        background=dict(zip(labels, background.tolist(), strict=True)),
+        gain=dict(zip(labels, gain.tolist(), strict=True)),
+        assembly_std=float(np.sqrt(common)),
+        rest_std={k: float(np.sqrt(max(v - common, 1e-6))) for k, v in zip(labels, np.diag(covariance), strict=True)},
+        deepest=float(cases.depth.max()),
+    )
+
+
+def falling_region(depth: np.ndarray, level: np.ndarray) -> tuple[float, float] | None:
+    """The longest run of deepest cases over which the level does not rise with depth: its start [m], and Spearman's ρ.
+
+    None where every run of `LEAST_FALLING` and more rises.
+    """
+    order = np.argsort(depth)
+    d, r = depth[order], level[order]
+    for i in range(d.size - LEAST_FALLING + 1):
+        ρ = float(np.corrcoef(np.argsort(np.argsort(d[i:])), np.argsort(np.argsort(r[i:])))[0, 1])
+        if ρ <= 0:
+            return float(d[i]), ρ
+    return None
