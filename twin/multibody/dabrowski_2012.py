@@ -3,17 +3,18 @@
 Source   D. Dąbrowski, J. Adamczyk, H. Plascencia Mora, A multi-body model of gears for simulation of vibration signals
          for gears misalignment, Diagnostyka 2(62) (2012) 15–22, Tables 1 and 2, chapters 2 and 3
 Reads    K = 2.9852·10⁵ is printed with the unit N/mm^3/2, that of the Hertzian exponent of eq. (3), and stands beside
-         the exponent 1.3. A solver takes the number as it is: N/mm^1.3. What the other readings give is in `ESTIMATES`.
+         the exponent 1.3. A solver takes the number as it is: N/mm^1.3. What the other readings give is in `READINGS`.
 Bearing  deep groove 6206, 9 balls of 9.525 mm, δ = 4.36·10⁻⁴·(Q²/D)^⅓ mm with Q = 5·F_r/9 (A. Palmgren, Ball and
          roller bearing engineering, 3rd ed. 1959): 1.5·F_r/δ = 1.4·10⁸ N/m under half of the mesh force at 200 N·m
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from math import radians
-from typing import Any
+from math import radians, tan
+
+import numpy as np
 
 from twin.geometry import GearPair
 from twin.multibody.impact_law import ImpactLaw
@@ -60,103 +61,101 @@ def system() -> System:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A parameter that the paper does not give, why it was taken so, and what else it could be."""
+    """A parameter that the paper does not give, why it was taken so, and between what it may lie."""
 
     name: str
-    value: str
+    unit: str
+    scale: float  # SI over the unit
+    value: float  # in the unit, as low and high
+    low: float
+    high: float
     reason: str
-    others: tuple[tuple[str, Callable[[System], System]], ...]
+    change: Callable[[System, float], System]  # of a value in SI
     rigid_too: bool = True  # whether it matters where bearings and shafts are rigid
 
-
-def _pair(**change: Any) -> Callable[[System], System]:
-    return lambda s: replace(s, pair=replace(s.pair, **change))
-
-
-def _law(**change: float) -> Callable[[System], System]:
-    return lambda s: replace(s, law=replace(s.law, **change))
+    def at(self, system: System, value: float) -> System:
+        """The system with another value, in the estimate's unit."""
+        return self.change(system, value * self.scale)
 
 
-def _shafts(**change: float) -> Callable[[System], System]:
-    return lambda s: replace(s, shafts=replace(s.shafts, **change))
+def _pair(name: str) -> Callable[[System, float], System]:
+    return lambda s, value: replace(s, pair=replace(s.pair, **{name: value}))  # type: ignore[arg-type]
 
 
-def _converted(s: System) -> System:
-    """Exponent 1.5 with the stiffness that bears the force of 200 N·m at the same penetration."""
-    x = s.law.penetration(s.static_force(200.0))
-    return replace(s, law=replace(s.law, exponent=1.5, stiffness=s.law.stiffness * x ** (s.law.exponent - 1.5)))
+def _law(name: str) -> Callable[[System, float], System]:
+    return lambda s, value: replace(s, law=replace(s.law, **{name: value}))
+
+
+def _shafts(name: str) -> Callable[[System, float], System]:
+    return lambda s, value: replace(s, shafts=replace(s.shafts, **{name: value}))
+
+
+def _face(s: System, width: float) -> System:
+    """With the backlash that the tilted teeth then need."""
+    backlash = max(s.pair.backlash, 1.2 * width * tan(TILT_ANGLE))
+    return replace(s, pair=replace(s.pair, face_width=width, backlash=backlash))
 
 
 ESTIMATES: tuple[Estimate, ...] = (
     Estimate(
-        name="face width",
-        value="20 mm",
+        name="face width", unit="mm", scale=1e-3, value=20, low=15, high=25, change=_face,
         reason="6.5 modules, usual for such a pair",
-        others=(("15 mm", _pair(face_width=15e-3)), ("25 mm", _pair(face_width=25e-3, backlash=0.5e-3))),
     ),
     Estimate(
-        name="mass of the gears",
-        value="solid discs of steel",
-        reason="webs and hubs are not said",
-        others=(
-            ("0.6 of it", lambda s: replace(s, density=0.6 * s.density)),
-            ("1.5 of it", lambda s: replace(s, density=1.5 * s.density)),
-        ),
+        name="density of the discs", unit="kg/m³", scale=1, value=7850, low=4700, high=10000,
+        change=lambda s, value: replace(s, density=value),
+        reason="steel, solid; less stands for webs, more for hubs",
     ),
     Estimate(
-        name="backlash",
-        value="0.4 mm",
+        name="backlash", unit="mm", scale=1e-3, value=0.4, low=0.2, high=0.6, change=_pair("backlash"),
         reason="teeth tilted by 1° over the face need 0.33 mm to turn free",
-        others=(("0.2 mm", _pair(backlash=0.2e-3)), ("0.6 mm", _pair(backlash=0.6e-3))),
     ),
     Estimate(
-        name="penetration of full damping",
-        value="0.1 mm",
-        reason="the solver's customary value",
-        others=(("0.02 mm", _law(full_damping_depth=0.02e-3)), ("0.5 mm", _law(full_damping_depth=0.5e-3))),
+        name="penetration of full damping", unit="mm", scale=1e-3, value=0.1, low=0.05, high=0.5,
+        change=_law("full_damping_depth"), reason="the solver's customary value",
     ),
     Estimate(
-        name="reading of K",
-        value="N/mm^1.3",
-        reason="the number with the exponent beside it, as a solver takes it",
-        others=(
-            ("exponent 1.5, K in N/mm^1.5", _law(exponent=1.5, stiffness=_K * _MM**1.5)),
-            ("exponent 1.5, same force at 200 N·m", _converted),
-        ),
+        name="shaft diameter", unit="mm", scale=1e-3, value=30, low=25, high=40, change=_shafts("diameter"),
+        reason="200 N·m at 40 MPa of shear", rigid_too=False,
     ),
     Estimate(
-        name="shaft diameter",
-        value="30 mm",
-        reason="200 N·m at 40 MPa of shear",
-        others=(("25 mm", _shafts(diameter=25e-3)), ("40 mm", _shafts(diameter=40e-3))),
-        rigid_too=False,
+        name="span of the bearings", unit="mm", scale=1e-3, value=120, low=80, high=200, change=_shafts("span"),
+        reason="face, two bearings and room to change gears", rigid_too=False,
     ),
     Estimate(
-        name="span of the bearings",
-        value="120 mm",
-        reason="face, two bearings and room for the clamping",
-        others=(("80 mm", _shafts(span=80e-3)), ("200 mm", _shafts(span=200e-3))),
-        rigid_too=False,
+        name="place of the gears in the span", unit="", scale=1, value=0.5, low=0.35, high=0.65,
+        change=_shafts("place"), reason="no other is said", rigid_too=False,
     ),
     Estimate(
-        name="place of the gears",
-        value="middle of the span",
-        reason="no other is said",
-        others=(("35 %", _shafts(place=0.35)), ("65 %", _shafts(place=0.65))),
-        rigid_too=False,
+        name="bearing stiffness", unit="N/µm", scale=1e6, value=140, low=70, high=300,
+        change=_shafts("bearing_stiffness"), reason="6206 under half of the mesh force (Palmgren)", rigid_too=False,
     ),
     Estimate(
-        name="bearing stiffness",
-        value="1.4e8 N/m",
-        reason="6206 under half of the mesh force (Palmgren)",
-        others=(("0.7e8 N/m", _shafts(bearing_stiffness=0.7e8)), ("3e8 N/m", _shafts(bearing_stiffness=3e8))),
-        rigid_too=False,
+        name="damping ratio of shafts and bearings", unit="%", scale=0.01, value=3, low=1, high=10,
+        change=_shafts("damping_ratio"), reason="usual for shafts in rolling bearings", rigid_too=False,
     ),
-    Estimate(
-        name="damping ratio of shafts and bearings",
-        value="3 %",
-        reason="usual for shafts in rolling bearings",
-        others=(("1 %", _shafts(damping_ratio=0.01)), ("10 %", _shafts(damping_ratio=0.1))),
-        rigid_too=False,
-    ),
-)
+)  # fmt: skip
+
+
+def _same_force(s: System) -> System:
+    x = s.law.penetration(s.static_force(TORQUES[1]))
+    return replace(s, law=replace(s.law, exponent=1.5, stiffness=s.law.stiffness * x ** (s.law.exponent - 1.5)))
+
+
+READINGS: Mapping[str, Callable[[System], System]] = {
+    "K in N/mm^1.5, exponent 1.5": lambda s: replace(s, law=replace(s.law, exponent=1.5, stiffness=_K * _MM**1.5)),
+    "exponent 1.5, the force of 200 N·m at the same penetration": _same_force,
+}
+
+
+def drawn(seed: int, number: int) -> list[System]:
+    """So many systems with every estimate drawn evenly on the logarithm of its range; backlash as the face needs it."""
+    random, out = np.random.default_rng(seed), []
+    for _ in range(number):
+        made = system()
+        for estimate in ESTIMATES:
+            value = float(np.exp(random.uniform(np.log(estimate.low), np.log(estimate.high))))
+            if estimate.name != "backlash":
+                made = estimate.at(made, value)
+        out.append(made)
+    return out

@@ -8,13 +8,18 @@
 i       slice of the face, tooth pair, and flank: + drive flanks, − back flanks, which are j apart
 x, y    of the tooth at the slice, tilts included
 e_i     separation by the tilt of the driven gear: the lead gap of effects/misalignment about the place of tilting
-gap     corner contact outside the path, with the shifts of the contact that a displacement makes (effects/eccentricity)
+gap     corner contact outside the path
 m       slices
+σ1, σ2  shifts of the contact on the flanks where the gear's tooth is displaced by D against the pinion's: with
+        τ = ½·cos α·(D_x/tan α ± D_y), σ1 = τ and σ2 = τ − D_x/sin α; corner contact begins at s + σ2, ends at s + σ1
 
 The driver's joint turns at constant speed, a constant torque T acts on the driven. Because C·S(x) is large, the
 equations are stiff: backward differences of order two, solved by Newton's method with the exact Jacobian.
 
     v_n+1 − (4v_n − v_n−1)/3 = (2h/3)·M⁻¹·f(q_n+1, v_n+1, t_n+1),    q_n+1 = (4q_n − q_n−1)/3 + (2h/3)·v_n+1
+
+Where teeth give way each slice of a tooth is a spring k_t/m behind its contact, k_t·u = F(δ − u, δ' − u'): the energy
+method's bending, shear, axial and foundation compliance (mesh/stiffness), without inertia.
 
 Friction force and its moments come from one displacement u, so that friction can only take power.
 
@@ -40,7 +45,7 @@ from twin.mesh.stiffness import pair_compliance
 from twin.multibody import impact_law
 from twin.multibody.system import System, Tilt
 
-SLICES = 25
+SLICES = 15
 STEPS = 512  # a mesh period
 _NEWTON = 60
 _TOLERANCE = 1e-10  # of velocities [m/s], turns and tilts at the base radius
@@ -124,6 +129,7 @@ def _contacts(q, v, t, geometry, tilt, law, rub, gap0, gap, places, c_new, want,
     m = places.size
     ψ = ψ0 + turning * ω * t
     ψ_rate = turning * ω
+    farthest = 2.0 * abs(tan_tilt) * width * (0.5 + abs(pivot)) / s_α  # more than any shift of a contact
     λ = width * tan_tilt * np.cos(ψ - α)
     λ_back = width * tan_tilt * np.cos(ψ + α - np.pi)
     g, h = np.empty((2, 10)), np.empty((2, 10))
@@ -150,11 +156,18 @@ def _contacts(q, v, t, geometry, tilt, law, rub, gap0, gap, places, c_new, want,
         about_pivot = 0.5 * abs(λ_s) - λ_s * pivot  # the teeth tilt about it, not about the end that touches
         if side > 0.0:
             sums[3] = δ0
+        closest = δ0 + 0.5 * abs(δ1) + about_pivot - gap_face  # of any slice, before the corner gap
+        if closest <= 0.0:
+            continue
         first = np.floor((gap0 - s0) / pb) - 1.0
         for k in range(5):
             s = s0 + (first + k) * pb
             slot = int(first + k) % 8
             flank = 0 if side > 0.0 else 1
+            if _table(gap[0], gap0, gap[3, 0], s + farthest)[0] > closest:
+                continue
+            if _table(gap[1], gap0, gap[3, 0], s - farthest)[0] > closest:
+                continue
             k_tooth = _table(gap[2], gap0, gap[3, 0], s)[0]
             A0 = A1 = A2 = B0 = B1 = B2 = D0 = D1 = D2 = N0 = N1 = P0 = P1 = 0.0
             touched = False

@@ -17,7 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.multibody.bands import band_rms, derivative, sideband_ratio, whole_turn
-from twin.multibody.dabrowski_2012 import ESTIMATES, EXPERIMENT_RISE, SPEEDS_RPM, TILT_ANGLE, TORQUES, system
+from twin.multibody.dabrowski_2012 import (
+    ESTIMATES,
+    EXPERIMENT_RISE,
+    READINGS,
+    SPEEDS_RPM,
+    TILT_ANGLE,
+    TORQUES,
+    drawn,
+    system,
+)
 from twin.multibody.motion import SLICES, STEPS, Case, integrate
 from twin.multibody.system import System, Tilt
 
@@ -36,6 +45,8 @@ TILTS: Mapping[str, Tilt] = {
     "turning": Tilt(angle=TILT_ANGLE, turning=True),
     "turning_end": Tilt(angle=TILT_ANGLE, turning=True, pivot=-0.5),
 }
+POINTS = tuple((n, T) for n in SPEEDS_RPM for T in TORQUES)
+CROOKED = ("rigid", "both", "all")  # variants in which the gear that turns crookedly is tried
 SETTLE = 28  # mesh periods before what is kept
 COARSE = (256, 15)  # steps and slices of the sensitivities: within some 5 % of the fine ones
 
@@ -77,11 +88,6 @@ class Rise:
     bands: np.ndarray  # of each band (5,) [%]
     acceleration: float  # [%]
     experiment: float  # about [%]
-
-    @property
-    def miss(self) -> float:
-        """Distance of the force's rise from the experiment's [%-points]."""
-        return abs(self.force - self.experiment)
 
 
 def run(
@@ -127,19 +133,19 @@ def rise(tilted: Run, aligned: Run) -> Rise:
     )
 
 
-def mean_miss(rises: Iterable[Rise]) -> float:
-    """Mean distance from the experiment [%-points]."""
-    return float(np.mean([r.miss for r in rises]))
+def mean_miss(rises: Iterable[Rise], of: str = "force") -> float:
+    """Mean distance of the force's or the acceleration's rise from the experiment's [%-points]."""
+    return float(np.mean([abs(getattr(r, of) - r.experiment) for r in rises]))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sensitivity:
-    """The rises of the force where one parameter is something else."""
+    """The rises at the four operating points where one parameter is something else, axis tilted normal to the plane."""
 
     name: str
-    value: str
-    rigid: tuple[Rise, ...] | None  # at the four operating points, axis tilted normal to the plane of the axes
-    both: tuple[Rise, ...]
+    value: float | None  # in the estimate's unit; None for another reading of the paper
+    rigid: tuple[Rise, ...] | None
+    both: tuple[Rise, ...]  # on bearings and shafts
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -149,6 +155,7 @@ class Study:
     runs: tuple[Run, ...]
     rises: tuple[Rise, ...]
     sensitivities: tuple[Sensitivity, ...]
+    draws: tuple[Mapping[str, tuple[Rise, ...]], ...]  # by variant, of systems with all estimates drawn
 
     def of(self, variant: str, tilt: str) -> list[Rise]:
         """At the four operating points."""
@@ -157,9 +164,6 @@ class Study:
     def run(self, variant: str, tilt: str, speed_rpm: float, torque: float) -> Run:
         key = (variant, tilt, speed_rpm, torque)
         return next(r for r in self.runs if (r.variant, r.tilt, r.speed_rpm, r.torque) == key)
-
-
-POINTS = tuple((n, T) for n in SPEEDS_RPM for T in TORQUES)
 
 
 def rises_of(
@@ -172,23 +176,42 @@ def rises_of(
     )
 
 
-def study(progress: Callable[[float, str], None] = lambda share, note: None, sensitivities: bool = True) -> Study:
-    """Every variant, tilt and operating point, and each estimate otherwise; progress gets the share done and a note."""
+def study(
+    progress: Callable[[float, str], None] = lambda share, note: None,
+    *,
+    fine: tuple[int, int] = (STEPS, SLICES),
+    coarse: tuple[int, int] = COARSE,
+    sensitivities: bool = True,
+    draws: int = 0,
+) -> Study:
+    """Every variant, tilt and operating point; each estimate otherwise; all estimates drawn at random.
+
+    progress      gets the share done and a note
+    fine, coarse  steps a mesh period and slices of the runs and of sensitivities and draws
+    draws         how many systems with all estimates drawn
+    """
     given = system()
-    cases = [(v, t, n, T) for v in VARIANTS for n, T in POINTS for t in TILTS]
-    changes = [(e, label, change) for e in ESTIMATES for label, change in e.others] if sensitivities else []
-    total, runs = len(cases) + len(changes), []
+    cases = [(v, t, n, T) for v in VARIANTS for n, T in POINTS for t in TILTS if v in CROOKED or not TILTS[t].turning]
+    others = _others(given) if sensitivities else []
+    total = len(cases) + 10 * len(others) + 40 * draws
+    runs, found, sets = [], [], []
     for i, (variant, tilt, speed, torque) in enumerate(cases):
         progress(i / total, f"{variant}, {speed:g} rpm, {torque:g} N·m")
-        runs.append(run(given, variant, tilt, speed, torque))
+        runs.append(run(given, variant, tilt, speed, torque, *fine))
     aligned = {(r.variant, r.speed_rpm, r.torque): r for r in runs if r.tilt == "aligned"}
     rises = [rise(r, aligned[r.variant, r.speed_rpm, r.torque]) for r in runs if r.tilt != "aligned"]
-    found = []
-    for i, (estimate, label, change) in enumerate(changes):
-        progress((len(cases) + i) / total, f"{estimate.name} {label}")
-        other = change(given)
-        rigid = rises_of(other, "rigid", "normal", *COARSE) if estimate.rigid_too else None
-        found.append(
-            Sensitivity(name=estimate.name, value=label, rigid=rigid, both=rises_of(other, "both", "normal", *COARSE))
-        )
-    return Study(runs=tuple(runs), rises=tuple(rises), sensitivities=tuple(found))
+    for i, (name, value, other, rigid_too) in enumerate(others):
+        progress((len(cases) + 10 * i) / total, name)
+        rigid = rises_of(other, "rigid", "normal", *coarse) if rigid_too else None
+        both = rises_of(other, "both", "normal", *coarse)
+        found.append(Sensitivity(name=name, value=value, rigid=rigid, both=both))
+    for i, other in enumerate(drawn(seed=1, number=draws)):
+        progress((len(cases) + 10 * len(others) + 40 * i) / total, f"estimates drawn, {i + 1} of {draws}")
+        sets.append({v: rises_of(other, v, "normal", *coarse) for v in VARIANTS})
+    return Study(runs=tuple(runs), rises=tuple(rises), sensitivities=tuple(found), draws=tuple(sets))
+
+
+def _others(given: System) -> list[tuple[str, float | None, System, bool]]:
+    """Every estimate at both ends of its range, then the other readings of K."""
+    ends = [(e.name, v, e.at(given, v), e.rigid_too) for e in ESTIMATES for v in (e.low, e.high)]
+    return [*ends, *((name, None, change(given), True) for name, change in READINGS.items())]
