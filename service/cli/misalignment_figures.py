@@ -14,19 +14,19 @@ from service.cli.misalignment_text import (
     draw_table,
     estimate_table,
     findings,
+    residual_table,
     rise_table,
     sideband_table,
 )
 from twin.multibody.bands import HARMONICS, SIDEBANDS, shaft_lines
 from twin.multibody.dabrowski_2012 import EXPERIMENT_RISE, TEETH
-from twin.multibody.study import POINTS, VARIANTS, Run, Study
+from twin.multibody.study import POINTS, SHOWN, VARIANTS, Run, Study
 
 ALIGNED, OUT = "#1f77b4", "#d62728"
 COLOURS = {
     "rigid": "#444444", "bearings": "#9467bd", "shafts": "#2ca02c", "both": "#1f77b4", "teeth": "#ff7f0e",
     "all": "#d62728",
 }  # fmt: skip
-SHOWN = (800.0, 200.0)  # as the authors' figures 8 to 11
 FLOOR = 1e-2  # of a line's amplitude that is drawn [N]
 
 
@@ -47,7 +47,13 @@ def page(study: Study) -> str:
     figures = "".join(
         plot.to_html(full_html=False, include_plotlyjs="inline" if i == 0 else False) for i, plot in enumerate(drawn)
     )
-    tables = [rise_table(study, "normal"), rise_table(study, "in_plane"), sideband_table(study), estimate_table(study)]
+    tables = [
+        rise_table(study, "normal"),
+        rise_table(study, "in_plane"),
+        sideband_table(study),
+        residual_table(study),
+        estimate_table(study),
+    ]
     if study.draws:
         tables.append(draw_table(study))
     return (

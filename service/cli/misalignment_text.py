@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from twin.multibody.dabrowski_2012 import ESTIMATES, EXPERIMENT_RISE
-from twin.multibody.study import CROOKED, POINTS, VARIANTS, Rise, Sensitivity, Study, mean_miss
+from twin.multibody.study import CROOKED, POINTS, SHOWN, VARIANTS, Rise, Sensitivity, Study, mean_miss
 
 GIVES = {
     "rigid": "nothing (authors' model)",
@@ -70,6 +70,9 @@ def answered(study: Study) -> dict[str, Any]:
             }
             for s in study.sensitivities
         ],
+        "over_a_state_out_of_line": [
+            {"correct_state": state, **_rise(r)} for (_, state), rises in study.residuals.items() for r in rises
+        ],
         "draws": [{v: [_rise(r) for r in rises] for v, rises in draw.items()} for draw in study.draws],
     }
 
@@ -95,6 +98,7 @@ def text(study: Study) -> str:
         rise_table(study, "in_plane"),
         "\n".join(findings(study)),
         sideband_table(study),
+        residual_table(study),
         estimate_table(study),
     ]
     if study.draws:
@@ -138,8 +142,8 @@ def findings(study: Study) -> list[str]:
         miss = {v: mean_miss(study.of(v, "normal"), of) for v in VARIANTS}
         out.append(
             f"Distance from the experiment, {WHAT[of]}: {miss['rigid']:.0f} %-points where nothing gives way, "
-            f"{miss['bearings']:.0f} with bearings alone, {miss['shafts']:.0f} with shafts alone, {miss['both']:.0f} with "
-            f"both; {miss['all']:.0f} where teeth bend, too."
+            f"{miss['bearings']:.0f} with bearings alone, {miss['shafts']:.0f} with shafts alone, {miss['both']:.0f} "
+            f"with both; {miss['all']:.0f} where teeth bend, too."
         )
     out.append(
         "An axis that is out of line makes no sidebands. A gear that sits crooked on its shaft makes them at twice the "
@@ -149,16 +153,28 @@ def findings(study: Study) -> list[str]:
 
 
 def sideband_table(study: Study) -> str:
-    """Largest sideband over its mesh line, median of the five harmonics and four operating points."""
-    lines = ["sidebands at ± 1 and ± 2 times the shaft's speed, % of their mesh line (median of harmonics and cases)"]
+    """Sidebands over their mesh line, median of the five harmonics."""
+    lines = [
+        f"sidebands at ± 1 and ± 2 times the shaft's speed, % of their mesh line (median of five), {SHOWN[0]:g} rpm, "
+        f"{SHOWN[1]:g} N·m"
+    ]
     lines.append(f"  {'what is tilted; gives way':<{WIDTH}}{'nothing':>16}{'bearings, shafts':>20}{'teeth, too':>20}")
     for tilt in ("aligned", *TILTED):
         cells = []
         for variant in CROOKED:
-            both = [study.run(variant, tilt, *point).sidebands for point in POINTS]
-            one, two = 100 * np.median(both, axis=(0, 2))
+            one, two = 100 * np.median(study.run(variant, tilt, *SHOWN).sidebands, axis=1)
             cells.append(f"{f'{one:.1f}':>{10 if variant == 'rigid' else 14}}{f'{two:.1f}':>6}")
         lines.append(f"  {TILTED.get(tilt, 'nothing'):<{WIDTH}}{''.join(cells)}")
+    return "\n".join(lines)
+
+
+def residual_table(study: Study) -> str:
+    """The rise over a state that is called correct and is itself a little out."""
+    lines = ["rise where the state called correct is itself out, normal to the plane of the axes: force; acceleration"]
+    for (variant, state), rises in study.residuals.items():
+        cells = (_cells(getattr(r, of) for r in rises) for of in ("force", "acceleration"))
+        miss = (f"{mean_miss(rises, of):.0f}" for of in ("force", "acceleration"))
+        lines.append(f"  {GIVES[variant]:<26}{state:<13}{';  '.join(cells)}   from exp. {'; '.join(miss)}")
     return "\n".join(lines)
 
 
@@ -186,7 +202,7 @@ def _amount(value: float | None, unit: str) -> str:
 def _sensitivity(s: Sensitivity, label: str) -> str:
     rigid = "rigid" + _cells(r.force for r in s.rigid) if s.rigid else ""
     lead = f"    {label:<14}" if len(label) < 15 else f"    {label}\n{'':18}"
-    return f"{lead}{rigid:<45}both{_cells(r.force for r in s.both)}"
+    return f"{lead}{rigid:<44}both{_cells(r.force for r in s.both)}"
 
 
 def draw_table(study: Study) -> str:

@@ -1,0 +1,106 @@
+"""A pair with one gear out by 1°: what the authors' model and experiment did, and what comes out here.
+
+Source     D. Dąbrowski, J. Adamczyk, H. Plascencia Mora, Diagnostyka 2(62) (2012) 15–22, chapters 2 and 3: mesh lines
+           at z·f·n (eq. 4); in every case the second mesh harmonic rises; RMS in the bands "about 20 %" up at 400 rpm
+           and "about 30 %" at 800 rpm, "especially for GMF2, GMF3 and GMF4"; in the model more; sidebands at the
+           shafts' speed
+Tolerance  the paper's numbers are round and its bars have no figures beside them: order and sign are tested. What is
+           missed is stated by tests, too: with bearings and shafts the rise is near at 200 N·m, not at 100 N·m, and
+           where they are other than estimated it may be anywhere
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from twin.multibody.bands import shaft_lines
+from twin.multibody.dabrowski_2012 import EXPERIMENT_RISE, TEETH, drawn, system
+from twin.multibody.study import COARSE, RESIDUALS, mean_miss, rises_of, run
+
+SIGNALS = ("force", "acceleration")
+SUPPORTS = ("rigid", "bearings", "shafts", "both")
+
+
+@cache
+def rises(variant, tilt="normal", against="aligned"):
+    return rises_of(system(), variant, tilt, *COARSE, against)
+
+
+@cache
+def crooked(variant, tilt):
+    return run(system(), variant, tilt, 800.0, 200.0, *COARSE)
+
+
+@pytest.mark.parametrize("variant", ["rigid", "both"])
+@pytest.mark.parametrize("tilt", ["aligned", "normal"])
+def test_lines_lie_at_teeth_times_rotation_times_harmonic(variant, tilt):
+    force = run(system(), variant, tilt, 800.0, 200.0, *COARSE).force
+    power = np.abs(shaft_lines(force)[1:]) ** 2
+    assert power[TEETH - 1 :: TEETH].sum() == pytest.approx(power.sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("tilt", ["normal", "in_plane"])
+@pytest.mark.parametrize("variant", SUPPORTS)
+def test_every_case_raises_the_second_mesh_harmonic(variant, tilt):
+    assert all(r.bands[1] > 40 for r in rises(variant, tilt))
+
+
+def test_with_teeth_that_bend_the_second_harmonic_hardly_rises_at_400_rpm():
+    slow, fast = rises("all")[:2], rises("all")[2:]
+    assert all(-5 < r.bands[1] < 40 for r in slow)
+    assert all(r.bands[1] > 100 for r in fast)
+
+
+@pytest.mark.parametrize("tilt", ["normal", "in_plane"])
+def test_the_rigid_model_rises_more_than_the_experiment_in_every_case_as_the_authors_did(tilt):
+    assert all(r.force > r.experiment and r.acceleration > r.experiment for r in rises("rigid", tilt))
+
+
+def test_the_rigid_model_rises_most_at_the_harmonics_that_the_experiment_did():
+    for r in rises("rigid")[2:]:
+        assert r.bands[[1, 2, 3]].min() > r.bands[4]
+
+
+@pytest.mark.parametrize("of", SIGNALS)
+def test_shafts_bring_the_rise_nearer_to_the_experiment_and_bearings_only_with_them(of):
+    miss = {variant: mean_miss(rises(variant), of) for variant in SUPPORTS}
+    assert miss["shafts"] < 0.9 * miss["rigid"]
+    assert miss["bearings"] > miss["rigid"]
+    assert miss["both"] < 0.7 * miss["rigid"] and miss["both"] < miss["shafts"]
+
+
+def test_at_200_newton_metres_the_force_rises_by_as_much_as_in_the_experiment():
+    at_400, at_800 = (r for r in rises("both") if r.torque == 200)
+    assert at_400.force == pytest.approx(EXPERIMENT_RISE[400], abs=12)
+    assert at_800.force == pytest.approx(EXPERIMENT_RISE[800], abs=12)
+
+
+def test_at_100_newton_metres_it_rises_more_than_twice_as_much():
+    assert all(r.force > 2 * r.experiment for r in rises("both") if r.torque == 100)
+
+
+@pytest.mark.parametrize("variant", ["rigid", "both"])
+def test_a_correct_state_that_is_itself_a_little_out_brings_the_rise_down(variant):
+    misses = [mean_miss(rises(variant, "normal", state)) for state in ("aligned", *RESIDUALS)]
+    assert misses[0] > misses[1] > misses[2]
+
+
+@pytest.mark.parametrize("variant", ["rigid", "both"])
+def test_sidebands_come_of_a_gear_that_turns_crookedly_and_of_no_axis_out_of_line(variant):
+    for tilt in ("normal", "in_plane"):
+        assert crooked(variant, tilt).sidebands.max() < 1e-3
+    assert np.median(crooked(variant, "turning").sidebands[1]) > 0.2
+    assert np.median(crooked(variant, "turning").sidebands[0]) < 0.01
+    assert np.median(crooked(variant, "turning_end").sidebands[0]) > 0.2
+
+
+@pytest.mark.slow
+def test_over_all_estimates_bearings_and_shafts_bring_the_rise_nearer_in_the_median_but_not_always():
+    misses = [
+        [[mean_miss(rises_of(made, variant, "normal", *COARSE), of) for variant in ("rigid", "both")] for of in SIGNALS]
+        for made in drawn(seed=1, number=30)
+    ]
+    rigid, both = np.moveaxis(np.array(misses), 2, 0)
+    assert (np.median(both, axis=0) < np.median(rigid, axis=0)).all()
+    assert (np.mean(both < rigid, axis=0) < 0.9).all()
