@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from twin.effects.misalignment import Misalignment, face_separation
 from twin.effects.setup import setup_of
 from twin.errors import NotConverged, ParameterError
+from twin.mesh.corner_contact import corner_gap
 from twin.multibody import motion
 from twin.multibody.bands import band_rms, derivative, shaft_lines, sideband_ratio, whole_turn
 from twin.multibody.dabrowski_2012 import ESTIMATES, READINGS, TEETH, TILT_ANGLE, drawn, system
@@ -111,6 +112,23 @@ def test_one_pair_at_rest_bears_the_closed_form_of_the_law():
     rb, α = RIGID.pair.base_radius[0], RIGID.pair.pressure_angle
     along = np.array([sin(α), -cos(α), 0, 0, rb])
     assert force == pytest.approx(np.concatenate((-F * along, F * along)), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("tilt", [ALIGNED, OUT])
+def test_every_pair_that_touches_is_counted_at_every_place_of_the_mesh(tilt):
+    """Beside the sum over nine pairs, written out; the axis is tilted so that no shift of the contact matters."""
+    made, δ, z = replace(DRY, law=DRY.law.without_damping()), 90e-6, (np.arange(11) + 0.5) / 11 - 0.5
+    pair, λ = made.pair, tilt.lead_gap(made.pair)
+    q = np.zeros(10)
+    q[θ2] = -δ / pair.base_radius[1]
+    arm = z * pair.face_width * np.tan(tilt.angle)  # the gear's teeth stand off by it across the line of centres
+    σ1 = σ2 = 0.5 * cos(pair.pressure_angle) * arm
+    for time in np.linspace(0, case().mesh_period, 37):
+        s = case().omega * pair.base_radius[0] * time + pair.base_pitch * np.arange(-4, 5)[:, None]
+        gap = corner_gap(pair, s + np.where(s < 0, σ2, σ1))
+        x = np.maximum(δ + λ * z - gap, 0)
+        drive = contact_forces(case(made, tilt), q, np.zeros(10), time, 11)[1][0]
+        assert drive == pytest.approx((K * x**E).sum() / 11, rel=1e-3)
 
 
 def test_the_edge_contact_of_a_tilted_axis_is_the_integral_of_the_law_over_the_lead_gap():

@@ -159,7 +159,7 @@ def _contacts(q, v, t, geometry, tilt, law, rub, gap0, gap, places, c_new, want,
         closest = δ0 + 0.5 * abs(δ1) + about_pivot - gap_face  # of any slice, before the corner gap
         if closest <= 0.0:
             continue
-        first = np.floor((gap0 - s0) / pb) - 1.0
+        first = np.floor((gap0 - s0) / pb) + 1.0  # five pairs cover the table of the corner gap
         for k in range(5):
             s = s0 + (first + k) * pb
             slot = int(first + k) % 8
@@ -362,7 +362,7 @@ def _arguments(case: Case, slices: int) -> tuple:
     system, tilt = case.system, case.tilt
     pair = system.pair
     rb, pb = pair.base_radius[0], pair.base_pitch
-    reach = 1.6 * pb
+    reach = 1.6 * pb  # five base pitches hold the path and this on either side
     s = np.arange(pair.path_start - reach, pair.path_end + reach, _GRID)
     gap = np.zeros((4, s.size))
     whole = np.nan_to_num(corner_gap(pair, s), nan=1.0, posinf=1.0)
