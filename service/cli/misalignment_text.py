@@ -134,10 +134,9 @@ def findings(study: Study) -> list[str]:
     out = []
     for tilt in ("normal", "in_plane"):
         raised = {v: sum(r.bands[1] > 0 for r in study.of(v, tilt)) for v in VARIANTS}
-        less = "; ".join(f"{GIVES[v]}: {n} of {len(POINTS)}" for v, n in raised.items() if n < len(POINTS))
-        out.append(
-            f"Mesh harmonic 2 rises in every case ({TILTED[tilt]}){' but: ' + less if less else ''}."
-        )  # fmt: skip
+        less = [f"{GIVES[v]}, {n} of {len(POINTS)}" for v, n in raised.items() if n < len(POINTS)]
+        every = "in every case" if not less else f"in all cases but of: {'; '.join(less)}"
+        out.append(f"Mesh harmonic 2 of the force rises {every} (tilt: {TILTED[tilt]}).")
     for of in ("force", "acceleration"):
         miss = {v: mean_miss(study.of(v, "normal"), of) for v in VARIANTS}
         out.append(
@@ -147,7 +146,7 @@ def findings(study: Study) -> list[str]:
         )
     out.append(
         "An axis that is out of line makes no sidebands. A gear that sits crooked on its shaft makes them at twice the "
-        "shaft's speed, and at once that speed where it is tilted about another place than the middle of its face."
+        "shaft's speed, and at the shaft's speed itself where it is tilted about another place than mid-face."
     )
     return out
 

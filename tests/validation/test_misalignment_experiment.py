@@ -5,8 +5,8 @@ Source     D. Dąbrowski, J. Adamczyk, H. Plascencia Mora, Diagnostyka 2(62) (20
            and "about 30 %" at 800 rpm, "especially for GMF2, GMF3 and GMF4"; in the model more; sidebands at the
            shafts' speed
 Tolerance  the paper's numbers are round and its bars have no figures beside them: order and sign are tested. What is
-           missed is stated by tests, too: with bearings and shafts the rise is near at 200 N·m, not at 100 N·m, and
-           where they are other than estimated it may be anywhere
+           missed is stated by tests, too: with bearings and shafts two of four cases are near, and where supports are
+           other than estimated the rise may be anywhere
 """
 
 from functools import cache
@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from twin.multibody.bands import shaft_lines
-from twin.multibody.dabrowski_2012 import EXPERIMENT_RISE, TEETH, drawn, system
+from twin.multibody.dabrowski_2012 import TEETH, drawn, system
 from twin.multibody.study import COARSE, RESIDUALS, mean_miss, rises_of, run
 
 SIGNALS = ("force", "acceleration")
@@ -40,16 +40,15 @@ def test_lines_lie_at_teeth_times_rotation_times_harmonic(variant, tilt):
     assert power[TEETH - 1 :: TEETH].sum() == pytest.approx(power.sum(), rel=1e-6)
 
 
-@pytest.mark.parametrize("tilt", ["normal", "in_plane"])
+@pytest.mark.parametrize("variant", [*SUPPORTS, "all"])
+def test_every_case_raises_the_second_mesh_harmonic(variant):
+    assert all(r.bands[1] > 20 for r in rises(variant))
+
+
 @pytest.mark.parametrize("variant", SUPPORTS)
-def test_every_case_raises_the_second_mesh_harmonic(variant, tilt):
-    assert all(r.bands[1] > 40 for r in rises(variant, tilt))
-
-
-def test_with_teeth_that_bend_the_second_harmonic_hardly_rises_at_400_rpm():
-    slow, fast = rises("all")[:2], rises("all")[2:]
-    assert all(-5 < r.bands[1] < 40 for r in slow)
-    assert all(r.bands[1] > 100 for r in fast)
+def test_so_does_a_tilt_in_the_plane_of_the_axes_but_for_the_rigid_model_at_low_speed_and_high_torque(variant):
+    raised = [r.bands[1] > 0 for r in rises(variant, "in_plane")]
+    assert raised == [True, variant != "rigid", True, True]
 
 
 @pytest.mark.parametrize("tilt", ["normal", "in_plane"])
@@ -63,21 +62,21 @@ def test_the_rigid_model_rises_most_at_the_harmonics_that_the_experiment_did():
 
 
 @pytest.mark.parametrize("of", SIGNALS)
-def test_shafts_bring_the_rise_nearer_to_the_experiment_and_bearings_only_with_them(of):
+def test_shafts_bring_the_rise_nearer_to_the_experiment_and_bearings_beside_them_more_so(of):
     miss = {variant: mean_miss(rises(variant), of) for variant in SUPPORTS}
-    assert miss["shafts"] < 0.9 * miss["rigid"]
-    assert miss["bearings"] > miss["rigid"]
-    assert miss["both"] < 0.7 * miss["rigid"] and miss["both"] < miss["shafts"]
+    assert miss["both"] < miss["shafts"] < 0.6 * miss["rigid"]
+    assert miss["shafts"] < miss["bearings"]
 
 
-def test_at_200_newton_metres_the_force_rises_by_as_much_as_in_the_experiment():
-    at_400, at_800 = (r for r in rises("both") if r.torque == 200)
-    assert at_400.force == pytest.approx(EXPERIMENT_RISE[400], abs=12)
-    assert at_800.force == pytest.approx(EXPERIMENT_RISE[800], abs=12)
+def test_bearings_alone_hardly_change_the_rise_of_the_force():
+    assert mean_miss(rises("bearings")) == pytest.approx(mean_miss(rises("rigid")), rel=0.1)
 
 
-def test_at_100_newton_metres_it_rises_more_than_twice_as_much():
-    assert all(r.force > 2 * r.experiment for r in rises("both") if r.torque == 100)
+def test_two_of_four_cases_rise_as_in_the_experiment_one_more_and_one_falls():
+    """Near: 400 rpm with 100 N·m and 800 rpm with 200 N·m. Missed: the other two."""
+    at = {(r.speed_rpm, r.torque): r.force - r.experiment for r in rises("both")}
+    assert abs(at[400, 100]) < 15 and abs(at[800, 200]) < 15
+    assert at[400, 200] < -30 and at[800, 100] > 30
 
 
 @pytest.mark.parametrize("variant", ["rigid", "both"])
