@@ -14,6 +14,7 @@ from service.cli.misalignment_text import (
     draw_table,
     estimate_table,
     findings,
+    friction_table,
     residual_table,
     rise_table,
     sideband_table,
@@ -51,6 +52,7 @@ def page(study: Study) -> str:
         rise_table(study, "normal"),
         rise_table(study, "in_plane"),
         sideband_table(study),
+        friction_table(study),
         residual_table(study),
         estimate_table(study),
     ]

@@ -12,7 +12,7 @@ Holds    steady runs: what is kept begins after a turn
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,7 @@ RESIDUALS: dict[str, Tilt] = {  # of the state that is called correct
     "out by 0.2°": Tilt(angle=0.2 * TILT_ANGLE),
 }
 POINTS = tuple((n, T) for n in SPEEDS_RPM for T in TORQUES)
+DRAWN = ("rigid", "bearings", "shafts", "both", "all")  # variants that are run with drawn estimates
 CROOKED = ("rigid", "both", "all")  # variants in which the gear that turns crookedly is tried
 SHOWN = (800.0, 200.0)  # the operating point whose signals the authors show: a whole turn is kept there
 SETTLE = 28  # mesh periods before what is kept
@@ -173,6 +174,7 @@ class Study:
     rises: tuple[Rise, ...]
     sensitivities: tuple[Sensitivity, ...]
     residuals: Mapping[tuple[str, str], tuple[Rise, ...]]  # by variant and state that is called correct
+    frictionless: Mapping[str, tuple[Rise, ...]]  # by variant, without friction between the teeth
     draws: tuple[Mapping[str, tuple[Rise, ...]], ...]  # by variant, of systems with all estimates drawn
 
     def of(self, variant: str, tilt: str) -> list[Rise]:
@@ -230,14 +232,20 @@ def study(
         found.append(Sensitivity(name=name, value=value, rigid=rigid, both=both))
     for i, other in enumerate(drawn(seed=1, number=draws)):
         progress((len(cases) + 10 * len(others) + 40 * i) / total, f"estimates drawn, {i + 1} of {draws}")
-        sets.append({v: rises_of(other, v, "normal", *coarse) for v in VARIANTS})
+        sets.append({v: rises_of(other, v, "normal", *coarse) for v in DRAWN})
     residuals = {
         (variant, state): rises_of(given, variant, "normal", *coarse, against=state)
         for variant in CROOKED
         for state in RESIDUALS
     }
+    smooth = replace(given, law=given.law.without_friction())
     return Study(
-        runs=tuple(runs), rises=tuple(rises), sensitivities=tuple(found), residuals=residuals, draws=tuple(sets)
+        runs=tuple(runs),
+        rises=tuple(rises),
+        sensitivities=tuple(found),
+        residuals=residuals,
+        frictionless={variant: rises_of(smooth, variant, "normal", *coarse) for variant in VARIANTS},
+        draws=tuple(sets),
     )
 
 
