@@ -151,7 +151,8 @@ def findings(study: Study) -> list[str]:
     out.append(
         f"Without friction bearings and shafts leave the rise of every band within {apart:.0f} %-points of that where "
         f"nothing gives way ({own.min():.0f} to {own.max():.0f} %; {SHOWN[0]:g} rpm, {SHOWN[1]:g} N·m). With it, "
-        "what friction excites as it reverses at the pitch point rings on the shafts, aligned or not: that dilutes the rise."
+        "what friction excites as it reverses at the pitch point rings on the shafts, aligned or not: that dilutes the "
+        "rise."
     )
     out.append(
         "An axis that is out of line makes no sidebands. A gear that sits crooked on its shaft makes them at twice the "
