@@ -186,7 +186,7 @@ def _bars(study: Study, variant: str) -> Any:
 def _sidebands(study: Study) -> Any:
     """Lines about the second mesh harmonic, by what is tilted."""
     tilts = list(TILTED)
-    plot = _panels([TILTED[t] for t in tilts], 2, 2, shared_yaxes=True, vertical_spacing=0.18)
+    plot = _panels([TILTED[t] for t in tilts], 2, 2, shared_yaxes=True, vertical_spacing=0.27)
     for i, tilt in enumerate(tilts):
         run = study.run("both", tilt, *SHOWN)
         _stems(plot, run, OUT, TILTED[tilt], 2 * TEETH - 6, 2 * TEETH + 6, i // 2 + 1, i % 2 + 1)

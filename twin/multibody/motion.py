@@ -26,7 +26,7 @@ Friction force and its moments come from one displacement u, so that friction ca
 Source   E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., ch. III.1 and V.1 (BDF2, L-stable);
          Dąbrowski et al., Diagnostyka 2(62) (2012): the system and its impact law
 Holds    steps that resolve the passage of a mesh: a few hundred a base pitch; tilts of a degree or so
-Ignores  the tilt of the path of contact within a slice; contact off the line of action beyond its corner gap
+Ignores  shifts of the contact by what vibrates; the axial sway of a crooked gear; contact off the line of action
 """
 
 from __future__ import annotations
