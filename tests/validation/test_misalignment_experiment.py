@@ -105,11 +105,19 @@ def test_sidebands_come_of_a_gear_that_turns_crookedly_and_of_no_axis_out_of_lin
 
 
 @pytest.mark.slow
-def test_over_all_estimates_bearings_and_shafts_bring_the_rise_nearer_in_the_median_but_not_always():
-    misses = [
-        [[mean_miss(rises_of(made, variant, "normal", *COARSE), of) for variant in ("rigid", "both")] for of in SIGNALS]
-        for made in drawn(seed=1, number=30)
-    ]
-    rigid, both = np.moveaxis(np.array(misses), 2, 0)
-    assert (np.median(both, axis=0) < np.median(rigid, axis=0)).all()
-    assert (np.mean(both < rigid, axis=0) < 0.9).all()
+def test_over_all_estimates_both_bring_the_rise_nearer_mostly_but_not_always_and_shafts_alone_do_not():
+    variants = ("rigid", "shafts", "both")
+    misses = np.array(
+        [
+            [
+                [mean_miss(rises, of) for of in SIGNALS]
+                for rises in (rises_of(s, v, "normal", *COARSE) for v in variants)
+            ]
+            for s in drawn(seed=1, number=30)
+        ]
+    )
+    rigid, shafts, both = np.moveaxis(misses, 1, 0)
+    assert (np.median(both, axis=0) < 0.8 * np.median(rigid, axis=0)).all()
+    force, acceleration = np.mean(both < rigid, axis=0)
+    assert 0.5 < force < 1 and acceleration > 0.8
+    assert np.mean(shafts < rigid, axis=0)[0] < 0.65
