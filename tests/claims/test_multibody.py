@@ -231,9 +231,9 @@ def test_an_off_middle_place_couples_displacement_and_slope_and_is_mirrored():
 def test_another_method_finds_the_same_motion():
     """Radau's method of order five, with tolerances of its own, over a mesh period from the same start."""
     made = case(DRY, OUT)
-    begun = motion.start(made, 11)
-    arguments = motion._arguments(made, 11)
-    J, rest = made.system.mass[θ2], np.zeros((2, 8, 11))
+    begun = motion.start(made, 5)
+    arguments = motion._arguments(made, 5)
+    J, rest = made.system.mass[θ2], np.zeros((2, 8, 5))
 
     def rate(t, y):
         q, v, force = begun.copy(), np.zeros(10), np.zeros(10)
@@ -241,9 +241,9 @@ def test_another_method_finds_the_same_motion():
         motion._contacts(q, v, t, *arguments, 0.0, False, force, np.zeros((1, 1)), np.zeros(4), rest, rest)
         return [y[1], (force[θ2] - made.torque) / J]
 
-    found = integrate(made, settle=0, keep=1, steps=1024, slices=11)
+    found = integrate(made, settle=0, keep=1, steps=1024, slices=5)
     solved = solve_ivp(
-        rate, (0, found.time[-1]), [begun[θ2], 0.0], method="Radau", rtol=1e-7, atol=1e-11, t_eval=found.time
+        rate, (0, found.time[-1]), [begun[θ2], 0.0], method="Radau", rtol=1e-7, atol=1e-5, t_eval=found.time
     )
     moved = np.ptp(solved.y[0])
     assert found.position[:, θ2] == pytest.approx(solved.y[0], abs=2e-3 * moved)

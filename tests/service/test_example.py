@@ -15,7 +15,7 @@ from twin.multibody.dabrowski_2012 import ESTIMATES
 def found():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(twin.multibody.study, "ESTIMATES", ESTIMATES[:2])
-        return twin.multibody.study.study(fine=(128, 5), coarse=(128, 3), draws=1)
+        return twin.multibody.study.study(fine=(96, 3), coarse=(96, 3), draws=1)
 
 
 @pytest.fixture
