@@ -106,7 +106,7 @@ def _through_tooth(x, x_rate, k, bent_from, c_new, K, e, C, d):
         if not low < new < high:
             new = 0.5 * (low + high)
         moved, u = abs(new - u), new
-        if moved < 1e-15:
+        if moved < 1e-14:
             break
     slope = F_x * c_new + F_v
     return k * u, u, k * slope / (k + slope / c_new)
