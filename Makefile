@@ -16,7 +16,7 @@ help:
 	@echo 'make test         the test suite; test-slow: the longer proofs; test-all: both'
 	@echo 'make bench        all benchmarks, with their aims'
 	@echo 'make evaluate     campaigns with undeclared effects: named, and errors before and after (ARGS=--help: options)'
-	@echo 'make figures      writes the tables of figures in the README anew (ARGS=PART: one of them)'
+	@echo 'make figures      writes the tables of figures in README and docs anew (ARGS=PART: one of them)'
 	@echo 'make check        ruff and mypy; format: put the code in form; lint-docker: the Dockerfile'
 	@echo 'make lock         resolve the locked packages again (needs uv)'
 	@echo 'make clean        remove .venv and all that was made'

@@ -1,4 +1,4 @@
-"""Writes the README's tables of figures anew, each from the command it names.
+"""Writes the tables of figures in the README and docs/validation.md anew, each from the command it names.
 
     python -m benchmarks.figures [PART …]
 
@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-README = ROOT / "README.md"
+PAGES = (ROOT / "README.md", ROOT / "docs" / "validation.md")
 TABLE = re.compile(
     r"<!-- (?P<last>last )?figures: (?P<command>python -m .+?) -->\n.*?<!-- end of figures -->", re.DOTALL
 )
@@ -55,8 +55,8 @@ def with_figures(text: str, parts: Sequence[str]) -> str:
 
 
 def main() -> None:
-    text = with_figures(README.read_text(encoding="utf-8"), sys.argv[1:])
-    README.write_text(text, encoding="utf-8")
+    for page in PAGES:
+        page.write_text(with_figures(page.read_text(encoding="utf-8"), sys.argv[1:]), encoding="utf-8")
 
 
 if __name__ == "__main__":

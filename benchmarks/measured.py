@@ -23,9 +23,10 @@ import numpy as np
 
 from service import relating
 from service.assess import assess
-from service.baselines import load, pair_shafts, strangers
+from service.baselines import belonging_of, load, pair_shafts, strangers
 from service.cli import relating as shown
 from service.cli.pair import sentences, with_assumed_radii
+from service.cli.strange import energies
 from service.importing import import_recording
 from service.series import load_series
 from twin.baseline.diagnosis import Parts, diagnose
@@ -143,7 +144,9 @@ def _carried(here: Compared, there: Compared, sensor: str) -> np.ndarray:
 def modulation(folder: Path) -> None:
     """What the lines of the 28-channel rig belong to."""
     data = MEASURED / "spur-rig-28ch-2000rpm"
-    found = load(imported(data.name, data / "channels.npz", folder))
+    recording = imported(data.name, data / "channels.npz", folder)
+    found = load(recording)
+    print("\n".join(energies(belonging_of(recording))))
     for s in strangers(found):
         print(f"lines spaced by {s['frequency_hz']:.4f} ± {s['frequency_std_hz']:.4f} Hz, order {s['order']:.5f}")
         if s["part"] > 1:

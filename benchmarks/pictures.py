@@ -70,7 +70,7 @@ PICTURES: dict[str, tuple[Callable[[Path], Path], tuple[int, ...]]] = {  # page,
     "modulation": (modulation, (0,)),
     "encoders": (encoders, (0,)),
     "wear": (wear, (0, 1)),
-    "misalignment": (misalignment, (0,)),
+    "misalignment": (misalignment, (0, 6)),
 }
 
 

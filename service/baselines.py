@@ -20,6 +20,7 @@ from service.errors import InputError
 from service.jsontext import plain
 from service.rigfile import checked_rig
 from service.sources.mcap import Recording, read_windows
+from twin.baseline.belonging import belonging
 from twin.baseline.diagnosis import Diagnosis, diagnose
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, Reading, angle_of, common_period, read
@@ -156,6 +157,27 @@ def strangers(loaded: Loaded) -> list[dict[str, Any]]:
     """Spacings of lines that neither gear makes."""
     seen = [(w.name, w.spacing, w.track) for w in loaded.windows]
     return strange(seen, pair_shafts(loaded.rig), ("pinion", "gear"))
+
+
+def belonging_of(path: Path, rig_path: Path | None = None) -> list[dict[str, Any]]:
+    """What the energy of a recording's first usable window belongs to, by channel; empty where it cannot be told."""
+    try:
+        loaded = load(path, rig_path)
+        first = loaded.windows[0]
+        shafts = pair_shafts(loaded.rig)
+        found = belonging(first.window.accelerations, first.track, loaded.rig.teeth, shafts, first.spacing)
+    except (InputError, TwinError):
+        return []
+    return [
+        {
+            "channel": f.channel,
+            "family": f.name,
+            "share_percent": 100 * f.share,
+            "share_std_percent": 100 * f.share_std,
+            "steady": f.steady,
+        }
+        for f in found
+    ]
 
 
 def save(baseline: Baseline, path: Path) -> None:

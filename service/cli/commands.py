@@ -344,6 +344,7 @@ def diagnose(
     json: JsonFile = None,
 ) -> None:
     """Say which effects the machine has beside wear, how sure that is, and what is left unexplained."""
+    from service.baselines import belonging_of
     from service.cli import beside_baseline, beside_figures
     from service.cli.diagnosis import text
     from service.cli.diagnosis_figures import page
@@ -357,6 +358,8 @@ def diagnose(
         answer = load_answer(source)
     else:
         answer = _assess(source, rig, Update.fused, asset, prefix)
+        if answer.get("strange"):
+            answer["belonging"] = belonging_of(source, rig)
     if base_radii_mm is not None:
         answer = with_assumed_radii(answer, base_radii_mm)
     if json is not None:

@@ -10,6 +10,7 @@ from service.cli.look import BEFORE, LOOK, MEASURED
 from service.cli.show import number
 
 MOST_SIDEBANDS = 6
+LEAST_DRAWN = 0.05  # share of the energy [%]
 SPECTRUM_FLOOR = 1e-4  # of the highest line shown
 
 
@@ -44,6 +45,43 @@ def _sentence(found: Mapping[str, Any]) -> str:
         f"Tried and failed: {'; '.join(failed) or 'none'}. Not ruled out: "
         f"{'; '.join(possible) or 'none of those tried'}."
     )
+
+
+def energies(belonging: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What every channel's energy belongs to, as lines of a table; empty where it is not known."""
+    if not belonging:
+        return []
+    families = list(dict.fromkeys(b["family"] for b in belonging))
+    lines = ["Share of the energy, %; in brackets how much of it keeps its phase against the angle (1: all):"]
+    lines.append(f"{'':<10}" + "".join(f"{name:>22}" for name in families))
+    for channel in dict.fromkeys(b["channel"] for b in belonging):
+        own = {b["family"]: b for b in belonging if b["channel"] == channel}
+        cells = ""
+        for name in families:
+            b = own[name]
+            steady = "   –" if b["steady"] is None else f"{b['steady']:.2f}"
+            cells += f"{b['share_percent']:>9.1f} ± {b['share_std_percent']:.1f} ({steady})"
+        lines.append(f"{channel:<10}{cells}")
+    return lines
+
+
+def energy_plot(belonging: Sequence[Mapping[str, Any]]) -> Any:
+    """The shares, stacked; None where they are not known."""
+    import plotly.graph_objects as go
+
+    if not belonging:
+        return None
+    plot = go.Figure()
+    for name in dict.fromkeys(b["family"] for b in belonging):
+        own = [b for b in belonging if b["family"] == name]
+        if max(b["share_percent"] for b in own) >= LEAST_DRAWN:
+            plot.add_bar(x=[b["channel"] for b in own], y=[b["share_percent"] for b in own], name=name)
+    plot.update_layout(
+        title="What the energy belongs to (the rest is no line of any of these)",
+        yaxis_title="share of the energy [%]", barmode="stack", **LOOK,
+    )  # fmt: skip
+    plot.update_yaxes(range=[0, 100])
+    return plot
 
 
 def tables(strange: Sequence[Mapping[str, Any]]) -> str:

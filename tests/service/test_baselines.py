@@ -92,7 +92,8 @@ def test_modulation_of_an_unknown_shaft_is_said_without_a_baseline(folder, capsy
     path = recording(folder, "modulated", foreign=0.3961, seconds=9.0)
     given = ["--json", str(folder / "modulated.json"), "--out", str(folder / "modulated.html")]
     assert run(["diagnose", str(path), *given]) == 0
-    assert "belong to no known shaft" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "belong to no known shaft" in said and "Share of the energy" in said
     answer = json.loads((folder / "modulated.json").read_text())
     assert answer["unexplained"]["verdict"] == "unknown_effect"
     speed = SPEED * (1 - 0.0042)
@@ -102,7 +103,9 @@ def test_modulation_of_an_unknown_shaft_is_said_without_a_baseline(folder, capsy
     line = np.argmax(part["amplitude"])  # of the mesh, in the middle
     assert part["from_hz"] + line * part["step_hz"] == pytest.approx(TEETH[0] * speed, abs=2 * part["step_hz"])
     html = (folder / "modulated.html").read_text()
-    assert html.count("plotly-graph-div") == 2 and "Causes tried on" in html
+    assert html.count("plotly-graph-div") == 3 and "Causes tried on" in html
+    share = {b["family"]: b["share_percent"] for b in answer["belonging"] if b["channel"] == "a"}
+    assert share["mesh"] > 50 and 90 < sum(share.values()) < 101
     assert "spectrum round the mesh lines" in html and "Depth of the modulation" in html
 
 
