@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from service.cli.effects import app as effects
+from service.cli.example import app as example
 
 app = typer.Typer(
     add_completion=False,
@@ -20,6 +21,7 @@ app = typer.Typer(
 
 
 app.add_typer(effects, name="effects")
+app.add_typer(example, name="example")
 
 
 class Update(StrEnum):

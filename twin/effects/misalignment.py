@@ -30,6 +30,14 @@ from twin.effects.signature import Signature
 SLICES = 13
 
 
+def face_separation(lead_gap, face_position):
+    """e(z) [m] for a lead gap [m] at places across the face, −½ … ½; 0 where the flanks touch first.
+
+    Either may be an array; they broadcast. Plain arithmetic, so that it can be compiled.
+    """
+    return lead_gap * face_position - abs(lead_gap) / 2
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Misalignment:
     """A gap across the face."""
@@ -50,4 +58,4 @@ class Misalignment:
         if λ == 0:
             return setup
         setup = setup.sliced(SLICES)
-        return setup.with_error(setup.drive * (λ * setup.face_position - abs(λ) / 2), 0.0)
+        return setup.with_error(setup.drive * face_separation(λ, setup.face_position), 0.0)
