@@ -67,8 +67,8 @@ def misalignment(folder: Path) -> Path:
 
 PICTURES: dict[str, tuple[Callable[[Path], Path], tuple[int, ...]]] = {  # page, plots of it from the first as 0
     "broken-tooth": (broken_tooth, (1, 2)),
-    "modulation": (modulation, (0,)),
-    "encoders": (encoders, (0,)),
+    "modulation": (modulation, (0, 1)),
+    "encoders": (encoders, (0, 2)),
     "wear": (wear, (0, 1)),
     "misalignment": (misalignment, (0, 6)),
 }
