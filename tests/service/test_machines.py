@@ -1,12 +1,18 @@
 """Machines without a model through a running service: import, replay over Zenoh, REST; nothing is invented."""
 
+import json
+
+import numpy as np
 import pytest
 
 from service.baselines import learned, save
 from service.importing import import_recording
 from service.replay import replay
+from tests.claims.test_baseline import machine
 from tests.claims.test_encoder_pair import counts
+from tests.service.test_baselines import recording as accelerations
 from tests.service.test_pair import imported
+from tests.service.test_relate import relation_to
 from tests.service.test_whole import ROOT, answer_of, fetch, service
 
 MAPPINGS = ROOT / "recordings" / "mappings"
@@ -96,3 +102,17 @@ def test_measured_broken_tooth_is_told_from_its_baseline_by_a_running_service(br
     (local,) = [e for e in answer["effects"] if e["name"] == "tooth_crack"]
     assert local["parameters"]["shaft_order"]["value"] == pytest.approx(0.15) and local["channels"] == ["a4"]
     assert "pair" not in answer and answer["baseline"]["window"]["same_teeth"] is True
+
+
+def test_depth_by_a_relation_of_levels_is_given_by_a_running_service(tmp_path):
+    recording = accelerations(tmp_path, "some", load=0.3, seed=1)
+    level = float(np.std(machine(0.3, 1).accelerations["a"].values))
+    relation = tmp_path / "relation.json"
+    relation.write_text(json.dumps({"schema": "gear-relation/1", "relation": relation_to(level).to_dict()}))
+    with service(tmp_path / "data", idle_timeout=IDLE, relation=str(relation)) as (endpoint, address, _):
+        answer = answered(address, endpoint, recording, "bench")
+    depth = answer["wear"]["max_depth_um"]
+    assert depth["combined"]["median"] == pytest.approx(100, abs=10)
+    assert depth["combined"]["p05"] < depth["combined"]["median"] < depth["combined"]["p95"]
+    assert depth["pinion"]["status"] == depth["gear"]["status"] == answer["rul"]["status"] == "not available"
+    assert answer["windows"][0]["wear_depth_um"] == depth["combined"]["median"]
