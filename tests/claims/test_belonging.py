@@ -38,7 +38,7 @@ def window(slip=0.0, seconds=16.0, seed=1):
     ), energy  # fmt: skip
 
 
-SPACING = Spacing(order=STRANGE, std=1e-5, score=3.0, next_score=1.0, sidebands=(), ratio=None)
+SPACING = Spacing(order=STRANGE, std=1e-5, score=3.0, next_score=1.0, sidebands=(), excerpts=(), ratio=None)
 
 
 def found(w):
