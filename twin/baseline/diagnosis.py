@@ -16,7 +16,7 @@ import numpy as np
 from twin.baseline.findings import EXTRAPOLATED, SMOOTH, Compared, ShaftChange, compare
 from twin.baseline.learned import Baseline
 from twin.baseline.operating import UNITS
-from twin.baseline.path import Path, name_of_path
+from twin.baseline.path import LEAST_COMMON, Path, name_of_path
 from twin.baseline.reading import Reading
 from twin.effects import EFFECTS
 from twin.effects.signature import Signature
@@ -103,6 +103,13 @@ def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
             f"the operating point ({here}) lies beyond the baseline's ({known}): "
             "another load or speed, or a wrong sampling rate; small effects would not be seen"
         )
+    common = max((p.common for c in compared for p in c.paths), key=abs, default=0.0)
+    if abs(common) > LEAST_COMMON:
+        level = (
+            f"all sensors stand at {np.exp(common):.2f} times the baseline's level for this operating point: a load at "
+            "which the baseline does not hold, or the machine as a whole has changed"
+        )
+        reason = f"{reason}; {level}" if reason else level
     return Diagnosis(
         compared=tuple(compared),
         effects=tuple(effects),
@@ -311,7 +318,7 @@ def _left(compared: Sequence[Compared]) -> tuple[float | None, float, list[dict[
             y, z = window.reading.channels[channel].lines[: x.size], window.explained(channel)
             left, σ = np.abs(y - z) ** 2, window.expected.std[channel]
             grown = σ * np.maximum(1.0, np.abs(z) / np.maximum(np.abs(x), 1e-300)).clip(max=5.0)
-            if any(p.changed for p in window.paths if p.channel == channel):
+            if any(p.moved for p in window.paths if p.channel == channel):
                 grown = np.hypot(grown, SMOOTH * np.abs(z))
             misfits.append(float(np.mean(left / grown**2)))
             energy += float(np.sum(np.abs(y) ** 2))

@@ -29,7 +29,7 @@ from fractions import Fraction
 import numpy as np
 
 from twin.baseline.learned import Baseline, Expected
-from twin.baseline.path import Path, band_gains, band_levels
+from twin.baseline.path import Path, band_gains, band_levels, common_level
 from twin.baseline.reading import Reading
 
 LEAST_BANDS = 3  # that a path is told by
@@ -96,7 +96,7 @@ class Compared:
     def believed(self) -> tuple[ShaftChange, ...]:
         """Changes beyond what healthy recordings show."""
         more = 1.0 if self.expected.interpolated else EXTRAPOLATED
-        moved = {p.channel for p in self.paths if p.changed}
+        moved = {p.channel for p in self.paths if p.moved}
 
         def least(change: ShaftChange) -> float:
             return LEAST_EVIDENCE * more * (BESIDE_PATH if change.channel in moved else 1.0)
@@ -118,7 +118,7 @@ class Compared:
         x = self.expected.lines[channel].copy()
         orders = np.arange(1, x.size + 1) / self.reading.period
         for path in self.paths:
-            if path.channel == channel and path.changed:
+            if path.channel == channel and path.moved:
                 x *= path.at(orders)
         for change in self.believed:
             if change.channel == channel:
@@ -131,7 +131,7 @@ class Compared:
         power = self.expected.power[channel].copy()
         orders = np.arange(1, power.size + 1) / self.reading.period
         for path in self.paths:
-            if path.channel == channel and path.changed:
+            if path.channel == channel and path.moved:
                 power *= path.level_at(orders) ** 2
         with_all = self.explained(channel)
         for change in self.believed:
@@ -149,23 +149,30 @@ def compare(baseline: Baseline, reading: Reading, expected: Expected | None = No
     expected = baseline.expected(reading) if expected is None else expected
     more = 1.0 if expected.interpolated else EXTRAPOLATED
     ahead = 0.0 if expected.alignment is None else expected.alignment.angle
+    found = {}
+    for channel, x in expected.lines.items():
+        y, σ = reading.channels[channel].lines[: x.size], expected.std[channel]
+        found[channel] = band_gains(x, y, σ, np.arange(1, x.size + 1) / reading.period)
+    told = {channel: (middles, gain) for channel, (middles, gain) in found.items() if middles.size >= LEAST_BANDS}
+    common = common_level([gain for _, gain in told.values()]) if len(told) == len(found) else 0.0
     paths, changes = [], []
     for channel, x in expected.lines.items():
         y, σ = reading.channels[channel].lines[: x.size], expected.std[channel]
         orders = np.arange(1, x.size + 1) / reading.period
-        middles, gain = band_gains(x, y, σ, orders)
         g, spread = np.ones(orders.size, dtype=complex), σ
-        if middles.size >= LEAST_BANDS:
+        if channel in told:
+            middles, gain = told[channel]
             path = Path(
                 channel=channel,
                 orders=middles,
                 gain=gain,
                 level=band_levels(expected.power[channel], y, orders, middles),
-                change=float(np.sqrt(np.mean(np.log(np.abs(gain)) ** 2))),
+                common=common,
+                change=float(np.sqrt(np.mean(np.log(np.abs(gain) / np.exp(common)) ** 2))),
                 usual=more * baseline.path_scatter.get(channel, 0.0),
             )
             paths.append(path)
-            if path.changed:
+            if path.moved:
                 g = path.at(orders)
                 spread = np.abs(g) * np.hypot(σ, SMOOTH * np.abs(x))
         for shaft in baseline.shafts:

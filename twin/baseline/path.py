@@ -10,7 +10,7 @@ Holds    the same teeth in mesh: lines keep their phases among one another
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,9 @@ BETTER = 0.6  # of what a simpler name leaves, that the next must leave at most
 LEAST_GAIN = 1e-3
 KNOWN = 0.3  # standard error of a band's gain, of the gain, up to which it is known
 STRONGEST = 9.0  # squared ratio to its scatter that one line counts at most
+LEAST_SENSORS = 3  # of which something common is told
+LEAST_COMMON = 0.1  # in ln, that is worth a word
+ALIKE = 0.5  # of the middle level in ln, that every sensor must reach
 FAR, ROUNDS = 2.0, 12  # deviations from which a line counts for half, and rounds of weighting
 
 
@@ -38,21 +41,31 @@ class Path:
     orders: np.ndarray  # middles of the bands (b,)
     gain: np.ndarray  # complex (b,)
     level: np.ndarray  # root of measured over expected power (b,): what the lines lose in common phase is in it
-    change: float  # rms of ln|g|
-    usual: float  # the same among healthy recordings
+    common: float  # ln of the level at which all sensors alike stand against the baseline; 0 where they do not
+    change: float  # rms of ln|g| beyond that
+    usual: float  # rms of ln|g| among healthy recordings
 
     @property
     def changed(self) -> bool:
         return self.change > max(LEAST_CHANGE, CHANGED * self.usual)
 
+    @property
+    def moved(self) -> bool:
+        """Whether the expected lines are not to be taken as they are."""
+        return self.changed or abs(self.common) > LEAST_COMMON
+
     def at(self, orders: np.ndarray) -> np.ndarray:
-        """g at orders (n,)."""
+        """g at orders (n,), what all sensors have in common where no more has changed."""
+        if not self.changed:
+            return np.full(orders.shape, np.exp(self.common), dtype=complex)
         size = np.interp(orders, self.orders, np.log(np.abs(self.gain)))
         phase = np.interp(orders, self.orders, np.unwrap(np.angle(self.gain)))
         return np.exp(size + 1j * phase)
 
     def level_at(self, orders: np.ndarray) -> np.ndarray:
         """Gain of the levels at orders (n,)."""
+        if not self.changed:
+            return np.full(orders.shape, np.exp(self.common))
         return np.exp(np.interp(orders, self.orders, np.log(np.maximum(self.level, LEAST_GAIN))))
 
 
@@ -82,6 +95,19 @@ def band_gains(x: np.ndarray, y: np.ndarray, σ: np.ndarray, orders: np.ndarray)
     return np.array(middles), np.where(np.abs(found) < LEAST_GAIN, LEAST_GAIN, found)
 
 
+def common_level(gains: Sequence[np.ndarray]) -> float:
+    """ln of the level at which all sensors alike stand against what is expected, from every one's gains (b,).
+
+    Sensors change one by one; where all of them stand higher or lower by about the same, the machine does: another
+    load, or one at which the baseline's interpolation misses.
+    """
+    if len(gains) < LEAST_SENSORS:
+        return 0.0
+    levels = np.array([float(np.mean(np.log(np.abs(g)))) for g in gains])
+    middle = float(np.median(levels))
+    return middle if np.all(levels / middle >= ALIKE) else 0.0
+
+
 def band_levels(power: np.ndarray, y: np.ndarray, orders: np.ndarray, middles: np.ndarray) -> np.ndarray:
     """Root of measured over expected power in bands (b,), from expected powers and measured lines, (K,) each."""
     out = []
@@ -106,7 +132,7 @@ def name_of_path(path: Path, speed_hz: float) -> PathName:
 
     Each is fitted to ln g, size and phase; the simplest stands unless the next leaves BETTER times as much or less.
     """
-    f, g = path.orders * speed_hz, path.gain
+    f, g = path.orders * speed_hz, path.gain / np.exp(path.common)
     whole = float(np.sum(np.abs(np.log(g)) ** 2))
 
     def mount(ln_frequency: float, ln_damping: float) -> np.ndarray:
