@@ -16,6 +16,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
+from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -94,6 +95,24 @@ def spectraquest(folder: Path) -> None:
             f"{who:<7} {counts['b', who]} of {len(LOADS)}                           {counts['h', who]} of {len(LOADS)}"
         )
     _errors(readings, compared)
+    _fewer(readings, rig, shafts)
+
+
+def _fewer(readings, rig, shafts) -> None:
+    """Healthy recordings with a finding beside every baseline of fewer healthy ones."""
+    print("\nhealthy recordings with a finding, beside every baseline of so many others")
+    print("recordings   load between those learned   beyond them")
+    for count in range(2, len(LOADS)):
+        counts = {True: [0, 0], False: [0, 0]}
+        for known in combinations(LOADS, count):
+            base = learn(rig, [readings["h", p] for p in known], shafts)
+            for percent in set(LOADS) - set(known):
+                found = diagnose(base, [Parts(whole=readings["h", percent])])
+                tally = counts[found.compared[0].expected.interpolated]
+                tally[0] += bool(found.effects)
+                tally[1] += 1
+        (a, b), (c, d) = counts[True], counts[False]
+        print(f"{count:<12} {a:>12} of {b:<14} {c:>6} of {d}")
 
 
 def _short(effect) -> str:

@@ -203,7 +203,9 @@ def test_resonance_that_has_moved_is_told_with_both_places():
     f = np.arange(4.0, 200.0, 8.0)
     now, before = (EFFECTS["sensor_resonance"](frequency=a, damping_ratio=b) for a, b in ((1200.0, 0.3), (2700.0, 0.1)))
     gain = now.response(30 * f) / before.response(30 * f)
-    named = name_of_path(Path(channel="a", orders=f, gain=gain, level=np.abs(gain), change=1.0, usual=0.1), 30.0)
+    named = name_of_path(
+        Path(channel="a", orders=f, gain=gain, level=np.abs(gain), common=0.0, change=1.0, usual=0.1), 30.0
+    )
     assert named.name == "sensor_resonance" and named.left < 0.01
     assert named.parameters["frequency"][0] == pytest.approx(1200, rel=0.01)
     assert named.parameters["frequency_before"][0] == pytest.approx(2700, rel=0.01)

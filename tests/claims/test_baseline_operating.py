@@ -1,5 +1,7 @@
 """Operating points on one axis and on two: weights, order, and a machine that runs at several speeds and loads."""
 
+import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +10,8 @@ import pytest
 from tests.claims.test_baseline import RIG, SHAFTS, machine, parts
 from twin.baseline.diagnosis import diagnose
 from twin.baseline.learned import learn
-from twin.baseline.operating import axes_of, order_of, point_of, weights_of
+from twin.baseline.operating import axes_of, miss_of, order_of, point_of, weights_of
+from twin.baseline.path import common_level
 from twin.errors import NotAvailable
 
 GRID = np.array([(torque, speed) for torque in (5.0, 10.0, 20.0) for speed in (10.0, 15.0, 25.0)])
@@ -81,3 +84,49 @@ def test_machine_of_several_speeds_and_loads_is_known_between_them():
     beyond = diagnose(base, [at(0.4, 19.0, 92)])
     assert not beyond.compared[0].expected.interpolated
     assert "8 N·m, 18.924 Hz" in beyond.reason and "2 to 18 N·m, 14.865 to 17.483 Hz" in beyond.reason
+
+
+def test_miss_is_nothing_at_a_point_learned_and_grows_with_the_distance():
+    points = np.array([[0.0], [4.0], [10.0]])
+    miss = [miss_of(points, np.array([u]), weights_of(points, np.array([u]))[0]) for u in (4.0, 4.5, 7.0, 12.0, 20.0)]
+    assert miss[0] == pytest.approx(0.0, abs=1e-12)
+    assert np.all(np.diff(miss) > 0)
+    far = miss_of(points, np.array([20.0]), {2: 1.0})
+    assert far == pytest.approx(2 * 1.0**1.5)  # a whole range beyond the nearest alone
+
+
+def test_scatter_is_wider_far_from_what_was_learned():
+    base = learn(RIG, [at(load, 16.0, i).whole for i, load in enumerate((0.1, 0.15, 0.2))], SHAFTS)
+    near, far = (base.expected(at(load, 16.0, 9).whole) for load in (0.17, 0.9))
+    assert near.wider == 1.0 and far.wider > 5
+    np.testing.assert_allclose(far.std["a"], far.wider * base.std["a"])
+
+
+def test_level_that_all_sensors_share_is_of_no_sensor():
+    rng = np.random.default_rng(1)
+    gains = [np.exp(-0.3 + 0.05 * rng.normal(size=9)) * np.exp(0.1j * rng.normal(size=9)) for _ in range(4)]
+    assert common_level(gains) == pytest.approx(-0.3, abs=0.05)
+    assert common_level([*gains[:3], np.ones(9)]) == 0.0  # one sensor stays where it was
+    assert common_level([*gains[:3], 1 / gains[3]]) == 0.0
+    assert common_level(gains[:2]) == 0.0  # too few to tell
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.5])
+def test_machine_that_is_louder_at_all_sensors_has_no_changed_sensor_and_says_so(factor):
+    def third(window):  # a sensor between the two others
+        a, b = (window.accelerations[k] for k in "ab")
+        channels = {**window.accelerations, "c": replace(a, values=0.5 * a.values + 0.7 * np.roll(b.values, 5))}
+        return replace(window, accelerations=channels)
+
+    base = learn(RIG, [parts(third(machine(load, i))).whole for i, load in enumerate((0.1, 0.3, 0.5, 0.7))], SHAFTS)
+    window = third(machine(0.42, 50))
+    louder = replace(
+        window, accelerations={k: replace(s, values=factor * s.values) for k, s in window.accelerations.items()}
+    )
+    found = diagnose(base, [parts(louder)])
+    assert found.effects == ()
+    said = re.search(r"all sensors stand at ([\d.]+) times", found.reason)
+    assert float(said[1]) == pytest.approx(factor, rel=0.03)
+    alone = {k: replace(s, values=factor * s.values) if k == "b" else s for k, s in window.accelerations.items()}
+    (effect,) = diagnose(base, [parts(replace(window, accelerations=alone))]).effects
+    assert effect.name == "sensor_gain" and effect.channels == ("b",)

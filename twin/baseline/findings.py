@@ -41,6 +41,7 @@ STRONG = 4.0  # |δ|/σ of a line that counts
 ALONE = 0.8  # share of n = 1 in the energy that makes it run-out
 LOCAL = 0.75  # |Σ δ·e^{inφ}| over Σ |δ| at the best angle, that makes it local
 LOCAL_LINES = 4  # strong lines that a local fault has at least
+FEW = 2.0  # over the recordings left out: how much more is asked where the scatter is of so few
 EXTRAPOLATED = 4.0  # times more scatter of a path, and evidence asked, beyond what was learned
 SMOOTH = 0.15  # of a line: what one gain a band leaves of a path that has changed
 BESIDE_PATH = 2.0  # times more evidence in a channel whose path has changed
@@ -95,7 +96,9 @@ class Compared:
     @property
     def believed(self) -> tuple[ShaftChange, ...]:
         """Changes beyond what healthy recordings show."""
-        more = 1.0 if self.expected.interpolated else EXTRAPOLATED
+        # what widens the scatter already is not asked for twice
+        more = 1.0 if self.expected.interpolated else max(EXTRAPOLATED / self.expected.wider**2, 1.0)
+        more *= 1 + FEW / self.expected.left_out
         moved = {p.channel for p in self.paths if p.moved}
 
         def least(change: ShaftChange) -> float:
@@ -147,7 +150,7 @@ def compare(baseline: Baseline, reading: Reading, expected: Expected | None = No
     expected  where it is known already, in the window's angle
     """
     expected = baseline.expected(reading) if expected is None else expected
-    more = 1.0 if expected.interpolated else EXTRAPOLATED
+    more = expected.wider if expected.interpolated else max(expected.wider, EXTRAPOLATED)
     ahead = 0.0 if expected.alignment is None else expected.alignment.angle
     found = {}
     for channel, x in expected.lines.items():

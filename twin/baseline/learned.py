@@ -1,9 +1,10 @@
 """The response of a healthy machine, learned from recordings: every line against load and speed, with its scatter.
 
     x_k(u) = Σ_i w_i(u)·X_k(u_i)                      w the weights of the recordings around u (operating.py)
-    σ_k²   = ½·(e_k² + local mean of e²),  e          what a recording misses of this between its own neighbours
+    σ_k²   = ½·(e_k² + local mean of e²)·max(1, V/V̄)  e what a recording misses of this between its own neighbours
 
 u    operating point: torque, speed or both
+V    how much a point may miss for its distance to the recordings, V̄ its mean for those left out (operating.py)
 X_k  complex lines of the recordings at the orders of all shafts, laid over one another by their pattern
 
 Between recordings it is interpolated, beyond them the nearest recording stands, and is said to.
@@ -23,13 +24,14 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from twin.baseline.alignment import Alignment, align
-from twin.baseline.operating import axes_of, order_of, point_of, weights_of
+from twin.baseline.operating import axes_of, miss_of, order_of, point_of, weights_of
 from twin.baseline.path import band_gains
 from twin.baseline.reading import Reading
 from twin.errors import NotAvailable, ParameterError
 from twin.rig import Rig
 
 SMOOTH_ORDERS = 4.0  # width over which scatter is averaged
+LEAST_MISS = 1e-6  # V̄ of recordings that all lie at one point
 SWAPPED, FITS = 0.03, 0.3  # of correlation that exchanging two channels must add, and reach, to be believed
 
 Values = dict[str, np.ndarray]
@@ -42,6 +44,8 @@ class Expected:
     lines: Mapping[str, np.ndarray]  # x_k (K,) by channel
     power: Mapping[str, np.ndarray]  # |X_k|² interpolated (K,): lines that turn between two recordings keep their size
     std: Mapping[str, np.ndarray]  # of |Y_k − x_k| (K,)
+    wider: float  # by how much more than recordings left out this point may miss, for its distance; 1 at least
+    left_out: int  # recordings that the scatter was taken from
     alignment: Alignment | None
     interpolated: bool  # False: beyond what was learned
     between: tuple[str, ...]  # names of the recordings that it comes from
@@ -168,15 +172,33 @@ def _expected(
             raise NotAvailable(f"{reading.name} has no accelerometer of the baseline: {', '.join(sorted(lines))}")
         lines = {name: found.turned(x, reading.period) for name, x in lines.items()}
     shared = [name for name in reading.channels if name in lines and name in std]
+    wider, left_out = _wider(readings, reading, axes)
     sizes = {n: min(reading.channels[n].lines.size, lines[n].size, std[n].size) for n in shared}
     return Expected(
         lines={name: lines[name][:m] for name, m in sizes.items()},
         power={name: power[name][:m] for name, m in sizes.items()},
-        std={name: std[name][:m] for name, m in sizes.items()},
+        std={name: wider * std[name][:m] for name, m in sizes.items()},
+        wider=wider,
+        left_out=left_out,
         alignment=found,
         interpolated=inside,
         between=between,
     )
+
+
+def _wider(readings: Sequence[Reading], reading: Reading, axes: Sequence[str]) -> tuple[float, int]:
+    """Root of V over V̄ of those left out from which the scatter was taken, 1 at least; and how many they are."""
+    points = np.array([point_of(r, axes) for r in readings])
+    left_out, between = [], []
+    for i in range(len(points)):
+        weights, _ = weights_of(np.delete(points, i, axis=0), points[i])
+        left_out.append(miss_of(points, points[i], {j + (j >= i): w for j, w in weights.items()}))
+        between.append(len(weights) > 1)
+    used = [v for v, inner in zip(left_out, between, strict=True) if inner or not any(between)]
+    usual, at = float(np.mean(used)), point_of(reading, axes)
+    if usual < LEAST_MISS:
+        return 1.0, len(used)
+    return float(np.sqrt(max(miss_of(points, at, weights_of(points, at)[0]) / usual, 1.0))), len(used)
 
 
 def _scatter(readings: Sequence[Reading], axes: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, float]]:

@@ -7,13 +7,20 @@
 On one axis a point lies between two neighbours, in the plane within a triangle of the Delaunay triangulation, axes
 over their ranges; its weights are linear, 1 at a point learned. Outside, the nearest point learned stands alone.
 
-Source   linear interpolation on a Delaunay triangulation: M. de Berg et al., Computational Geometry, 3rd ed., ch. 9
+What the lines at a point miss of those so interpolated grows with the distance of what they come from:
+
+    V = 2·Σ_i w_i·|u − u_i|^p − Σ_ij w_i·w_j·|u_i − u_j|^p         times a variance of its own for every line
+
+p   how evenly lines go with the operating point: 1 for a random walk, 2 for straight lines
+
+Source   variance of a linear estimate under a power variogram: G. Matheron, Economic Geology 58 (1963) 1246–1266;
+         linear interpolation on a Delaunay triangulation: M. de Berg et al., Computational Geometry, 3rd ed., ch. 9
 Holds    lines that change evenly between the points learned; what they miss of one another is the scatter
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
@@ -25,6 +32,8 @@ VARIES = 0.03  # of torque, relative, from which it is an axis
 SPEED_VARIES = 0.05  # of speed, relative, beyond what the torque explains, from which it is an axis beside it
 LEAST_PLANE = 4  # readings from which a plane is spanned
 BEYOND = 0.05  # of the range learned, from which a point lies outside it
+
+SMOOTHNESS = 1.5  # p
 
 UNITS = {"torque_nm": "N·m", "speed_hz": "Hz"}
 
@@ -75,6 +84,16 @@ def weights_of(points: np.ndarray, at: np.ndarray) -> tuple[dict[int, float], bo
     distance = np.linalg.norm(place - u, axis=1)
     near = int(np.argmin(distance))
     return {near: 1.0}, bool(distance[near] <= BEYOND)
+
+
+def miss_of(points: np.ndarray, at: np.ndarray, weights: Mapping[int, float]) -> float:
+    """V of a point (d,) that has these weights of the points learned (n, d), distances over their range."""
+    used = np.array(sorted(weights))
+    w = np.array([weights[i] for i in used.tolist()])
+    place, u = _scaled(points, points)[used], _scaled(points, at[None])[0]
+    to = np.linalg.norm(place - u, axis=1) ** SMOOTHNESS
+    among = np.linalg.norm(place[:, None] - place[None], axis=2) ** SMOOTHNESS
+    return float(max(2 * w @ to - w @ among @ w, 0.0))
 
 
 def _scaled(points: np.ndarray, values: np.ndarray) -> np.ndarray:
