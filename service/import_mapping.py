@@ -31,13 +31,12 @@ Every fault is one line that names the key, its value and what would be right.
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from service.documents import check_head, check_keys, load_document, number_of, table_of
 from service.errors import InputError
 from service.rigfile import checked_rig
 from service.wire.topics import KINDS, NAME, SHAFTS
@@ -99,32 +98,22 @@ class ImportMapping:
 def load_import_mapping(path: str | Path) -> ImportMapping:
     """The checked mapping of a mapping file; InputError with the key that is wrong."""
     path = Path(path)
-    try:
-        data = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: mapping file cannot be read: {(error.strerror or 'fault').lower()}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: mapping file is not TOML: {error}") from None
-    return checked_mapping(data, path)
+    return checked_mapping(load_document(path, "mapping file"), path)
 
 
 def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
     """The mapping of a TOML document read from `path`."""
     where = str(path)
-    _known(where, "", data)
-    if data.get("schema") != SCHEMA:
-        raise InputError(f"{where}: schema = {data.get('schema')!r} must be {SCHEMA!r}")
-    asset = data.get("asset")
-    if not isinstance(asset, str) or not NAME.fullmatch(asset):
-        raise InputError(f"{where}: asset = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
-    file = _table(where, data, "file")
-    _known(where, "file.", file)
+    check_keys(where, _KEYS, "", data)
+    asset = check_head(where, data, SCHEMA)
+    file = table_of(where, data, "file")
+    check_keys(where, _KEYS, "file.", file)
     if not isinstance(file.get("path"), str):
         raise InputError(f"{where}: file.path = {file.get('path')!r} must name a CSV, CSV.gz or NPZ file")
-    channels = _table(where, data, "channels")
+    channels = table_of(where, data, "channels")
     if not channels:
         raise InputError(f"{where}: channels must name at least one column")
-    rig = dict(_table(where, data, "rig"))
+    rig = dict(table_of(where, data, "rig"))
     rig.setdefault("schema", "gear-rig/1")
     rig.setdefault("name", asset)
     checked_rig(rig, f"{where}: rig")
@@ -143,7 +132,7 @@ def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
         started=_started(where, data.get("started")),
         notes=tuple(str(n) for n in data.get("notes", ())),
         path=path.parent / file["path"],
-        sample_rate=_number(where, "file.sample_rate_hz", file.get("sample_rate_hz"), RATES, "Hz", "kHz?"),
+        sample_rate=number_of(where, "file.sample_rate_hz", file.get("sample_rate_hz"), RATES, "Hz", "kHz?"),
         delimiter=str(file.get("delimiter", ",")),
         channels=mapped,
         rig=rig,
@@ -154,7 +143,7 @@ def _channel(where: str, name: str, table: Any) -> ChannelMapping:
     key = f"channels.{name}"
     if not isinstance(table, dict):
         raise InputError(f"{where}: {key} = {table!r} must be a table")
-    _known(where, "channels.", table, key + ".")
+    check_keys(where, _KEYS, "channels.", table, key + ".")
     kind = table.get("kind", "accel")
     if kind not in KINDS:
         raise InputError(f"{where}: {key}.kind = {kind!r} must be one of {', '.join(KINDS)}")
@@ -168,7 +157,7 @@ def _channel(where: str, name: str, table: Any) -> ChannelMapping:
     factor, sensitivity = 1.0, table.get("sensitivity")
     if unit == "V":
         per = "m/s²" if kind == "accel" else "N·m"
-        factor = 1 / _number(where, f"{key}.sensitivity", sensitivity, (1e-9, 1e9), f"V per {per}", "mV?")
+        factor = 1 / number_of(where, f"{key}.sensitivity", sensitivity, (1e-9, 1e9), f"V per {per}", "mV?")
     elif sensitivity is not None:
         raise InputError(f"{where}: {key}.sensitivity = {sensitivity!r} goes with unit 'V' only, not {unit!r}")
     elif unit == "g":
@@ -180,7 +169,7 @@ def _channel(where: str, name: str, table: Any) -> ChannelMapping:
             edges_from = given
         else:
             edges = checked_edges(where, f"{key}.edges_per_rev", given)
-        first = int(_number(where, f"{key}.first_edge_index", table.get("first_edge_index", 0), (0, 2**53), ""))
+        first = int(number_of(where, f"{key}.first_edge_index", table.get("first_edge_index", 0), (0, 2**53), ""))
     return ChannelMapping(
         kind=kind,
         name=name,
@@ -196,7 +185,7 @@ def _channel(where: str, name: str, table: Any) -> ChannelMapping:
 
 def checked_edges(where: str, key: str, value: Any) -> int:
     """A number of edges a turn; InputError where it cannot be."""
-    number = _number(where, key, value, EDGES, "edges")
+    number = number_of(where, key, value, EDGES, "edges")
     if number != int(number):
         raise InputError(f"{where}: {key} = {number:g} must be a whole number of edges a turn")
     return int(number)
@@ -214,29 +203,6 @@ def _columns(where: str, key: str, name: str, unit: str, table: dict[str, Any]) 
     if len(columns) != 2 or columns[0] == columns[1]:
         raise InputError(f"{where}: {key}.columns = {columns} must name two columns, the levels a and b")
     return tuple(columns)
-
-
-def _known(where: str, path: str, table: dict[str, Any], shown: str | None = None) -> None:
-    for key in table:
-        if key not in _KEYS[path]:
-            raise InputError(f"{where}: {shown or path}{key} is not known; known here: {', '.join(_KEYS[path])}")
-
-
-def _table(where: str, data: dict[str, Any], key: str) -> dict[str, Any]:
-    value = data.get(key, {})
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: {key} = {value!r} must be a table")
-    return value
-
-
-def _number(where: str, key: str, value: Any, limits: tuple[float, float], unit: str, hint: str = "") -> float:
-    low, high = limits
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
-        raise InputError(f"{where}: {key} = {value!r} must be a number{f' [{unit}]' if unit else ''}")
-    if not low <= value <= high:
-        cause = f"; {hint}" if hint and hint != "?" else ""
-        raise InputError(f"{where}: {key} = {value:g} {unit} is outside [{low:g}, {high:g}]{cause}")
-    return float(value)
 
 
 def _started(where: str, value: Any) -> datetime | None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from service.documents import load_document
 from service.errors import InputError
 from twin.errors import ParameterError
 from twin.rig import Rig
@@ -14,13 +14,7 @@ from twin.rig import Rig
 
 def load_mapping(path: str | Path) -> dict[str, Any]:
     """The mapping of a rig file."""
-    try:
-        text = Path(path).read_bytes().decode("utf-8")
-        return tomllib.loads(text)
-    except OSError as error:
-        raise InputError(f"{path}: rig file cannot be read: {(error.strerror or 'fault').lower()}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: rig file is not TOML: {error}") from None
+    return load_document(path, "rig file")
 
 
 def checked_rig(mapping: Mapping[str, Any], where: str) -> Rig:

@@ -30,7 +30,6 @@ Every fault is one line that names the key, its value and what would be right.
 from __future__ import annotations
 
 import csv
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
@@ -39,10 +38,10 @@ from typing import Any
 
 import numpy as np
 
+from service.documents import check_head, check_keys, load_document, number_of, table_of
 from service.errors import InputError
 from service.import_mapping import STANDARD_GRAVITY
 from service.rigfile import checked_rig
-from service.wire.topics import NAME
 from twin.errors import ParameterError
 from twin.levels.relation import Cases
 from twin.levels.trials import LEAST_WORN
@@ -53,6 +52,8 @@ SCHEMA = "gear-series/1"
 DEPTH_UNITS = {"um": 1e-6, "mm": 1e-3, "m": 1.0}
 LEVEL_UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0}
 DEEPEST = 0.01  # [m]
+FACTORS = (1.001, 100.0)
+SPEEDS, TORQUES = (0.01, 2000.0), (1e-3, 1e6)  # [Hz], [N·m]
 DATE = 10  # characters of an ISO date
 _KEYS = {
     "": ("schema", "asset", "description", "notes", "file", "levels", "estimated", "rig"),
@@ -77,28 +78,18 @@ class Series:
 
 def load_series(path: Path, source: Path | None = None) -> Series:
     """A series file with the records it names, or those of another file; InputError with what is wrong."""
-    try:
-        data = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: series file cannot be read: {(error.strerror or 'fault').lower()}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: series file is not TOML: {error}") from None
-    where = str(path)
-    _known(where, "", data)
-    if data.get("schema") != SCHEMA:
-        raise InputError(f"{where}: schema = {data.get('schema')!r} must be {SCHEMA!r}")
-    asset = data.get("asset")
-    if not isinstance(asset, str) or not NAME.fullmatch(asset):
-        raise InputError(f"{where}: asset = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
-    file, levels = _table(where, data, "file"), _table(where, data, "levels")
-    _known(where, "file.", file)
+    data, where = load_document(path, "series file"), str(path)
+    check_keys(where, _KEYS, "", data)
+    asset = check_head(where, data, SCHEMA)
+    file, levels = table_of(where, data, "file"), table_of(where, data, "levels")
+    check_keys(where, _KEYS, "file.", file)
     if not levels:
         raise InputError(f"{where}: levels must name at least one operating condition")
     conditions = {name: _condition(where, name, table) for name, table in levels.items()}
-    rig = checked_rig({"schema": "gear-rig/1", "name": asset} | _table(where, data, "rig"), f"{where}: rig")
-    estimated = _table(where, data, "estimated")
+    rig = checked_rig({"schema": "gear-rig/1", "name": asset} | table_of(where, data, "rig"), f"{where}: rig")
+    estimated = table_of(where, data, "estimated")
     for key, factor in estimated.items():
-        _number(where, f"estimated.{key}", factor, 1.0, 100.0)
+        number_of(where, f"estimated.{key}", factor, FACTORS, "")
         if not isinstance(rig.get(key), (int, float)):
             raise InputError(f"{where}: estimated.{key} is no number of the rig file given here")
     rows, cases = _cases(where, path, source, file, levels)
@@ -118,13 +109,13 @@ def _condition(where: str, name: str, table: Any) -> Condition:
     key = f"levels.{name}"
     if not isinstance(table, dict):
         raise InputError(f"{where}: {key} = {table!r} must be a table")
-    _known(where, "levels.", table, key + ".")
+    check_keys(where, _KEYS, "levels.", table, key + ".")
     if table.get("unit") not in LEVEL_UNITS:
         raise InputError(f"{where}: {key}.unit = {table.get('unit')!r} must be one of {', '.join(LEVEL_UNITS)}")
     try:
         return Condition(
-            speed_hz=_number(where, f"{key}.speed_hz", table.get("speed_hz"), 0.0, 2000.0),
-            torque=_number(where, f"{key}.torque_nm", table.get("torque_nm"), 0.0, 1e6),
+            speed_hz=number_of(where, f"{key}.speed_hz", table.get("speed_hz"), SPEEDS, "Hz", "rev/min?"),
+            torque=number_of(where, f"{key}.torque_nm", table.get("torque_nm"), TORQUES, "N·m", "N·mm?"),
         )
     except ParameterError as error:
         raise InputError(f"{where}: {key}: {error}") from None
@@ -199,22 +190,3 @@ def _cell(at: str, column: str, row: Mapping[str, str]) -> float:
     if not isfinite(value):
         raise InputError(f"{at}: {column} = {row[column]!r} must be finite")
     return value
-
-
-def _known(where: str, path: str, table: Mapping[str, Any], shown: str | None = None) -> None:
-    for key in table:
-        if key not in _KEYS[path]:
-            raise InputError(f"{where}: {shown or path}{key} is not known; known here: {', '.join(_KEYS[path])}")
-
-
-def _table(where: str, data: Mapping[str, Any], key: str) -> dict[str, Any]:
-    value = data.get(key, {})
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: {key} = {value!r} must be a table")
-    return value
-
-
-def _number(where: str, key: str, value: Any, low: float, high: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low < value <= high:
-        raise InputError(f"{where}: {key} = {value!r} must be a number in ({low:g}, {high:g}]")
-    return float(value)

@@ -103,9 +103,12 @@ WRONG = {
         "levels.fast.column = 'quick' is not in records.csv, which has",
     ),
     "unit": (('unit = "g"', 'unit = "mm/s"'), "levels.slow.unit = 'mm/s' must be one of g, m/s2"),
-    "speed": (("speed_hz = 14.0", "speed_hz = -14.0"), "levels.fast.speed_hz = -14.0 must be a number in (0, 2000]"),
+    "speed": (
+        ("speed_hz = 14.0", "speed_hz = -14.0"),
+        "levels.fast.speed_hz = -14 Hz is outside [0.01, 2000]; rev/min?",
+    ),
     "estimated": (('"masses.m4" = 1.5', '"masses.m99" = 1.5'), "estimated.masses.m99 is no number of the rig file"),
-    "factor": (('"masses.m4" = 1.5', '"masses.m4" = 0.5'), "estimated.masses.m4 = 0.5 must be a number in (1, 100]"),
+    "factor": (('"masses.m4" = 1.5', '"masses.m4" = 0.5'), "estimated.masses.m4 = 0.5 is outside [1.001, 100]"),
     "depth unit": (('"um"', '"m"'), "line 10: depth 12 m is outside [0, 0.01); another file.depth_unit?"),
     "rig": (("teeth = 20", "teeth = 3"), "rig: gears.pinion.teeth = 3"),
 }
