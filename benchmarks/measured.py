@@ -41,6 +41,7 @@ MAPPINGS = ROOT / "recordings" / "mappings"
 MEASURED = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared")) / "measured"
 LOADS = (0, 20, 30, 40, 60, 70, 80)
 RADII_MM = (15.0, 30.0)  # base radii of the source's model of the encoder pair: assumed
+FEWER = 5  # healthy recordings of a baseline beside which broken ones are looked at, too
 THIRD = Fraction(3, 20)
 DRAWS = 12  # of what the rig file of the wear series estimates
 SENSORS = ("a1", "a2", "a3", "a4")
@@ -113,6 +114,18 @@ def _fewer(readings, rig, shafts) -> None:
                 tally[1] += 1
         (a, b), (c, d) = counts[True], counts[False]
         print(f"{count:<12} {a:>12} of {b:<14} {c:>6} of {d}")
+    traced = {True: [0, 0], False: [0, 0]}
+    for known in combinations(LOADS, FEWER):
+        base = learn(rig, [readings["h", p] for p in known], shafts)
+        for percent in set(LOADS) - set(known):
+            found = diagnose(base, [Parts(whole=readings["b", percent])])
+            tally = traced[found.compared[0].expected.interpolated]
+            tally[0] += any(e.name == "tooth_crack" for e in found.effects)
+            tally[1] += 1
+    (a, b), (c, d) = traced[True], traced[False]
+    print(
+        f"broken ones traced beside {FEWER}: {a} of {b} between the loads learned, {c} of {d} beyond"
+    )
 
 
 def _short(effect) -> str:

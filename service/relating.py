@@ -159,7 +159,6 @@ def save_relation(series: Series, tried: Tried, path: Path) -> None:
             {
                 "schema": SCHEMA,
                 "asset": series.asset,
-                "accelerometer": series.rig.accelerometer,
                 "causes": ["background", *tried.choice.causes],
                 "relation": tried.relation.to_dict(),
             }

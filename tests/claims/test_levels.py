@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tests.dynamics_cases import RIG, model
+from twin.dynamics.hunting import HuntingPeriod
 from twin.errors import ParameterError
-from twin.levels.curve import LevelCurve, level_curve, linear_curve
+from twin.levels.curve import LevelCurve, level_curve, linear_curve, uneven
 from twin.levels.left_out import of_curve, of_twin, spline, straight_line
 from twin.levels.relation import Cases, Form, Relation, falling_region, fit
 from twin.levels.trials import Choice, choose, drawn, halves, judge
@@ -242,3 +243,20 @@ def test_too_few_cases_and_levels_that_are_not_positive_are_refused():
     bad = made()
     with pytest.raises(ParameterError, match="positive level"):
         replace(bad, level={k: -v for k, v in bad.level.items()})
+
+
+def test_uneven_teeth_take_their_share_off_the_drive_flanks_alone_with_its_slope(worn):
+    profile, mesh = worn(50e-6), model(256).mesh
+    at = HuntingPeriod(mesh=mesh).first_passages(20)
+    base = mesh.pair.base_radius[0]
+    added, slope = uneven(profile, 0.2, 52, base, 1)(at)
+    assert not added[at.side[:, 0] < 0].any() and not slope[at.side[:, 0] < 0].any()
+    h = profile.at(at.position)[0]
+    for tooth in (3, 4):  # one factor a gear tooth, deeper wear takes material away
+        own = (at.gear_tooth == tooth) & (at.side > 0) & (h > 1e-6)
+        factor = -added[own] / h[own]
+        np.testing.assert_allclose(factor, factor[0])
+    step = 1e-9
+    moved = replace(at, position=at.position + step * base)  # θ1 further by `step`
+    rise = (uneven(profile, 0.2, 52, base, 1)(moved)[0] - added) / step
+    np.testing.assert_allclose(rise, slope, atol=1e-3 * np.abs(slope).max())

@@ -105,7 +105,7 @@ def common_level(gains: Sequence[np.ndarray]) -> float:
         return 0.0
     levels = np.array([float(np.mean(np.log(np.abs(g)))) for g in gains])
     middle = float(np.median(levels))
-    return middle if np.all(levels / middle >= ALIKE) else 0.0
+    return middle if middle and np.all(levels * np.sign(middle) >= ALIKE * abs(middle)) else 0.0
 
 
 def band_levels(power: np.ndarray, y: np.ndarray, orders: np.ndarray, middles: np.ndarray) -> np.ndarray:

@@ -103,7 +103,7 @@ def level_curve(
             contacts = hunting.contacts(
                 profile,
                 condition.speed_hz,
-                (_uneven(profile, unevenness, z2, fine.mesh.pair.base_radius[0], seed),),
+                (uneven(profile, unevenness, z2, fine.mesh.pair.base_radius[0], seed),),
                 stiffness_scale=c.stiffness_scale,
                 damping_time=c.damping_time,
             )
@@ -144,7 +144,7 @@ def _rms(acceleration: np.ndarray, step: float, band: tuple[float, float]) -> tu
     return level, float(each.std(ddof=1) / np.sqrt(BLOCKS) / (2 * level))
 
 
-def _uneven(profile: WornProfile, unevenness: float, teeth: int, base_radius: float, seed: int) -> Error:
+def uneven(profile: WornProfile, unevenness: float, teeth: int, base_radius: float, seed: int) -> Error:
     """Gear teeth that are worn deeper and less deep than the profile says."""
     factor = unevenness * np.random.default_rng(seed).standard_normal(teeth)
 
