@@ -123,9 +123,7 @@ def _fewer(readings, rig, shafts) -> None:
             tally[0] += any(e.name == "tooth_crack" for e in found.effects)
             tally[1] += 1
     (a, b), (c, d) = traced[True], traced[False]
-    print(
-        f"broken ones traced beside {FEWER}: {a} of {b} between the loads learned, {c} of {d} beyond"
-    )
+    print(f"broken ones traced beside {FEWER}: {a} of {b} between the loads learned, {c} of {d} beyond")
 
 
 def _short(effect) -> str:

@@ -2,29 +2,41 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import threading
+from typing import NoReturn
 
 
 def main() -> None:
     """Runs the command line and ends the process with its exit status."""
     from service.cli import run
 
-    leave(run(sys.argv[1:]))
+    try:
+        status = run(sys.argv[1:])
+    except Exception:
+        sys.excepthook(*sys.exc_info())
+        status = 1
+    leave(status)
 
 
-def leave(status: int) -> None:
-    """Ends the process; at once where the twin is still at work on a window.
+def leave(status: int) -> NoReturn:
+    """Ends the process; at once where Zenoh is loaded or the twin is still at work on a window.
 
-    What is committed stays, and that window is left to the next start: tearing the interpreter down under a running
-    thread would end in an abort.
+    Zenoh's own threads, which live on after a session is closed, and a window's would need the interpreter while it is
+    torn down, and that ends in an abort. What is committed stays; the window in work is left to the next start.
     """
-    if any(thread.name == "twin" and thread.is_alive() for thread in threading.enumerate()):
+    at_work = any(thread.name == "twin" and thread.is_alive() for thread in threading.enumerate())
+    if not at_work and "zenoh" not in sys.modules:
+        sys.exit(status)
+    logging.shutdown()
+    try:
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(status)
-    sys.exit(status)
+    except OSError:  # the reader has gone
+        status = status or 1
+    os._exit(status)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import signal
 import socket
 import subprocess
@@ -92,9 +93,16 @@ def _on_free_ports(settings: Settings, stack: ExitStack) -> Settings:
 
 
 def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    """A free loopback port below the range that outgoing connections are given from, or one of those could take it."""
+    for port in random.sample(range(20000, 32768), 1000):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
+    raise DeliveryError("no free loopback port between 20000 and 32767; give --http and --listen")
 
 
 @contextmanager

@@ -117,7 +117,6 @@ class Worker(threading.Thread):
         self._stopping = threading.Event()
         self._reason: str | None = "not yet subscribed to the stream"
         self._source: ZenohSource | None = None
-        self._open: zenoh.Session | None = None
         self._faults = 0
         self._guard = Guard()
         self.on_end: Callable[[], None] = lambda: None
@@ -126,7 +125,6 @@ class Worker(threading.Thread):
     def run(self) -> None:
         try:
             with self._session() as session:
-                self._open = session
                 self._serve(session)
         except Ended:
             pass
@@ -144,11 +142,12 @@ class Worker(threading.Thread):
         self._desk.close()
 
     def end(self) -> None:
-        """Ends the thread; a window that takes longer than a few seconds is left to the next start."""
+        """Ends the thread; a window that takes longer than a few seconds is left to the next start.
+
+        The thread's session is then still open, and only ends with the process: see `service.__main__.leave`.
+        """
         self.stop()
         self.join(STOP_WAIT)
-        if self.is_alive() and self._open is not None:
-            self._open.close()  # or the process would hang at its end
 
     def not_ready(self) -> str | None:
         """Why no frames are taken, or None."""

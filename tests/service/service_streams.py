@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
+import random
 import signal
 import socket
 import subprocess
@@ -63,10 +65,24 @@ def _frames(asset, at, number, level, rng, window):
         )  # fmt: skip
 
 
+_WORKER = int("".join(filter(str.isdigit, os.environ.get("PYTEST_XDIST_WORKER", ""))) or 0)
+_OWN_PORTS = range(20000 + 1000 * (_WORKER % 10), 21000 + 1000 * (_WORKER % 10))
+_PORTS = itertools.islice(itertools.cycle(_OWN_PORTS), random.randrange(1000), None)
+
+
 def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    """A loopback port that stays free until a service takes it.
+
+    No other worker of the tests gives it out, and it lies below the range that outgoing connections are given from.
+    """
+    for port in _PORTS:
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
 
 
 class Service:
@@ -78,23 +94,29 @@ class Service:
             "LISTEN": json.dumps([self.endpoint]), "HTTP": self.http, "DATA": str(data), "IDLE_TIMEOUT": "0.7",
         } | settings  # fmt: skip
         self.slow, self.process = slow, None
+        data.mkdir(parents=True, exist_ok=True)
+        self.out, self.err = data / "said.txt", data / "complained.txt"
 
     def start(self) -> Service:
         environment = os.environ | {f"GEAR_TWIN_{k}": v for k, v in self.given.items()}
         environment |= {"PYTHONPATH": str(ROOT), "FAKE_TWIN_SECONDS": str(self.slow)}
-        self.process = subprocess.Popen(
-            [sys.executable, str(HERE / "fake_twin.py")], env=environment, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
-        wait_until(lambda: self.get("/readyz") is not None or self.process.poll() is not None)
+        with self.out.open("w") as out, self.err.open("w") as err:
+            self.process = subprocess.Popen(
+                [sys.executable, str(HERE / "fake_twin.py")], env=environment, stdout=out, stderr=err
+            )
+        wait_until(lambda: self.process.poll() is not None or self.get("/readyz") is not None)
+        assert self.process.poll() is None, f"the service did not start: {self.said()}"
         return self
 
     def end(self, how: int = signal.SIGTERM) -> tuple[int, str, str]:
         """The exit status and what was said."""
         if self.process.poll() is None:
             self.process.send_signal(how)
-        said, complained = self.process.communicate(timeout=20)
-        return self.process.returncode, said, complained
+        return self.process.wait(20), *self.said()
+
+    def said(self) -> tuple[str, str]:
+        """What the process has said so far, to output and error."""
+        return self.out.read_text(), self.err.read_text()
 
     def get(self, path: str):
         """The JSON at a path; None where it is not answered."""
@@ -123,13 +145,10 @@ def service(data: Path, **given):
     try:
         yield running
     finally:
-        if running.process.poll() is None:
-            running.process.kill()
-        if not running.process.stderr.closed:
-            print(*running.process.communicate(), sep="\n")  # shown where the test failed
+        print(*running.end(signal.SIGKILL), sep="\n")  # shown where the test failed
 
 
-def wait_until(condition, seconds: float = 30.0) -> None:
+def wait_until(condition, seconds: float = 60.0) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, f"not within {seconds:g} s"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from service_streams import free_port
 
 from service.replay import replay, shuffled, twice
 
@@ -23,12 +23,6 @@ RECORDING = ROOT / "recordings" / "short-campaign.mcap"
 COMMAND = [sys.executable, "-m", "service"]
 TOLERANCE = 1e-9
 PATIENCE = 180.0  # for the twin to take the whole campaign [s]
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def fetch(address: str):
