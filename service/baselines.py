@@ -25,7 +25,7 @@ from twin.baseline.diagnosis import Diagnosis, diagnose
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, Reading, angle_of, common_period, read
 from twin.baseline.reporting import NO_DEPTH, described, parts_of, record, sections, strange, strange_of
-from twin.baseline.spacing import Spacing, strange_spacing
+from twin.baseline.spacing import Spacing, shared_ratio, strange_spacing
 from twin.errors import TwinError
 from twin.features.angle import AngleTrack
 from twin.rig import Rig
@@ -110,15 +110,12 @@ def learned(paths: Sequence[Path], rig_path: Path | None = None) -> Baseline:
 
 
 def _geared(windows: Sequence[Tracked]) -> tuple[Fraction, ...]:
-    """Orders of other shafts that most windows show and are long enough to tell apart."""
-    seen = [w.spacing.ratio for w in windows if w.spacing is not None and w.spacing.ratio is not None]
-    if not seen:
+    """The order of another shaft that most windows show and are long enough to tell apart."""
+    ratio = shared_ratio([w.spacing for w in windows])
+    if ratio is None:
         return ()
-    most = max(set(seen), key=seen.count)
     turns = min(w.track.turns for w in windows)
-    known = (Fraction(1), most)
-    long_enough = turns >= TURNS_PER_PERIOD * common_period(known)
-    return (most,) if 2 * seen.count(most) > len(windows) and long_enough else ()
+    return (ratio,) if turns >= TURNS_PER_PERIOD * common_period((Fraction(1), ratio)) else ()
 
 
 def compared(baseline: Baseline, path: Path, rig_path: Path | None = None) -> tuple[Loaded, Diagnosis]:
@@ -175,6 +172,7 @@ def belonging_of(path: Path, rig_path: Path | None = None) -> list[dict[str, Any
             "share_percent": 100 * f.share,
             "share_std_percent": 100 * f.share_std,
             "steady": f.steady,
+            "steady_if_fixed": f.steady_if_fixed,
         }
         for f in found
     ]

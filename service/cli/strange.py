@@ -52,14 +52,17 @@ def energies(belonging: Sequence[Mapping[str, Any]]) -> list[str]:
     if not belonging:
         return []
     families = list(dict.fromkeys(b["family"] for b in belonging))
-    lines = ["Share of the energy, %; in brackets how much of it keeps its phase against the angle (1: all):"]
-    lines.append(f"{'':<10}" + "".join(f"{name:>22}" for name in families))
+    lines = [
+        "Share of the energy, %; in brackets how much of it keeps its phase against the angle (1: all), and how much",
+        "tones of fixed frequency in its place would: where both are alike, the speed was too even to tell what turns.",
+    ]
+    lines.append(f"{'':<10}" + "".join(f"{name:>28}" for name in families))
     for channel in dict.fromkeys(b["channel"] for b in belonging):
         own = {b["family"]: b for b in belonging if b["channel"] == channel}
         cells = ""
         for name in families:
             b = own[name]
-            steady = "   –" if b["steady"] is None else f"{b['steady']:.2f}"
+            steady = "   –,    –" if b["steady"] is None else f"{b['steady']:.2f}, {b['steady_if_fixed']:.2f}"
             cells += f"{b['share_percent']:>9.1f} ± {b['share_std_percent']:.1f} ({steady})"
         lines.append(f"{channel:<10}{cells}")
     return lines

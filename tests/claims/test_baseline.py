@@ -16,9 +16,9 @@ from twin.baseline.alignment import align
 from twin.baseline.causes import causes_of
 from twin.baseline.diagnosis import Parts, diagnose
 from twin.baseline.learned import learn
-from twin.baseline.path import Path, band_gains, name_of_path
+from twin.baseline.path import Path, band_gains, common_level, name_of_path
 from twin.baseline.reading import angle_of, read
-from twin.baseline.spacing import strange_spacing
+from twin.baseline.spacing import CHANCE, simple_ratio, strange_spacing
 from twin.effects import EFFECTS
 from twin.errors import NotAvailable, ParameterError, WindowError
 from twin.rig import Rig
@@ -115,8 +115,8 @@ def test_pattern_of_the_teeth_tells_the_angle_between_two_windows():
     lines = {"a": rng.normal(size=300) + 1j * rng.normal(size=300)}
     turned = {"a": lines["a"] * np.exp(1j * np.arange(1, 301) / 3 * 5.1)}
     at = align(lines, turned, 3, 20)
+    assert at.correlation > 0.99
     assert at.angle == pytest.approx(5.1, abs=2e-3)
-    assert at.correlation > 0.99 and at.next_best < 0.5
     back = at.turned(turned["a"], 3)
     assert np.abs(back - lines["a"]).max() < 0.05 * np.abs(lines["a"]).max()
     assert align(lines, {"b": lines["a"]}, 3, 20) is None
@@ -199,6 +199,41 @@ def test_load_beyond_the_baseline_is_said_to_be_beyond_and_finds_nothing():
     assert not diagnosis.compared[0].expected.interpolated and "beyond" in diagnosis.reason
 
 
+@pytest.mark.parametrize("seed", [51, 52, 53])
+def test_far_beyond_the_baseline_no_sensor_is_blamed_for_what_both_show_and_nothing_is_called_explained(seed):
+    diagnosis = diagnose(healthy(), [parts(machine(1.6, seed))])
+    assert diagnosis.effects == () and diagnosis.verdict == "insufficient_data"
+    assert "times the baseline's level" in diagnosis.reason and "beyond" in diagnosis.reason
+
+
+def test_one_sensor_that_has_changed_is_no_common_level_and_one_sensor_alone_is_not_told_from_the_machine():
+    changed = np.full(12, 0.5 + 0j)
+    assert common_level([changed, np.ones(12)]) == 0.0
+    assert common_level([changed, 0.55 * np.ones(12)]) == pytest.approx(np.log(0.55))
+    alone = learn(
+        RIG, [of_a(parts(machine(load, i), name=f"h{i}").whole) for i, load in enumerate((0.3, 0.4, 0.5))], SHAFTS
+    )
+    window = machine(0.42, 99)
+    halved = {"a": replace(window.accelerations["a"], values=0.5 * window.accelerations["a"].values)}
+    diagnosis = diagnose(alone, [Parts(whole=of_a(parts(replace(window, accelerations=halved)).whole))])
+    (effect,) = diagnosis.effects
+    assert effect.name == "sensor_gain" and any("machine as a whole" in said for said in effect.not_told_from)
+
+
+def of_a(reading):
+    return replace(reading, channels={"a": reading.channels["a"]})
+
+
+def test_two_resonances_that_cancel_are_no_resonance_that_moved():
+    f = np.arange(4.0, 200.0, 8.0)
+    rng = np.random.default_rng(2)
+    gain = 1.39 * np.exp(0.05 * (rng.normal(size=f.size) + 1j * rng.normal(size=f.size)))
+    named = name_of_path(
+        Path(channel="a", orders=f, gain=gain, level=np.abs(gain), common=0.0, change=0.3, usual=0.1), 30.0
+    )
+    assert named.name == "sensor_gain" and named.parameters["gain"][0] == pytest.approx(1.39, rel=0.05)
+
+
 def test_resonance_that_has_moved_is_told_with_both_places():
     f = np.arange(4.0, 200.0, 8.0)
     now, before = (EFFECTS["sensor_resonance"](frequency=a, damping_ratio=b) for a, b in ((1200.0, 0.3), (2700.0, 0.1)))
@@ -226,6 +261,31 @@ def test_shaft_that_the_rig_file_does_not_name_is_found_by_the_spacing_of_its_li
     assert spacing.ratio == THIRD and spacing.score > 1.3 * spacing.next_score
     plain = machine(0.5, 3)
     assert strange_spacing(plain.accelerations, angle_of(RIG, plain), TEETH, SHAFTS) is None
+
+
+def test_modulation_of_any_order_of_its_own_is_said_with_its_uncertainty_and_is_no_shaft():
+    rng, off, geared = np.random.default_rng(11), [], 0
+    for seed, order in enumerate(rng.uniform(0.35, 0.95, 16)):
+        window = machine(0.5, seed, foreign=order)
+        try:
+            track = angle_of(RIG, window)
+        except NotAvailable:  # the modulated lines make a comb beside the mesh's: refused
+            continue
+        spacing = strange_spacing(window.accelerations, track, TEETH, SHAFTS)
+        if spacing is not None and abs(spacing.order - order) < 0.02:  # else it has met a multiple
+            off.append((spacing.order - order) / spacing.std)
+            geared += spacing.ratio is not None
+    assert len(off) >= 8 and np.max(np.abs(off)) < 4
+    assert geared <= 4  # 16 draws at a chance of 0.05: five or more once in 1000
+
+
+def test_ratio_of_small_numbers_is_believed_where_chance_would_rarely_lie_as_near():
+    assert simple_ratio(0.25002, 1e-4) == Fraction(1, 4)
+    assert simple_ratio(0.1501, 2e-5) is None  # five deviations away, and nothing simple near it
+    assert simple_ratio(0.15001, 2e-5) == Fraction(3, 20)
+    assert simple_ratio(0.15001, 4e-4) is None  # as near to some ratio as simple lies every third order
+    orders, std = np.random.default_rng(3).uniform(0, 1, 4000), 3e-5
+    assert np.mean([simple_ratio(order, std) is not None for order in orders]) <= CHANCE + 0.01
 
 
 def test_modulation_that_no_shaft_makes_is_named_by_its_frequency_with_depth_and_causes():

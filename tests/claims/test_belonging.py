@@ -61,6 +61,25 @@ def test_what_slips_is_not_steady_and_what_turns_beside_it_is():
     assert families["mesh"].steady > 0.99
 
 
+def test_tone_of_fixed_frequency_is_as_steady_as_it_is_said_to_be_and_less_than_what_turns():
+    w, _ = window()
+    t = np.arange(w.accelerations["a"].values.size) / RATE
+    turns = SPEED * t + 0.2 * np.sin(2 * np.pi * 0.11 * t)  # the speed wanders slowly
+    whole = np.arange(1, int(turns[-1]))
+    edges = Edges(per_rev=1, first_index=1, times=np.interp(whole, turns, t))
+    noise = 0.05 * np.random.default_rng(5).normal(size=t.size)
+    speed = (whole[-1] - whole[0]) / (edges.times[-1] - edges.times[0])
+    for name, values in {"fixed": np.cos(2 * np.pi * 7 * speed * t), "turns": np.cos(2 * np.pi * 7 * turns)}.items():
+        one = replace(w, encoders={"pinion": edges}, accelerations={
+            "a": Samples(start=0.0, rate=RATE, values=values + noise)
+        })  # fmt: skip
+        pinion = {f.name: f for f in belonging(one.accelerations, angle_of(RIG, one), TEETH, SHAFTS)}["pinion"]
+        if name == "fixed":
+            assert pinion.steady == pytest.approx(pinion.steady_if_fixed, abs=0.1) and pinion.steady < 0.7
+        else:
+            assert pinion.steady > 0.95 and pinion.steady_if_fixed < 0.7
+
+
 def test_noise_alone_has_no_share_and_keeps_no_phase():
     w, _ = window()
     noise = np.random.default_rng(3).normal(size=w.accelerations["a"].values.size)

@@ -19,7 +19,6 @@ import numpy as np
 from scipy import fft
 
 OVERSAMPLED = 16
-NEIGHBOUR = 0.5  # of a tooth pitch: the same peak
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +27,6 @@ class Alignment:
 
     angle: float  # φ by which Y is ahead [rad of the pinion]
     correlation: float  # at φ
-    next_best: float  # largest elsewhere
 
     def turned(self, lines: np.ndarray, period: int) -> np.ndarray:
         """Lines of Y at k/Q (K,) as they stand in X's angle."""
@@ -57,15 +55,8 @@ def align(
             summed[1 : m + 1] += x.conj() * y / scale
     c = fft.fft(summed).real / len(shared)
     best = int(np.argmax(c))
-    reach = max(1, round(NEIGHBOUR / teeth / period * n))
-    elsewhere = np.ones(n, dtype=bool)
-    elsewhere[np.arange(best - reach, best + reach + 1) % n] = False
     fine = best + _peak(c[best - 1], c[best], c[(best + 1) % n])
-    return Alignment(
-        angle=float(2 * np.pi * period * fine / n),
-        correlation=float(c[best]),
-        next_best=float(c[elsewhere].max(initial=0.0)),
-    )
+    return Alignment(angle=float(2 * np.pi * period * fine / n), correlation=float(c[best]))
 
 
 def _peak(left: float, top: float, right: float) -> float:

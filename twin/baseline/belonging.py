@@ -1,11 +1,15 @@
 """What the energy of a window belongs to: mesh, either shaft, both together, lines of no shaft, and the rest.
 
-    share  = ½·Σ_lines (⟨|X|²⟩ − floor)/rms²           steady = Σ (S·|⟨X⟩|² − ⟨|X|²⟩)/(S − 1) / Σ ⟨|X|²⟩
+    share  = ½·Σ_lines E/rms²,  E = ⟨|X|²⟩ − floor     steady = Σ (S·|⟨X⟩|² − ⟨|X|²⟩)/(S − 1) / Σ E
+    fixed  = Σ E·(S·|⟨c⟩|²/⟨|c|²⟩ − 1)/(S − 1) / Σ E    c = mean over a stretch of e^{i·o·(2π·v·t(θ) − θ)}
 
 X        complex line in each of S stretches of the window, against the pinion's angle; ⟨ ⟩ the mean over them
 share    of the channel's energy; its standard deviation is that from stretch to stretch
 steady   how much of a family's energy keeps its phase against the angle, without bias: 1 for what turns with the
          shafts, 0 for what comes and goes
+fixed    the same of tones of fixed frequency at these orders o of the mean speed v, on this track: where it is as near
+         to 1, the speed was too even to tell what turns from what does not; of lines of no shaft, round the mesh's,
+         the modulation alone is taken as fixed
 
 A line of no shaft is looked at with its own order: what turns at a fixed ratio of its own is as steady as a shaft, what
 slips is not.
@@ -32,6 +36,7 @@ from twin.windows import Samples
 
 STRETCHES = 4
 LEAST_TURNS = 20.0  # of a stretch
+POINTS = 8  # a turn, at which the slow course of the speed is taken
 MULTIPLES = 6  # of a strange spacing to either side of a mesh harmonic
 FAMILIES = ("mesh", "pinion", "gear", "both shafts", "no shaft")
 
@@ -45,6 +50,7 @@ class Family:
     share: float  # of the channel's energy
     share_std: float
     steady: float | None  # None where there is no energy above the floor
+    steady_if_fixed: float | None  # what tones of fixed frequency in place of these lines would have
 
 
 def belonging(
@@ -75,14 +81,18 @@ def belonging(
         lines = np.array([r.lines for r in read])
         floor = np.array([r.floor for r in read])
         kind = _kinds(lines.shape[1], Q, teeth, shafts)
+        orders = np.arange(1, lines.shape[1] + 1) / Q
         for i, family in enumerate(FAMILIES[:-1]):
             own = kind == i
-            out.append(_family(name, family, lines[:, own], floor[:, own], rms2))
+            tones = _fixed(track, stretches, orders[own])
+            out.append(_family(name, family, lines[:, own], floor[:, own], rms2, tones))
         if spacing is not None:
             grid, apart = _orders(spacing, teeth[0], Q, per_turn, signal.turns / STRETCHES)
             strange = _at(stretches, grid, spacing.order, per_turn)
             near = np.clip(np.rint(grid[apart] * Q).astype(int) - 1, 0, floor.shape[1] - 1)
-            out.append(_family(name, FAMILIES[-1], strange[:, apart], floor[:, near], rms2))
+            modulation = np.broadcast_to(spacing.order * np.arange(-MULTIPLES, MULTIPLES + 1), grid.shape)
+            tones = _fixed(track, stretches, modulation[apart])
+            out.append(_family(name, FAMILIES[-1], strange[:, apart], floor[:, near], rms2, tones))
     return out
 
 
@@ -122,18 +132,38 @@ def _at(stretches: Sequence[AngleSignal], grid: np.ndarray, spacing: float, per_
     return np.array(out) / spline_response(grid / per_turn)
 
 
-def _family(channel: str, name: str, lines: np.ndarray, floor: np.ndarray, rms2: np.ndarray) -> Family:
-    """Lines and floors (stretches, lines), energies of the stretches."""
+def _fixed(track: AngleTrack, stretches: Sequence[AngleSignal], orders: np.ndarray) -> np.ndarray:
+    """c of tones of unit size and fixed frequency at orders (n,) of the mean speed; (stretches, n)."""
+    out = []
+    for stretch in stretches:
+        angle = stretch.start + stretch.step * np.arange(0, stretch.values.size)
+        angle = angle[:: max(1, int(2 * np.pi / POINTS / stretch.step))]
+        weight = hann(angle.size)
+        ahead = 2 * np.pi * track.speed * track.time(angle) - angle
+        out.append(np.exp(1j * np.outer(orders, ahead)) @ (weight / weight.sum()))
+    return np.array(out)
+
+
+def _kept(lines: np.ndarray) -> np.ndarray:
+    """|⟨X⟩|² of lines (stretches, n) without bias; (n,)."""
     S = lines.shape[0]
+    return (S * np.abs(lines.mean(axis=0)) ** 2 - np.mean(np.abs(lines) ** 2, axis=0)) / (S - 1)
+
+
+def _family(
+    channel: str, name: str, lines: np.ndarray, floor: np.ndarray, rms2: np.ndarray, tones: np.ndarray
+) -> Family:
+    """Lines, floors and c of fixed tones in their place (stretches, lines), energies of the stretches."""
     power = np.maximum(np.sum(np.abs(lines) ** 2 - floor, axis=1), 0.0)
     share = 0.5 * power / rms2
-    each = np.mean(np.abs(lines) ** 2, axis=0)
-    kept = (S * np.abs(lines.mean(axis=0)) ** 2 - each) / (S - 1)
-    energy = float(each.sum() - floor.mean(axis=0).sum())
+    own = np.mean(np.abs(lines) ** 2 - floor, axis=0)
+    energy, above = float(own.sum()), np.maximum(own, 0.0)
+    fixed = _kept(tones) / np.mean(np.abs(tones) ** 2, axis=0)
     return Family(
         channel=channel,
         name=name,
         share=float(share.mean()),
-        share_std=float(share.std(ddof=1) / np.sqrt(S)),
-        steady=float(np.clip(kept.sum() / energy, 0.0, 1.0)) if energy > 0 else None,
+        share_std=float(share.std(ddof=1) / np.sqrt(share.size)),
+        steady=float(np.clip(_kept(lines).sum() / energy, 0.0, 1.0)) if energy > 0 else None,
+        steady_if_fixed=float(np.clip(above @ fixed / above.sum(), 0.0, 1.0)) if energy > 0 else None,
     )

@@ -1,7 +1,7 @@
 """What a recording holds beyond the healthy machine, by the names of the effect table, with errors before and after.
 
-Effects are found on whole windows. Errors are those of turns that took no part: what was found is fitted on the first
-half of every window's turns and judged on the second, which nothing else has seen.
+Effects are found on whole windows. Errors are those of turns that took no part: on the first half of every window's
+turns the baseline is laid over, and effects are found and fitted anew; the second half judges them.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
             )
     compared = [compare(baseline, w.whole) for w in windows]
     effects = [*_paths(compared), *_shafts(baseline, compared)]
-    errors, bands = _errors(baseline, windows, compared)
+    errors, bands = _errors(baseline, windows)
     share, misfit, orders = _left(compared)
     verdict, reason = "explained", ""
     if not all(c.same_teeth for c in compared):
@@ -96,6 +96,7 @@ def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
     elif any(e.name == "unknown_effect" for e in effects):
         verdict, reason = "unknown_effect", next(e.detail for e in effects if e.name == "unknown_effect")
     elif not any(c.expected.interpolated for c in compared):
+        verdict = "insufficient_data"
         at = baseline.operating_point(compared[0].reading)
         here = ", ".join(f"{v:.5g} {UNITS[axis]}" for axis, v in zip(baseline.axes, at, strict=True))
         known = ", ".join(f"{low:.5g} to {high:.5g} {UNITS[axis]}" for axis, (low, high) in baseline.range.items())
@@ -135,6 +136,11 @@ def _paths(compared: Sequence[Compared]) -> list[Named]:
             continue
         i, path = max(paths.items(), key=lambda item: item[1].change)
         named = name_of_path(path, compared[i].reading.speed_hz)
+        beside = ["another mount, cable or place of the sensor"]
+        if len(compared[i].paths) == 1:
+            beside.append("the machine as a whole: one sensor alone does not tell it from its own way")
+        if not compared[i].expected.interpolated:
+            beside.append("a load or speed at which the baseline does not hold")
         out.append(
             Named(
                 name=named.name,
@@ -143,7 +149,7 @@ def _paths(compared: Sequence[Compared]) -> list[Named]:
                 log_evidence=_path_evidence(compared[i], path),
                 runner_up=None,
                 over_runner_up=None,
-                not_told_from=("another mount, cable or place of the sensor",),
+                not_told_from=tuple(beside),
                 detail=(
                     f"the way to {channel} has changed alike for the lines of all shafts, by {path.change:.2f} in ln "
                     f"(usual {path.usual:.2f}); the name leaves {100 * named.left:.0f} % of it"
@@ -164,7 +170,8 @@ def _path_evidence(compared: Compared, path: Path) -> float:
     x, σ = compared.expected.lines[path.channel], compared.expected.std[path.channel]
     y = compared.reading.channels[path.channel].lines[: x.size]
     g = path.at(np.arange(1, x.size + 1) / compared.reading.period)
-    return float(0.5 * np.sum((np.abs(y - x) ** 2 - np.abs(y - g * x) ** 2) / σ**2))
+    gained = (np.abs(y - x) ** 2 - np.abs(y - g * x) ** 2) / σ**2
+    return float(np.sum(gained) - path.gain.size)  # one nat for every band's complex gain
 
 
 def _shafts(baseline: Baseline, compared: Sequence[Compared]) -> list[Named]:
@@ -257,22 +264,19 @@ def _kind(baseline: Baseline, shaft: Fraction, change: ShaftChange) -> tuple[str
     return names[0], said, (*names[1:], *(LOCAL_BESIDE if change.kind == "local" else ()))
 
 
-def _errors(
-    baseline: Baseline, windows: Sequence[Parts], compared: Sequence[Compared]
-) -> tuple[dict[str, dict[str, float]], list[dict[str, Any]]]:
+def _errors(baseline: Baseline, windows: Sequence[Parts]) -> tuple[dict[str, dict[str, float]], list[dict[str, Any]]]:
     """Errors before and after on the second halves, what was found fitted on the first; and bands of the latest."""
     sums: dict[str, np.ndarray] = {}
     bands: list[dict[str, Any]] = []
-    for parts, whole in zip(windows, compared, strict=True):
+    for parts in windows:
         if parts.first is None or parts.second is None:
             continue
-        fitted = compare(baseline, parts.first, whole.expected)
+        fitted = compare(baseline, parts.first)
         bands = []
-        for channel, x in whole.expected.lines.items():
+        for channel, x in fitted.expected.lines.items():
             y = parts.second.channels[channel].lines[: x.size]
-            after = fitted.explained(channel)[: y.size]
-            x = x[: y.size]
-            powers = np.abs(y) ** 2, whole.expected.power[channel][: y.size], fitted.explained_power(channel)[: y.size]
+            x, after = x[: y.size], fitted.explained(channel)[: y.size]
+            powers = np.abs(y) ** 2, fitted.expected.power[channel][: y.size], fitted.explained_power(channel)[: y.size]
             energies = [float(p.sum()) for p in (*powers, np.abs(y - x) ** 2, np.abs(y - after) ** 2)]
             sums[channel] = sums.get(channel, np.zeros(5)) + np.array(energies)
             bands += _bands(channel, powers, parts.second.period, baseline.rig.teeth[0], parts.second.speed_hz)

@@ -1,7 +1,8 @@
 """The response of a healthy machine, learned from recordings: every line against load and speed, with its scatter.
 
     x_k(u) = Σ_i w_i(u)·X_k(u_i)                      w the weights of the recordings around u (operating.py)
-    σ_k²   = ½·(e_k² + local mean of e²)·max(1, V/V̄)  e what a recording misses of this between its own neighbours
+    σ_k²   = ½·(E_k + local mean of E)·max(1, V/V̄)    E = e² + floor, e what a recording misses of this between its
+                                                      own neighbours: a line so near by chance still has its noise
 
 u    operating point: torque, speed or both
 V    how much a point may miss for its distance to the recordings, V̄ its mean for those left out (operating.py)
@@ -9,7 +10,7 @@ X_k  complex lines of the recordings at the orders of all shafts, laid over one 
 
 Between recordings it is interpolated, beyond them the nearest recording stands, and is said to.
 
-Holds    the same gears in the same mesh as in the recordings: `Expected.correlation` says whether they are
+Holds    the same gears in the same mesh as in the recordings: `Expected.alignment.correlation` says whether they are
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ Holds    the same teeth in mesh: lines keep their phases among one another
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +24,16 @@ CHANGED = 2.0  # times the healthy scatter of ln|g|
 LEAST_CHANGE = 0.25  # rms of ln|g| that is worth a word
 UNEXPLAINED = 0.4  # share of ln g's energy that a name may leave
 BETTER = 0.6  # of what a simpler name leaves, that the next must leave at most
+POINTS = 5  # of a band, at which a name's gain is taken
+SHIFTED, CONSTANT, RESONANT, MOVED = 1, 2, 4, 6  # parameters: shift of the angle, gain, resonance, resonance before
+SHIFT = 0.05  # of the angle, at most [rad of the pinion]
+APART = 3.0  # standard deviations of ln f between where it is and where it was
 LEAST_GAIN = 1e-3
 KNOWN = 0.3  # standard error of a band's gain, of the gain, up to which it is known
 STRONGEST = 9.0  # squared ratio to its scatter that one line counts at most
-LEAST_SENSORS = 3  # of which something common is told
+LEAST_SENSORS = 2  # of which something common is told
 LEAST_COMMON = 0.1  # in ln, that is worth a word
-ALIKE = 0.5  # of the middle level in ln, that every sensor must reach
+ALIKE = 0.5  # of the middle level in ln, of two sensors of the larger, that every sensor must reach
 FAR, ROUNDS = 2.0, 12  # deviations from which a line counts for half, and rounds of weighting
 
 
@@ -52,7 +56,7 @@ class Path:
     @property
     def moved(self) -> bool:
         """Whether the expected lines are not to be taken as they are."""
-        return self.changed or abs(self.common) > LEAST_COMMON
+        return self.changed or abs(self.common) > max(LEAST_COMMON, self.usual)
 
     def at(self, orders: np.ndarray) -> np.ndarray:
         """g at orders (n,), what all sensors have in common where no more has changed."""
@@ -99,13 +103,15 @@ def common_level(gains: Sequence[np.ndarray]) -> float:
     """ln of the level at which all sensors alike stand against what is expected, from every one's gains (b,).
 
     Sensors change one by one; where all of them stand higher or lower by about the same, the machine does: another
-    load, or one at which the baseline's interpolation misses.
+    load, or one at which the baseline's interpolation misses. Of two sensors the lesser tells what is common.
     """
     if len(gains) < LEAST_SENSORS:
         return 0.0
     levels = np.array([float(np.mean(np.log(np.abs(g)))) for g in gains])
-    middle = float(np.median(levels))
-    return middle if middle and np.all(levels * np.sign(middle) >= ALIKE * abs(middle)) else 0.0
+    two = len(gains) == LEAST_SENSORS
+    most = float(max(levels, key=abs)) if two else float(np.median(levels))
+    alike = most and np.all(levels * np.sign(most) >= ALIKE * abs(most))
+    return (float(min(levels, key=abs)) if two else most) if alike else 0.0
 
 
 def band_levels(power: np.ndarray, y: np.ndarray, orders: np.ndarray, middles: np.ndarray) -> np.ndarray:
@@ -130,44 +136,49 @@ class PathName:
 def name_of_path(path: Path, speed_hz: float) -> PathName:
     """A constant gain, a resonance of the mount, one that has moved, or none of them.
 
-    Each is fitted to ln g, size and phase; the simplest stands unless the next leaves BETTER times as much or less.
+    Each is fitted to ln g, size and phase, with a shift of the angle, which is found from the same lines and open by as
+    much; the simplest stands unless the next leaves BETTER times as much or less.
     """
     f, g = path.orders * speed_hz, path.gain / np.exp(path.common)
-    whole = float(np.sum(np.abs(np.log(g)) ** 2))
+    within = f[:, None] + np.linspace(-0.5, 0.5, POINTS) * BAND * speed_hz  # a band's gain is one of all its lines
 
     def mount(ln_frequency: float, ln_damping: float) -> np.ndarray:
-        return SensorResonance(frequency=float(np.exp(ln_frequency)), damping_ratio=float(np.exp(ln_damping))).response(
-            f
-        )
+        resonance = SensorResonance(frequency=float(np.exp(ln_frequency)), damping_ratio=float(np.exp(ln_damping)))
+        return resonance.response(within)
 
-    models = {
-        1: lambda p: np.exp(p[0]) * np.ones(f.size, dtype=complex),
-        3: lambda p: np.exp(p[0]) * mount(p[1], p[2]),
-        5: lambda p: np.exp(p[0]) * mount(p[1], p[2]) / mount(p[3], p[4]),
-    }
-    low, high = np.log(max(150.0, 0.5 * f[0])), np.log(2.5 * f[-1])
-    bounds = [(-3.0, 3.0), (low, high), (np.log(0.01), np.log(0.7)), (low, high), (np.log(0.01), np.log(0.7))]
-    chosen: tuple[float, int, np.ndarray, np.ndarray] | None = None
-    for count, model in models.items():
+    def model(p: np.ndarray) -> np.ndarray:
+        gain = np.exp(1j * p[0] * path.orders + (p[1] if p.size > 1 else 0.0))
+        if p.size < RESONANT:
+            return gain
+        return gain * (mount(p[2], p[3]) / (mount(p[4], p[5]) if p.size == MOVED else 1.0)).mean(axis=1)
 
-        def off(p: np.ndarray, model: Callable = model) -> np.ndarray:
-            difference = np.log(model(p) / g)  # the phase within a half turn
-            return np.concatenate((difference.real, difference.imag))
+    def off(p: np.ndarray) -> np.ndarray:
+        difference = np.log(model(p) / g)  # the phase within a half turn
+        return np.concatenate((difference.real, difference.imag))
 
+    places = np.log(max(150.0, 0.5 * f[0])), np.log(2.5 * f[-1])
+    dampings = np.log(0.01), np.log(0.7)
+    bounds = [(-SHIFT, SHIFT), (-3.0, 3.0), places, dampings, places, dampings]
+    whole = 0.0
+    chosen: tuple[float, np.ndarray, np.ndarray] | None = None
+    for count in (SHIFTED, CONSTANT, RESONANT, MOVED):
         fits = [
             least_squares(off, start, bounds=tuple(zip(*bounds[:count], strict=True)), loss="soft_l1", f_scale=0.3)
             for start in _starts(count, f)
         ]
         fit = min(fits, key=lambda found: found.cost)
-        left = float(np.sum(off(fit.x) ** 2)) / whole
-        if chosen is None or left < BETTER * chosen[0]:
-            spread = np.diag(np.linalg.pinv(fit.jac.T @ fit.jac)) * 2 * fit.cost / max(2 * f.size - count, 1)
-            chosen = left, count, fit.x, np.sqrt(np.maximum(spread, 0))
+        left = float(np.sum(off(fit.x) ** 2))
+        if count == SHIFTED:
+            whole = left
+        elif chosen is None or left < BETTER * chosen[0]:
+            spread = np.linalg.pinv(fit.jac.T @ fit.jac) * 2 * fit.cost / max(2 * f.size - count, 1)
+            if count == MOVED and not _apart(fit.x, spread):
+                continue
+            chosen = left, fit.x, np.sqrt(np.maximum(np.diag(spread), 0))
     assert chosen is not None
-    fitted = tuple(np.abs(models[chosen[1]](chosen[2])).tolist())
-    left, count, p, std = chosen
-    if left > UNEXPLAINED:
-        return PathName(name="unknown_effect", parameters={}, left=left)
+    left, p, std = chosen
+    if left > UNEXPLAINED * whole:
+        return PathName(name="unknown_effect", parameters={}, left=left / whole)
     parameters: dict[str, tuple[float, str, float]] = {}
     names = (
         ("gain", ""),
@@ -176,18 +187,27 @@ def name_of_path(path: Path, speed_hz: float) -> PathName:
         ("frequency_before", "Hz"),
         ("damping_before", ""),
     )
-    for (name, unit), value, s in zip(names[:count], np.exp(p), std, strict=False):
+    for (name, unit), value, s in zip(names, np.exp(p[1:]), std[1:], strict=False):
         parameters[name] = (float(value), unit, float(value * s))
     return PathName(
-        name="sensor_gain" if count == 1 else "sensor_resonance", parameters=parameters, left=left, fitted=fitted
+        name="sensor_gain" if p.size == CONSTANT else "sensor_resonance",
+        parameters=parameters,
+        left=left / whole,
+        fitted=tuple(np.abs(model(p)).tolist()),
     )
+
+
+def _apart(p: np.ndarray, spread: np.ndarray) -> bool:
+    """Whether a resonance has moved by more than its two places are uncertain; else the pair only cancels."""
+    variance = spread[2, 2] + spread[4, 4] - 2 * spread[2, 4]
+    return bool(abs(p[2] - p[4]) > APART * np.sqrt(max(float(variance), 0.0)))
 
 
 def _starts(count: int, f: np.ndarray) -> list[list[float]]:
     """Where fits begin: resonances over the range of frequencies."""
     places = np.log(np.geomspace(max(300.0, 2 * f[0]), f[-1], 6))
-    if count == 1:
-        return [[0.0]]
-    if count == 3:
-        return [[0.0, a, np.log(0.1)] for a in places]
-    return [[0.0, a, np.log(0.1), b, np.log(0.1)] for a in places for b in places if a != b]
+    if count < RESONANT:
+        return [[0.0] * count]
+    if count == RESONANT:
+        return [[0.0, 0.0, a, np.log(0.1)] for a in places]
+    return [[0.0, 0.0, a, np.log(0.1), b, np.log(0.1)] for a in places for b in places if a != b]

@@ -3,7 +3,8 @@
     score(s) = mean over channels, h, m of min(ln(P(h·z1 ± m·s)/floor), 5)          h = 0 … 3, m = 1 … 3
 
 P   power spectrum against order, without the lines that known shafts make together
-s   spacing [orders of the pinion]; s = n/Q for small n and Q where it is geared to the pinion, else it turns freely
+s   spacing [orders of the pinion]; s = n/Q for small n and Q where it is geared to the pinion, else it turns freely:
+    n/Q within `DEVIATIONS` of s is believed where so simple a ratio lies that near by chance at most `CHANCE` often
 
 Source   side bands round every mesh harmonic with one spacing: R. B. Randall, J. Mech. Des. 104 (1982) 259–267
 Holds    spacings of 4 bins and more
@@ -14,6 +15,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import count
+from math import gcd
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter
@@ -35,7 +38,8 @@ OVER_NEXT = 1.15  # times the best that is no multiple or part of it
 WHOLE = 0.8  # of a spacing's score, that two or three times it must reach to be the spacing itself
 KNOWN_BINS = 2.5  # lines that near to a known order are its own
 EXCERPT_POINTS = 400
-MOST_DENOMINATOR = 40  # of a shaft's order, as a ratio of small tooth counts
+DEVIATIONS = 3.0  # standard deviations by which a spacing may miss the ratio that it is
+CHANCE = 0.05  # of a free spacing to lie as near to a ratio as simple
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,20 +142,51 @@ def strange_spacing(
     between = {q: _between(spectra, near, teeth[0], float(s0), q) for q in (3, 2)}
     part = max(between, key=lambda q: between[q])
     order, std = _refined(spectra, teeth[0], s0, places)
-    found = Fraction(order).limit_denominator(MOST_DENOMINATOR)
-    geared = abs(float(found) - order) < max(2 * std, 0.1 * width)
     sidebands = _sidebands(spectra, teeth[0], order)
     shown = next((b.channel for b in sidebands if b.harmonic), None)
     return Spacing(
-        order=float(found) if geared else order,
+        order=order,
         std=std,
         score=float(score[best]),
         next_score=following,
         sidebands=sidebands,
         excerpts=() if shown is None else _excerpts(shown, spectra[shown], teeth[0], order),
-        ratio=found if geared else None,
+        ratio=simple_ratio(order, std),
         part=part if between[part] > PARTS else 1,
     )
+
+
+def simple_ratio(order: float, std: float) -> Fraction | None:
+    """The ratio of small numbers that an order is; None where one as simple may lie as near by chance.
+
+    There are Σ φ(q), q ≤ Q, ratios of denominators up to Q in every unit, so that chance is Σ φ(q)·2·reach.
+    """
+    reach, chance = DEVIATIONS * std, 0.0
+    for q in count(1):
+        chance += 2 * reach * sum(gcd(p, q) == 1 for p in range(1, q + 1))
+        if chance > CHANCE:
+            return None
+        if abs(round(order * q) / q - order) < reach:
+            return Fraction(round(order * q), q)
+    raise AssertionError("chance grows without end")
+
+
+def shared_ratio(spacings: Sequence[Spacing | None]) -> Fraction | None:
+    """The ratio of small numbers that the spacings of most windows are together; None where they are none.
+
+    spacings  of every window, None where it has none
+    """
+    found = [s for s in spacings if s is not None]
+    if not found:
+        return None
+    order, std = np.array([s.order for s in found]), np.array([s.std for s in found])
+    near = np.abs(order - np.median(order)) < DEVIATIONS * np.hypot(std, np.median(std))
+    if 2 * near.sum() <= len(spacings):
+        return None
+    weight = 1 / std[near] ** 2
+    mean = float(np.average(order[near], weights=weight))
+    scatter = float(np.sum(weight * (order[near] - mean) ** 2)) / max(int(near.sum()) - 1, 1)
+    return simple_ratio(mean, float(np.sqrt(max(scatter, 1.0) / weight.sum())))
 
 
 def _between(spectra: Mapping[str, _Spectrum], near: Mapping[str, np.ndarray], z1: int, s0: float, parts: int) -> float:
