@@ -7,8 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from twin.multibody.dabrowski_2012 import ESTIMATES, EXPERIMENT_RISE
-from twin.multibody.study import CROOKED, DRAWN, POINTS, SHOWN, VARIANTS, Rise, Sensitivity, Study, mean_miss
+from twin.multibody.bands import HARMONICS
+from twin.multibody.dabrowski_2012 import ESTIMATES, EXPERIMENT_RISE, MOST_AT, SPEEDS_RPM
+from twin.multibody.study import (
+    CROOKED,
+    DRAWN,
+    POINTS,
+    SHOWN,
+    SIGNALS,
+    VARIANTS,
+    Rise,
+    Sensitivity,
+    Study,
+    mean_miss,
+)
 
 GIVES = {
     "rigid": "nothing (authors' model)",
@@ -24,7 +36,14 @@ TILTED = {
     "turning": "gear on shaft, about mid-face",
     "turning_end": "gear on shaft, about an end",
 }
-WHAT = {"force": "force between gear and shaft", "acceleration": "its second derivative (support's acceleration)"}
+SHORT = {"rigid": "nothing", "bearings": "bearings", "shafts": "shafts", "both": "both", "all": "teeth, too"}
+WHAT = {  # of `SIGNALS`
+    "acceleration": "acceleration of the support (second derivative of the force)",
+    "force": "force between gear and shaft",
+}
+NAMED = f"{MOST_AT[0]}–{MOST_AT[-1]}"  # harmonics that rose most in the experiment, at the higher speed
+FAST = [i for i, (speed, _) in enumerate(POINTS) if speed == SPEEDS_RPM[1]]  # the points for which that is said
+NEAR = 10  # of "about 20 %" and "about 30 %" [%-points]
 WIDTH = 31
 
 
@@ -38,8 +57,7 @@ def answered(study: Study) -> dict[str, Any]:
             {
                 "gives_way": variant,
                 "tilt": tilt,
-                "force": mean_miss(study.of(variant, tilt)),
-                "acceleration": mean_miss(study.of(variant, tilt), "acceleration"),
+                **{of: mean_miss(study.of(variant, tilt), of) for of in (*SIGNALS, *(f"{of}_along" for of in SIGNALS))},
             }
             for variant in VARIANTS
             for tilt in ("normal", "in_plane")
@@ -61,6 +79,7 @@ def answered(study: Study) -> dict[str, Any]:
             {"name": e.name, "value": e.value, "unit": e.unit, "low": e.low, "high": e.high, "reason": e.reason}
             for e in ESTIMATES
         ],
+        "as_estimated_on_their_grid": {v: [_rise(r) for r in rises] for v, rises in study.coarse.items()},
         "sensitivities": [
             {
                 "name": s.name,
@@ -84,46 +103,97 @@ def _rise(r: Rise) -> dict[str, Any]:
         "tilt": r.tilt,
         "speed_rpm": r.speed_rpm,
         "torque_nm": r.torque,
-        "force_percent": r.force,
-        "force_bands_percent": r.bands,
         "acceleration_percent": r.acceleration,
+        "force_percent": r.force,
+        "bands_percent": r.bands,
+        "acceleration_gains_percent": r.gains,
+        "along_centres": {"acceleration_percent": r.acceleration_along, "force_percent": r.force_along},
     }
 
 
 def text(study: Study) -> str:
-    """What was found, as the command prints it."""
-    parts = [
+    """What was found, as the command prints it: over the estimates drawn, then at the nominal ones."""
+    said = [
         "Dąbrowski et al., Diagnostyka 2(62)/2012: pair 29/29, one gear out by 1°\n"
-        "rise of the RMS in mesh bands 1–5 ± 2 orders, %; last: mean distance from the experiment, %-points",
+        "rise of the RMS in mesh bands 1–5 ± 2 orders, %\n"
+        "from exp.: mean distance of the four rises from the experiment's, %-points",
+        *tables(study),
+    ]
+    return "\n\n".join(said)
+
+
+def tables(study: Study) -> list[str]:
+    """Everything that is printed, in its order."""
+    over_draws = [draw_table(study), draw_band_table(study), draw_findings(study)] if study.draws else []
+    return [
+        *over_draws,
+        "at the nominal estimates\n" + "\n".join(findings(study)),
         rise_table(study, "normal"),
         rise_table(study, "in_plane"),
-        "\n".join(findings(study)),
+        band_table(study),
+        direction_table(study),
         sideband_table(study),
         friction_table(study),
         residual_table(study),
         estimate_table(study),
     ]
-    if study.draws:
-        parts.append(draw_table(study))
-    return "\n\n".join(part for part in parts if part)
 
 
 def rise_table(study: Study, tilt: str) -> str:
-    """Rises of force and acceleration, and of the second band, by what gives way."""
-    lines = [f"tilt: {TILTED[tilt]}"]
-    head = "".join(f"{f'{speed:g}/{torque:g}':>9}" for speed, torque in POINTS)
-    for of in ("force", "acceleration"):
+    """Rises of acceleration and force, and of the second band, by what gives way."""
+    lines = [f"nominal estimates; tilt: {TILTED[tilt]}"]
+    for of in SIGNALS:
         lines.append(f"{WHAT[of]}")
-        lines.append(f"  {'gives way  (rpm/N·m)':<{WIDTH}}{head}   from exp.")
+        lines.append(f"  {'gives way  (rpm/N·m)':<{WIDTH}}{_HEAD}   from exp.")
         lines.append(f"  {'experiment, about':<{WIDTH}}" + _cells(EXPERIMENT_RISE[speed] for speed, _ in POINTS))
         for variant in VARIANTS:
             rises = study.of(variant, tilt)
             lines.append(
                 f"  {GIVES[variant]:<{WIDTH}}{_cells(getattr(r, of) for r in rises)}{mean_miss(rises, of):12.0f}"
             )
-    lines.append("mesh harmonic 2 of the force")
+    lines.append("mesh harmonic 2")
     for variant in VARIANTS:
         lines.append(f"  {GIVES[variant]:<{WIDTH}}{_cells(r.bands[1] for r in study.of(variant, tilt))}")
+    return "\n".join(lines)
+
+
+_HEAD = "".join(f"{f'{speed:g}/{torque:g}':>9}" for speed, torque in POINTS)
+_BANDS = "".join(f"{f'GMF{n}':>9}" for n in range(1, HARMONICS + 1))
+
+
+def band_table(study: Study) -> str:
+    """Each band's rise, which the sum over the bands hides, and what it adds to the RMS of the acceleration."""
+    lines = [
+        "nominal estimates, normal to the plane of the axes: rise of each band, of force and acceleration alike;",
+        "beside it what each adds to the acceleration's RMS, of the aligned RMS in all bands",
+        f"the experiment rose at {SPEEDS_RPM[1]:g} rpm especially at GMF{NAMED}",
+        f"  {'gives way  (rpm/N·m)':<{WIDTH}}{'':8}{_BANDS}{_BANDS}",
+    ]
+    for variant in ("rigid", "bearings", "shafts", "both"):
+        lines += [
+            f"  {GIVES[variant]:<{WIDTH}}{f'{r.speed_rpm:g}/{r.torque:g}':>8}{_cells(r.bands)}{_cells(r.gains)}"
+            for r in study.of(variant, "normal")
+        ]
+    return "\n".join(lines)
+
+
+def direction_table(study: Study) -> str:
+    """The same along the line of centres, were that the vertical."""
+    lines = [
+        "reading of 'vertical': across the line of centres, as where the axes lie side by side; the paper does not "
+        "say. Along it:"
+    ]
+    for of in SIGNALS:
+        lines.append(WHAT[of])
+        lines.append(f"  {'gives way  (rpm/N·m)':<{WIDTH}}{_HEAD}   from exp.")
+        for variant in VARIANTS:
+            rises, key = study.of(variant, "normal"), f"{of}_along"
+            lines.append(
+                f"  {GIVES[variant]:<{WIDTH}}{_cells(getattr(r, key) for r in rises)}{mean_miss(rises, key):12.0f}"
+            )
+        if study.draws:
+            medians = (f"{GIVES[v]} {np.median(study.misses(v, f'{of}_along')):.0f}" for v in DRAWN)
+            lines.append(f"  from exp., median over the {len(study.draws)} sets: {'; '.join(medians)}")
     return "\n".join(lines)
 
 
@@ -131,28 +201,79 @@ def _cells(values: Iterable[float]) -> str:
     return "".join(f"{value:+9.0f}" for value in values)
 
 
+def draw_findings(study: Study) -> str:
+    """What was asked for, and in how many sets of estimates it comes out."""
+    draws = study.draws
+    wanted = np.array([EXPERIMENT_RISE[speed] for speed, _ in POINTS])
+    lines = [f"{f'of {len(draws)} sets of estimates those in which':<65}" + "".join(f"{SHORT[v]:>11}" for v in DRAWN)]
+
+    def row(claim: str, holds: Mapping[str, Any]) -> None:
+        """By variant, whether it holds in each set (draws,)."""
+        lines.append(f"  {claim:<63}" + "".join(f"{np.sum(holds[v]) if v in holds else '':>11}" for v in DRAWN))
+
+    row("mesh harmonic 2 rises in every case", {v: [all(r.bands[1] > 0 for r in d[v]) for d in draws] for v in DRAWN})
+    for of in SIGNALS:
+        rises = {v: np.array([[getattr(r, of) for r in d[v]] for d in draws]) for v in DRAWN}
+        miss = {v: study.misses(v, of) for v in DRAWN}
+        near = f"is within {NEAR} %-points of the experiment in every case"
+        lines.append(f"{WHAT[of]}")
+        row("rises by more than the experiment in every case", {v: (x > wanted).all(1) for v, x in rises.items()})
+        row("falls in a case", {v: (x < 0).any(1) for v, x in rises.items()})
+        row(near, {v: (abs(x - wanted) <= NEAR).all(1) for v, x in rises.items()})
+        row("is nearer to the experiment than where nothing gives way", {v: miss[v] < miss["rigid"] for v in DRAWN[1:]})
+        row("is farther from it than with both", {v: miss[v] > miss["both"] for v in ("bearings", "shafts")})
+    lines.append(f"at {SPEEDS_RPM[1]:g} rpm, in both cases")
+    most = {v: np.array([[d[v][k].most_at for k in FAST] for d in draws]) for v in DRAWN}
+    for i, other in enumerate((1, HARMONICS)):
+        row(
+            f"harmonics {NAMED} all rise by more than harmonic {other}", {v: x[:, :, i].all(1) for v, x in most.items()}
+        )
+    gained = {v: [all(np.argmax(d[v][k].gains) + 1 in MOST_AT for k in FAST) for d in draws] for v in DRAWN}
+    row(f"one of harmonics {NAMED} adds most to the acceleration's RMS", gained)
+    return "\n".join(lines)
+
+
 def findings(study: Study) -> list[str]:
-    """Sentences that the numbers bear."""
+    """Sentences that the numbers at the nominal estimates bear."""
     out = []
     for tilt in ("normal", "in_plane"):
         raised = {v: sum(r.bands[1] > 0 for r in study.of(v, tilt)) for v in VARIANTS}
         less = [f"{GIVES[v]}, {n} of {len(POINTS)}" for v, n in raised.items() if n < len(POINTS)]
         every = "in every case" if not less else f"in all cases but of: {'; '.join(less)}"
-        out.append(f"Mesh harmonic 2 of the force rises {every} (tilt: {TILTED[tilt]}).")
-    for of in ("force", "acceleration"):
+        out.append(f"Mesh harmonic 2 rises {every} (tilt: {TILTED[tilt]}).")
+    for i, other in enumerate((1, HARMONICS)):
+        most = "; ".join(
+            f"{GIVES[v]} {sum(study.of(v, 'normal')[k].most_at[i] for k in FAST)} of {len(FAST)}"
+            for v in ("rigid", "both")
+        )
+        out.append(
+            f"Harmonics {NAMED} rise by more than harmonic {other}, as in the experiment, in these of the cases at "
+            f"{SPEEDS_RPM[1]:g} rpm: {most}."
+        )
+    for variant in ("rigid", "both"):
+        most = ", ".join(f"GMF{np.argmax(study.of(variant, 'normal')[k].gains) + 1}" for k in FAST)
+        out.append(f"The band that adds most to the acceleration's RMS there, {GIVES[variant]}: {most}.")
+    for of in SIGNALS:
         miss = {v: mean_miss(study.of(v, "normal"), of) for v in VARIANTS}
+        ends = [mean_miss(s.both, of) for s in study.sensitivities if s.value is not None]
+        here = mean_miss(study.coarse["both"], of)
         out.append(
             f"Distance from the experiment, {WHAT[of]}: {miss['rigid']:.0f} %-points where nothing gives way, "
             f"{miss['bearings']:.0f} with bearings alone, {miss['shafts']:.0f} with shafts alone, {miss['both']:.0f} "
             f"with both; {miss['all']:.0f} where teeth bend, too."
+            + (
+                f" With both, on the coarser grid, {here:.0f}, and {min(ends):.0f} to {max(ends):.0f} with one "
+                f"estimate at an end of its range: further off in {sum(x > here for x in ends)} of {len(ends)}."
+                if ends
+                else ""
+            )
         )
     own = study.frictionless["rigid"][-1].bands
     apart = np.abs(study.frictionless["both"][-1].bands - own).max()
     out.append(
         f"Without friction bearings and shafts leave the rise of every band within {apart:.0f} %-points of that where "
         f"nothing gives way ({own.min():.0f} to {own.max():.0f} %; {SHOWN[0]:g} rpm, {SHOWN[1]:g} N·m). With it, "
-        "what friction excites as it reverses at the pitch point rings on the shafts, aligned or not: that dilutes the "
-        "rise."
+        "what friction excites as it reverses at the pitch point rings on the shafts, aligned or not."
     )
     out.append(
         "An axis that is out of line makes no sidebands. A gear that sits crooked on its shaft makes them at twice the "
@@ -187,19 +308,22 @@ def friction_table(study: Study) -> str:
 
 def residual_table(study: Study) -> str:
     """The rise over a state that is called correct and is itself a little out."""
-    lines = ["rise where the state called correct is itself out, normal to the plane of the axes: force; acceleration"]
+    lines = ["rise where the state called correct is itself out, normal to the plane of the axes: acceleration; force"]
     for (variant, state), rises in study.residuals.items():
-        cells = (_cells(getattr(r, of) for r in rises) for of in ("force", "acceleration"))
-        miss = (f"{mean_miss(rises, of):.0f}" for of in ("force", "acceleration"))
+        cells = (_cells(getattr(r, of) for r in rises) for of in SIGNALS)
+        miss = (f"{mean_miss(rises, of):.0f}" for of in SIGNALS)
         lines.append(f"  {GIVES[variant]:<26}{state:<13}{';  '.join(cells)}   from exp. {'; '.join(miss)}")
     return "\n".join(lines)
 
 
 def estimate_table(study: Study) -> str:
-    """What was estimated, and the rise of the force where it is something else."""
+    """What was estimated, and how far the rise is from the experiment where it is something else."""
     lines = [
-        "estimated, not in the paper; rise of the force at either end of the range, normal to the plane of the axes"
+        "estimated, not in the paper; rise of the acceleration at either end of the range, normal to the plane of the "
+        "axes; last: from exp.,",
+        "acceleration and force",
     ]
+    lines.append(_row("  as estimated", study.coarse["rigid"], study.coarse["both"]))
     by_name: dict[str, list[Sensitivity]] = {}
     for s in study.sensitivities:
         by_name.setdefault(s.name, []).append(s)
@@ -217,33 +341,52 @@ def _amount(value: float | None, unit: str) -> str:
 
 
 def _sensitivity(s: Sensitivity, label: str) -> str:
-    rigid = "rigid" + _cells(r.force for r in s.rigid) if s.rigid else ""
-    lead = f"    {label:<14}" if len(label) < 15 else f"    {label}\n{'':18}"
-    return f"{lead}{rigid:<44}both{_cells(r.force for r in s.both)}"
+    return _row(f"    {label:<14}" if len(label) < 15 else f"    {label}\n{'':18}", s.rigid, s.both)
+
+
+def _row(lead: str, rigid: Sequence[Rise] | None, both: Sequence[Rise]) -> str:
+    return f"{lead:<18}{f'rigid{_at_end(rigid)}' if rigid else '':<59}both{_at_end(both)}"
+
+
+def _at_end(rises: Sequence[Rise]) -> str:
+    miss = "; ".join(f"{mean_miss(rises, of):.0f}" for of in SIGNALS)
+    return f"{_cells(r.acceleration for r in rises)}   {miss}"
 
 
 def draw_table(study: Study) -> str:
     """Over all sets of estimates drawn: medians, and how often nearer to the experiment than the rigid model."""
     n = len(study.draws)
     lines = [
-        f"all estimates drawn from their ranges, {n} sets, axis normal to the plane: median (10 … 90 %) of the rise"
+        f"all estimates drawn from their ranges, {n} sets, axis normal to the plane: median (10 … 90 %) of the rise; "
+        "last: sets nearer than rigid",
+        "(of backlash no less than the drawn face needs to turn free)",
     ]
-    for of in ("force", "acceleration"):
+    for of in SIGNALS:
         lines.append(WHAT[of])
-        rigid = _misses(study.draws, "rigid", of)
+        lines.append(
+            f"  {'gives way  (rpm/N·m)':<26}" + "".join(f"{f'{s:g}/{t:g}':>20}" for s, t in POINTS) + "   from exp."
+        )
+        lines.append(f"  {'experiment, about':<26}" + "".join(f"{f'+{EXPERIMENT_RISE[s]:.0f}':>20}" for s, _ in POINTS))
         for variant in DRAWN:
-            rises = np.array([[getattr(r, of) for r in draw[variant]] for draw in study.draws])
-            low, middle, high = np.quantile(rises, (0.1, 0.5, 0.9), axis=0)
-            cells = "".join(f"{f'{m:+.0f} ({a:.0f} … {b:.0f})':>22}" for m, a, b in zip(middle, low, high, strict=True))
-            miss = _misses(study.draws, variant, of)
-            nearer = "" if variant == "rigid" else f", nearer in {100 * np.mean(miss < rigid):.0f} %"
-            lines.append(f"  {GIVES[variant]:<26}{cells}   from exp. {np.median(miss):.0f}{nearer}")
-    raised = {v: np.mean([all(r.bands[1] > 0 for r in draw[v]) for draw in study.draws]) for v in DRAWN}
-    lines.append(
-        "harmonic 2 rises in all four cases: " + ", ".join(f"{GIVES[v]} {100 * x:.0f} %" for v, x in raised.items())
-    )
+            cells = _spread([[getattr(r, of) for r in draw[variant]] for draw in study.draws])
+            miss = study.misses(variant, of)
+            nearer = "" if variant == "rigid" else f"{(miss < study.misses('rigid', of)).sum():10d}"
+            lines.append(f"  {GIVES[variant]:<26}{cells}{np.median(miss):12.0f}{nearer}")
     return "\n".join(lines)
 
 
-def _misses(draws: Sequence[Mapping[str, Sequence[Rise]]], variant: str, of: str) -> np.ndarray:
-    return np.array([mean_miss(draw[variant], of) for draw in draws])
+def draw_band_table(study: Study) -> str:
+    """Over all sets drawn: the rise of each band at the higher speed, which the sum over the bands hides."""
+    lines = [f"the same by bands at {SPEEDS_RPM[1]:g} rpm (of force and acceleration alike)"]
+    lines.append(f"  {'gives way  (N·m)':<32}" + "".join(f"{f'GMF{n}':>20}" for n in range(1, HARMONICS + 1)))
+    for variant in DRAWN:
+        for k in FAST:
+            cells = _spread([draw[variant][k].bands for draw in study.draws])
+            lines.append(f"  {GIVES[variant]:<26}{POINTS[k][1]:>6g}{cells}")
+    return "\n".join(lines)
+
+
+def _spread(values: Any) -> str:
+    """Median (10 … 90 %) of every column of (draws, n), 20 wide."""
+    low, middle, high = np.quantile(np.array(values), (0.1, 0.5, 0.9), axis=0)
+    return "".join(f"{f'{m:+.0f} ({a:.0f} … {b:.0f})':>20}" for m, a, b in zip(middle, low, high, strict=True))

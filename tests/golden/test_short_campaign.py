@@ -4,27 +4,14 @@ Written by   python -m tests.golden.short_campaign
 Tolerance    1e-4 of each figure: the calibration stops at 1e-3 of its prior's spread, and machines round differently
 """
 
-import json
-
 import pytest
 
+from tests.golden.pinned import pinned_and_now
 from tests.golden.short_campaign import FILE, figures
 
 
-def leaves(data, path=""):
-    """Every number with where it stands."""
-    if isinstance(data, dict):
-        for key, value in data.items():
-            yield from leaves(value, f"{path}.{key}")
-    elif isinstance(data, list):
-        for i, value in enumerate(data):
-            yield from leaves(value, f"{path}[{i}]")
-    else:
-        yield path, data
-
-
 def test_figures_of_the_short_campaign_are_those_of_the_last_deliberate_change():
-    pinned, now = dict(leaves(json.loads(FILE.read_text()))), dict(leaves(figures()))
+    pinned, now = pinned_and_now(FILE, figures())
     assert now.keys() == pinned.keys()
     moved = {
         path: (now[path], value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -28,7 +29,16 @@ def test_the_example_prints_its_table_and_writes_page_and_numbers(capsys, coarse
     assert run(["example", "misalignment", "--out", str(out), "--json", str(numbers), "--draws", "1"]) == 0
     captured = capsys.readouterr()
     assert captured.err == f"gear-twin: figures written to {out}\n"
-    for said in ("experiment, about", "nothing (authors' model)", "sidebands", "estimated", "1 sets", "reading of K"):
+    for said in (
+        "experiment, about",
+        "nothing (authors' model)",
+        "sidebands",
+        "estimated",
+        "1 sets",
+        "reading of K",
+        "reading of 'vertical'",
+        "Harmonics 2–4 rise by more than harmonic 1",
+    ):
         assert said in captured.out, said
     answer = json.loads(numbers.read_text())
     assert {r["gives_way"] for r in answer["rises"]} == {"rigid", "bearings", "shafts", "both", "teeth", "all"}
@@ -36,8 +46,16 @@ def test_the_example_prints_its_table_and_writes_page_and_numbers(capsys, coarse
     assert all(e["reason"] and e["low"] < e["high"] for e in answer["estimated"])
     assert len(answer["draws"]) == 1 and len(answer["sensitivities"]) == 6
     page = out.read_text()
-    assert page.count("plotly-graph-div") == 8 and "http" not in page.partition("<script")[0]
-    for title in ("Rise of the RMS", "Vertical force", "Spectrum of the force", "Lines about the second", "GMF5"):
+    assert page.count("plotly-graph-div") == 10 and "http" not in page.partition("<script")[0]
+    for title in (
+        "sets of estimates",
+        "The same band by band",
+        "nominal estimates",
+        "Vertical force",
+        "Spectrum of the force",
+        "Lines about the second",
+        "GMF5",
+    ):
         assert title in page, title
 
 
@@ -46,6 +64,15 @@ def test_the_example_prints_its_numbers_alone_where_asked(capsys, coarse):
     answer = json.loads(capsys.readouterr().out)
     assert answer["experiment_rise_percent"] == {"400 rpm": 20.0, "800 rpm": 30.0}
     assert {r["correct_state"] for r in answer["over_a_state_out_of_line"]} == {"out by 0.1°", "out by 0.2°"}
+
+
+def test_without_draws_it_says_that_its_figures_are_those_of_the_nominal_estimates(capsys, monkeypatch, found):
+    monkeypatch.setattr(
+        twin.multibody.study, "study", lambda progress, draws: replace(found, draws=found.draws[:draws])
+    )
+    assert run(["example", "misalignment", "--draws", "0"]) == 0
+    said = capsys.readouterr().out
+    assert said.split("\n\n")[1].startswith("at the nominal estimates") and "drawn" not in said
 
 
 def test_an_example_that_is_not_there_and_a_wrong_number_are_refused(capsys):

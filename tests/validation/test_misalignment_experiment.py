@@ -4,9 +4,11 @@ Source     D. Dąbrowski, J. Adamczyk, H. Plascencia Mora, Diagnostyka 2(62) (20
            at z·f·n (eq. 4); in every case the second mesh harmonic rises; RMS in the bands "about 20 %" up at 400 rpm
            and "about 30 %" at 800 rpm, "especially for GMF2, GMF3 and GMF4"; in the model more; sidebands at the
            shafts' speed
-Tolerance  the paper's numbers are round and its bars have no figures beside them: order and sign are tested. What is
-           missed is stated by tests, too: with bearings and shafts two of four cases are near, and where supports are
-           other than estimated the rise may be anywhere
+Tolerance  the paper's numbers are round and its bars have no figures beside them: order and sign are tested, a case is
+           met within 10 %-points. What the paper does not give decides much, so that a claim is made of sets of
+           estimates drawn from their ranges: it holds where it does in 16 of 20, which a coin does in 0.6 % of trials;
+           with a share of nine in ten behind it, as the sure ones have, 20 sets find it in 96 %. What is missed, and
+           what is not sure, is stated by tests, too. What holds at the nominal estimates alone: tests/golden
 """
 
 from dataclasses import replace
@@ -16,16 +18,35 @@ import numpy as np
 import pytest
 
 from twin.multibody.bands import shaft_lines
-from twin.multibody.dabrowski_2012 import TEETH, drawn, system
-from twin.multibody.study import COARSE, RESIDUALS, mean_miss, rises_of, run
+from twin.multibody.dabrowski_2012 import MOST_AT, TEETH, drawn, system
+from twin.multibody.study import COARSE, SIGNALS, SPEEDS_RPM, mean_miss, rises_of, run
 
-SIGNALS = ("force", "acceleration")
 SUPPORTS = ("rigid", "bearings", "shafts", "both")
+SETS, SURE = 20, 16
+MET = 10  # from "about 20 %" and "about 30 %" [%-points]
 
 
 @cache
-def rises(variant, tilt="normal", against="aligned"):
-    return rises_of(system(), variant, tilt, *COARSE, against)
+def rises(variant, tilt="normal"):
+    return rises_of(system(), variant, tilt, *COARSE)
+
+
+@cache
+def over_draws():
+    """The rises of every set, by variant, at the four operating points."""
+    return {v: [rises_of(s, v, "normal", *COARSE) for s in drawn(seed=1, number=SETS)] for v in SUPPORTS}
+
+
+def misses(variant, of):
+    return np.array([mean_miss(found, of) for found in over_draws()[variant]])
+
+
+def sets_with(variant, claim, fast_alone=False):
+    """Number of sets in which a claim holds of all rises, or of those at the higher speed."""
+    return sum(
+        all(claim(r) for r in found if not fast_alone or r.speed_rpm == SPEEDS_RPM[1])
+        for found in over_draws()[variant]
+    )
 
 
 @cache
@@ -46,52 +67,16 @@ def test_every_case_raises_the_second_mesh_harmonic(variant):
     assert all(r.bands[1] > 0 for r in rises(variant))
 
 
-@pytest.mark.parametrize("variant", SUPPORTS)
-def test_so_does_a_tilt_in_the_plane_of_the_axes_but_for_the_rigid_model_at_low_speed_and_high_torque(variant):
-    raised = [r.bands[1] > 0 for r in rises(variant, "in_plane")]
-    assert raised == [True, variant != "rigid", True, True]
-
-
-@pytest.mark.parametrize("tilt", ["normal", "in_plane"])
-def test_the_rigid_model_rises_more_than_the_experiment_in_every_case_as_the_authors_did(tilt):
-    assert all(r.force > r.experiment and r.acceleration > r.experiment for r in rises("rigid", tilt))
-
-
-def test_the_rigid_model_rises_most_at_the_harmonics_that_the_experiment_did():
-    for r in rises("rigid")[2:]:
-        assert r.bands[[1, 2, 3]].min() > r.bands[4]
-
-
 @pytest.mark.parametrize("of", SIGNALS)
-def test_shafts_bring_the_rise_nearer_to_the_experiment_and_bearings_beside_them_more_so(of):
-    miss = {variant: mean_miss(rises(variant), of) for variant in SUPPORTS}
-    assert miss["both"] < miss["shafts"] < miss["rigid"]
-    assert miss["shafts"] < miss["bearings"]
-
-
-def test_bearings_alone_hardly_change_the_rise_of_the_force():
-    assert mean_miss(rises("bearings")) == pytest.approx(mean_miss(rises("rigid")), rel=0.1)
-
-
-def test_every_case_is_nearer_to_the_experiment_with_bearings_and_shafts_though_one_falls():
-    for one, other in zip(rises("rigid"), rises("both"), strict=True):
-        assert abs(other.force - other.experiment) < abs(one.force - one.experiment)
-    assert [r.force > 0 for r in rises("both")] == [True, False, True, True]  # missed: 400 rpm with 200 N·m
-
-
-def test_without_friction_supports_leave_the_rise_of_every_band_as_it_is():
-    """What rings on the shafts, aligned or not, is friction as it turns round: that dilutes the rise."""
-    smooth = replace(system(), law=system().law.without_friction())
-    rigid, both = (rises_of(smooth, variant, "normal", *COARSE) for variant in ("rigid", "both"))
-    for one, other in zip(rigid, both, strict=True):
-        assert other.bands == pytest.approx(one.bands, abs=15)
-    assert mean_miss(both) > 2 * mean_miss(rises("both"))
+def test_the_rigid_model_rises_more_than_the_experiment_in_every_case_as_the_authors_did(of):
+    assert all(getattr(r, of) > r.experiment for r in rises("rigid"))
 
 
 @pytest.mark.parametrize("variant", ["rigid", "both"])
-def test_a_correct_state_that_is_itself_a_little_out_brings_the_rise_down(variant):
-    misses = [mean_miss(rises(variant, "normal", state)) for state in ("aligned", *RESIDUALS)]
-    assert misses[0] > misses[1] > misses[2]
+def test_harmonics_2_to_4_do_not_rise_most_as_they_did_in_the_experiment_missed(variant):
+    """In per cent: harmonic 1 rises by more."""
+    fast = [r for r in rises(variant) if r.speed_rpm == SPEEDS_RPM[1]]
+    assert not any(all(r.most_at) for r in fast) and not any(r.most_at[0] for r in fast)
 
 
 @pytest.mark.parametrize("variant", ["rigid", "both"])
@@ -103,20 +88,70 @@ def test_sidebands_come_of_a_gear_that_turns_crookedly_and_of_no_axis_out_of_lin
     assert np.median(crooked(variant, "turning_end").sidebands[0]) > 0.2
 
 
+def test_along_the_line_of_centres_the_rigid_model_does_not_rise_as_the_authors_did():
+    """So that, had "vertical" been along it, neither its excess nor what lowers it would be there."""
+    assert not any(r.force_along > r.experiment or r.acceleration_along > r.experiment for r in rises("rigid"))
+
+
 @pytest.mark.slow
-def test_over_all_estimates_both_bring_the_rise_nearer_mostly_but_not_always_and_shafts_alone_do_not():
-    variants = ("rigid", "shafts", "both")
-    misses = np.array(
-        [
-            [
-                [mean_miss(rises, of) for of in SIGNALS]
-                for rises in (rises_of(s, v, "normal", *COARSE) for v in variants)
-            ]
-            for s in drawn(seed=1, number=30)
-        ]
-    )
-    rigid, shafts, both = np.moveaxis(misses, 1, 0)
-    assert (np.median(both, axis=0) < 0.8 * np.median(rigid, axis=0)).all()
-    force, acceleration = np.mean(both < rigid, axis=0)
-    assert 0.5 < force < 1 and acceleration > 0.8
-    assert np.mean(shafts < rigid, axis=0)[0] < 0.65
+@pytest.mark.parametrize("variant", SUPPORTS)
+def test_over_the_estimates_every_case_raises_the_second_mesh_harmonic(variant):
+    assert sets_with(variant, lambda r: r.bands[1] > 0) >= SURE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of", SIGNALS)
+def test_over_the_estimates_the_rigid_model_rises_more_than_the_experiment_in_every_case(of):
+    assert sets_with("rigid", lambda r: getattr(r, of) > r.experiment) >= SURE
+
+
+@pytest.mark.slow
+def test_over_the_estimates_bearings_bring_either_signal_nearer_to_the_experiment():
+    assert all((misses("bearings", of) < misses("rigid", of)).sum() >= SURE for of in SIGNALS)
+
+
+@pytest.mark.slow
+def test_over_the_estimates_bearings_with_shafts_bring_the_acceleration_nearer_to_the_experiment():
+    assert (misses("both", "acceleration") < misses("rigid", "acceleration")).sum() >= SURE
+
+
+@pytest.mark.slow
+def test_over_the_estimates_neither_shafts_alone_nor_beside_bearings_are_a_sure_gain():
+    for of in SIGNALS:
+        assert (misses("shafts", of) < misses("rigid", of)).sum() < SURE
+        assert (misses("both", of) < misses("bearings", of)).sum() < SURE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", SUPPORTS)
+@pytest.mark.parametrize("of", SIGNALS)
+def test_over_the_estimates_no_set_meets_the_experiment_in_all_four_cases_missed(variant, of):
+    assert sets_with(variant, lambda r: abs(getattr(r, of) - r.experiment) <= MET) == 0
+
+
+@pytest.mark.slow
+def test_over_the_estimates_it_is_by_friction_that_supports_change_the_rise_of_the_bands():
+    """What rings on them, aligned or not, is friction as it reverses; without it they leave the bands' rises closer."""
+
+    def apart(rigid, held):
+        return np.array([np.abs(a.bands - b.bands).max() for a, b in zip(rigid, held, strict=True)])
+
+    found = over_draws()
+    closer = 0
+    for s, rigid, held in zip(drawn(seed=1, number=SETS), found["rigid"], found["both"], strict=True):
+        smooth = replace(s, law=s.law.without_friction())
+        dry = apart(*(rises_of(smooth, v, "normal", *COARSE) for v in ("rigid", "both")))
+        closer += (dry < apart(rigid, held)).all()
+    assert closer >= SURE
+
+
+@pytest.mark.slow
+def test_over_the_estimates_harmonics_2_to_4_rise_most_in_no_sure_way_missed():
+    counts = {v: sets_with(v, lambda r: all(r.most_at), fast_alone=True) for v in SUPPORTS}
+    assert max(counts.values()) < SURE and counts["both"] <= SETS - SURE
+
+
+@pytest.mark.slow
+def test_over_the_estimates_one_of_harmonics_2_to_4_adds_most_to_the_acceleration_with_bearings_and_shafts():
+    counts = {v: sets_with(v, lambda r: np.argmax(r.gains) + 1 in MOST_AT, fast_alone=True) for v in SUPPORTS}
+    assert counts["both"] >= SURE > counts["rigid"]

@@ -4,6 +4,9 @@ Source   D. Dąbrowski, J. Adamczyk, H. Plascencia Mora, A multi-body model of g
          for gears misalignment, Diagnostyka 2(62) (2012) 15–22, Tables 1 and 2, chapters 2 and 3
 Reads    K = 2.9852·10⁵ is printed with the unit N/mm^3/2, that of the Hertzian exponent of eq. (3), and stands beside
          the exponent 1.3. A solver takes the number as it is: N/mm^1.3. What the other readings give is in `READINGS`.
+         "Vertical" is taken for across the line of centres, as where the axes lie side by side; the paper does not say
+         how they lie. The study gives the rise along the line of centres beside it. Which way the axis is tilted by
+         "about 1 degree" is not said either: normal to the plane of the axes, with that in the plane beside it.
 Bearing  deep groove 6206, 9 balls of 9.525 mm, δ = 4.36·10⁻⁴·(Q²/D)^⅓ mm with Q = 5·F_r/9 (A. Palmgren, Ball and
          roller bearing engineering, 3rd ed. 1959): 1.5·F_r/δ = 1.4·10⁸ N/m under half of the mesh force at 200 N·m
 """
@@ -92,8 +95,12 @@ def _shafts(name: str) -> Callable[[System, float], System]:
 
 def _face(s: System, width: float) -> System:
     """With the backlash that the tilted teeth then need."""
-    backlash = max(s.pair.backlash, 1.2 * width * tan(TILT_ANGLE))
-    return replace(s, pair=replace(s.pair, face_width=width, backlash=backlash))
+    return replace(s, pair=replace(s.pair, face_width=width, backlash=max(s.pair.backlash, _needed_backlash(width))))
+
+
+def _needed_backlash(width: float) -> float:
+    """With which teeth of a face width turn free, tilted and under load [m]."""
+    return 1.2 * width * tan(TILT_ANGLE)
 
 
 ESTIMATES: tuple[Estimate, ...] = (
@@ -149,13 +156,17 @@ READINGS: Mapping[str, Callable[[System], System]] = {
 
 
 def drawn(seed: int, number: int) -> list[System]:
-    """So many systems with every estimate drawn evenly on the logarithm of its range; backlash as the face needs it."""
+    """So many systems with every estimate drawn evenly on the logarithm of its range.
+
+    Of backlash no less is drawn than the face width that was drawn needs to turn free: the authors' gears turned.
+    """
     random, out = np.random.default_rng(seed), []
     for _ in range(number):
         made = system()
         for estimate in ESTIMATES:
-            value = float(np.exp(random.uniform(np.log(estimate.low), np.log(estimate.high))))
-            if estimate.name != "backlash":
-                made = estimate.at(made, value)
+            low = estimate.low
+            if estimate.name == "backlash":
+                low = max(low, _needed_backlash(made.pair.face_width) / estimate.scale)
+            made = estimate.at(made, float(np.exp(random.uniform(np.log(low), np.log(estimate.high)))))
         out.append(made)
     return out

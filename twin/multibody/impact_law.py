@@ -92,20 +92,6 @@ class ImpactLaw:
     def without_friction(self) -> ImpactLaw:
         return replace(self, static_friction=0.0, dynamic_friction=0.0)
 
-    def without_damping(self) -> ImpactLaw:
-        return replace(self, damping=0.0)
-
     def penetration(self, force: float) -> float:
         """x [m] at rest under a normal force [N] over the whole face: (F/K)^(1/e)."""
         return (force / self.stiffness) ** (1 / self.exponent)
-
-    def edge_penetration(self, force: float, lead_gap: float) -> float:
-        """x [m] at rest at the end that carries, under F [N], where the lead gap [m] leaves part of the face open.
-
-        F = (K/λ)·∫_0^x u^e du = K·x^(e+1)/((e + 1)·λ); raises ParameterError where the whole face touches (x > λ).
-        """
-        e, λ = self.exponent, abs(lead_gap)
-        x = ((e + 1) * λ * force / self.stiffness) ** (1 / (e + 1))
-        if x > λ:
-            raise ParameterError(f"lead_gap = {lead_gap * 1e6:.4g} µm is closed by {force:.4g} N over the whole face")
-        return float(x)

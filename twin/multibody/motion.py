@@ -2,14 +2,15 @@
 
     M·q'' + D·q' + S·q = T − Σ_i F_i·g_i + Σ_i Φ_i·h_i
     δ_i = ±(r_b1·θ1 − r_b2·θ2 − (y1 − y2)·cos α) + (x1 − x2)·sin α + e_i(t) − gap(s) [− j],   F_i = impact(δ_i, δ_i')/m
-    u_i = (x1 − x2)·cos α ± ((y1 − y2)·sin α − ρ1·θ1 + ρ2·θ2),                              Φ_i = −μ(u_i')·F_i
-    g_i = ∂δ_i/∂q,   h_i = ∂u_i/∂q
+    u_i' = h_i·(q' + nominal rotation),   Φ_i = −μ(u_i')·F_i,   g_i = ∂δ_i/∂q
+    h_i·q' = (x1' − x2')·cos α ± ((y1' − y2')·sin α − (ρ1 + σ1)·θ1' + (ρ2 − σ2)·θ2') [− D'·t_i where the tilt turns]
 
 i       slice of the face, tooth pair, and flank: + drive flanks, − back flanks, which are j apart
 x, y    of the tooth at the slice, tilts included
 e_i     separation by the tilt of the driven gear: the lead gap of effects/misalignment about the place of tilting
 gap     corner contact outside the path
 m       slices
+t_i     direction along the flank, (cos α, ±sin α)
 σ1, σ2  shifts of the contact on the flanks where the gear's tooth is displaced by D against the pinion's: with
         τ = ½·cos α·(D_x/tan α ± D_y), σ1 = τ and σ2 = τ − D_x/sin α; corner contact begins at s + σ2, ends at s + σ1
 
@@ -21,7 +22,8 @@ equations are stiff: backward differences of order two, solved by Newton's metho
 Where teeth give way each slice of a tooth is a spring k_t/m behind its contact, k_t·u = F(δ − u, δ' − u'): the energy
 method's bending, shear, axial and foundation compliance (mesh/stiffness), without inertia.
 
-Friction force and its moments come from one displacement u, so that friction can only take power.
+The slip and the generalised forces of friction come from one and the same h_i, at the place where the tilted flanks
+touch: the forces' power is Φ_i·u_i', which is never positive.
 
 Source   E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., ch. III.1 and V.1 (BDF2, L-stable);
          Dąbrowski et al., Diagnostyka 2(62) (2012): the system and its impact law
@@ -156,6 +158,16 @@ def _contacts(q, v, t, geometry, tilt, law, rub, gap0, gap, places, c_new, want,
         about_pivot = 0.5 * abs(λ_s) - λ_s * pivot  # the teeth tilt about it, not about the end that touches
         if side > 0.0:
             sums[3] = δ0
+        # where flanks touch is shifted by the tilt, in proportion to z − pivot: D = (−sin ψ, cos ψ)·arm
+        arm = width * tan_tilt
+        across_x, across_y = -arm * np.sin(ψ), arm * np.cos(ψ)
+        turn = 0.5 * c_α * (across_x / t_α + side * across_y)
+        σ1, σ2 = turn, turn - across_x / s_α
+        # slip = (h0 + z·h1)·whole motion: of the crooked gear the tilt turns, too
+        crooked = turning * arm * (np.cos(ψ) * c_α + side * np.sin(ψ) * s_α)
+        h[1] = 0.0
+        h[1, 2], h[1, 3], h[1, 7], h[1, 8] = -side * s_α * width, c_α * width, side * s_α * width, -c_α * width
+        h[1, 4], h[1, 9] = -side * σ1, crooked - side * σ2
         closest = δ0 + 0.5 * abs(δ1) + about_pivot - gap_face  # of any slice, before the corner gap
         if closest <= 0.0:
             continue
@@ -172,14 +184,17 @@ def _contacts(q, v, t, geometry, tilt, law, rub, gap0, gap, places, c_new, want,
             A0 = A1 = A2 = B0 = B1 = B2 = D0 = D1 = D2 = N0 = N1 = P0 = P1 = 0.0
             touched = False
             ρ1, ρ2 = rb * t_α + s, rb * t_α - s
+            h[0] = 0.0
+            h[0, 0], h[0, 1], h[0, 4] = c_α, side * s_α, -side * ρ1 - pivot * h[1, 4]
+            h[0, 5], h[0, 6], h[0, 9] = -c_α, -side * s_α, side * ρ2 - pivot * h[1, 9]
+            slip0, slip1 = (h[0, 4] + h[0, 9]) * ω, (h[1, 4] + h[1, 9]) * ω
+            for a in range(10):
+                slip0 += h[0, a] * v[a]
+                slip1 += h[1, a] * v[a]
             for i in range(m):
                 z = places[i]
-                arm = (z - pivot) * width * tan_tilt  # D = (−sin ψ, cos ψ)·arm: gear against pinion
-                across_x, across_y = -arm * np.sin(ψ), arm * np.cos(ψ)
-                turn = 0.5 * c_α * (across_x / t_α + side * across_y)
-                σ1, σ2 = turn, turn - across_x / s_α
-                before, before_slope = _table(gap[0], gap0, gap[3, 0], s + σ2)
-                behind, behind_slope = _table(gap[1], gap0, gap[3, 0], s + σ1)
+                before, before_slope = _table(gap[0], gap0, gap[3, 0], s + (z - pivot) * σ2)
+                behind, behind_slope = _table(gap[1], gap0, gap[3, 0], s + (z - pivot) * σ1)
                 corner = before + behind
                 x = δ0 + z * δ1 + _face_separation(λ_s, z) + about_pivot - corner - gap_face
                 if x <= 0.0:
@@ -195,11 +210,7 @@ def _contacts(q, v, t, geometry, tilt, law, rub, gap0, gap, places, c_new, want,
                     continue
                 touched = True
                 F, slope = F / m, slope / m
-                # slip: the nominal rotation, the crooked gear's own motion, and what vibrates
-                slip = -side * (ρ1 + σ1 - ρ2 + σ2) * ω
-                slip += -(-arm * np.cos(ψ) * c_α - side * arm * np.sin(ψ) * s_α) * ψ_rate
-                slip += (v[0] - v[5]) * c_α + side * (v[1] - v[6]) * s_α - side * ((ρ1 + σ1) * v[4] - (ρ2 - σ2) * v[9])
-                slip += z * width * (c_α * (v[3] - v[8]) - side * s_α * (v[2] - v[7]))
+                slip = slip0 + z * slip1
                 μ, dμ = _friction(slip, rub[0], rub[1], rub[2], rub[3])
                 N0 += F
                 N1 += F * z
@@ -219,10 +230,6 @@ def _contacts(q, v, t, geometry, tilt, law, rub, gap0, gap, places, c_new, want,
             if not touched:
                 continue
             sums[0 if side > 0.0 else 1] += N0
-            h[:] = 0.0
-            h[0, 0], h[0, 1], h[0, 4] = c_α, side * s_α, -side * ρ1
-            h[0, 5], h[0, 6], h[0, 9] = -c_α, -side * s_α, side * ρ2
-            h[1, 2], h[1, 3], h[1, 7], h[1, 8] = -side * s_α * width, c_α * width, side * s_α * width, -c_α * width
             for a in range(10):
                 force[a] -= g[0, a] * N0 + g[1, a] * N1 + h[0, a] * P0 + h[1, a] * P1
             if want:

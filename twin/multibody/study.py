@@ -2,8 +2,9 @@
 
     rise = RMS(tilted)/RMS(aligned) − 1,   RMS = sqrt(Σ_n RMS_n²) over the bands of mesh harmonics 1 … 5
 
-Compared are the vertical force between the driver and its shaft, which the authors took from their model, and its
-second derivative, to which the acceleration of an elastic support is proportional: that they measured on the gearbox.
+Compared are the second derivative of the force between the driver and its shaft, to which the acceleration of an
+elastic support is proportional, which the authors measured on the gearbox; and the force itself, which they took from
+their model. Both were vertical: read as across the line of centres, with that along it beside (`dabrowski_2012`).
 
 Source   D. Dąbrowski et al., Diagnostyka 2(62) (2012), chapters 2 and 3
 Holds    steady runs: what is kept begins after a turn
@@ -21,6 +22,7 @@ from twin.multibody.bands import band_rms, derivative, sideband_ratio, whole_tur
 from twin.multibody.dabrowski_2012 import (
     ESTIMATES,
     EXPERIMENT_RISE,
+    MOST_AT,
     READINGS,
     SPEEDS_RPM,
     TILT_ANGLE,
@@ -54,6 +56,7 @@ POINTS = tuple((n, T) for n in SPEEDS_RPM for T in TORQUES)
 DRAWN = ("rigid", "bearings", "shafts", "both", "all")  # variants that are run with drawn estimates
 CROOKED = ("rigid", "both", "all")  # variants in which the gear that turns crookedly is tried
 SHOWN = (800.0, 200.0)  # the operating point whose signals the authors show: a whole turn is kept there
+SIGNALS = ("acceleration", "force")  # what was measured before what was computed
 SETTLE = 28  # mesh periods before what is kept
 COARSE = (256, 15)  # steps and slices of the sensitivities: within some 5 % of the fine ones
 
@@ -69,6 +72,7 @@ class Run:
     force: np.ndarray  # vertical, of the driver on its shaft, over a turn (n,) [N]
     force_bands: np.ndarray  # RMS (5,) [N]
     acceleration_bands: np.ndarray  # RMS of the second derivative of the force (5,) [N/s²]
+    along_bands: np.ndarray  # as both, along the line of centres instead: force, acceleration (2, 5) [N, N/s²]
     sidebands: np.ndarray  # ratio at ± 1 and ± 2 orders of rotation of each mesh harmonic (2, 5)
     back_contact: bool  # whether back flanks touch
 
@@ -92,9 +96,18 @@ class Rise:
     speed_rpm: float
     torque: float
     force: float  # of the RMS in all bands [%]
-    bands: np.ndarray  # of each band (5,) [%]
+    bands: np.ndarray  # of each band of the force, and of the acceleration where there are no sidebands (5,) [%]
     acceleration: float  # [%]
+    gains: np.ndarray  # what each band adds to the acceleration's RMS, of the aligned RMS in all bands (5,) [%]
+    force_along: float  # of the force along the line of centres [%]
+    acceleration_along: float  # [%]
     experiment: float  # about [%]
+
+    @property
+    def most_at(self) -> tuple[bool, bool]:
+        """Whether each of the harmonics that rose most in the experiment rises more than harmonic 1, and than 5."""
+        named = min(self.bands[n - 1] for n in MOST_AT)
+        return bool(named > self.bands[0]), bool(named > self.bands[-1])
 
 
 def run(
@@ -113,15 +126,17 @@ def run(
     shown = variant in CROOKED and (speed_rpm, torque) == SHOWN
     keep = teeth if case.tilt.turning or shown else 1
     motion = _integrated(case, keep, steps, slices)
-    force = whole_turn(motion.shaft[:, 0, 1], teeth, keep)
+    along, force = (whole_turn(motion.shaft[:, 0, axis], teeth, keep) for axis in (0, 1))
+    sizes = [[band_rms(f, teeth), band_rms(derivative(f, case.omega, 2), teeth)] for f in (force, along)]
     return Run(
         variant=variant,
         tilt=tilt,
         speed_rpm=speed_rpm,
         torque=torque,
         force=force,
-        force_bands=band_rms(force, teeth),
-        acceleration_bands=band_rms(derivative(force, case.omega, 2), teeth),
+        force_bands=sizes[0][0],
+        acceleration_bands=sizes[0][1],
+        along_bands=np.array(sizes[1]),
         sidebands=np.array([sideband_ratio(force, teeth, order) for order in (1, 2)]),
         back_contact=bool(motion.back_force.any()),
     )
@@ -139,6 +154,7 @@ def _integrated(case: Case, keep: int, steps: int, slices: int) -> Motion:
 
 def rise(tilted: Run, aligned: Run) -> Rise:
     """Of one run over the aligned one."""
+    along = 100 * (np.linalg.norm(tilted.along_bands, axis=1) / np.linalg.norm(aligned.along_bands, axis=1) - 1)
     return Rise(
         variant=tilted.variant,
         tilt=tilted.tilt,
@@ -147,12 +163,15 @@ def rise(tilted: Run, aligned: Run) -> Rise:
         force=100 * (tilted.force_rms / aligned.force_rms - 1),
         bands=100 * (tilted.force_bands / aligned.force_bands - 1),
         acceleration=100 * (tilted.acceleration_rms / aligned.acceleration_rms - 1),
+        gains=100 * (tilted.acceleration_bands - aligned.acceleration_bands) / aligned.acceleration_rms,
+        force_along=float(along[0]),
+        acceleration_along=float(along[1]),
         experiment=EXPERIMENT_RISE[tilted.speed_rpm],
     )
 
 
-def mean_miss(rises: Iterable[Rise], of: str = "force") -> float:
-    """Mean distance of the force's or the acceleration's rise from the experiment's [%-points]."""
+def mean_miss(rises: Iterable[Rise], of: str) -> float:
+    """Mean distance of a rise from the experiment's [%-points]; `of` is one of `SIGNALS`, also with `_along`."""
     return float(np.mean([abs(getattr(r, of) - r.experiment) for r in rises]))
 
 
@@ -172,6 +191,7 @@ class Study:
 
     runs: tuple[Run, ...]
     rises: tuple[Rise, ...]
+    coarse: Mapping[str, tuple[Rise, ...]]  # by variant, on the grid of what follows
     sensitivities: tuple[Sensitivity, ...]
     residuals: Mapping[tuple[str, str], tuple[Rise, ...]]  # by variant and state that is called correct
     frictionless: Mapping[str, tuple[Rise, ...]]  # by variant, without friction between the teeth
@@ -180,6 +200,10 @@ class Study:
     def of(self, variant: str, tilt: str) -> list[Rise]:
         """At the four operating points."""
         return [r for r in self.rises if (r.variant, r.tilt) == (variant, tilt)]
+
+    def misses(self, variant: str, of: str) -> np.ndarray:
+        """Mean distance from the experiment in every draw (draws,) [%-points]; `of` as in `mean_miss`."""
+        return np.array([mean_miss(draw[variant], of) for draw in self.draws])
 
     def run(self, variant: str, tilt: str, speed_rpm: float, torque: float) -> Run:
         key = (variant, tilt, speed_rpm, torque)
@@ -242,6 +266,7 @@ def study(
     return Study(
         runs=tuple(runs),
         rises=tuple(rises),
+        coarse={variant: rises_of(given, variant, "normal", *coarse) for variant in ("rigid", "both")},
         sensitivities=tuple(found),
         residuals=residuals,
         frictionless={variant: rises_of(smooth, variant, "normal", *coarse) for variant in VARIANTS},
