@@ -11,7 +11,7 @@ from tests.claims.test_baseline import RIG, SHAFTS, machine, parts
 from twin.baseline.diagnosis import diagnose
 from twin.baseline.learned import learn
 from twin.baseline.operating import axes_of, miss_of, order_of, point_of, weights_of
-from twin.baseline.path import common_level
+from twin.baseline.path import common_level, lesser
 from twin.errors import NotAvailable
 
 GRID = np.array([(torque, speed) for torque in (5.0, 10.0, 20.0) for speed in (10.0, 15.0, 25.0)])
@@ -108,7 +108,10 @@ def test_level_that_all_sensors_share_is_of_no_sensor():
     assert common_level(gains) == pytest.approx(-0.3, abs=0.05)
     assert common_level([*gains[:3], np.ones(9)]) == 0.0  # one sensor stays where it was
     assert common_level([*gains[:3], 1 / gains[3]]) == 0.0
-    assert common_level(gains[:2]) == 0.0  # too few to tell
+    assert common_level(gains[:1]) == 0.0  # too few to tell
+    # lines that have only lost their phase have another gain and the same level: nothing that the machine does
+    assert np.all(lesser(gains[0], np.ones(9)) == 1)
+    assert np.allclose(lesser(gains[0], gains[0]), np.abs(gains[0]))
 
 
 @pytest.mark.parametrize("factor", [0.6, 1.5])

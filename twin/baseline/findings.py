@@ -30,15 +30,15 @@ from fractions import Fraction
 import numpy as np
 
 from twin.baseline.learned import Baseline, Expected
-from twin.baseline.path import Path, band_gains, band_levels, common_level
+from twin.baseline.path import Path, band_gains, band_levels, common_level, lesser
 from twin.baseline.reading import Reading
 
 LEAST_BANDS = 3  # that a path is told by
 TURNED = 0.6  # of the mesh's phase, that the angle between two windows may be off [rad]
 MESH_LINES = 6  # harmonics of the mesh that are looked at
 LINES = 12  # of a shaft that are looked at, from its first
-LEAST_EVIDENCE = 120.0  # nats: the scatter is of few recordings; healthy ones of the set of broken teeth reach 17
-# between the loads learned and 90 beyond them, where EXTRAPOLATED asks for more
+LEAST_EVIDENCE = 120.0  # nats: the scatter is of few recordings; healthy ones of the set of broken teeth reach 12
+# between the loads learned and 46 beyond them, where EXTRAPOLATED asks for more
 STRONG = 4.0  # |δ|/σ of a line that counts
 ALONE = 0.8  # share of n = 1 in the energy that makes it run-out
 LOCAL = 0.75  # |Σ δ·e^{inφ}| over Σ |δ| at the best angle, that makes it local
@@ -156,7 +156,17 @@ def compare(baseline: Baseline, reading: Reading) -> Compared:
         y, σ = reading.channels[channel].lines[: x.size], expected.std[channel]
         found[channel] = band_gains(x, y, σ, np.arange(1, x.size + 1) / reading.period)
     told = {channel: (middles, gain) for channel, (middles, gain) in found.items() if middles.size >= LEAST_BANDS}
-    common = common_level([gain for _, gain in told.values()]) if len(told) == len(found) else 0.0
+    levels = {
+        channel: band_levels(
+            expected.power[channel],
+            reading.channels[channel].lines[: expected.lines[channel].size],
+            np.arange(1, expected.lines[channel].size + 1) / reading.period,
+            middles,
+        )
+        for channel, (middles, _) in told.items()
+    }
+    both = [lesser(gain, levels[channel]) for channel, (_, gain) in told.items()]
+    common = common_level(both) if len(told) == len(found) else 0.0
     paths, changes = [], []
     for channel, x in expected.lines.items():
         y, σ = reading.channels[channel].lines[: x.size], expected.std[channel]
@@ -168,7 +178,7 @@ def compare(baseline: Baseline, reading: Reading) -> Compared:
                 channel=channel,
                 orders=middles,
                 gain=gain,
-                level=band_levels(expected.power[channel], y, orders, middles),
+                level=levels[channel],
                 common=common,
                 change=float(np.sqrt(np.mean(np.log(np.abs(gain) / np.exp(common)) ** 2))),
                 usual=more * baseline.path_scatter.get(channel, 0.0),

@@ -99,6 +99,12 @@ def band_gains(x: np.ndarray, y: np.ndarray, σ: np.ndarray, orders: np.ndarray)
     return np.array(middles), np.where(np.abs(found) < LEAST_GAIN, LEAST_GAIN, found)
 
 
+def lesser(gain: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """What gains and levels (b,) both show, each against 1: lines out of phase lower the gain and not the level."""
+    a, b = np.log(np.abs(gain)), np.log(np.maximum(level, LEAST_GAIN))
+    return np.exp(np.where(a * b > 0, np.sign(a) * np.minimum(np.abs(a), np.abs(b)), 0.0))
+
+
 def common_level(gains: Sequence[np.ndarray]) -> float:
     """ln of the level at which all sensors alike stand against what is expected, from every one's gains (b,).
 
