@@ -277,6 +277,14 @@ def test_relation_of_another_machine_speed_sensor_or_band_says_nothing(rig, wind
     assert wear["status"] == "not available" and message in wear["reason"]
 
 
+def test_sensor_is_that_of_the_level_where_the_rig_file_names_none(window):
+    rig = Rig.from_mapping(
+        {"gears": {"pinion": {"teeth": TEETH[0]}, "gear": {"teeth": TEETH[1]}}, "operating": {"pinion_speed_hz": SPEED}}
+    )
+    wear = told(rig, window, relation_to(1.0, sensor="z"))[1].report["wear"]
+    assert wear["reason"] == "the relation is of sensor 'z', this level of 'a'"
+
+
 @pytest.mark.parametrize(
     ("stated", "note"),
     [

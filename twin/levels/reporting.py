@@ -33,14 +33,14 @@ def wear_by_level(
     """
     if rig.teeth != relation.teeth:
         raise NotAvailable(f"the rig file has {rig.teeth} teeth, the relation's {relation.teeth}: which are right?")
+    if features.rms is None or features.speed_hz is None:
+        raise NotAvailable("the relation of level and depth needs a level and a speed")
     origin = relation.origin
-    if origin.sensor is not None and rig.accelerometer is not None and origin.sensor != rig.accelerometer:
-        raise NotAvailable(f"the relation is of sensor {origin.sensor!r}, this level of {rig.accelerometer!r}")
+    if origin.sensor is not None and origin.sensor != features.sensor:
+        raise NotAvailable(f"the relation is of sensor {origin.sensor!r}, this level of {features.sensor!r}")
     if origin.band is not None and origin.band != rig.band:
         here, there = (f"{low:g} to {high:g} Hz" for low, high in (rig.band, origin.band))
         raise NotAvailable(f"the relation is of the RMS from {there}, this level from {here}")
-    if features.rms is None or features.speed_hz is None:
-        raise NotAvailable("the relation of level and depth needs a level and a speed")
     label = relation.condition_of(features.speed_hz, features.torque_nm)
     if label is None:
         known = ", ".join(f"{c.condition.speed_hz:g} Hz" for c in relation.curves.values())
