@@ -208,6 +208,7 @@ def wear(folder: Path) -> None:
         series.rig,
         series.conditions,
         series.cases,
+        stated=series.stated,
         spreads=series.estimated,
         draws=DRAWS,
         progress=lambda share, doing: print(f"{100 * share:3.0f} % {doing}", file=sys.stderr),

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmarks.measured import LOADS, MAPPINGS, MEASURED, imported
+from benchmarks.measured import DRAWS, LOADS, MAPPINGS, MEASURED, imported
 from service.cli import run
 from service.errors import InputError
 
@@ -56,7 +56,7 @@ def wear(folder: Path) -> Path:
     name = "bgu-spur-wear-35"
     source = MEASURED / name / "records.csv"
     page = folder / "page.html"
-    command("relate", MAPPINGS / f"{name}.toml", "--source", source, "--draws", "0", "--out", page)
+    command("relate", MAPPINGS / f"{name}.toml", "--source", source, "--draws", str(DRAWS), "--out", page)
     return page
 
 

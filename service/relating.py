@@ -1,13 +1,14 @@
 """The relation of level and wear depth: made of a series of cases, kept in a file, and said in plain data.
 
-A relation file is JSON: the curve of every operating condition, gains, backgrounds and scatters, and the depths and
-sensor that they hold for.
+A relation file is JSON: the curve of every operating condition, gains, backgrounds and scatters, the depths that they
+hold for, and what they are of: asset, causes beside the twin, and sensor and band where the series states them.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ from service.jsontext import json_text, plain, write_text
 from service.series import Series
 from twin.errors import ParameterError
 from twin.levels.left_out import Errors, spline
-from twin.levels.relation import Z95, Relation, falling_region, fit
+from twin.levels.relation import Z95, Origin, Relation, falling_region, fit
+from twin.levels.reporting import not_stated
 from twin.levels.trials import Tried
 
 SCHEMA = "gear-relation/1"
@@ -37,6 +39,7 @@ def answer(series: Series, tried: Tried) -> dict[str, Any]:
             "records": series.records,
             "estimated": {k: {"value": series.rig.get(k), "factor": f} for k, f in series.estimated.items()},
             "conditions": {k: {"speed_hz": c.speed_hz, "torque_nm": c.torque} for k, c in series.conditions.items()},
+            "sensor": {"name": series.sensor, "band_hz": series.band, "note": not_stated(_origin(series, tried))},
             "cases": [
                 {
                     "name": name,
@@ -53,16 +56,25 @@ def answer(series: Series, tried: Tried) -> dict[str, Any]:
                 for i, name in enumerate(cases.name)
             ],
             "trials": [
-                {"name": t.name, "said": t.said, "log_evidence": t.gain} | _errors(t.errors) for t in tried.trials
+                {"name": t.name, "said": t.said, "log_evidence": t.gain, "cause": t.cause} | _errors(t.errors)
+                for t in tried.trials
             ],
-            "chosen": {"causes": ["background", *tried.choice.causes]} | _errors(tried.errors),
+            "chosen": {
+                "causes": ["background", *tried.choice.causes],
+                "log_evidence": tried.gain,
+                "without_a_case": {
+                    "cases": len(tried.choices),
+                    "same": sum(c.causes == tried.choice.causes for c in tried.choices),
+                },
+            }
+            | _errors(tried.errors),
             "judged": {name: _errors(e) for name, e in tried.judged.items()},
             "few": {name: {k: 100 * v for k, v in e.items()} for name, e in tried.few.items()},
             "estimated_spread": {k: [100 * x for x in v] for k, v in tried.spread.items()},
             "draws": tried.draws,
             "floor": {
                 k: {
-                    "within_case_percent": 100 * float((worn.scatter[k] / worn.level[k]).mean()),
+                    "within_case_percent": _within(worn.scatter[k] / worn.level[k]),
                     "spline_through_all_percent": 100
                     * float(
                         np.mean(
@@ -84,9 +96,10 @@ def answer(series: Series, tried: Tried) -> dict[str, Any]:
                     "background": relation.background[k],
                     "std_percent": 100 * relation.std(k),
                     "told_to_um": 1e6 * relation.told_to(k),
+                    "curve_scatter_percent": 100 * float((curve.scatter / curve.level).max()),
                     "not_rising": _falling(worn.depth, worn.level[k]),
                 }
-                for k in cases.level
+                for k, curve in relation.curves.items()
             },
             "assembly_std_percent": 100 * relation.assembly_std,
             "depths": _depths(tried),
@@ -102,17 +115,21 @@ def _errors(errors: Errors) -> dict[str, Any]:
     }
 
 
+def _within(scatter: np.ndarray) -> float | None:
+    """Mean relative scatter within the cases of several records [%], None where there are none."""
+    known = scatter[np.isfinite(scatter)]
+    return 100 * float(known.mean()) if known.size else None
+
+
 def _falling(depth: np.ndarray, level: np.ndarray) -> dict[str, float] | None:
     found = falling_region(depth, level)
-    return None if found is None else {"from_um": 1e6 * found[0], "spearman": found[1]}
+    return None if found is None else {"from_um": 1e6 * found.start, "spearman": found.spearman, "p": found.p}
 
 
 def _depths(tried: Tried) -> list[dict[str, Any]]:
     """Depth of every worn case from its levels, by the relation of all other cases."""
-    out, cases, choice = [], tried.cases, tried.choice
-    for i in np.flatnonzero(cases.worn):
-        others = cases.only(np.arange(cases.depth.size) != i)
-        relation = fit(others, tried.curves[choice.curves], choice.form)
+    out, cases = [], tried.cases
+    for i, relation in zip(np.flatnonzero(cases.worn), tried.relations, strict=True):
         found = relation.depth({k: float(v[i]) for k, v in cases.level.items()})
         out.append(
             {
@@ -151,6 +168,10 @@ def _curves(tried: Tried) -> dict[str, Any]:
     }
 
 
+def _origin(series: Series, tried: Tried) -> Origin:
+    return Origin(asset=series.asset, causes=tried.choice.causes, sensor=series.sensor, band=series.band)
+
+
 def save_relation(series: Series, tried: Tried, path: Path) -> None:
     """Writes a relation file; InputError where it cannot be written."""
     write_text(
@@ -158,9 +179,7 @@ def save_relation(series: Series, tried: Tried, path: Path) -> None:
         json_text(
             {
                 "schema": SCHEMA,
-                "asset": series.asset,
-                "causes": ["background", *tried.choice.causes],
-                "relation": tried.relation.to_dict(),
+                "relation": replace(tried.relation, origin=_origin(series, tried)).to_dict(),
             }
         ),
     )
@@ -178,5 +197,5 @@ def read_relation(path: Path) -> Relation:
         raise InputError(f"{path}: not a relation of `gear-twin relate`: its schema is not {SCHEMA!r}")
     try:
         return Relation.from_dict(data["relation"])
-    except (KeyError, TypeError, ValueError, ParameterError) as error:
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError, ParameterError) as error:
         raise InputError(f"{path}: the relation cannot be read: {error}") from None

@@ -13,6 +13,10 @@
     unworn_by_day = "start"                # column, may be left out: unworn records of one day are one assembly
     delimiter = ","
 
+    [sensor]                               # what the levels are of; each may be left out where it is not known
+    name = "a2"                            # accelerometer, as rig files of this machine name it
+    band_hz = [0.0, 2000.0]                # band of the RMS
+
     [levels.fast]                          # one table an operating condition
     column = "rms"                         # RMS of the reference accelerometer
     unit = "g"                             # g or m/s2
@@ -54,10 +58,12 @@ LEVEL_UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0}
 DEEPEST = 0.01  # [m]
 FACTORS = (1.001, 100.0)
 SPEEDS, TORQUES = (0.01, 2000.0), (1e-3, 1e6)  # [Hz], [N·m]
+FREQUENCIES = (0.0, 1e6)  # [Hz]
 DATE = 10  # characters of an ISO date
 _KEYS = {
-    "": ("schema", "asset", "description", "notes", "file", "levels", "estimated", "rig"),
+    "": ("schema", "asset", "description", "notes", "file", "sensor", "levels", "estimated", "rig"),
     "file.": ("path", "case", "depth", "depth_unit", "unworn_by_day", "delimiter"),
+    "sensor.": ("name", "band_hz"),
     "levels.": ("column", "unit", "speed_hz", "torque_nm"),
 }
 
@@ -74,6 +80,13 @@ class Series:
     estimated: Mapping[str, float]
     cases: Cases
     records: int
+    sensor: str | None = None  # accelerometer of the levels, None where it is not stated
+    band: tuple[float, float] | None = None  # of the levels [Hz]
+
+    @property
+    def stated(self) -> tuple[str, ...]:
+        """Which of "sensor" and "band" of the levels the series states."""
+        return tuple(name for name, value in (("sensor", self.sensor), ("band", self.band)) if value is not None)
 
 
 def load_series(path: Path, source: Path | None = None) -> Series:
@@ -86,7 +99,14 @@ def load_series(path: Path, source: Path | None = None) -> Series:
     if not levels:
         raise InputError(f"{where}: levels must name at least one operating condition")
     conditions = {name: _condition(where, name, table) for name, table in levels.items()}
-    rig = checked_rig({"schema": "gear-rig/1", "name": asset} | table_of(where, data, "rig"), f"{where}: rig")
+    sensor, band = _sensor(where, table_of(where, data, "sensor"))
+    tables = table_of(where, data, "rig")
+    if band is not None:
+        seen = table_of(where, tables, "sensors")
+        if list(seen.get("band_hz", band)) != list(band):
+            raise InputError(f"{where}: rig.sensors.band_hz = {seen['band_hz']} contradicts sensor.band_hz = {[*band]}")
+        tables = tables | {"sensors": seen | {"band_hz": [*band]}}
+    rig = checked_rig({"schema": "gear-rig/1", "name": asset} | tables, f"{where}: rig")
     estimated = table_of(where, data, "estimated")
     for key, factor in estimated.items():
         number_of(where, f"estimated.{key}", factor, FACTORS, "")
@@ -102,7 +122,25 @@ def load_series(path: Path, source: Path | None = None) -> Series:
         estimated={k: float(v) for k, v in estimated.items()},
         cases=cases,
         records=rows,
+        sensor=sensor,
+        band=band,
     )
+
+
+def _sensor(where: str, table: Mapping[str, Any]) -> tuple[str | None, tuple[float, float] | None]:
+    """What the levels are of: sensor and band [Hz], None where the series does not say."""
+    check_keys(where, _KEYS, "sensor.", table)
+    name, band = table.get("name"), table.get("band_hz")
+    if name is not None and (not isinstance(name, str) or not name):
+        raise InputError(f"{where}: sensor.name = {name!r} must name an accelerometer")
+    if band is None:
+        return name, None
+    if not isinstance(band, list) or len(band) != 2:
+        raise InputError(f"{where}: sensor.band_hz = {band!r} must be [lowest, highest] in Hz")
+    low, high = (number_of(where, "sensor.band_hz", f, FREQUENCIES, "Hz", "kHz?") for f in band)
+    if not low < high:
+        raise InputError(f"{where}: sensor.band_hz = {band!r} must rise")
+    return name, (low, high)
 
 
 def _condition(where: str, name: str, table: Any) -> Condition:
@@ -161,7 +199,10 @@ def _cases(
         name=tuple(groups),
         depth=np.array([members[0][0] for members in groups.values()]),
         level={k: np.array([v[:, i].mean() for v in values.values()]) for i, k in enumerate(levels)},
-        scatter={k: np.array([v[:, i].std() for v in values.values()]) for i, k in enumerate(levels)},
+        scatter={
+            k: np.array([v[:, i].std(ddof=1) if len(v) > 1 else np.nan for v in values.values()])
+            for i, k in enumerate(levels)
+        },
     )
 
 

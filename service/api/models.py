@@ -82,6 +82,7 @@ class Wear(_Open):
     specific_wear_rate_m2_per_n: float | None = Field(None, description="dimensional coefficient k [m²/N]")
     max_depth_um: Depths | NotAvailable | None = None
     profile: JsonValue = Field(None, description="depth along both flanks")
+    relation: JsonValue = Field(None, description="of level and depth: what it is of, and what it does not say of that")
 
 
 class Rul(_Open):

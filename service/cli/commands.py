@@ -309,7 +309,13 @@ def relate(
     with progress_bar("relating") as bar:
         try:
             tried = try_all(
-                known.rig, known.conditions, known.cases, spreads=known.estimated, draws=draws, progress=bar
+                known.rig,
+                known.conditions,
+                known.cases,
+                stated=known.stated,
+                spreads=known.estimated,
+                draws=draws,
+                progress=bar,
             )
         except TwinError as error:
             raise InputError(f"{series}: {error}") from None

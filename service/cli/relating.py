@@ -11,6 +11,7 @@ from service.cli.show import number
 
 SPLINE = "#2ca02c"
 TABLE = "What was tried"
+NAME = 26  # characters of a name
 
 
 def text(answer: Mapping[str, Any]) -> str:
@@ -23,25 +24,27 @@ def text(answer: Mapping[str, Any]) -> str:
         "",
         f"{TABLE}: error on worn cases left out, each in turn, mean (worst) %; ln evidence over the background",
     ]
-    lines.append(f"{'':<20}{head}")
-    for t in answer["trials"]:
-        gain = "" if t["log_evidence"] is None else f"{t['log_evidence']:+8.1f} nat"
-        lines.append(f"{t['name']:<20}{_cells(t, conditions)}{gain}   {t['said']}")
-    lines.append(f"{'chosen':<20}{_cells(answer['chosen'], conditions)}   {' + '.join(answer['chosen']['causes'])}")
+    lines.append(f"{'':<{NAME}}{head}")
+    chosen = answer["chosen"]
+    without = chosen["without_a_case"]
+    said = f"for each case by the others: {' + '.join(chosen['causes'])} for {without['same']} of {without['cases']}"
+    for t in [*answer["trials"], chosen | {"name": "chosen", "said": said}]:
+        gain = f"{t['log_evidence']:+8.1f} nat"
+        lines.append(f"{t['name']:<{NAME}}{_cells(t, conditions)}{gain}   {t['said']}")
     lines += ["", "Chosen and fitted on every other case, error on the rest, and the other way round:"]
     for name, e in answer["judged"].items():
-        lines.append(f"{name:<20}{_cells(e, conditions)}")
+        lines.append(f"{name:<{NAME}}{_cells(e, conditions)}")
     few = answer["few"]
     lines += ["", "Fitted on the unworn and four worn cases, error on the rest:"]
     for name, e in few.items():
-        lines.append(f"{name:<20}" + "".join(f"{e[k]:>12.1f}      " for k in conditions))
+        lines.append(f"{name:<{NAME}}" + "".join(f"{e[k]:>12.1f}      " for k in conditions))
     if answer["estimated_spread"]:
         lines += [
             "",
             f"What is estimated: mean error of the twin with its background over {answer['draws']} draws of it",
         ]
         lines.append(
-            f"{'10, 50, 90 %':<20}"
+            f"{'10, 50, 90 %':<{NAME}}"
             + "".join(f"{' '.join(f'{x:.0f}' for x in answer['estimated_spread'][k]):>18}" for k in conditions)
         )
     lines += ["", "For scale, mean scatter or error %:"]
@@ -50,7 +53,7 @@ def text(answer: Mapping[str, Any]) -> str:
         ("spline, all cases", "spline_through_all_percent"),
         ("unworn days", "unworn_days_percent"),
     ):
-        lines.append(f"{said:<20}" + "".join(f"{number(answer['floor'][k][key], 3):>12}      " for k in conditions))
+        lines.append(f"{said:<{NAME}}" + "".join(f"{number(answer['floor'][k][key], 3):>12}      " for k in conditions))
     lines += ["", "Depth from the levels of all conditions together, by the relation of all other cases (5–95 %):"]
     for d in answer["depths"]:
         above = f"{d['p95_um']:6.0f}" if d["p95_um"] is not None else "     –"
@@ -74,7 +77,7 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
         f"{worn} worn and {unworn} unworn assemblies of {answer['records']} records; "
         f"{len(answer['estimated'])} numbers of the rig file are estimated."
     ]
-    earned = [t for t in answer["trials"] if t["log_evidence"] is not None]
+    earned = [t for t in answer["trials"] if t["cause"]]
     single = [t["name"] for t in earned if t["log_evidence"] >= 3]
     lines.append(
         f"Beside the background, of {len(earned)} causes tried by themselves "
@@ -82,7 +85,9 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
     )
     causes = [c for c in answer["chosen"]["causes"] if c != "background"]
     lines.append(
-        f"The best combination has {' and '.join(causes)}." if causes else "No combination does better than that."
+        f"The best combination has {' and '.join(causes)}."
+        if causes
+        else "No combination earns 3 nat a cause: the twin with its background stands."
     )
     for k, r in answer["relation"].items():
         falling = r["not_rising"]
@@ -90,9 +95,14 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
         line += f"it tells depths up to some {number(r['told_to_um'], 3)} µm from the deepest"
         if falling:
             line += f"; over the cases from {number(falling['from_um'], 3)} µm on it does not rise with depth "
-            line += f"(Spearman {falling['spearman']:+.2f})"
+            line += f"(Spearman {falling['spearman']:+.2f}, p = {number(falling['p'], 2)} of a rising level)"
+        else:
+            line += "; that it stops rising is not shown"
+        if r["curve_scatter_percent"] >= 1:
+            line += f"; where motion does not repeat, the twin's level scatters by {r['curve_scatter_percent']:.0f} %"
         lines.append(line + ".")
-    lines += [f"To be borne in mind: {n}." for n in answer["notes"]]
+    notes = [*answer["notes"], *([answer["sensor"]["note"]] if answer["sensor"]["note"] else [])]
+    lines += [f"To be borne in mind: {n}." for n in notes]
     return lines
 
 

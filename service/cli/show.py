@@ -97,6 +97,8 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
         lines.append(f"  pinion {spread(depth.get('pinion'), 'µm')}; gear {spread(depth.get('gear'), 'µm')}")
         if wear.get("reason"):
             lines.append(f"  {wear['reason']}")
+        if (wear.get("relation") or {}).get("note"):
+            lines.append(f"  {wear['relation']['note']}")
     else:
         lines.append(f"Wear depth: {reason(wear)}")
     validity = wear.get("validity")

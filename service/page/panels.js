@@ -30,7 +30,8 @@ export function drawCards(state) {
     : { status: "not available", reason: windows.length ? "the latest window has no RMS" : "no window yet" };
   document.getElementById("cards").replaceChildren(
     card("Maximum wear depth", combined, () => fixed(combined.median), "µm",
-      () => (combined.p95 === null && wear.reason ? wear.reason : `5–95 %: ${range(combined)} µm`)),
+      () => [combined.p95 === null && wear.reason ? wear.reason : `5–95 %: ${range(combined)} µm`, wear.relation?.note]
+        .filter(Boolean).join("; ")),
     card("Remaining life", hours, () => fixed(hours.median), "h",
       () => `5–95 %: ${range(hours)} h; ${revolutions(rul.revolutions?.median)} rev`),
     card("Archard coefficient K", k, () => number(wear.k_wear_per_n), "1/N",

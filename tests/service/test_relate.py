@@ -15,7 +15,7 @@ from tests.mesh_pairs import UNSW_RIG
 from tests.service.test_baselines import recording
 from twin.levels import trials
 from twin.levels.curve import LevelCurve
-from twin.levels.relation import Relation
+from twin.levels.relation import Origin, Relation
 from twin.model import Condition
 from twin.rig import Rig
 from twin.step import Options, State, step
@@ -110,6 +110,15 @@ WRONG = {
     "estimated": (('"masses.m4" = 1.5', '"masses.m99" = 1.5'), "estimated.masses.m99 is no number of the rig file"),
     "factor": (('"masses.m4" = 1.5', '"masses.m4" = 0.5'), "estimated.masses.m4 = 0.5 is outside [1.001, 100]"),
     "depth unit": (('"um"', '"m"'), "line 10: depth 12 m is outside [0, 0.01); another file.depth_unit?"),
+    "sensor": (("[levels.fast]", "[sensor]\nname = 3\n[levels.fast]"), "sensor.name = 3 must name an accelerometer"),
+    "band": (
+        ("[levels.fast]", "[sensor]\nband_hz = [2e3, 0]\n[levels.fast]"),
+        "sensor.band_hz = [2000.0, 0] must rise",
+    ),
+    "another band": (
+        ("[levels.fast]", "[sensor]\nband_hz = [0, 1234]\n[levels.fast]"),
+        "contradicts sensor.band_hz = [0.0, 1234.0]",
+    ),
     "rig": (("teeth = 20", "teeth = 3"), "rig: gears.pinion.teeth = 3"),
 }
 
@@ -143,11 +152,28 @@ def test_fault_of_a_record_is_told_with_its_line(series, line, message):
 def test_too_few_worn_cases_are_refused(series):
     table = series.with_name("records.csv")
     table.write_text("\n".join(table.read_text().splitlines()[:18]) + "\n")
-    with pytest.raises(InputError, match="too few worn cases, at least 10 are needed"):
+    with pytest.raises(InputError, match="too few worn cases, at least 12 are needed"):
         load_series(series)
 
 
+def test_series_says_what_its_levels_are_of(series):
+    assert load_series(series).stated == ()
+    series.write_text(series.read_text().replace("[levels.fast]", '[sensor]\nname = "a2"\n[levels.fast]'))
+    found = load_series(series)
+    assert found.sensor == "a2" and found.band is None and found.stated == ("sensor",)
+
+
+def test_scatter_within_a_case_is_of_a_sample_and_not_known_of_one_record(series):
+    table = series.with_name("records.csv")
+    lines = table.read_text().splitlines()
+    two = [f"W1,12,2024-02-01T10:00,{fast},0.5" for fast in (9, 11)]
+    table.write_text("\n".join([*lines[:9], *two, *lines[13:-3]]))
+    scatter = load_series(series).cases.scatter["fast"]
+    assert scatter[2] == pytest.approx(np.sqrt(2)) and np.isnan(scatter[-1])
+
+
 def test_relate_prints_writes_and_draws(series, short, capsys):
+    series.write_text(series.read_text().replace("[levels.fast]", '[sensor]\nname = "a2"\n[levels.fast]'))
     out = {name: series.with_name(name) for name in ("page.html", "relation.json", "answer.json")}
     command = ["relate", str(series), "--draws", "1", "--out", str(out["page.html"])]
     assert run([*command, "--relation", str(out["relation.json"]), "--json", str(out["answer.json"])]) == 0
@@ -156,11 +182,17 @@ def test_relate_prints_writes_and_draws(series, short, capsys):
     answer = json.loads(out["answer.json"].read_text())
     assert [t["name"] for t in answer["trials"]][:4] == ["straight line", "spline", "twin", "background"]
     assert len(answer["depths"]) == 12 and answer["draws"] == 1
+    names = {t["name"] for t in answer["trials"]}
+    assert {"straight line + assembly", "spline + assembly", "assembly"} <= names
+    assert "other sensor" not in names  # it is stated
+    assert answer["chosen"]["without_a_case"]["cases"] == 12
+    assert "of which band its levels are" in said
     assert answer["estimated"]["masses.m4"]["factor"] == 1.5
     page = out["page.html"].read_text()
     assert "Level against wear depth of bench" in page and page.count("plotly-graph-div") == 3
     relation = read_relation(out["relation.json"])
     assert relation.teeth == (20, 40) and set(relation.curves) == {"fast", "slow"}
+    assert relation.origin == Origin(asset="bench", causes=tuple(answer["chosen"]["causes"][1:]), sensor="a2")
 
 
 def test_file_that_is_no_relation_is_refused_in_one_line(series, tmp_path, capsys):
@@ -189,7 +221,7 @@ def rig():
     )
 
 
-def relation_to(level, teeth=TEETH, speed=SPEED):
+def relation_to(level, teeth=TEETH, speed=SPEED, **origin):
     """A relation by which this level [m/s²] is some 100 µm deep, and the level stops rising at 400 µm."""
     depth = np.linspace(0, 800e-6, 41)
     curve = LevelCurve(
@@ -199,11 +231,10 @@ def relation_to(level, teeth=TEETH, speed=SPEED):
         level=level * (0.5 + np.minimum(depth, 400e-6) / 200e-6),
         scatter=np.zeros_like(depth),
         apart=np.zeros_like(depth),
-        back=np.zeros_like(depth),
     )
     return Relation(
         curves={"only": curve}, background={"only": 0.0}, gain={"only": 1.0}, assembly_std=0.05,
-        rest_std={"only": 0.02}, deepest=800e-6,
+        rest_std={"only": 0.02}, deepest=800e-6, origin=Origin(**origin),
     )  # fmt: skip
 
 
@@ -237,11 +268,38 @@ def test_level_beyond_where_it_rises_gives_a_lower_bound_in_words(rig, window):
     [
         ({"teeth": (18, 35)}, "the rig file has (20, 30) teeth, the relation's (18, 35): which are right?"),
         ({"speed": 45.0}, "the relation of level and depth holds for 45 Hz, not for"),
+        ({"sensor": "b"}, "the relation is of sensor 'b', this level of 'a'"),
+        ({"band": (0.0, 500.0)}, "the relation is of the RMS from 0 to 500 Hz, this level from 0 to 2000 Hz"),
     ],
 )
-def test_relation_of_another_machine_or_speed_says_nothing(rig, window, changed, message):
+def test_relation_of_another_machine_speed_sensor_or_band_says_nothing(rig, window, changed, message):
     wear = told(rig, window, relation_to(1.0, **changed))[1].report["wear"]
     assert wear["status"] == "not available" and message in wear["reason"]
+
+
+def test_sensor_is_that_of_the_level_where_the_rig_file_names_none(window):
+    rig = Rig.from_mapping(
+        {"gears": {"pinion": {"teeth": TEETH[0]}, "gear": {"teeth": TEETH[1]}}, "operating": {"pinion_speed_hz": SPEED}}
+    )
+    wear = told(rig, window, relation_to(1.0, sensor="z"))[1].report["wear"]
+    assert wear["reason"] == "the relation is of sensor 'z', this level of 'a'"
+
+
+@pytest.mark.parametrize(
+    ("stated", "note"),
+    [
+        ({}, "of which sensor and band its levels are"),
+        ({"sensor": "a"}, "of which band its levels are"),
+        ({"sensor": "a", "band": (0.0, 2000.0)}, None),
+    ],
+)
+def test_depth_stands_with_what_its_relation_is_of_and_does_not_say(rig, window, stated, note):
+    level = told(rig, window, None)[1].record["rms_measured"]
+    wear = told(rig, window, relation_to(level, asset="bench", **stated))[1].report["wear"]
+    assert wear["max_depth_um"]["combined"]["median"] == pytest.approx(100, abs=5)
+    of = wear["relation"]
+    assert of["asset"] == "bench" and of["sensor"] == stated.get("sensor")
+    assert of["note"] is None if note is None else note in of["note"]
 
 
 def test_assess_gives_the_depth_by_a_relation_file(tmp_path, rig, window, capsys):
@@ -253,6 +311,7 @@ def test_assess_gives_the_depth_by_a_relation_file(tmp_path, rig, window, capsys
     assert run(["assess", str(path), "--relation", str(file), "--json", str(out)]) == 0
     answer = json.loads(out.read_text())
     assert answer["wear"]["max_depth_um"]["combined"]["median"] == pytest.approx(100, abs=10)
-    assert "µm" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "µm" in said and "does not say of which sensor and band" in said
     assert run(["report", str(out)]) == 0
     assert "life: not available" in capsys.readouterr().out.lower()

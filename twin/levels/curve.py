@@ -48,7 +48,6 @@ class LevelCurve:
     level: np.ndarray  # RMS in the band (m,) [m/s²]
     scatter: np.ndarray  # standard deviation of `level` from stretch to stretch, over its root (m,) [m/s²]
     apart: np.ndarray  # share of the time in which no tooth touches (m,)
-    back: np.ndarray  # share of the time on the back flanks (m,)
 
     @cached_property
     def _log(self) -> PchipInterpolator:
@@ -114,8 +113,8 @@ def level_curve(
         for span in (SETTLE, duration):
             motion = integrate(fine.structure, contacts, load, span, responses, keep=2, start=state)
             state = motion.modal
-        rows.append((*_rms(motion.acceleration[:, 0], motion.time[1], band), *_touching(motion.mesh_force)))
-    level, scatter, apart, back = np.array(rows).T
+        rows.append((*_rms(motion.acceleration[:, 0], motion.time[1], band), float(np.mean(motion.mesh_force == 0))))
+    level, scatter, apart = np.array(rows).T
     return LevelCurve(
         teeth=fine.mesh.pair.teeth,
         condition=condition,
@@ -123,12 +122,7 @@ def level_curve(
         level=level,
         scatter=scatter,
         apart=apart,
-        back=back,
     )
-
-
-def _touching(force: np.ndarray) -> tuple[float, float]:
-    return float(np.mean(force == 0)), float(np.mean(force < 0))
 
 
 def _rms(acceleration: np.ndarray, step: float, band: tuple[float, float]) -> tuple[float, float]:
@@ -175,7 +169,6 @@ def linear_curve(
         level=np.array(level),
         scatter=zero,
         apart=zero,
-        back=zero,
     )
 
 

@@ -1,25 +1,34 @@
 """Errors on cases left out: the twin's relation beside a straight line and a spline that know nothing of gears.
 
-Each worn case is left out in turn, the rest fitted, the case predicted. The evidence is the logarithm of the density
-that the relation gave to ln(level) of the case, summed over cases and conditions [nat].
+Each worn case is left out in turn, the rest fitted, the case predicted: of its ln(level) under all conditions, a mean
+and a covariance S. The evidence is the logarithm of the density of what was measured, once a case, in all [nat]:
+
+    one condition by itself        ln N(x; μ, diag S), μ the prediction of each
+    assembly                       ln N(x; μ, S);      prediction of one: μ_1 + S_12/S_22·(x_2 − μ_2), from the others
+
+so that what the second adds is the density of all conditions together over that of each by itself, and nothing twice.
+S of a relation is its own; that of a line or spline is the mean square of what it misses of the other cases, each of
+them left out in its turn.
 
 Source   leave-one-out predictive density: A. Gelman, J. Hwang, A. Vehtari, Stat. Comput. 24 (2014) 997–1016;
-         spline, its parameter by generalised cross-validation: P. Craven, G. Wahba, Numer. Math. 31 (1978) 377–403
+         spline, its parameter by generalised cross-validation: P. Craven, G. Wahba, Numer. Math. 31 (1978) 377–403;
+         monotone cubic: F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300–304
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
-from scipy.stats import norm
+from scipy.interpolate import PchipInterpolator, make_smoothing_spline
 
 from twin.levels.curve import LevelCurve
-from twin.levels.relation import Cases, Form, Relation, fit
+from twin.levels.relation import LEAST_VARIANCE, Cases, Form, Relation, fit
 
 Predict = Callable[[np.ndarray, np.ndarray, float], float]  # depths, levels of the others, depth → level
+SPLINE_DEPTHS = 5  # that a smoothing spline needs
+LOWEST = 0.01  # of the lowest level that was fitted: a line may fall to nothing
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -27,7 +36,7 @@ class Errors:
     """What was missed on cases left out."""
 
     relative: Mapping[str, np.ndarray]  # predicted/measured − 1, by condition (n,) of the worn cases
-    log_density: float = 0.0  # [nat], all conditions together
+    log_density: float  # [nat], all conditions together
 
     def mean(self, label: str) -> float:
         """Mean absolute relative error."""
@@ -37,42 +46,68 @@ class Errors:
         return float(np.abs(self.relative[label]).max())
 
 
-def leave_out(
-    cases: Cases,
-    choose: Callable[[Cases], Relation],
-    *,
-    assembly: bool = False,
-) -> Errors:
-    """Every worn case left out in turn.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Expected:
+    """What is said of one case in advance, conditions in the order of the cases' levels."""
 
-    choose    from the other cases to the relation
-    assembly  whether a of the case is taken from its levels under the other conditions
+    log_level: np.ndarray  # μ (m,)
+    covariance: np.ndarray  # S (m, m)
+
+
+def by_relation(relation: Relation, depth: float) -> Expected:
+    """What a relation says of a case at a depth [m]."""
+    labels = list(relation.curves)
+    return Expected(
+        log_level=np.log([float(relation.level(k, depth)) for k in labels]),
+        covariance=relation.covariance(labels),
+    )
+
+
+def by_curve(cases: Cases, predict: Predict) -> Callable[[float], Expected]:
+    """What a curve through the worn cases of every condition says of other cases, by their depth [m]."""
+    worn = cases.only(cases.worn)
+
+    def log_level(known: np.ndarray, at: float) -> np.ndarray:
+        return np.log(
+            [max(predict(worn.depth[known], v[known], at), LOWEST * v[known].min()) for v in worn.level.values()]
+        )
+
+    index = np.arange(worn.depth.size)
+    measured = np.log(list(worn.level.values()))
+    off = [measured[:, i] - log_level(index != i, float(worn.depth[i])) for i in index]
+    covariance = np.transpose(off) @ off / worn.depth.size + LEAST_VARIANCE * np.eye(len(measured))
+    return lambda depth: Expected(log_level=log_level(index >= 0, depth), covariance=covariance)
+
+
+def score(cases: Cases, expected: Sequence[Expected], assembly: bool | Sequence[bool] = False) -> Errors:
+    """Errors and density of what was said of cases, one each.
+
+    assembly  whether a condition is predicted from the case's levels under the others, too; of all cases or of each
     """
-    labels = list(cases.level)
-    relative: dict[str, list[float]] = {k: [] for k in labels}
+    known = [assembly] * len(expected) if isinstance(assembly, bool) else assembly
+    relative: dict[str, list[float]] = {k: [] for k in cases.level}
     density = 0.0
-    for i in np.flatnonzero(cases.worn):
-        others = np.arange(cases.depth.size) != i
-        relation = choose(cases.only(others))
-        depth = float(cases.depth[i])
-        for k in labels:
-            std, a = relation.std(k), 0.0
-            if assembly:
-                a = relation.assembly(depth, {j: float(cases.level[j][i]) for j in labels if j != k})
-                std = _conditional_std(relation, k, len(labels) - 1)
-            predicted = float(relation.level(k, depth)) * float(np.exp(a))
-            measured = float(cases.level[k][i])
-            relative[k].append(predicted / measured - 1)
-            density += float(norm.logpdf(np.log(measured / predicted), scale=std))
+    for i, (said, all_known) in enumerate(zip(expected, known, strict=True)):
+        off = np.array([np.log(v[i]) for v in cases.level.values()]) - said.log_level
+        S = said.covariance if all_known else np.diag(np.diag(said.covariance))
+        density -= 0.5 * float(off @ np.linalg.solve(S, off) + np.linalg.slogdet(2 * np.pi * S)[1])
+        for a, k in enumerate(relative):
+            b = np.arange(off.size) != a
+            told = S[a, b] @ np.linalg.solve(S[np.ix_(b, b)], off[b])
+            relative[k].append(float(np.exp(told - off[a])) - 1)
     return Errors(relative={k: np.array(v) for k, v in relative.items()}, log_density=density)
 
 
-def _conditional_std(relation: Relation, label: str, seen: int) -> float:
-    """Of ln(level) when the other conditions of the same assembly are known."""
-    if relation.assembly_std == 0 or seen == 0:
-        return relation.std(label)
-    precision = 1 / relation.assembly_std**2 + sum(1 / s**2 for k, s in relation.rest_std.items() if k != label)
-    return float(np.sqrt(1 / precision + relation.rest_std[label] ** 2))
+def each_without(cases: Cases) -> list[tuple[float, Cases]]:
+    """Every worn case's depth [m] with all the other cases."""
+    index = np.arange(cases.depth.size)
+    return [(float(cases.depth[i]), cases.only(index != i)) for i in np.flatnonzero(cases.worn)]
+
+
+def leave_out(cases: Cases, choose: Callable[[Cases], Relation], *, assembly: bool = False) -> Errors:
+    """Every worn case left out in turn; choose from the other cases to the relation, assembly as in `score`."""
+    expected = [by_relation(choose(others), depth) for depth, others in each_without(cases)]
+    return score(cases.only(cases.worn), expected, assembly)
 
 
 def of_twin(
@@ -82,27 +117,34 @@ def of_twin(
     return leave_out(cases, lambda others: fit(others, curves, form), assembly=assembly)
 
 
+def of_curve(cases: Cases, predict: Predict) -> tuple[Errors, Errors]:
+    """Errors of a curve that is fitted to the worn cases of every condition: without and with the others known."""
+    expected = [by_curve(others, predict)(depth) for depth, others in each_without(cases)]
+    worn = cases.only(cases.worn)
+    return score(worn, expected), score(worn, expected, True)
+
+
 def straight_line(depth: np.ndarray, level: np.ndarray, at: float) -> float:
     """Least squares of the relative error."""
     return float(np.polyval(np.polyfit(depth, level, 1, w=1 / level), at))
 
 
 def spline(depth: np.ndarray, level: np.ndarray, at: float) -> float:
-    """Cubic smoothing spline of ln(level); depths that cases share are parted by a hair."""
-    order = np.argsort(depth)
-    unit = float(np.ptp(depth)) / depth.size  # of the order of the distance between cases: the search for the parameter
-    x = np.maximum.accumulate(depth[order] / unit + 1e-6 * np.arange(depth.size))
-    return float(np.exp(make_smoothing_spline(x, np.log(level[order]))(at / unit)))
+    """Cubic smoothing spline of ln(level), cases of one depth as one; of fewer than five depths their straight line."""
+    known, mean, count = _by_depth(depth, level)
+    if known.size < SPLINE_DEPTHS:
+        return float(np.exp(np.polyval(np.polyfit(known, mean, 1, w=np.sqrt(count)), at)))
+    unit = float(np.ptp(known)) / known.size  # of the order of the distance between cases: the search for the parameter
+    return float(np.exp(make_smoothing_spline(known / unit, mean, w=count)(at / unit)))
 
 
-def of_curve(cases: Cases, predict: Predict) -> Errors:
-    """Errors of a curve that is fitted to the worn cases of every condition by itself."""
-    worn = cases.only(cases.worn)
-    relative: dict[str, np.ndarray] = {}
-    for k, level in worn.level.items():
-        off = []
-        for i in range(worn.depth.size):
-            others = np.arange(worn.depth.size) != i
-            off.append(predict(worn.depth[others], level[others], float(worn.depth[i])) / level[i] - 1)
-        relative[k] = np.array(off)
-    return Errors(relative=relative)
+def interpolated(depth: np.ndarray, level: np.ndarray, at: float) -> float:
+    """Monotone cubic through every ln(level), cases of one depth as one."""
+    known, mean, _ = _by_depth(depth, level)
+    return float(np.exp(PchipInterpolator(known, mean)(at)))
+
+
+def _by_depth(depth: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Depths, mean of ln(level) and number of the cases at each."""
+    known, which, count = np.unique(depth, return_inverse=True, return_counts=True)
+    return known, np.bincount(which, np.log(level)) / count, count.astype(float)

@@ -20,12 +20,13 @@ Holds    within the depths of the cases; for the sensor, the speeds and the load
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import rankdata
 
 from twin.errors import ParameterError
 from twin.levels.curve import LevelCurve
@@ -35,7 +36,10 @@ GRID = 401  # depths of the posterior
 Z95 = 1.645  # of the 5–95 % band
 LEAST_CASES = 3
 SAME_SPEED, SAME_TORQUE = 0.02, 0.1  # relative differences within which a condition is the same
+LEAST_VARIANCE = 1e-6  # of what is left in ln(level)
 LEAST_FALLING = 4  # cases that are called a region
+SURE = 0.05  # a rising level shows as long a region as rarely as this
+DRAWS = 2000  # of a rising level
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,7 +49,7 @@ class Cases:
     name: tuple[str, ...]  # (n,)
     depth: np.ndarray  # largest depth (n,) [m]
     level: Mapping[str, np.ndarray]  # of every condition (n,) [m/s²]
-    scatter: Mapping[str, np.ndarray]  # standard deviation within the case (n,) [m/s²]
+    scatter: Mapping[str, np.ndarray]  # standard deviation within the case (n,) [m/s²], NaN where of one record
 
     def __post_init__(self) -> None:
         for label, level in self.level.items():
@@ -86,6 +90,25 @@ class DepthFound:
     bounded: bool  # False where the deepest case is not ruled out: then only p05 says something
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Origin:
+    """What a relation is of; None where that was not stated."""
+
+    asset: str | None = None
+    causes: tuple[str, ...] = ()  # of its curves, beside the twin as its rig file has it
+    sensor: str | None = None  # accelerometer of the levels
+    band: tuple[float, float] | None = None  # of the levels [Hz]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NotRising:
+    """Deepest cases over which the level does not rise with depth."""
+
+    start: float  # depth of the first of them [m]
+    spearman: float  # ρ of depth and level
+    p: float  # share of series that rise, with as much scatter, which show as many such cases
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Relation:
     """Level against depth of every condition."""
@@ -96,6 +119,7 @@ class Relation:
     assembly_std: float  # σ_a
     rest_std: Mapping[str, float]
     deepest: float  # of the cases [m]
+    origin: Origin = Origin()
 
     @property
     def teeth(self) -> tuple[int, int]:
@@ -110,11 +134,9 @@ class Relation:
         """Of ln(level) of a new assembly."""
         return float(np.hypot(self.assembly_std, self.rest_std[label]))
 
-    def assembly(self, depth: float, levels: Mapping[str, float]) -> float:
-        """a of one assembly from levels [m/s²] at a known depth [m]: the mean of its posterior."""
-        weight = {k: 1 / max(self.rest_std[k], 1e-6) ** 2 for k in levels}
-        off = sum(w * (np.log(levels[k]) - np.log(self.level(k, depth))) for k, w in weight.items())
-        return float(off / (sum(weight.values()) + 1 / max(self.assembly_std, 1e-6) ** 2))
+    def covariance(self, labels: Sequence[str]) -> np.ndarray:
+        """S of ln(level) of a new assembly under several conditions (m, m)."""
+        return np.diag([self.rest_std[k] ** 2 for k in labels]) + self.assembly_std**2
 
     def depth(self, levels: Mapping[str, float]) -> DepthFound:
         """Depth from the levels [m/s²] of one assembly under some of the conditions."""
@@ -124,8 +146,7 @@ class Relation:
         grid = np.linspace(0, self.deepest, GRID)
         labels = list(levels)
         off = np.array([np.log(levels[k]) - np.log(self.level(k, grid)) for k in labels])
-        covariance = np.diag([self.rest_std[k] ** 2 for k in labels]) + self.assembly_std**2
-        log = -0.5 * np.sum(off * np.linalg.solve(covariance, off), axis=0)
+        log = -0.5 * np.sum(off * np.linalg.solve(self.covariance(labels), off), axis=0)
         mass = np.cumsum(np.exp(log - log.max()))
         p05, median, p95 = np.interp([0.05, 0.5, 0.95], mass / mass[-1], grid)
         return DepthFound(
@@ -145,8 +166,14 @@ class Relation:
         return None
 
     def to_dict(self) -> dict[str, Any]:
-        """The relation as JSON-safe data."""
+        """The relation as JSON-safe data; of its curves depth and level alone."""
         return {
+            "of": {
+                "asset": self.origin.asset,
+                "causes": list(self.origin.causes),
+                "sensor": self.origin.sensor,
+                "band_hz": None if self.origin.band is None else list(self.origin.band),
+            },
             "teeth": list(self.teeth),
             "conditions": {
                 k: {
@@ -178,11 +205,13 @@ class Relation:
                 level=level,
                 scatter=zero,
                 apart=zero,
-                back=zero,
             )
 
         def each(name: str) -> dict[str, float]:
             return {k: float(v[name]) for k, v in conditions.items()}
+
+        of = data.get("of", {})
+        band = of.get("band_hz")
 
         return cls(
             curves=curves,
@@ -191,10 +220,21 @@ class Relation:
             rest_std=each("rest_std"),
             assembly_std=float(data["assembly_std"]),
             deepest=float(data["deepest"]),
+            origin=Origin(
+                asset=of.get("asset"),
+                causes=tuple(of.get("causes", ())),
+                sensor=of.get("sensor"),
+                band=None if band is None else (float(band[0]), float(band[1])),
+            ),
         )
 
     def told_to(self, label: str) -> float:
-        """Depth [m] from which on the level does not tell a depth from the deepest: their 5–95 % bands overlap."""
+        """Depth [m] from which on the level does not tell a depth from the deepest.
+
+        Told apart are depths where, of two new assemblies, one at each, the levels stand in the curve's order 19 times
+        of 20: their difference scatters by √2·std, so that the curve must differ by 1.645·√2·std. That the 5–95 % bands
+        of both do not overlap would ask for 1.645·2·std, and the order is then right 99 times of 100.
+        """
         grid = np.linspace(0, self.deepest, GRID)
         rise = np.log(self.level(label, grid[-1])) - np.log(self.level(label, grid))
         apart = np.abs(rise) > Z95 * np.sqrt(2) * self.std(label)
@@ -238,6 +278,7 @@ def fit(cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None
     residual = off(p)
     free = len(p) / m
     covariance = residual @ residual.T / max(residual.shape[1] - free, 1)
+    variance = dict(zip(labels, np.diag(covariance), strict=True))
     common = float(np.mean(covariance[~np.eye(m, dtype=bool)])) if m > 1 else 0.0
     common = float(np.clip(common, 0.0, np.diag(covariance).min()))
     return Relation(
@@ -245,20 +286,50 @@ def fit(cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None
         background=dict(zip(labels, background.tolist(), strict=True)),
         gain=dict(zip(labels, gain.tolist(), strict=True)),
         assembly_std=float(np.sqrt(common)),
-        rest_std={k: float(np.sqrt(max(v - common, 1e-6))) for k, v in zip(labels, np.diag(covariance), strict=True)},
+        rest_std={k: float(np.sqrt(max(v - common, LEAST_VARIANCE))) for k, v in variance.items()},
         deepest=float(cases.depth.max()),
     )
 
 
-def falling_region(depth: np.ndarray, level: np.ndarray) -> tuple[float, float] | None:
-    """The longest run of deepest cases over which the level does not rise with depth: its start [m], and Spearman's ρ.
+def falling_region(depth: np.ndarray, level: np.ndarray, *, draws: int = DRAWS, seed: int = 1) -> NotRising | None:
+    """The longest run of deepest cases over which the level does not rise with depth (Spearman's ρ ≤ 0).
 
-    None where every run of `LEAST_FALLING` and more rises.
+    Many runs are looked at and each may not rise by chance. So the rising level b + g·depth^q that leaves least of
+    ln(level) is drawn again with what it leaves as scatter, and p is the share of draws with a run as long. None where
+    every run of `LEAST_FALLING` and more cases rises or p > `SURE`.
+
+    depth  (n,) [m], all above 0
+    level  (n,) [m/s²]
     """
     order = np.argsort(depth)
     d, r = depth[order], level[order]
-    for i in range(d.size - LEAST_FALLING + 1):
-        ρ = float(np.corrcoef(np.argsort(np.argsort(d[i:])), np.argsort(np.argsort(r[i:])))[0, 1])
-        if ρ <= 0:
-            return float(d[i]), ρ
-    return None
+    (length,), (ρ,) = _not_rising(d, r[None])
+    if not length:
+        return None
+    rising, std = _rising(d, r)
+    drawn = rising * np.exp(std * np.random.default_rng(seed).standard_normal((draws, d.size)))
+    p = float(1 + np.sum(_not_rising(d, drawn)[0] >= length)) / (1 + draws)
+    return None if p > SURE else NotRising(start=float(d[-length]), spearman=float(ρ), p=p)
+
+
+def _not_rising(depth: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cases of the longest run at the end with ρ ≤ 0, and ρ; depth (n,) sorted, level (draws, n) → (draws,) each."""
+    length, spearman = np.zeros(len(level), dtype=int), np.zeros(len(level))
+    for count in range(LEAST_FALLING, depth.size + 1):
+        a, b = rankdata(depth[-count:]), rankdata(level[:, -count:], axis=1)
+        a, b = a - a.mean(), b - b.mean(axis=1, keepdims=True)
+        ρ = b @ a / np.sqrt(np.maximum(a @ a * (b**2).sum(axis=1), 1.0))  # ranks: 0 only where none differ
+        length, spearman = np.where(ρ <= 0, count, length), np.where(ρ <= 0, ρ, spearman)
+    return length, spearman
+
+
+def _rising(depth: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, float]:
+    """Levels of b + g·depth^q with all three above 0 (n,), and standard deviation of what they leave of ln(level)."""
+    x, y = np.log(depth / depth.max()), np.log(level)
+
+    def off(p: np.ndarray) -> np.ndarray:
+        return np.logaddexp(p[0], p[1] + np.exp(p[2]) * x) - y
+
+    starts = ([float(y.min()) - 0.5, float(y.max()), log_power] for log_power in (-0.7, 0.0, 0.7))
+    found = min((least_squares(off, start) for start in starts), key=lambda f: f.cost)
+    return np.exp(y + found.fun), float(np.sqrt(2 * found.cost / max(x.size - 3, 1)))

@@ -7,13 +7,20 @@ from typing import Any
 
 from twin.errors import NotAvailable, ParameterError
 from twin.features.window_features import WindowFeatures
-from twin.levels.relation import Relation
+from twin.levels.relation import Origin, Relation
 from twin.report import MICRO, not_available
 from twin.rig import Rig
 
 RECENT = 10  # windows for which the level of another condition stands beside
 ONE_FLANK = "the level does not tell on which flank the wear is"
+NOT_STATED = "the relation does not say of which {} its levels are; a level is taken to be of the same"
 NO_RATE = "a level tells how deep the wear is, not how fast it grows"
+
+
+def not_stated(origin: Origin) -> str | None:
+    """That a relation does not say what its levels are of, None where it does."""
+    missing = [what for what, stated in (("sensor", origin.sensor), ("band", origin.band)) if stated is None]
+    return NOT_STATED.format(" and ".join(missing)) if missing else None
 
 
 def wear_by_level(
@@ -28,6 +35,12 @@ def wear_by_level(
         raise NotAvailable(f"the rig file has {rig.teeth} teeth, the relation's {relation.teeth}: which are right?")
     if features.rms is None or features.speed_hz is None:
         raise NotAvailable("the relation of level and depth needs a level and a speed")
+    origin = relation.origin
+    if origin.sensor is not None and origin.sensor != features.sensor:
+        raise NotAvailable(f"the relation is of sensor {origin.sensor!r}, this level of {features.sensor!r}")
+    if origin.band is not None and origin.band != rig.band:
+        here, there = (f"{low:g} to {high:g} Hz" for low, high in (rig.band, origin.band))
+        raise NotAvailable(f"the relation is of the RMS from {there}, this level from {here}")
     label = relation.condition_of(features.speed_hz, features.torque_nm)
     if label is None:
         known = ", ".join(f"{c.condition.speed_hz:g} Hz" for c in relation.curves.values())
@@ -58,6 +71,13 @@ def wear_by_level(
         },
         "profile": None,
         "way": "level",
+        "relation": {
+            "asset": origin.asset,
+            "causes": list(origin.causes),
+            "sensor": origin.sensor,
+            "band_hz": None if origin.band is None else list(origin.band),
+            "note": not_stated(origin),
+        },
         "levels": levels,
         "reason": None
         if found.bounded

@@ -2,33 +2,54 @@
 
 The start is the twin with a gain for every condition and nothing else. Each cause is one change of it; every one is
 judged on the same worn cases, each left out in turn. A cause that has a value of its own (a share, a draw of what is
-estimated) takes that from the other cases, so that it is no freer on the case left out than the rest.
+estimated) takes that from the other cases, and so is the combination of causes chosen: for every case left out anew,
+by what leaves out each of the other cases in turn. Neither is then freer on the case left out than the rest.
 
     contact kept        the teeth stick together: the linear response to the quasi-static transmission error
     sliding wear        depth by the sliding distance alone, without the load's sharing
     even wear           a part of the depth lies evenly over the flank
     uneven teeth        gear teeth are worn deeper and less deep
     other shaft's load  the torque stated was that of the other shaft
+    other sensor        the levels are those on the other shaft, where it is not stated of which sensor they are
+    lower band          the levels are of a band to 2 kHz, where it is not stated of which they are
     run-in              assemblies with unworn gears have another background
     one gain            the same from the mesh to the sensor at every speed
     other values        of what the rig file estimates: resonances elsewhere, other damping, other width
-    assembly            what all conditions of one assembly have in common
+    assembly            what all conditions of one assembly have in common: one is predicted from the others, too
+
+Straight line and spline are given the other conditions of the assembly, too, where the twin is.
 
 Source   the causes: what is known of such series (README of the data); the judge: twin.levels.left_out
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
 from math import log
+from typing import Any
 
 import numpy as np
 
 from twin.errors import NotConverged, ParameterError
 from twin.levels.curve import LevelCurve, level_curve, linear_curve
-from twin.levels.left_out import Errors, leave_out, of_curve, of_twin, spline, straight_line
+from twin.levels.left_out import (
+    Errors,
+    Expected,
+    Predict,
+    by_curve,
+    by_relation,
+    each_without,
+    interpolated,
+    leave_out,
+    of_curve,
+    score,
+    spline,
+    straight_line,
+)
 from twin.levels.relation import Cases, Form, Relation, fit
 from twin.levels.wear import Wear, by_load_sharing, by_sliding, with_even_part
 from twin.model import Calibration, Condition, Model
@@ -46,8 +67,12 @@ EVEN_SHARES = (0.25, 0.5)
 UNEVENNESS = 0.15  # standard deviation of the depth from tooth to tooth
 DURATION = 1.2  # of the motion that is taken at every depth [s]
 UNEVEN_DURATION = 2.4  # [s]: the hunting-tooth period of slow gears is long
-LEAST_WORN = 10  # cases: a spline through half of them must be possible
+LEAST_WORN = 12  # cases: a spline through half of them but one must be possible
 LEAST_GAIN = 3.0  # a cause joins from so much better a density on the cases left out [nat]
+OTHER_SHAFT = {"y4": "y9", "y9": "y4", "y6": "y11", "y11": "y6"}  # bearings of either shaft by the model's coordinates
+LOWER_BAND = 2000.0  # upper end of the paper's band [Hz]
+BLIND: dict[str, Predict] = {"straight line": straight_line, "spline": spline}  # to gears
+WITH_OTHERS = " + assembly"  # with the other conditions of the assembly known
 FEW = 4  # cases from which the gain is taken where the rest is to be predicted
 
 
@@ -58,14 +83,15 @@ class Trial:
     name: str
     said: str
     errors: Errors
-    gain: float | None = None  # of log density over the twin with its background [nat]
+    gain: float  # of log density over the twin with its background [nat]
+    cause: bool = False  # of what the twin with its background misses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
     """A combination of causes."""
 
-    curves: str = "twin"  # name of the curves, which exclude each other
+    curves: str = "twin"  # name of the cause that makes the curves; these exclude each other
     form: Form = PLAIN
     assembly: bool = False
 
@@ -73,7 +99,7 @@ class Choice:
     def causes(self) -> tuple[str, ...]:
         """Names of what is more than the twin with its background."""
         named = (
-            (self.curves.partition(NUMBERED)[0], self.curves != "twin"),
+            (self.curves, self.curves != "twin"),
             ("run-in", self.form.run_in),
             ("one gain", self.form.one_gain),
             ("assembly", self.assembly),
@@ -90,7 +116,10 @@ class Tried:
     trials: tuple[Trial, ...]  # beginning with straight line, spline, twin, twin with background
     choice: Choice  # what holds: the combination with the best density on cases left out
     relation: Relation  # by it, of all cases
-    errors: Errors  # by it, on cases left out
+    choices: tuple[Choice, ...]  # chosen without each worn case
+    relations: tuple[Relation, ...]  # by that, fitted without that case
+    errors: Errors  # by that, on the case
+    gain: float  # of their log density over the twin with its background [nat]
     judged: Mapping[str, Errors]  # chosen and fitted on every other case, on the rest; by way
     few: Mapping[str, Mapping[str, float]]  # mean errors on the rest from `FEW` cases, by way and condition
     spread: Mapping[str, tuple[float, float, float]]  # 10, 50, 90 % of mean errors over draws of what is estimated
@@ -104,18 +133,25 @@ def depths_to(deepest: float) -> np.ndarray:
 
 def drawn(rig: Rig, spreads: Mapping[str, float], rng: np.random.Generator) -> Rig:
     """The rig with every estimated value times a factor between 1/spread and spread, even in its logarithm."""
-    values = deepcopy(dict(rig.values))
     for path, spread in spreads.items():
+        value = rig.get(path)
         if not spread > 1:
             raise ParameterError(f"estimated.{path} = {spread:g} must be above 1: a factor")
-        if not isinstance(rig.get(path), (int, float)):
+        if not isinstance(value, (int, float)):
             raise ParameterError(f"estimated.{path}: the rig file gives no such number")
-        *tables, key = path.split(".")
-        node = values
-        for table in tables:
-            node[table] = dict(node[table])
-            node = node[table]
-        node[key] *= float(np.exp(rng.uniform(-1, 1) * log(spread)))
+        rig = with_value(rig, path, value * float(np.exp(rng.uniform(-1, 1) * log(spread))))
+    return rig
+
+
+def with_value(rig: Rig, path: str, value: Any) -> Rig:
+    """The rig with another value at a dotted path."""
+    values = deepcopy(dict(rig.values))
+    *tables, key = path.split(".")
+    node = values
+    for table in tables:
+        node[table] = dict(node[table])
+        node = node[table]
+    node[key] = value
     return Rig.from_mapping(values)
 
 
@@ -150,16 +186,31 @@ class _Machine:
         }
 
 
-def loss(relation: Relation, cases: Cases) -> float:
-    """Mean square of what is left in ln(level)."""
-    off = [np.log(cases.level[k]) - np.log(relation.level(k, cases.depth)) for k in cases.level]
-    return float(np.mean(np.square(off)))
+class Fits:
+    """Relations by the names of their curves, each fitted once to the same cases."""
 
+    def __init__(self, curves: Mapping[str, Curves]) -> None:
+        self._curves = curves
+        self._known: dict[tuple[str, Form, bytes], tuple[Relation, float]] = {}
 
-def best(cases: Cases, among: Sequence[Curves], form: Form) -> Relation:
-    """The relation of the curves that leave least of the cases."""
-    fitted = [fit(cases, curves, form) for curves in among]
-    return min(fitted, key=lambda r: loss(r, cases))
+    def causes(self) -> tuple[str, ...]:
+        """Names of the causes that make curves, "twin" among them."""
+        return tuple(dict.fromkeys(name.partition(NUMBERED)[0] for name in self._curves))
+
+    def of(self, cases: Cases, cause: str, form: Form) -> Relation:
+        """The relation of a cause; where it has several curves, of those that leave least, or of the twin's own."""
+        numbered = [name for name in self._curves if name.startswith(cause + NUMBERED)]
+        names = ["twin", *numbered] if numbered else [cause]
+        return min((self._one(cases, name, form) for name in names), key=lambda found: found[1])[0]
+
+    def _one(self, cases: Cases, name: str, form: Form) -> tuple[Relation, float]:
+        """The relation of one curve, and the mean square of what it leaves of ln(level)."""
+        key = name, form, b"".join(v.tobytes() for v in (cases.depth, *cases.level.values()))
+        if key not in self._known:
+            relation = fit(cases, self._curves[name], form)
+            off = [np.log(cases.level[k]) - np.log(relation.level(k, cases.depth)) for k in cases.level]
+            self._known[key] = relation, float(np.mean(np.square(off)))
+        return self._known[key]
 
 
 def few_of(cases: Cases) -> np.ndarray:
@@ -172,16 +223,26 @@ def few_of(cases: Cases) -> np.ndarray:
     return known
 
 
-def choose(cases: Cases, curves: Mapping[str, Curves]) -> Choice:
+def choose(cases: Cases, fits: Fits) -> Choice:
     """The combination with the best density on cases left out, each cause having to earn `LEAST_GAIN`."""
-    forms = [Form(run_in=r, one_gain=g) for r in (False, True) for g in (False, True)]
-    choices = [Choice(curves=c, form=f, assembly=a) for c in curves for f in forms for a in (False, True)]
+    worn, found = cases.only(cases.worn), []
+    for curves, run_in, one_gain in product(fits.causes(), (False, True), (False, True)):
+        form = Form(run_in=run_in, one_gain=one_gain)
+        expected = [by_relation(fits.of(others, curves, form), depth) for depth, others in each_without(cases)]
+        for assembly in (False, True):
+            choice = Choice(curves=curves, form=form, assembly=assembly)
+            errors = score(worn, expected, assembly)
+            found.append((errors.log_density - LEAST_GAIN * len(choice.causes), choice))
+    return max(found, key=lambda f: f[0])[1]
 
-    def earned(choice: Choice) -> float:
-        errors = of_twin(cases, curves[choice.curves], choice.form, assembly=choice.assembly)
-        return errors.log_density - LEAST_GAIN * len(choice.causes)
 
-    return max(choices, key=earned)
+def choose_without_each(cases: Cases, fits: Fits) -> tuple[tuple[Choice, ...], tuple[Relation, ...], Errors]:
+    """Chosen and fitted without each worn case in turn, and the errors on that case."""
+    without = each_without(cases)
+    choices = tuple(choose(others, fits) for _, others in without)
+    relations = tuple(fits.of(others, c.curves, c.form) for (_, others), c in zip(without, choices, strict=True))
+    expected = [by_relation(relation, depth) for (depth, _), relation in zip(without, relations, strict=True)]
+    return choices, relations, score(cases.only(cases.worn), expected, [c.assembly for c in choices])
 
 
 def halves(cases: Cases) -> tuple[np.ndarray, np.ndarray]:
@@ -194,32 +255,29 @@ def halves(cases: Cases) -> tuple[np.ndarray, np.ndarray]:
     return first, second
 
 
-def judge(cases: Cases, curves: Mapping[str, Curves]) -> dict[str, Errors]:
+def judge(cases: Cases, fits: Fits) -> dict[str, Errors]:
     """Chosen and fitted on one half of the cases, errors on the other, and the other way round."""
-    ways: dict[str, dict[str, list[float]]] = {
-        name: {k: [] for k in cases.level} for name in ("straight line", "spline", "twin", "background", "chosen")
-    }
+    expected: dict[str, dict[int, Expected]] = {}
+    assembly: dict[int, bool] = {}
     for known in halves(cases):
-        some, rest = cases.only(known), np.flatnonzero(~known)
-        choice = choose(some, curves)
-        relations = {
-            "twin": (fit(some, curves["twin"], Form(background=False)), False),
-            "background": (fit(some, curves["twin"]), False),
-            "chosen": (fit(some, curves[choice.curves], choice.form), choice.assembly),
-        }
-        for i in rest:
-            depth = float(cases.depth[i])
-            for k in cases.level:
-                measured, other = float(cases.level[k][i]), {j: float(v[i]) for j, v in cases.level.items() if j != k}
-                for name, curve in (("straight line", straight_line), ("spline", spline)):
-                    found = curve(some.depth[some.worn], some.level[k][some.worn], depth)
-                    ways[name][k].append(found / measured - 1)
-                for name, (relation, assembly) in relations.items():
-                    a = relation.assembly(depth, other) if assembly else 0.0
-                    ways[name][k].append(float(relation.level(k, depth)) * float(np.exp(a)) / measured - 1)
-    return {
-        name: Errors(relative={k: np.array(v) for k, v in by_condition.items()}) for name, by_condition in ways.items()
-    }
+        some = cases.only(known)
+        choice = choose(some, fits)
+        background, chosen = fits.of(some, "twin", PLAIN), fits.of(some, choice.curves, choice.form)
+        ways: dict[str, Callable[[float], Expected]] = {n: by_curve(some, curve) for n, curve in BLIND.items()}
+        ways |= {"background": partial(by_relation, background), "chosen": partial(by_relation, chosen)}
+        for i in np.flatnonzero(~known).tolist():
+            assembly[i] = choice.assembly
+            for name, way in ways.items():
+                expected.setdefault(name, {})[i] = way(float(cases.depth[i]))
+    worn = np.flatnonzero(cases.worn).tolist()
+
+    def scored(name: str, known: bool | Sequence[bool]) -> Errors:
+        return score(cases.only(cases.worn), [expected[name][i] for i in worn], known)
+
+    same = [*BLIND, "background"]
+    judged = {name: scored(name, False) for name in same}
+    judged |= {name + WITH_OTHERS: scored(name, True) for name in same}
+    return judged | {"chosen": scored("chosen", [assembly[i] for i in worn])}
 
 
 def _few(cases: Cases, twin: Curves) -> dict[str, dict[str, float]]:
@@ -227,11 +285,12 @@ def _few(cases: Cases, twin: Curves) -> dict[str, dict[str, float]]:
     known = few_of(cases)
     some, rest = cases.only(known), cases.only(~known)
     relation = fit(some, twin)
-    out: dict[str, dict[str, float]] = {"straight line": {}, "background": {}}
+    out: dict[str, dict[str, float]] = {}
     for k, level in rest.level.items():
-        line = [straight_line(some.depth, some.level[k], float(d)) for d in rest.depth]
-        out["straight line"][k] = float(np.mean(np.abs(np.array(line) / level - 1)))
-        out["background"][k] = float(np.mean(np.abs(relation.level(k, rest.depth) / level - 1)))
+        blind = BLIND | {"interpolation": interpolated}
+        found = {n: [curve(some.depth, some.level[k], float(d)) for d in rest.depth] for n, curve in blind.items()}
+        for name, each in (found | {"background": relation.level(k, rest.depth)}).items():
+            out.setdefault(name, {})[k] = float(np.mean(np.abs(np.array(each) / level - 1)))
     return out
 
 
@@ -240,6 +299,7 @@ def try_all(
     conditions: Mapping[str, Condition],
     cases: Cases,
     *,
+    stated: Collection[str] = (),
     spreads: Mapping[str, float] | None = None,
     draws: int = 0,
     seed: int = 1,
@@ -248,6 +308,7 @@ def try_all(
     """Everything that is tried on a series of cases.
 
     conditions  of every label of the cases' levels
+    stated      which of "sensor" and "band" of the levels are known and need not be tried
     spreads     estimated numbers of the rig file by dotted path, and the factor by which they may be off
     draws       of them that are tried
     Raises NotAvailable where the rig file lacks what the model needs, ParameterError where worn cases are too few.
@@ -255,15 +316,16 @@ def try_all(
     if cases.worn.sum() < LEAST_WORN:
         raise ParameterError(f"{cases.worn.sum()} worn cases are too few: at least {LEAST_WORN}")
     depths = depths_to(float(cases.depth.max()))
-    names = [*_ways(), *(f"{OTHER_VALUES}{NUMBERED}{i + 1}" for i in range(draws))]
+    ways = _ways(rig, stated)
+    names = [*ways, *(f"{OTHER_VALUES}{NUMBERED}{i + 1}" for i in range(draws))]
     curves: dict[str, Curves] = {}
     machine = _Machine.of(rig, conditions, depths)
     wear = machine.worn()
     rng = np.random.default_rng(seed)
     for i, name in enumerate(names):
         progress(i / (len(names) + 3), name)
-        if name in _ways():
-            curves[name] = _ways()[name][1](machine, wear)
+        if name in ways:
+            curves[name] = ways[name][1](machine, wear)
             continue
         other = _Machine.of(drawn(rig, spreads or {}, rng), conditions, depths)
         try:
@@ -271,69 +333,75 @@ def try_all(
         except NotConverged:  # no steady state of the unworn gears to begin with
             continue
     progress(len(names) / (len(names) + 3), "cases left out")
-    drawn_curves = [c for name, c in curves.items() if name.startswith(OTHER_VALUES)]
-    trials, spread = _singly(cases, curves, drawn_curves)
+    fits = Fits(curves)
+    drawn_names = [name for name in curves if name.startswith(OTHER_VALUES)]
+    trials, spread = _singly(cases, fits, {name: said for name, (said, _) in ways.items()}, drawn_names)
+    base = next(t.errors.log_density for t in trials if t.name == "background")
     progress((len(names) + 1) / (len(names) + 3), "combinations")
-    choice = choose(cases, curves)
-    relation = fit(cases, curves[choice.curves], choice.form)
+    choice = choose(cases, fits)
+    choices, relations, errors = choose_without_each(cases, fits)
     progress((len(names) + 2) / (len(names) + 3), "halves")
     return Tried(
         cases=cases,
         curves=curves,
         trials=tuple(trials),
         choice=choice,
-        relation=relation,
-        errors=of_twin(cases, curves[choice.curves], choice.form, assembly=choice.assembly),
-        judged=judge(cases, curves),
+        relation=fits.of(cases, choice.curves, choice.form),
+        choices=choices,
+        relations=relations,
+        errors=errors,
+        gain=errors.log_density - base,
+        judged=judge(cases, fits),
         few=_few(cases, curves["twin"]),
         spread=spread,
-        draws=len(drawn_curves),
+        draws=len(drawn_names),
     )
 
 
 def _singly(
-    cases: Cases, curves: Mapping[str, Curves], drawn_curves: Sequence[Curves]
+    cases: Cases, fits: Fits, ways: Mapping[str, str], drawn_names: Sequence[str]
 ) -> tuple[list[Trial], dict[str, tuple[float, float, float]]]:
     """Every cause by itself beside the twin with its background, and what draws of the estimated values spread by."""
-    twin, form = curves["twin"], Form()
-    base = of_twin(cases, twin, form)
-    trials = [
-        Trial(name="straight line", said="knows nothing of gears", errors=of_curve(cases, straight_line)),
-        Trial(name="spline", said="knows nothing of gears", errors=of_curve(cases, spline)),
-        Trial(name="twin", said="one gain a speed", errors=of_twin(cases, twin, Form(background=False))),
-        Trial(name="background", said="what the machine does beside the mesh, one level a speed", errors=base),
-    ]
 
-    def against(name: str, said: str, errors: Errors) -> None:
-        trials.append(Trial(name=name, said=said, errors=errors, gain=errors.log_density - base.log_density))
+    def errors(cause: str, form: Form = PLAIN, *, assembly: bool = False) -> Errors:
+        return leave_out(cases, lambda others: fits.of(others, cause, form), assembly=assembly)
 
-    for name, (said, _) in _ways().items():
+    base = errors("twin")
+    trials: list[Trial] = []
+
+    def add(name: str, said: str, errors: Errors, cause: bool = False) -> None:
+        trials.append(
+            Trial(name=name, said=said, errors=errors, gain=errors.log_density - base.log_density, cause=cause)
+        )
+
+    blind = {name: of_curve(cases, curve) for name, curve in BLIND.items()}
+    for name, (alone, _) in blind.items():
+        add(name, "knows nothing of gears", alone)
+    add("twin", "one gain a speed", errors("twin", Form(background=False)))
+    add("background", "what the machine does beside the mesh, one level a speed", base)
+    for name, said in ways.items():
         if name != "twin" and NUMBERED not in name:
-            against(name, said, of_twin(cases, curves[name], form))
-    even = [c for name, c in curves.items() if name.startswith(EVEN_WEAR)]
-    against(
-        EVEN_WEAR,
-        f"{', '.join(f'{100 * q:.0f}' for q in EVEN_SHARES)} % of the depth evenly over the flank, or none",
-        leave_out(cases, lambda others: best(others, [twin, *even], form)),
-    )
-    against("run-in", "unworn assemblies with a background of their own", of_twin(cases, twin, Form(run_in=True)))
-    against("one gain", "the same gain at every speed", of_twin(cases, twin, Form(one_gain=True)))
+            add(name, said, errors(name), cause=True)
+    shares = ", ".join(f"{100 * q:.0f}" for q in EVEN_SHARES)
+    add(EVEN_WEAR, f"{shares} % of the depth evenly over the flank, or none", errors(EVEN_WEAR), cause=True)
+    add("run-in", "unworn assemblies with a background of their own", errors("twin", Form(run_in=True)), cause=True)
+    add("one gain", "the same gain at every speed", errors("twin", Form(one_gain=True)), cause=True)
     spread: dict[str, tuple[float, float, float]] = {}
-    if drawn_curves:
-        each = [of_twin(cases, c, form) for c in drawn_curves]
+    if drawn_names:
+        each = [errors(name) for name in drawn_names]
         for k in cases.level:
             low, middle, high = np.quantile([e.mean(k) for e in each], [0.1, 0.5, 0.9])
             spread[k] = float(low), float(middle), float(high)
-        against(
-            OTHER_VALUES,
-            f"of what the rig file estimates, the best of {len(drawn_curves)} draws or its own",
-            leave_out(cases, lambda others: best(others, [twin, *drawn_curves], form)),
-        )
-    against("assembly", "what the other speeds of the same assembly show", of_twin(cases, twin, form, assembly=True))
+        said = f"of what the rig file estimates, the best of {len(drawn_names)} draws or its own"
+        add(OTHER_VALUES, said, errors(OTHER_VALUES), cause=True)
+    said = "what the other speeds of the same assembly show"
+    add("assembly", said, errors("twin", assembly=True), cause=True)
+    for name, (_, known) in blind.items():
+        add(name + WITH_OTHERS, said, known)
     return trials, spread
 
 
-def _ways() -> dict[str, tuple[str, Callable[[_Machine, Wear], Curves]]]:
+def _ways(rig: Rig, stated: Collection[str]) -> dict[str, tuple[str, Callable[[_Machine, Wear], Curves]]]:
     """Curves of one rig: what is said of them, and how they are made."""
 
     def even(share: float) -> Callable[[_Machine, Wear], Curves]:
@@ -345,7 +413,11 @@ def _ways() -> dict[str, tuple[str, Callable[[_Machine, Wear], Curves]]]:
     def uneven(machine: _Machine, wear: Wear) -> Curves:
         return machine.curves(wear, unevenness=UNEVENNESS, duration=UNEVEN_DURATION)
 
-    return {
+    def seen(path: str, value: Any) -> Callable[[_Machine, Wear], Curves]:
+        other = with_value(rig, path, value)
+        return lambda machine, wear: replace(machine, model=Model.of(other, machine.model.calibration)).curves(wear)
+
+    ways = {
         "twin": ("as the rig file says", _Machine.curves),
         "contact kept": ("no loss of contact: the linear response", _Machine.closed),
         "sliding wear": ("depth by the sliding distance alone", sliding),
@@ -353,6 +425,17 @@ def _ways() -> dict[str, tuple[str, Callable[[_Machine, Wear], Curves]]]:
         "other shaft's load": ("the torque stated is the other shaft's", lambda machine, wear: _loaded(machine)),
         **{f"{EVEN_WEAR}{NUMBERED}{q:g}": ("", even(q)) for q in EVEN_SHARES},
     }
+    if "sensor" not in stated and rig.accelerometer in OTHER_SHAFT:
+        ways["other sensor"] = (
+            "the level is that on the other shaft",
+            seen("sensors.accelerometer", OTHER_SHAFT[rig.accelerometer]),
+        )
+    if "band" not in stated and rig.band[1] > LOWER_BAND:
+        ways["lower band"] = (
+            f"the level is of a band to {LOWER_BAND:g} Hz",
+            seen("sensors.band_hz", [rig.band[0], LOWER_BAND]),
+        )
+    return ways
 
 
 def _loaded(machine: _Machine) -> Curves:
