@@ -104,7 +104,7 @@ def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
             f"the operating point ({here}) lies beyond the baseline's ({known}): "
             "another load or speed, or a wrong sampling rate; small effects would not be seen"
         )
-    common = max((p.common for c in compared for p in c.paths), key=abs, default=0.0)
+    common = max((p.common_power for c in compared for p in c.paths), key=abs, default=0.0)
     if abs(common) > LEAST_COMMON:
         level = (
             f"all sensors stand at {np.exp(common):.2f} times the baseline's level for this operating point: a load at "

@@ -30,15 +30,15 @@ from fractions import Fraction
 import numpy as np
 
 from twin.baseline.learned import Baseline, Expected
-from twin.baseline.path import Path, band_gains, band_levels, common_level, lesser
+from twin.baseline.path import LEAST_SENSORS, Path, band_gains, band_levels, common_level, lesser
 from twin.baseline.reading import Reading
 
 LEAST_BANDS = 3  # that a path is told by
 TURNED = 0.6  # of the mesh's phase, that the angle between two windows may be off [rad]
 MESH_LINES = 6  # harmonics of the mesh that are looked at
 LINES = 12  # of a shaft that are looked at, from its first
-LEAST_EVIDENCE = 120.0  # nats: the scatter is of few recordings; healthy ones of the set of broken teeth reach 12
-# between the loads learned and 46 beyond them, where EXTRAPOLATED asks for more
+LEAST_EVIDENCE = 120.0  # nats: the scatter is of few recordings; healthy ones of the set of broken teeth reach 17
+# between the loads learned and 90 beyond them, where EXTRAPOLATED asks for more
 STRONG = 4.0  # |δ|/σ of a line that counts
 ALONE = 0.8  # share of n = 1 in the energy that makes it run-out
 LOCAL = 0.75  # |Σ δ·e^{inφ}| over Σ |δ| at the best angle, that makes it local
@@ -165,8 +165,12 @@ def compare(baseline: Baseline, reading: Reading) -> Compared:
         )
         for channel, (middles, _) in told.items()
     }
-    both = [lesser(gain, levels[channel]) for channel, (_, gain) in told.items()]
-    common = common_level(both) if len(told) == len(found) else 0.0
+    common, common_power = 0.0, 0.0
+    if len(told) == len(found):
+        both = [lesser(gain, levels[channel]) for channel, (_, gain) in told.items()]
+        common_power = common_level(both)
+        # two sensors are too few to tell what lines lose in phase between the recordings from what one sensor does
+        common = common_level([gain for _, gain in told.values()]) if len(both) > LEAST_SENSORS else common_power
     paths, changes = [], []
     for channel, x in expected.lines.items():
         y, σ = reading.channels[channel].lines[: x.size], expected.std[channel]
@@ -180,6 +184,7 @@ def compare(baseline: Baseline, reading: Reading) -> Compared:
                 gain=gain,
                 level=levels[channel],
                 common=common,
+                common_power=common_power,
                 change=float(np.sqrt(np.mean(np.log(np.abs(gain) / np.exp(common)) ** 2))),
                 usual=more * baseline.path_scatter.get(channel, 0.0),
             )

@@ -45,7 +45,8 @@ class Path:
     orders: np.ndarray  # middles of the bands (b,)
     gain: np.ndarray  # complex (b,)
     level: np.ndarray  # root of measured over expected power (b,): what the lines lose in common phase is in it
-    common: float  # ln of the level at which all sensors alike stand against the baseline; 0 where they do not
+    common: float  # ln of the gain that the lines of all sensors alike have; 0 where they do not
+    common_power: float  # ln of the level at which all sensors alike stand, lines that lost their phase counted whole
     change: float  # rms of ln|g| beyond that
     usual: float  # rms of ln|g| among healthy recordings
 
@@ -69,7 +70,7 @@ class Path:
     def level_at(self, orders: np.ndarray) -> np.ndarray:
         """Gain of the levels at orders (n,)."""
         if not self.changed:
-            return np.full(orders.shape, np.exp(self.common))
+            return np.full(orders.shape, np.exp(self.common_power))
         return np.exp(np.interp(orders, self.orders, np.log(np.maximum(self.level, LEAST_GAIN))))
 
 
