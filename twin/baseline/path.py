@@ -137,7 +137,7 @@ class PathName:
     name: str  # sensor_gain, sensor_resonance or unknown_effect
     parameters: Mapping[str, tuple[float, str, float]]
     left: float  # share of ln g's energy that it does not explain
-    fitted: tuple[float, ...] = ()  # |g| that the name gives, of every band; none where it has no name
+    fitted: tuple[float, ...] = ()  # |g| that the name and what is common give, of every band; none without a name
 
 
 def name_of_path(path: Path, speed_hz: float) -> PathName:
@@ -200,7 +200,7 @@ def name_of_path(path: Path, speed_hz: float) -> PathName:
         name="sensor_gain" if p.size == CONSTANT else "sensor_resonance",
         parameters=parameters,
         left=left / whole,
-        fitted=tuple(np.abs(model(p)).tolist()),
+        fitted=tuple((np.abs(model(p)) * np.exp(path.common)).tolist()),
     )
 
 
