@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import signal
+import subprocess
+import sys
 import threading
 import time
 from functools import partial
@@ -11,7 +13,7 @@ from functools import partial
 import fake_twin
 import pytest
 import zenoh
-from service_streams import RIG, Service, free_port, service, wait_until, write_recording
+from service_streams import RIG, ROOT, Service, free_port, service, wait_until, write_recording
 
 from service.assess import assess
 from service.errors import InputError
@@ -105,6 +107,15 @@ def test_signal_ends_the_service_within_seconds_also_in_mid_window(tmp_path, rec
         assert f"http://{running.http}/" in said
     with service(tmp_path) as again:
         assert 1 <= len(again.windows()) < WINDOWS
+
+
+def test_process_that_has_loaded_zenoh_flushes_and_ends_without_tearing_the_interpreter_down():
+    code = (
+        "import atexit, zenoh; from service.__main__ import leave; "
+        "atexit.register(print, 'torn down'); print('said'); leave(3)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "said\n", "")
 
 
 def test_stream_is_held_up_by_slow_windows_without_a_loss_and_its_last_window_closes_as_soon(tmp_path):
