@@ -165,10 +165,10 @@ def compare(baseline: Baseline, reading: Reading) -> Compared:
         )
         for channel, (middles, _) in told.items()
     }
+    both = {channel: lesser(gain, levels[channel]) for channel, (_, gain) in told.items()}
     common, common_power = 0.0, 0.0
     if len(told) == len(found):
-        both = [lesser(gain, levels[channel]) for channel, (_, gain) in told.items()]
-        common_power = common_level(both)
+        common_power = common_level(list(both.values()))
         # two sensors are too few to tell what lines lose in phase between the recordings from what one sensor does
         common = common_level([gain for _, gain in told.values()]) if len(both) > LEAST_SENSORS else common_power
     paths, changes = [], []
@@ -185,7 +185,7 @@ def compare(baseline: Baseline, reading: Reading) -> Compared:
                 level=levels[channel],
                 common=common,
                 common_power=common_power,
-                change=float(np.sqrt(np.mean(np.log(np.abs(gain) / np.exp(common)) ** 2))),
+                change=float(np.sqrt(np.mean((np.log(both[channel]) - common_power) ** 2))),
                 usual=more * baseline.path_scatter.get(channel, 0.0),
             )
             paths.append(path)

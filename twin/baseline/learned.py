@@ -26,7 +26,7 @@ from scipy.ndimage import uniform_filter1d
 
 from twin.baseline.alignment import Alignment, align
 from twin.baseline.operating import axes_of, miss_of, order_of, point_of, weights_of
-from twin.baseline.path import band_gains
+from twin.baseline.path import band_gains, band_levels, lesser
 from twin.baseline.reading import Reading
 from twin.errors import NotAvailable, ParameterError
 from twin.rig import Rig
@@ -60,7 +60,7 @@ class Baseline:
     shafts: tuple[Fraction, ...]  # orders of all shafts
     readings: tuple[Reading, ...]  # laid over one another, in the order of their operating points
     std: Mapping[str, np.ndarray]  # by channel (K,)
-    path_scatter: Mapping[str, float]  # rms of ln|g| of the path to each sensor among the recordings (path.py)
+    path_scatter: Mapping[str, float]  # rms of what gain and level of each path both show among the recordings, in ln
 
     @property
     def period(self) -> int:
@@ -204,27 +204,31 @@ def _wider(readings: Sequence[Reading], reading: Reading, axes: Sequence[str]) -
 
 def _scatter(readings: Sequence[Reading], axes: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """What readings miss of the baseline of the others: of each line (K,), and of the path's ln|g|; by channel."""
-    missed: dict[str, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
+    missed: dict[str, list[tuple[np.ndarray, ...]]] = {}
     left_out = []
     for i in range(len(readings)):
         others = [r for j, r in enumerate(readings) if j != i]
         left_out.append((i, *_interpolated(others, readings[i], axes)))
-    between = [(i, lines) for i, lines, _, _, names in left_out if len(names) > 1]
-    for i, lines in between or [(i, lines) for i, lines, *_ in left_out]:
+    between = [(i, lines, power) for i, lines, power, _, names in left_out if len(names) > 1]
+    for i, lines, power in between or [(i, lines, power) for i, lines, power, *_ in left_out]:
         for name, channel in readings[i].channels.items():
             if name in lines:
                 m = min(lines[name].size, channel.lines.size)
                 x, y = lines[name][:m], channel.lines[:m]
-                missed.setdefault(name, []).append((x, y, np.abs(y - x) ** 2 + channel.floor[:m]))
+                error = np.abs(y - x) ** 2 + channel.floor[:m]
+                missed.setdefault(name, []).append((x, y, error, power[name][:m]))
     Q = readings[0].period
     std, path = {}, {}
     for name, found in missed.items():
-        m = min(error.size for _, _, error in found)
-        own = np.mean([error[:m] for _, _, error in found], axis=0)
+        m = min(error.size for _, _, error, _ in found)
+        own = np.mean([error[:m] for _, _, error, _ in found], axis=0)
         local = uniform_filter1d(own, size=max(3, int(SMOOTH_ORDERS * Q)), mode="nearest")
         std[name] = np.sqrt(0.5 * (own + local))
         orders = np.arange(1, m + 1) / Q
-        gains = [band_gains(x[:m], y[:m], std[name], orders)[1] for x, y, _ in found]
-        known = np.concatenate(gains)
-        path[name] = float(np.sqrt(np.mean(np.log(np.abs(known)) ** 2))) if known.size else 0.0
+        shown = []
+        for x, y, _, p in found:
+            middles, gain = band_gains(x[:m], y[:m], std[name], orders)
+            shown.append(lesser(gain, band_levels(p[:m], y[:m], orders, middles)))
+        known = np.concatenate(shown)
+        path[name] = float(np.sqrt(np.mean(np.log(known) ** 2))) if known.size else 0.0
     return std, path

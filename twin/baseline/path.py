@@ -47,8 +47,8 @@ class Path:
     level: np.ndarray  # root of measured over expected power (b,): what the lines lose in common phase is in it
     common: float  # ln of the gain that the lines of all sensors alike have; 0 where they do not
     common_power: float  # ln of the level at which all sensors alike stand, lines that lost their phase counted whole
-    change: float  # rms of ln|g| beyond that
-    usual: float  # rms of ln|g| among healthy recordings
+    change: float  # rms of what gain and level both show beyond that, in ln
+    usual: float  # the same among healthy recordings
 
     @property
     def changed(self) -> bool:
