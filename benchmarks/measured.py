@@ -100,36 +100,36 @@ def spectraquest(folder: Path) -> None:
 
 
 def _fewer(readings, rig, shafts) -> None:
-    """Healthy recordings with a finding beside every baseline of fewer healthy ones."""
-    print("\nhealthy recordings with a finding, beside every baseline of so many others")
-    print("recordings   load between those learned   beyond them")
-    for count in range(2, len(LOADS)):
-        counts = {True: [0, 0], False: [0, 0]}
+    """Healthy recordings with a finding, and broken ones traced, beside every baseline of fewer healthy ones."""
+
+    def counted(state: str, count: int, counts) -> tuple[list[int], list[int]]:
+        """How many recordings of a state count, and of how many: between the loads learned, and beyond them."""
+        tally = {True: [0, 0], False: [0, 0]}
         for known in combinations(LOADS, count):
             base = learn(rig, [readings["h", p] for p in known], shafts)
             for percent in set(LOADS) - set(known):
-                found = diagnose(base, [Parts(whole=readings["h", percent])])
-                tally = counts[found.compared[0].expected.interpolated]
-                tally[0] += bool(found.effects)
-                tally[1] += 1
-        (a, b), (c, d) = counts[True], counts[False]
+                found = diagnose(base, [Parts(whole=readings[state, percent])])
+                place = tally[found.compared[0].expected.interpolated]
+                place[0] += any(counts(e) for e in found.effects)
+                place[1] += 1
+        return tally[True], tally[False]
+
+    print("\nhealthy recordings with a finding, beside every baseline of so many others")
+    print("recordings   load between those learned   beyond them")
+    for count in range(2, len(LOADS)):
+        (a, b), (c, d) = counted("h", count, lambda effect: True)
         print(f"{count:<12} {a:>12} of {b:<14} {c:>6} of {d}")
-    traced = {True: [0, 0], False: [0, 0]}
-    for known in combinations(LOADS, FEWER):
-        base = learn(rig, [readings["h", p] for p in known], shafts)
-        for percent in set(LOADS) - set(known):
-            found = diagnose(base, [Parts(whole=readings["b", percent])])
-            tally = traced[found.compared[0].expected.interpolated]
-            tally[0] += any(e.name == "tooth_crack" for e in found.effects)
-            tally[1] += 1
-    (a, b), (c, d) = traced[True], traced[False]
+    (a, b), (c, d) = counted("b", FEWER, lambda effect: effect.name == "tooth_crack")
     print(f"broken ones traced beside {FEWER}: {a} of {b} between the loads learned, {c} of {d} beyond")
 
 
 def _short(effect) -> str:
-    value = effect.parameters.get("shaft_order") or effect.parameters.get("frequency") or (0.0, "", 0.0)
-    where = f"shaft of order {value[0]:g}" if "shaft_order" in effect.parameters else f"{value[0]:.0f} Hz"
-    return f"{effect.name} ({', '.join(effect.channels)}; {where}; {effect.log_evidence:.0f} nat)"
+    said = [", ".join(effect.channels)]
+    if "shaft_order" in effect.parameters:
+        said.append(f"shaft of order {effect.parameters['shaft_order'][0]:g}")
+    elif "frequency" in effect.parameters:
+        said.append(f"{effect.parameters['frequency'][0]:.0f} Hz")
+    return f"{effect.name} ({'; '.join(said)}; {effect.log_evidence:.0f} nat)"
 
 
 def _errors(readings, compared) -> None:

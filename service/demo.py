@@ -18,7 +18,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,10 @@ START_WAIT = 60.0  # how long the service may take to start [s]
 STALL_WAIT = 180.0  # how long the service may take for one window [s]
 STOP_WAIT = 20.0
 POLL = 0.2
+PORTS, TRIED = (
+    range(20000, 32768),
+    1000,
+)  # below the range that outgoing connections are given from, and how many are tried
 
 
 class DemoFailed(Exception):
@@ -81,10 +85,11 @@ def _on_free_ports(settings: Settings, stack: ExitStack) -> Settings:
     """The settings with free loopback ports and a directory of its own for what was not given."""
     given = settings.model_fields_set
     changes: dict[str, Any] = {}
+    ports = iter(random.sample(PORTS, TRIED))
     if "http" not in given:
-        changes["http"] = f"127.0.0.1:{_free_port()}"
+        changes["http"] = f"127.0.0.1:{free_port(ports)}"
     if "listen" not in given:
-        changes["listen"] = [f"tcp/127.0.0.1:{_free_port()}"]
+        changes["listen"] = [f"tcp/127.0.0.1:{free_port(ports)}"]
     if "data" not in given:
         changes["data"] = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="gear-twin-")))
     if "idle_timeout" not in given:
@@ -92,9 +97,12 @@ def _on_free_ports(settings: Settings, stack: ExitStack) -> Settings:
     return settings.model_copy(update=changes)
 
 
-def _free_port() -> int:
-    """A free loopback port below the range that outgoing connections are given from, or one of those could take it."""
-    for port in random.sample(range(20000, 32768), 1000):
+def free_port(ports: Iterable[int]) -> int:
+    """The first of some ports that is free on the loopback; DeliveryError where none is.
+
+    It should lie below the range that outgoing connections are given from, or one of those could take it.
+    """
+    for port in ports:
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
@@ -102,7 +110,7 @@ def _free_port() -> int:
             except OSError:
                 continue
             return port
-    raise DeliveryError("no free loopback port between 20000 and 32767; give --http and --listen")
+    raise DeliveryError("no free loopback port is left; give --http and --listen")
 
 
 @contextmanager

@@ -7,7 +7,6 @@ import json
 import os
 import random
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from service.demo import free_port as first_free
 from service.frames import NS, EncoderFrame, SampleFrame
 from service.sources.mcap_write import RecordingWriter
 from service.wire.codec import encode
@@ -71,18 +71,8 @@ _PORTS = itertools.islice(itertools.cycle(_OWN_PORTS), random.randrange(1000), N
 
 
 def free_port() -> int:
-    """A loopback port that stays free until a service takes it.
-
-    No other worker of the tests gives it out, and it lies below the range that outgoing connections are given from.
-    """
-    for port in _PORTS:
-        with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind(("127.0.0.1", port))
-            except OSError:
-                continue
-            return port
+    """A loopback port that stays free until a service takes it: no other worker of the tests gives it out."""
+    return first_free(_PORTS)
 
 
 class Service:
