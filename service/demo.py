@@ -38,10 +38,8 @@ START_WAIT = 60.0  # how long the service may take to start [s]
 STALL_WAIT = 180.0  # how long the service may take for one window [s]
 STOP_WAIT = 20.0
 POLL = 0.2
-PORTS, TRIED = (
-    range(20000, 32768),
-    1000,
-)  # below the range that outgoing connections are given from, and how many are tried
+PORTS = range(20000, 32768)  # below those that outgoing connections are given
+TRIED = 1000  # of them
 
 
 class DemoFailed(Exception):
