@@ -67,7 +67,7 @@ evaluate: install-dev
 check: install-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy twin service recordings benchmarks
+	$(BIN)/mypy twin service studies recordings benchmarks
 
 format: install-dev
 	$(BIN)/ruff check --fix .

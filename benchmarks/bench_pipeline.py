@@ -20,8 +20,8 @@ from math import pi
 from pathlib import Path
 
 from benchmarks.long_recording import write_long_recording
-from service.assess import rig_of
-from service.sources.mcap import Recording, read_windows
+from service.runtime.assess import rig_of
+from service.stream.sources.mcap import Recording, read_windows
 from twin.features.extract import extract
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
@@ -194,8 +194,8 @@ def campaign(folder: Path) -> list[Figure]:
 def first_windows(source: Path, path: Path, count: int) -> None:
     """The first windows of a recording, as a recording."""
     from benchmarks.long_recording import bursts
-    from service.sources.mcap_write import RecordingWriter
-    from service.wire.codec import encode
+    from service.stream.sources.mcap_write import RecordingWriter
+    from service.stream.wire.codec import encode
 
     with Recording(source) as recording:
         chosen = bursts(recording.frames(lambda channel, error: None))[:count]

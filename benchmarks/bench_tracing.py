@@ -20,9 +20,9 @@ from benchmarks.trace_campaigns import tune
 from benchmarks.trace_campaigns.generate import FOLDER, make_all
 from twin.rig import Rig
 from twin.step import Options, State, step
+from twin.tracing.change_detection import change_indicators, is_new
 from twin.tracing.trace import Traced, trace
-from twin.tracing.watch import is_new, signs
-from twin.updating.again import Taking, taken_in
+from twin.updating.history import UpdateOptions, update_window
 from twin.windows import Window
 
 ONE_EFFECT, HEALTHY = "T03-misalignment-2", "T16-clean"
@@ -78,9 +78,11 @@ def main() -> list[Figure]:
     tell(Figure(what="trace of a healthy machine: nothing is new", value=taken, unit="s", aim=0.5,
                 note=f"{len(found.fitted)} windows fitted; found {len(found.found)}"))  # fmt: skip
     latest = state.tracing.history[-1]
-    outcome = taken_in(rig, state.memory, latest, Taking(threshold=0.05, update="fused", update_until=float("inf")))
+    outcome = update_window(
+        rig, state.memory, latest, UpdateOptions(threshold=0.05, update="fused", update_until=float("inf"))
+    )
     begun = time.process_time()
-    is_new(signs(rig, latest, outcome), state.tracing.signs)
+    is_new(change_indicators(rig, latest, outcome), state.tracing.signs)
     tell(Figure(what="  the watch of one window", value=1e3 * (time.process_time() - begun), unit="ms"))
 
     with tempfile.TemporaryDirectory(prefix="gear-twin-bench-") as folder:

@@ -9,9 +9,9 @@ from unittest.mock import patch
 
 import numpy as np
 
-from service.frames import EncoderFrame, Frame
-from service.sources.mcap import Recording
-from service.wire.topics import PREFIX
+from service.stream.frames import EncoderFrame, Frame
+from service.stream.sources.mcap import Recording
+from service.stream.wire.topics import PREFIX
 
 TACHOMETER = "tachometer"  # the pinion's encoder with one edge a turn: speed and count, no transmission error
 SETS: Mapping[str, tuple[str, ...]] = {
@@ -58,5 +58,5 @@ def only(kinds: tuple[str, ...]) -> Iterator[None]:
                 else:
                     yield frame
 
-    with patch("service.assess.Recording", Partial):
+    with patch("service.runtime.assess.Recording", Partial):
         yield

@@ -29,8 +29,8 @@ from benchmarks.scoring import ROOT, read_truth, truth_beside
 from benchmarks.trace_campaigns import judge, tune
 from benchmarks.trace_campaigns.generate import FOLDER, make_all
 from benchmarks.tracing_score import Traced, no_answer, score_tracing
-from service.assess import assess
 from service.errors import InputError
+from service.runtime.assess import assess
 from twin.step import Options
 
 TABLES = {"judge": judge.ROWS, "fresh": judge.FRESH, "tune": tune.ROWS}

@@ -20,7 +20,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from benchmarks.scoring import ROOT, Score, read_truth, score, truth_beside
-from service.assess import assess
+from service.runtime.assess import assess
 from twin.step import Options
 
 

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import resample_poly
 
-from service.frames import NS, EncoderFrame, Frame, SampleFrame
-from service.sources.mcap import Recording
-from service.sources.mcap_write import RecordingWriter
-from service.wire.codec import encode
+from service.stream.frames import NS, EncoderFrame, Frame, SampleFrame
+from service.stream.sources.mcap import Recording
+from service.stream.sources.mcap_write import RecordingWriter
+from service.stream.wire.codec import encode
 
 SOURCE = Path(__file__).parents[1] / "recordings" / "short-campaign.mcap"
 TURNS = {"pinion": 52, "gear": 19}

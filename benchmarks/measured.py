@@ -22,18 +22,18 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from service import relating
-from service.assess import assess
-from service.baselines import belonging_of, load, pair_shafts, strangers
-from service.cli import relating as shown
-from service.cli.pair import sentences, with_assumed_radii
-from service.cli.strange import energies
-from service.importing import import_recording
-from service.series import load_series
+from service.cli import relation_report as shown
+from service.cli.encoder_pair import sentences, with_assumed_radii
+from service.cli.non_gear import energies
+from service.files import relation as relating
+from service.files.baseline import belonging_of, load, pair_shafts, strangers
+from service.files.import_recording import import_recording
+from service.files.series import load_series
+from service.runtime.assess import assess
 from twin.baseline.diagnosis import Parts, diagnose
-from twin.baseline.findings import Compared
+from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline, learn
-from twin.baseline.reading import Reading, read
+from twin.baseline.reading import WindowReading, read
 from twin.levels.trials import try_all
 
 ROOT = Path(__file__).parents[1]
@@ -54,7 +54,7 @@ def imported(name: str, source: Path, folder: Path) -> Path:
     return out
 
 
-def of(reading: Reading, sensors: Sequence[str]) -> Reading:
+def of(reading: WindowReading, sensors: Sequence[str]) -> WindowReading:
     """With some of its sensors alone."""
     return replace(reading, channels={s: reading.channels[s] for s in sensors})
 
@@ -62,7 +62,7 @@ def of(reading: Reading, sensors: Sequence[str]) -> Reading:
 def spectraquest(folder: Path) -> None:
     """Leave one load out."""
     data = MEASURED / "spectraquest-broken-tooth"
-    readings: dict[tuple[str, int], Reading] = {}
+    readings: dict[tuple[str, int], WindowReading] = {}
     rig = None
     for state in "hb":
         for percent in LOADS:
@@ -75,7 +75,7 @@ def spectraquest(folder: Path) -> None:
     assert rig is not None
     print("left out        sensor  found")
     counts: dict[tuple[str, str], int] = {}
-    compared: dict[int, tuple[Baseline, Compared]] = {}
+    compared: dict[int, tuple[Baseline, BaselineComparison]] = {}
     for percent in LOADS:
         for sensors in (SENSORS, *((s,) for s in SENSORS)):
             base = learn(rig, [of(readings["h", p], sensors) for p in LOADS if p != percent], shafts)
@@ -161,7 +161,7 @@ def _errors(readings, compared) -> None:
         print(f"{sensor:<8} {before:6.1f}  {after:6.1f}        {wave_before:15.1f}  {wave_after:6.1f}")
 
 
-def _carried(here: Compared, there: Compared, sensor: str) -> np.ndarray:
+def _carried(here: BaselineComparison, there: BaselineComparison, sensor: str) -> np.ndarray:
     """The expected lines of one load with the paths found at another."""
     x = here.expected.lines[sensor].copy()
     orders = np.arange(1, x.size + 1) / here.reading.period

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.quasi_static import nominal_mesh_stiffness
 from twin.dynamics.structure import Structure
 from twin.geometry import GearPair
-from twin.mesh.quasi_static import nominal_mesh_stiffness
 from twin.mesh.stiffness import PairStiffness
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig

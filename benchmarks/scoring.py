@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from service.assess import rig_of
-from service.sources.mcap import Recording, read_windows
+from service.runtime.assess import rig_of
+from service.stream.sources.mcap import Recording, read_windows
 from twin.rig import Rig
 from twin.step import Estimate, Options, State, step
 from twin.windows import Window

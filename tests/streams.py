@@ -6,8 +6,8 @@ import hashlib
 
 import numpy as np
 
-from service.frames import NS, EncoderFrame, Frame, SampleFrame
-from service.wire.topics import Channel
+from service.stream.frames import NS, EncoderFrame, Frame, SampleFrame
+from service.stream.wire.topics import Channel
 
 ASSET = "rig-1"
 T0 = 1_700_000_000 * NS  # Unix time of the first burst [ns]; a multiple of 10 s

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from tests.dynamics_cases import PRIOR, RIG, TEN, model
-from twin.features.window_features import Lines, WindowFeatures
+from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.model import Calibration, Condition, Model
 from twin.wear.curve import LINES, MasterCurve
 
@@ -18,10 +18,10 @@ def curve(until: float = 60e-6, condition: Condition = TEN) -> MasterCurve:
     return MasterCurve.build(model(), condition, model().unworn, until)
 
 
-def lines(unit, amplitudes, std, mean=0.0) -> Lines:
+def lines(unit, amplitudes, std, mean=0.0) -> MeasuredLines:
     """Mesh harmonics 1 … n (n,) and a mean."""
     n = len(amplitudes)
-    return Lines(
+    return MeasuredLines(
         unit=unit,
         keys=((0, 0, 0), *((k, 0, 0) for k in range(1, n + 1))),
         orders=(0.0, *(float(TEETH * k) for k in range(1, n + 1))),

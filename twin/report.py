@@ -18,7 +18,7 @@ from twin.rig import Rig
 from twin.updating.calibration import outliers
 from twin.updating.memory import Memory
 from twin.updating.remaining_life import remaining_life
-from twin.updating.update import Outcome, reference_rate
+from twin.updating.update import UpdateOutcome, reference_rate
 from twin.wear.archard import pinion_share, specific_wear_rate
 from twin.wear.curve import LINES
 from twin.wear.profile import WornProfile
@@ -52,7 +52,7 @@ def band(median: float, low: float, high: float) -> dict[str, float]:
     return {"median": float(median), "p05": float(low), "p95": float(high)}
 
 
-def wear_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
+def wear_report(rig: Rig, outcome: UpdateOutcome) -> dict[str, Any]:
     """`wear`: coefficient, specific rate, largest depths and the profile of both flanks."""
     pair = outcome.model.mesh.pair
     share = pinion_share(pair)
@@ -81,13 +81,13 @@ def wear_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def wear_coefficient(rig: Rig, outcome: Outcome) -> float:
+def wear_coefficient(rig: Rig, outcome: UpdateOutcome) -> float:
     """K [1/N] by the way in use."""
     rate = outcome.memory.paper.rate if outcome.way == "rms" else outcome.memory.track.rate
     return rate / reference_rate(rig)
 
 
-def ways_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
+def ways_report(rig: Rig, outcome: UpdateOutcome) -> dict[str, Any]:
     """Both ways of updating side by side."""
     reference = reference_rate(rig)
     out: dict[str, Any] = {}
@@ -128,7 +128,7 @@ def profile_report(pair: GearPair, profile: WornProfile, share: float) -> dict[s
     return out
 
 
-def rul_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
+def rul_report(rig: Rig, outcome: UpdateOutcome) -> dict[str, Any]:
     """`rul`: revolutions and hours to the rig's end-of-life criterion at the present condition."""
     end = rig.get("end_of_life.max_depth")
     if end is None:
@@ -159,7 +159,7 @@ def rul_report(rig: Rig, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def comparison(features: WindowFeatures, outcome: Outcome, teeth: tuple[int, int]) -> dict[str, Any] | None:
+def comparison(features: WindowFeatures, outcome: UpdateOutcome, teeth: tuple[int, int]) -> dict[str, Any] | None:
     """One window's residual, line by line: energies, bands and what is left; None without acceleration lines."""
     lines, rms = features.acceleration, outcome.rms_measured
     if lines is None or rms is None:
@@ -220,7 +220,7 @@ def residual_report(recent: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
     }
 
 
-def doubts(rig: Rig, outcome: Outcome) -> list[str]:
+def doubts(rig: Rig, outcome: UpdateOutcome) -> list[str]:
     """What speaks against the twin's picture of the machine, a sentence each."""
     out = [] if outcome.memory.fit is None else outliers(rig, outcome.memory.fit)
     estimate = outcome.estimate

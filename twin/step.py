@@ -14,24 +14,24 @@ from typing import Any
 
 from twin import report
 from twin.baseline.learned import Baseline
-from twin.baseline.pair_reporting import pair_of
 from twin.baseline.reporting import strangers_of, told_of
+from twin.encoder_pair.reporting import pair_of
 from twin.errors import NotAvailable, NotConverged, ParameterError, TwinError, WindowError
-from twin.features.beside import beside
 from twin.features.extract import extract
+from twin.features.non_gear import non_gear_features
 from twin.features.window_features import WindowFeatures
 from twin.levels.relation import Relation
 from twin.levels.reporting import NO_RATE, wear_by_level
 from twin.rig import Rig
+from twin.tracing.attribution_loop import LoopResult, attribute_window, listen
+from twin.tracing.attribution_loop import decide as follow_decision
 from twin.tracing.decisions import Decision
-from twin.tracing.following import Followed, follow, listen
-from twin.tracing.following import decide as follow_decision
 from twin.tracing.reporting import effects_report, tracing_report, unexplained_with
 from twin.tracing.state import Tracing
-from twin.updating.again import Taken, Taking, retake, taken_in
 from twin.updating.conditions import kind_of
+from twin.updating.history import UpdateOptions, WindowInput, replay_history, update_window
 from twin.updating.memory import Memory
-from twin.updating.update import NEEDED, Outcome
+from twin.updating.update import NEEDED, UpdateOutcome
 from twin.windows import Window
 
 UPDATES = ("fused", "paper")
@@ -115,19 +115,19 @@ def step(rig: Rig, state: State, window: Window, options: Options = Options()) -
     if features.rms is None and features.speed_hz is None and (pair is None or "ratio" not in pair):
         reasons = [*features.unavailable.values(), *([] if pair is None else [pair["reason"]])]
         raise WindowError(f"the window tells neither level nor speed: {'; '.join(dict.fromkeys(reasons))}")
-    taken = Taken(
+    taken = WindowInput(
         index=state.windows_seen,
         features=features,
         level_fault=_level_fault(window, features.sensor),
-        beside=beside(rig, window) if options.trace else None,
+        non_gear=non_gear_features(rig, window) if options.trace else None,
     )
     try:
-        outcome = taken_in(rig, state.memory, taken, _taking(options))
+        outcome = update_window(rig, state.memory, taken, _taking(options))
     except (NotAvailable, NotConverged) as reason:
         return _without_twin(rig, state, taken, window, str(reason), options, pair)
-    followed = Followed(tracing=state.tracing, outcome=outcome)
+    followed = LoopResult(tracing=state.tracing, outcome=outcome)
     if options.trace:
-        followed = follow(rig, state.tracing, taken, outcome, _taking(options))
+        followed = attribute_window(rig, state.tracing, taken, outcome, _taking(options))
     outcome = followed.outcome
     recent = _recent(rig, state.recent, ((taken, outcome),))
     if followed.again:
@@ -161,7 +161,7 @@ def decide(rig: Rig, state: State, decision: Decision, options: Options = Option
     if not history or not state.standing:
         raise NotAvailable("no effect can be decided on before the first window has been taken and traced")
     latest = history[-1]
-    _, outcomes = retake(rig, state.memory.effects, history, _taking(options))
+    _, outcomes = replay_history(rig, state.memory.effects, history, _taking(options))
     known = [(t, o) for t, o in zip(history, outcomes, strict=True) if o is not None]
     if not known:
         raise NotAvailable(f"the history up to window {latest.index} has no steady state")
@@ -183,12 +183,12 @@ def decide(rig: Rig, state: State, decision: Decision, options: Options = Option
     )
 
 
-def _taking(options: Options) -> Taking:
-    return Taking(threshold=options.error_threshold, update=options.update, update_until=options.update_until)
+def _taking(options: Options) -> UpdateOptions:
+    return UpdateOptions(threshold=options.error_threshold, update=options.update, update_until=options.update_until)
 
 
 def _recent(
-    rig: Rig, before: tuple[Mapping[str, Any], ...], windows: Iterable[tuple[Taken, Outcome]]
+    rig: Rig, before: tuple[Mapping[str, Any], ...], windows: Iterable[tuple[WindowInput, UpdateOutcome]]
 ) -> tuple[Mapping[str, Any], ...]:
     """The latest windows' residuals with more windows."""
     recent = before
@@ -200,7 +200,9 @@ def _recent(
     return recent
 
 
-def _answer(rig: Rig, tracing: Tracing, recent: tuple[Mapping[str, Any], ...], outcome: Outcome) -> dict[str, Any]:
+def _answer(
+    rig: Rig, tracing: Tracing, recent: tuple[Mapping[str, Any], ...], outcome: UpdateOutcome
+) -> dict[str, Any]:
     """The twin's present answer."""
     answer: dict[str, Any] = {
         "wear": report.wear_report(rig, outcome),
@@ -242,7 +244,7 @@ _OF_WEAR = ("k_wear_per_n", "wear_depth_um", "wear_depth_p05_um", "wear_depth_p9
 _UPDATE_FIELDS = ("index", "revolutions", "error_percent", "rms_after", "k_wear_per_n", "wear_depth_um")
 
 
-def _record(rig: Rig, index: int, features: WindowFeatures, outcome: Outcome) -> dict[str, Any]:
+def _record(rig: Rig, index: int, features: WindowFeatures, outcome: UpdateOutcome) -> dict[str, Any]:
     low, high = outcome.depth_band
     return {
         "index": index,
@@ -280,7 +282,7 @@ def _percent(share: float) -> float | None:
 def _without_twin(
     rig: Rig,
     state: State,
-    taken: Taken,
+    taken: WindowInput,
     window: Window,
     reason: str,
     options: Options,

@@ -9,7 +9,7 @@ from typing import Any
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.writer import CompressionType, Writer
 
-from service.wire import gearbox_pb2
+from service.stream.wire import gearbox_pb2
 
 WIRE: Any = gearbox_pb2  # generated: its messages are made when it is imported
 

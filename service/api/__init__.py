@@ -9,9 +9,9 @@ from typing import Any
 from fastapi import FastAPI
 
 from service.api import assets, effects, events, metrics, models, pages, problems
-from service.board import Board
-from service.decisions import Desk
-from service.store import Store
+from service.results.board import Board
+from service.results.decision_queue import DecisionQueue
+from service.results.store import Store
 
 DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered as waiting [s]
 
@@ -19,7 +19,7 @@ DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered 
 def create_app(
     board: Board,
     store: Store,
-    desk: Desk | None = None,
+    desk: DecisionQueue | None = None,
     *,
     not_ready: Callable[[], str | None] = lambda: None,
     gauges: Callable[[], Mapping[str, float]] = dict,
@@ -38,7 +38,7 @@ def create_app(
         redoc_url=None,
     )
     app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
-    app.state.desk = desk or Desk(store)
+    app.state.desk = desk or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if desk else 0.0
     app.state.registry = metrics.registry(board, store, gauges)
     problems.install(app)

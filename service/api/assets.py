@@ -9,9 +9,9 @@ from fastapi.responses import JSONResponse
 
 from service.api import models
 from service.api.problems import UnknownAsset, responses
-from service.board import Snapshot
-from service.inspections import compare
-from service.results import not_available
+from service.contract.answer import not_available
+from service.results.board import Snapshot
+from service.results.inspections import compare
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"])
 

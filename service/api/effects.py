@@ -11,7 +11,7 @@ from service.api import models
 from service.api.assets import ERRORS, snapshot_of
 from service.api.problems import problem, responses
 from service.errors import FAULT
-from service.store import StoredDecision
+from service.results.store import StoredDecision
 from twin.effects import EFFECTS
 
 router = APIRouter(prefix="/v1/assets", tags=["effects"])

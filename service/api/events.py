@@ -12,8 +12,8 @@ from starlette.concurrency import run_in_threadpool
 
 from service.api.assets import snapshot_of
 from service.api.problems import responses
-from service.board import Board
-from service.store import Store
+from service.results.board import Board
+from service.results.store import Store
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"])
 

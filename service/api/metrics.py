@@ -13,8 +13,8 @@ from prometheus_client.registry import Collector
 
 from service.api import models
 from service.api.problems import problem, responses
-from service.board import Board, Snapshot
-from service.store import Store
+from service.results.board import Board, Snapshot
+from service.results.store import Store
 
 router = APIRouter(tags=["operation"])
 

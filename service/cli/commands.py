@@ -57,8 +57,8 @@ def assess(
     prefix: Prefix = "gearbox",
 ) -> None:
     """Run a whole recording through the twin, as the service would."""
-    from service.assess import Unassessable
-    from service.jsontext import json_text, write_text
+    from service.json_text import json_text, write_text
+    from service.runtime.assess import Unassessable
 
     try:
         answer = _assess(recording, rig, update, asset, prefix, trace=_tracing(no_trace), relation=relation)
@@ -80,7 +80,7 @@ def calibrate(
 ) -> None:
     """Fit mesh stiffness, damping and contact width to low-speed and unworn windows."""
     from service.cli.show import say
-    from service.jsontext import json_text, write_text
+    from service.json_text import json_text, write_text
 
     def enough(records: Any) -> bool:
         return sum(r["kind"] == "measurement" and r["quality"] != "refused" for r in records) >= unworn
@@ -110,8 +110,8 @@ def replay(
 ) -> None:
     """Publish a recording as it was recorded; done when all of it has been delivered."""
     from service.cli.show import progress_bar
-    from service.jsontext import json_text
-    from service.replay import replay as run
+    from service.json_text import json_text
+    from service.runtime.replay import replay as run
 
     _finite("speed", speed)
     settings = _settings()
@@ -148,7 +148,7 @@ def record(
 ) -> None:
     """Record a live stream."""
     from service.cli.live import record_live
-    from service.jsontext import json_text
+    from service.json_text import json_text
 
     frames, refused = record_live(out, connect, listen, duration, rig, description, prefix)
     print(
@@ -170,7 +170,7 @@ def simulate(
     from recordings.generator.errors import SpecError
     from service.cli.show import progress_bar
     from service.errors import InputError
-    from service.jsontext import json_text
+    from service.json_text import json_text
 
     with progress_bar("simulating") as bar:
         try:
@@ -191,8 +191,8 @@ def import_(
 ) -> None:
     """Bring measured columns (CSV, NPZ) into a recording."""
     from service.cli.show import progress_bar
-    from service.importing import import_recording
-    from service.jsontext import json_text
+    from service.files.import_recording import import_recording
+    from service.json_text import json_text
 
     with progress_bar("importing") as bar:
         found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source)
@@ -218,7 +218,7 @@ def serve(
     prefix: Annotated[str | None, typer.Option(help="First part of all keys.")] = None,
 ) -> int:
     """Run the service: Zenoh in, REST, page and Zenoh out. Every setting also as GEAR_TWIN_... variable."""
-    from service.serve import run
+    from service.runtime.serve import run
 
     given = {"listen": listen, "connect": connect, "http": http, "rig": rig, "data": data, "update": update}
     given |= {"baseline": baseline, "relation": relation}
@@ -233,7 +233,7 @@ def demo(
     http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page.")] = None,
 ) -> int:
     """Start the service, replay the bundled campaign into it, print what came out."""
-    from service.demo import run
+    from service.runtime.demo import run
 
     return run(_settings(http=http), exit_after=exit_after)
 
@@ -250,7 +250,7 @@ def report(
 ) -> None:
     """Sum up an assessment as text or as one HTML page."""
     from service.cli.report import html_report, load_answer, text_report
-    from service.jsontext import json_text, write_text
+    from service.json_text import json_text, write_text
 
     answered = source.suffix == ".json"
     trace = _tracing(no_trace)
@@ -273,9 +273,9 @@ def baseline(
     json: JsonFlag = False,
 ) -> None:
     """Learn what a machine without a rig model does when it is well: every line against load and speed."""
-    from service.baselines import learned, save
-    from service.cli.beside_baseline import learned_text
-    from service.jsontext import json_text
+    from service.cli.baseline_report import learned_text
+    from service.files.baseline import learned, save
+    from service.json_text import json_text
     from twin.baseline.reporting import described
 
     found = learned(recordings, rig)
@@ -296,12 +296,12 @@ def relate(
     json: JsonFile = None,
 ) -> None:
     """Calibrate the relation of level and wear depth on measured depths, and try what could make what is missed."""
-    from service import relating
-    from service.cli import relating as shown
+    from service.cli import relation_report as shown
     from service.cli.show import progress_bar
     from service.errors import InputError
-    from service.jsontext import json_text, write_text
-    from service.series import load_series
+    from service.files import relation as relating
+    from service.files.series import load_series
+    from service.json_text import json_text, write_text
     from twin.errors import TwinError
     from twin.levels.trials import try_all
 
@@ -350,13 +350,14 @@ def diagnose(
     json: JsonFile = None,
 ) -> None:
     """Say which effects the machine has beside wear, how sure that is, and what is left unexplained."""
-    from service.baselines import belonging_of
-    from service.cli import beside_baseline, beside_figures
+    from service.cli import baseline_figures as beside_figures
+    from service.cli import baseline_report as beside_baseline
     from service.cli.diagnosis import text
     from service.cli.diagnosis_figures import page
-    from service.cli.pair import with_assumed_radii
+    from service.cli.encoder_pair import with_assumed_radii
     from service.cli.report import load_answer
-    from service.jsontext import json_text, write_text
+    from service.files.baseline import belonging_of
+    from service.json_text import json_text, write_text
 
     if baseline is not None:
         answer = beside_baseline.answered(source, baseline, rig)
@@ -394,15 +395,15 @@ def _assess(
     relation: Path | None = None,
 ) -> dict[str, Any]:
     """An assessment with progress shown and faults of the data told, one line each."""
-    from service.assess import assess as run
-    from service.assess import warnings
     from service.cli.show import progress_bar
-    from service.pipeline import assembly_settings
+    from service.runtime.assess import assess as run
+    from service.runtime.assess import warnings
+    from service.runtime.pipeline import assembly_settings
     from twin.step import Options
 
     known = None
     if relation is not None:
-        from service.relating import read_relation
+        from service.files.relation import read_relation
 
         known = read_relation(relation)
     options = Options(update=update.value, trace=trace, relation=known)
@@ -424,7 +425,7 @@ def _assess(
 
 def _give(answer: dict[str, Any], json: Path | None) -> None:
     from service.cli.show import print_answer
-    from service.jsontext import json_text, write_text
+    from service.json_text import json_text, write_text
 
     if json is not None:
         write_text(json, json_text(answer))

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
-from service.cli import pair, strange
+from service.cli import encoder_pair as pair
+from service.cli import non_gear as strange
 from service.cli.show import number, spread
 
 NAMES = {

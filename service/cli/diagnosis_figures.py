@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from service.cli import pair, strange
+from service.cli import encoder_pair as pair
+from service.cli import non_gear as strange
 from service.cli.diagnosis import NAMES, change, figure, nats, sentences, turns
-from service.cli.look import AFTER, BEFORE, LOOK, MEASURED, STYLE, as_html
+from service.cli.figure_style import AFTER, BEFORE, LOOK, MEASURED, STYLE, as_html
 from service.cli.show import number, summary_lines
 
 FLOOR = 1e-6  # amplitude below which nothing is drawn [m/s²]

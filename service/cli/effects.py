@@ -33,7 +33,7 @@ def list_(
     from rich.console import Console
 
     from service.cli.diagnosis import effect_table
-    from service.jsontext import json_text
+    from service.json_text import json_text
 
     names = [asset] if asset else [a["asset"] for a in _call(url, "/v1/assets")]
     found = {name: _call(url, f"/v1/assets/{quote(name, safe='')}/effects") for name in names}
@@ -75,7 +75,7 @@ def release(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
 
 def _decide(url: str, names: list[str], verb: str, as_json: bool) -> None:
     from service.errors import InputError
-    from service.jsontext import json_text
+    from service.json_text import json_text
 
     *before, name = names
     if len(before) > 1:

@@ -32,8 +32,8 @@ def misalignment(
     from service.cli.misalignment_figures import page
     from service.cli.misalignment_text import answered, text
     from service.cli.show import progress_bar, say
-    from service.jsontext import json_text, write_text
-    from twin.multibody.study import study
+    from service.json_text import json_text, write_text
+    from studies.misalignment.study import study
 
     with progress_bar("computing") as bar:
         found = study(bar, draws=draws)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from service.cli.show import progress_bar
 from service.errors import InputError
-from service.inbox import Inbox
-from service.record import record
-from service.sources.zenoh import ZenohSource, open_session
+from service.runtime.record import record
+from service.stream.inbox import Inbox
+from service.stream.sources.zenoh import ZenohSource, open_session
 
 
 def record_live(

@@ -9,9 +9,9 @@ import numpy as np
 
 from service.cli.diagnosis_figures import LOOK, STYLE
 from service.cli.misalignment_text import FAST, GIVES, NAMED, TILTED, tables
-from twin.multibody.bands import HARMONICS, SIDEBANDS, shaft_lines
-from twin.multibody.dabrowski_2012 import EXPERIMENT_RISE, SPEEDS_RPM, TEETH
-from twin.multibody.study import DRAWN, POINTS, SHOWN, SIGNALS, VARIANTS, Run, Study
+from studies.misalignment.bands import HARMONICS, SIDEBANDS, shaft_lines
+from studies.misalignment.dabrowski_2012 import EXPERIMENT_RISE, SPEEDS_RPM, TEETH
+from studies.misalignment.study import DRAWN, POINTS, SHOWN, SIGNALS, VARIANTS, Run, Study
 
 ALIGNED, OUT = "#1f77b4", "#d62728"
 COLOURS = {

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from twin.multibody.bands import HARMONICS
-from twin.multibody.dabrowski_2012 import ESTIMATES, EXPERIMENT_RISE, MOST_AT, SPEEDS_RPM
-from twin.multibody.study import (
+from studies.misalignment.bands import HARMONICS
+from studies.misalignment.dabrowski_2012 import ESTIMATES, EXPERIMENT_RISE, MOST_AT, SPEEDS_RPM
+from studies.misalignment.study import (
     CROOKED,
     DRAWN,
     POINTS,

@@ -8,12 +8,12 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from service.cli import pair
+from service.cli import encoder_pair as pair
 from service.cli.diagnosis import sentence
 from service.cli.diagnosis_figures import effects_part, figures
 from service.cli.show import WINDOW_COLUMNS, summary_lines, window_rows
+from service.contract.answer import not_available
 from service.errors import InputError
-from service.results import not_available
 
 _STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#222}"

@@ -124,7 +124,7 @@ def print_answer(answer: Mapping[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from service.cli.pair import sentences
+    from service.cli.encoder_pair import sentences
 
     console = Console()
     console = console if console.is_terminal else Console(width=170)

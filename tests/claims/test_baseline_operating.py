@@ -11,7 +11,7 @@ from tests.claims.test_baseline import RIG, SHAFTS, machine, parts
 from twin.baseline.diagnosis import diagnose
 from twin.baseline.learned import learn
 from twin.baseline.operating import axes_of, miss_of, order_of, point_of, weights_of
-from twin.baseline.path import common_level, lesser
+from twin.baseline.transfer_path import common_level, lesser
 from twin.errors import NotAvailable
 
 GRID = np.array([(torque, speed) for torque in (5.0, 10.0, 20.0) for speed in (10.0, 15.0, 25.0)])

@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from twin.baseline.encoder_pair import forward_edges, pair_motion, quadrature
+from twin.encoder_pair.motion import forward_edges, pair_motion, quadrature
 from twin.errors import WindowError
 from twin.windows import Edges
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.importing import import_recording
-from service.sources.mcap import read_windows
+from service.files.import_recording import import_recording
+from service.stream.sources.mcap import read_windows
 from twin.errors import NotAvailable
 from twin.features import extract
 from twin.features.level import band_rms

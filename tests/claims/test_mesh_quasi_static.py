@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from tests.mesh_pairs import PAIRS, UNSW
-from twin.errors import ParameterError
-from twin.mesh.corner_contact import corner_gap
-from twin.mesh.quasi_static import (
+from benchmarks.quasi_static import (
     mesh_period,
     nominal_mesh_stiffness,
     pair_positions,
     static_deflection,
     static_mesh,
 )
+from tests.mesh_pairs import PAIRS, UNSW
+from twin.errors import ParameterError
+from twin.mesh.corner_contact import corner_gap
 from twin.mesh.stiffness import PairStiffness
 
 FORCE = 560.0  # 10 N·m on the pinion of the reference rig

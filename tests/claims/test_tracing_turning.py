@@ -10,8 +10,8 @@ from tests.dynamics_cases import FOURTEEN, model
 from tests.dynamics_cases import TEN as CONDITION
 from twin.effects import EFFECTS
 from twin.effects.response import solve_with
-from twin.features.window_features import Lines, WindowFeatures
-from twin.tracing.turning import find_turning, run_out_of, swung_by
+from twin.features.window_features import MeasuredLines, WindowFeatures
+from twin.tracing.shaft_forces import find_turning, run_out_of, swung_by
 
 PHASE = 0.7  # of the mesh against the encoder's zero [rad]
 RIPPLE = EFFECTS["torque_ripple"](amplitude=0.5, order=8.0, phase=0.4)
@@ -29,7 +29,7 @@ def recorded(effect, count=6, torque_scale=1.0, condition=CONDITION):
     def lines(values, unit):
         turned = values * np.exp(1j * orders * PHASE / 19)
         noisy = turned + NOISE * (rng.normal(size=10) + 1j * rng.normal(size=10))
-        return Lines(
+        return MeasuredLines(
             unit=unit,
             keys=tuple((0, int(p), 0) for p in orders),
             orders=tuple(orders.tolist()),

@@ -7,7 +7,7 @@ from tests.dynamics_cases import FOURTEEN, RIG
 from tests.updating_cases import TEN, curve, model
 from twin.errors import NotConverged, ParameterError
 from twin.updating.memory import Memory, Segment
-from twin.updating.twin_of_rig import curve_of
+from twin.updating.model_cache import curve_of
 from twin.updating.update import reference_rate
 from twin.wear.curve import MasterCurve
 

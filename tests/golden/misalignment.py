@@ -12,8 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from twin.multibody.dabrowski_2012 import system
-from twin.multibody.study import COARSE, RESIDUALS, Rise, rises_of
+from studies.misalignment.dabrowski_2012 import system
+from studies.misalignment.study import COARSE, RESIDUALS, Rise, rises_of
 
 FILE = Path(__file__).with_suffix(".json")
 VARIANTS = ("rigid", "bearings", "shafts", "both")

@@ -11,8 +11,8 @@ import pytest
 import uvicorn
 
 from service.api import create_app
-from service.board import Board
-from service.store import Store
+from service.results.board import Board
+from service.results.store import Store
 
 
 @pytest.fixture

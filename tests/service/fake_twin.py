@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from service.__main__ import leave
-from service.serve import run
+from service.runtime.serve import run
 from service.settings import Settings
 from twin.errors import NotAvailable
 from twin.step import Estimate

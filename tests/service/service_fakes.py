@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from datetime import UTC, datetime
 
-from service.board import Board
-from service.store import Store
+from service.results.board import Board
+from service.results.store import Store
 
 START_NS = 1_700_000_000_000_000_000
 SHARE = {"combined": 1.0, "pinion": 0.7324, "gear": 0.2676}

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from service.demo import free_port as first_free
-from service.frames import NS, EncoderFrame, SampleFrame
-from service.sources.mcap_write import RecordingWriter
-from service.wire.codec import encode
-from service.wire.topics import Channel
+from service.runtime.demo import free_port as first_free
+from service.stream.frames import NS, EncoderFrame, SampleFrame
+from service.stream.sources.mcap_write import RecordingWriter
+from service.stream.wire.codec import encode
+from service.stream.wire.topics import Channel
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

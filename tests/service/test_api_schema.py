@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from schemathesis.generation import GenerationMode
 
 from service.api import create_app
-from service.board import Board
-from service.store import Store
+from service.results.board import Board
+from service.results.store import Store
 
 EXAMPLES = 20
 BASE = "/v1/assets/{asset}"

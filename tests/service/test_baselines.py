@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from service.baselines import compared, learned, read_baseline, save
 from service.cli import run
 from service.errors import InputError
-from service.importing import import_recording
+from service.files.baseline import compared, learned, read_baseline, save
+from service.files.import_recording import import_recording
 from tests.claims.test_baseline import RATE, SPEED, TEETH, machine
 from twin.baseline.reporting import described
 

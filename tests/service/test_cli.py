@@ -15,12 +15,12 @@ from types import SimpleNamespace
 import pytest
 from streams import ACCEL, ASSET, CHANNELS, GEAR, PINION, bursts
 
-import service.assess
-import service.serve
+import service.runtime.assess
+import service.runtime.serve
 import twin.step
 from service.cli import run
-from service.sources.mcap_write import RecordingWriter
-from service.wire.codec import encode
+from service.stream.sources.mcap_write import RecordingWriter
+from service.stream.wire.codec import encode
 from twin.errors import WindowError
 
 ROOT = Path(__file__).parents[2]
@@ -176,7 +176,7 @@ def test_calibrate_seeks_no_effects(monkeypatch, recording):
 
 def test_serve_takes_no_trace_as_a_setting(monkeypatch):
     given = []
-    monkeypatch.setattr(service.serve, "run", lambda settings: given.append(settings.trace) or 0)
+    monkeypatch.setattr(service.runtime.serve, "run", lambda settings: given.append(settings.trace) or 0)
     assert run(["serve", "--no-trace"]) == 0 and run(["serve"]) == 0
     assert given == [False, True]
 
@@ -315,7 +315,7 @@ def test_a_truncated_recording_is_told_in_one_line_and_its_whole_chunks_used(cap
 
 
 def test_a_bit_flipped_recording_is_told_in_one_line_and_the_rest_used(capsys, recording):
-    from service.sources.mcap_scan import scan
+    from service.stream.sources.mcap_scan import scan
 
     data = bytearray(recording.read_bytes())
     with recording.open("rb") as file:
@@ -343,7 +343,7 @@ def test_a_fault_of_the_program_is_not_taken_for_bad_input(monkeypatch, recordin
     def broken(*arguments, **given):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(service.assess, "assess", broken)
+    monkeypatch.setattr(service.runtime.assess, "assess", broken)
     with pytest.raises(ZeroDivisionError):  # the interpreter ends with status 1
         run(["assess", str(recording)])
 

@@ -17,9 +17,9 @@ import service_fakes as fakes
 from service_streams import Service, service, wait_until, write_recording
 
 from service.cli import run
-from service.decisions import Desk
-from service.replay import replay
-from service.store import Store
+from service.results.decision_queue import DecisionQueue
+from service.results.store import Store
+from service.runtime.replay import replay
 
 WINDOWS = 3
 COMMAND = [sys.executable, "-m", "service", "effects"]
@@ -86,7 +86,7 @@ def test_decision_that_was_kept_before_a_kill_is_carried_out_once_by_the_next_st
         running.wait_for_windows(WINDOWS)
         running.end(signal.SIGKILL)
         with Store(tmp_path / "gear-twin.sqlite") as store:
-            number = Desk(store).submit("unsw", "misalignment", "pin")
+            number = DecisionQueue(store).submit("unsw", "misalignment", "pin")
         for _ in range(2):
             running.start()
             wait_until(lambda: counted(running) > 0.5)

@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 from service_streams import HERE, ROOT, write_recording
 
-from service.demo import run
 from service.errors import InputError
+from service.runtime.demo import run
 from service.settings import Settings
 
 FAKE = (sys.executable, str(HERE / "fake_twin.py"))

@@ -7,21 +7,21 @@ from dataclasses import replace
 
 import pytest
 
-import twin.multibody.study
+import studies.misalignment.study
 from service.cli import run
-from twin.multibody.dabrowski_2012 import ESTIMATES
+from studies.misalignment.dabrowski_2012 import ESTIMATES
 
 
 @pytest.fixture(scope="module")
 def found():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(twin.multibody.study, "ESTIMATES", ESTIMATES[:2])
-        return twin.multibody.study.study(fine=(96, 3), coarse=(96, 3), draws=1)
+        patch.setattr(studies.misalignment.study, "ESTIMATES", ESTIMATES[:2])
+        return studies.misalignment.study.study(fine=(96, 3), coarse=(96, 3), draws=1)
 
 
 @pytest.fixture
 def coarse(monkeypatch, found):
-    monkeypatch.setattr(twin.multibody.study, "study", lambda progress, draws: found)
+    monkeypatch.setattr(studies.misalignment.study, "study", lambda progress, draws: found)
 
 
 def test_the_example_prints_its_table_and_writes_page_and_numbers(capsys, coarse, tmp_path):
@@ -68,7 +68,7 @@ def test_the_example_prints_its_numbers_alone_where_asked(capsys, coarse):
 
 def test_without_draws_it_says_that_its_figures_are_those_of_the_nominal_estimates(capsys, monkeypatch, found):
     monkeypatch.setattr(
-        twin.multibody.study, "study", lambda progress, draws: replace(found, draws=found.draws[:draws])
+        studies.misalignment.study, "study", lambda progress, draws: replace(found, draws=found.draws[:draws])
     )
     assert run(["example", "misalignment", "--draws", "0"]) == 0
     said = capsys.readouterr().out

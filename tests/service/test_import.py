@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from service.errors import InputError
-from service.importing import import_recording, to_toml
-from service.sources.mcap import read_windows
+from service.files.import_recording import import_recording, to_toml
+from service.stream.sources.mcap import read_windows
 from twin.features import extract
 from twin.rig import Rig
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from service.inspections import compare
+from service.results.inspections import compare
 
 TREND = [
     {"revolutions": n, "depth_um": {"combined": {"median": d, "p05": 0.9 * d, "p95": 1.1 * d}}}

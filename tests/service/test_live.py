@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from service_streams import RIG, free_port, wait_until
 
-from service.live import Guard, OfferedRigs
-from service.sources.zenoh import open_session
+from service.runtime.live import Guard, OfferedRigs
+from service.stream.sources.zenoh import open_session
 
 
 def test_fault_of_a_callback_is_counted_and_goes_no_further(caplog):

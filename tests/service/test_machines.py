@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from service.baselines import learned, save
-from service.importing import import_recording
-from service.replay import replay
+from service.files.baseline import learned, save
+from service.files.import_recording import import_recording
+from service.runtime.replay import replay
 from tests.claims.test_baseline import machine
 from tests.claims.test_encoder_pair import counts
 from tests.service.test_baselines import recording as accelerations

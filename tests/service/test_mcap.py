@@ -9,13 +9,13 @@ import pytest
 from mcap.writer import Writer
 from streams import ASSET, CHANNELS, bursts, content
 
-from service.assembly import Assembler
 from service.errors import InputError
-from service.sources.mcap import Recording, read_windows
-from service.sources.mcap_scan import scan
-from service.sources.mcap_write import RecordingWriter
-from service.wire.codec import encode, schema_data
-from service.wire.topics import topic_of
+from service.stream.assembly import Assembler
+from service.stream.sources.mcap import Recording, read_windows
+from service.stream.sources.mcap_scan import scan
+from service.stream.sources.mcap_write import RecordingWriter
+from service.stream.wire.codec import encode, schema_data
+from service.stream.wire.topics import topic_of
 
 RIG = b'schema = "gear-rig/1"\nname = "small"\n'
 

@@ -9,7 +9,7 @@ import pytest
 import service_fakes as fakes
 
 from tests.claims.test_encoder_pair import counted
-from twin.baseline.pair_reporting import pair_of
+from twin.encoder_pair.reporting import pair_of
 from twin.report import plain
 from twin.rig import Rig
 from twin.windows import Window

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from service.api.models import Asset, Pair
-from service.assess import assess
 from service.cli import run
-from service.cli.pair import plots, sentences
+from service.cli.encoder_pair import plots, sentences
 from service.errors import InputError
-from service.importing import import_recording
-from service.sources.mcap import Recording, read_windows
+from service.files.import_recording import import_recording
+from service.runtime.assess import assess
+from service.stream.sources.mcap import Recording, read_windows
 from tests.claims.test_encoder_pair import PER_TURN, RATE, counts, levels, marked
-from twin.baseline.encoder_pair import forward_edges
-from twin.baseline.pair_reporting import pair_of
+from twin.encoder_pair.motion import forward_edges
+from twin.encoder_pair.reporting import pair_of
 from twin.rig import Rig
 from twin.windows import Window
 

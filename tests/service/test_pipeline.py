@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from streams import ACCEL, ASSET, CHANNELS, TORQUE, bursts
 
+from service.contract.answer import RECORD_FIELDS, assemble, iso_time, not_available, refused_record
 from service.errors import FrameError
-from service.pipeline import Checkpoint, Pipeline
-from service.results import RECORD_FIELDS, assemble, iso_time, not_available, refused_record
+from service.runtime.pipeline import Checkpoint, Pipeline
 from twin.errors import NotConverged, WindowError
 from twin.rig import Rig
 

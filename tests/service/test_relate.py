@@ -8,8 +8,8 @@ import pytest
 
 from service.cli import run
 from service.errors import InputError
-from service.relating import read_relation
-from service.series import load_series
+from service.files.relation import read_relation
+from service.files.series import load_series
 from tests.claims.test_baseline import SPEED, TEETH, machine
 from tests.mesh_pairs import UNSW_RIG
 from tests.service.test_baselines import recording

@@ -12,17 +12,18 @@ import pytest
 from service_streams import free_port
 from streams import ASSET, bursts, content
 
-from service.assembly import Assembler
 from service.errors import DeliveryError, InputError
-from service.inbox import Inbox, pump
-from service.pipeline import Checkpoint, Pipeline
-from service.record import record
-from service.replay import paced, replay, shuffled, twice
-from service.sources.mcap import RawFrame, read_windows
-from service.sources.mcap_write import RecordingWriter
-from service.sources.zenoh import ZenohSource, open_session
-from service.wire.codec import encode, encoding_of
-from service.wire.topics import topic_of
+from service.runtime.pipeline import Checkpoint, Pipeline
+from service.runtime.pump import pump
+from service.runtime.record import record
+from service.runtime.replay import paced, replay, shuffled, twice
+from service.stream.assembly import Assembler
+from service.stream.inbox import Inbox
+from service.stream.sources.mcap import RawFrame, read_windows
+from service.stream.sources.mcap_write import RecordingWriter
+from service.stream.sources.zenoh import ZenohSource, open_session
+from service.stream.wire.codec import encode, encoding_of
+from service.stream.wire.topics import topic_of
 from twin.rig import Rig
 
 IDLE = 1.5  # [s]

@@ -15,13 +15,13 @@ import pytest
 import zenoh
 from service_streams import RIG, ROOT, Service, free_port, service, wait_until, write_recording
 
-from service.assess import assess
 from service.errors import InputError
-from service.jsontext import plain
-from service.replay import replay, shuffled, twice
-from service.serve import run
+from service.json_text import plain
+from service.runtime.assess import assess
+from service.runtime.replay import replay, shuffled, twice
+from service.runtime.serve import run
 from service.settings import Settings
-from service.sources.zenoh import open_session
+from service.stream.sources.zenoh import open_session
 
 WINDOWS = 6
 

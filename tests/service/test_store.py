@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import service_fakes as fakes
 
-from service.board import Board
-from service.store import MIGRATIONS, Store, StoreError
+from service.results.board import Board
+from service.results.store import MIGRATIONS, Store, StoreError
 
 ROOT = Path(__file__).parents[2]
 
@@ -118,7 +118,7 @@ import sys
 from pathlib import Path
 sys.path[:0] = sys.argv[2:4]
 import service_fakes as fakes
-from service.store import Store
+from service.results.store import Store
 store = Store(Path(sys.argv[1]))
 index = len(store.windows("unsw"))
 while True:

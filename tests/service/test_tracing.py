@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from test_whole import COMMAND, ROOT, answer_of, assert_same, differences, fetch, service
 
-from service.replay import replay
+from service.runtime.replay import replay
 
 SHARED = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared"))
 RECORDING = SHARED / "campaigns" / "D07.mcap"  # eccentric gear from the start, misaligned shafts from 4000 on

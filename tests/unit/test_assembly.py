@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import ACCEL, CHANNELS, GEAR, LENGTH, PINION, T0, TORQUE, bursts, content, frame, signal, unbroken
 
-from service.assembly import DEFAULT, Assembler, AssemblySettings
-from service.frames import NS
+from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
+from service.stream.frames import NS
 
 
 def assembled(frames, chosen=DEFAULT):
@@ -322,7 +322,7 @@ def test_every_channel_of_the_test_stream_fills_its_frames():
 
 
 def test_a_fast_vibration_beyond_the_range_is_clipped_though_no_two_samples_in_a_row_are_held():
-    from service.assembly_window import _held
+    from service.stream.window import _held
 
     vibration = 30 * np.random.default_rng(4).standard_normal(5000)
     assert _held(vibration, 1) == _held(vibration, -1) == 0

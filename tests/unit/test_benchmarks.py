@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.figures import with_figures
 from benchmarks.long_recording import TURNS, write_long_recording
-from service.sources.mcap import read_windows
+from service.stream.sources.mcap import read_windows
 
 ROOT = Path(__file__).parents[2]
 

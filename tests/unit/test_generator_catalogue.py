@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from recordings.generator import simulate
 from recordings.generator.deliver import frames
 from recordings.generator.spec import read
-from service.wire import gearbox_pb2
+from service.stream.wire import gearbox_pb2
 from tests.generator_instances import RECORDINGS, rig
 
 CATALOGUE = tomllib.loads((RECORDINGS / "catalogue.toml").read_text(encoding="utf-8"))

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from recordings import simulate_file
 from recordings.generator import SpecError, simulate, write
 from recordings.generator.deliver import frames
-from service.wire import gearbox_pb2
+from service.stream.wire import gearbox_pb2
 from tests.generator_instances import RECORDINGS, SPEC, rig
 
 Y6, TORQUE = "gearbox/test-rig/accel/y6", "gearbox/test-rig/torque/pinion"

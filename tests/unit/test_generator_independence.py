@@ -30,4 +30,4 @@ def test_the_service_alone_is_used_for_the_wire_format():
     for file in sorted((ROOT / "recordings").rglob("*.py")):
         text = file.read_text(encoding="utf-8")
         if "service" in imported_packages(file):
-            assert "from service.wire import" in text and text.count("service.") == 1, file
+            assert "from service.stream.wire import" in text and text.count("service.") == 1, file

@@ -83,11 +83,11 @@ def test_the_service_asks_for_the_generator_in_the_command_line_alone_and_only_w
 def test_what_the_program_imports_is_declared():
     declared = {dist_name(d) for d in PROJECT["project"]["dependencies"]}
     dists = packages_distributions()
-    for folder in ("twin", "service", "recordings"):
+    for folder in ("twin", "service", "studies", "recordings"):
         for file in sources(folder):
             for name in imports(file):
                 top = name.partition(".")[0]
-                if top in sys.stdlib_module_names or top in ("twin", "service", "recordings"):
+                if top in sys.stdlib_module_names or top in ("twin", "service", "studies", "recordings"):
                     continue
                 of = {dist_name(d) for d in dists.get(top, ())}
                 assert of & declared, f"{file.relative_to(ROOT)}: {name} is not in pyproject.toml"

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.assess import rig_of
 from service.cli.show import WINDOW_COLUMNS, window_rows
-from service.sources.mcap import Recording, read_windows
+from service.runtime.assess import rig_of
+from service.stream.sources.mcap import Recording, read_windows
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
 from twin.errors import ParameterError, WindowError
 from twin.rig import Rig
 from twin.step import Options, State, step
-from twin.tracing.found import Found
+from twin.tracing.attribution import AttributedEffect
 from twin.windows import Fault, Samples, Window
 
 SHORT = Path(__file__).resolve().parents[2] / "recordings" / "short-campaign.mcap"
@@ -182,7 +182,7 @@ def test_missing_gear_encoder_leaves_the_pinions_with_a_wider_band():
 def test_wear_and_life_are_not_available_while_the_teeth_rattle():
     rig, windows = recorded()
     state = uninterrupted()[FIRST_WORN - 1][0]
-    rattle = Found(
+    rattle = AttributedEffect(
         addition=Addition(effect=EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=8.0, order=1.0)),
         parameters={}, log_evidence=100.0, runner_up=None, over_runner_up=0.0, numbers=(),
     )  # fmt: skip

@@ -17,8 +17,8 @@ from benchmarks.trace_campaigns.levels import LEVELS, SIZES, SPREAD
 from benchmarks.trace_campaigns.table import CONTRACT_EFFECTS, UNKNOWN, Put, Row, alternating, merged, spec_of
 from recordings.generator.effects import EFFECTS
 from recordings.generator.spec import read
-from service import assess
-from service.sources.mcap import Recording
+from service.runtime import assess
+from service.stream.sources.mcap import Recording
 from tests.generator_instances import SPEC
 
 ROOT = Path(__file__).parents[2]

@@ -10,26 +10,26 @@ from tests.mesh_pairs import UNSW_RIG
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
 from twin.errors import ParameterError
-from twin.features.beside import Beside
+from twin.features.non_gear import NonGearFeatures
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
+from twin.tracing.attribution import AttributedEffect
+from twin.tracing.attribution_loop import _same, listen
+from twin.tracing.change_detection import is_new, widened
 from twin.tracing.decisions import Decision
-from twin.tracing.following import _same, listen
-from twin.tracing.found import Found
-from twin.tracing.path import Quotient, gain_step
+from twin.tracing.held_out_error import HeldOutComparison, by_band_and_order, figures
+from twin.tracing.non_gear import find_non_gear_content
 from twin.tracing.reporting import effects_report, tracing_report
-from twin.tracing.state import Stage, Tracing, relevant
-from twin.tracing.strangers import strangers
+from twin.tracing.state import Tracing, TwinStage, relevant
 from twin.tracing.trace import held_out, trace
-from twin.tracing.unseen import Compared, by_band_and_order, figures
-from twin.tracing.watch import is_new, widened
-from twin.updating.again import Taken
+from twin.tracing.transfer_path import Quotient, gain_step
+from twin.updating.history import WindowInput
 from twin.updating.memory import Memory
 
 
 def found(name="misalignment", onset=0.0, value=30e-6, std=2e-6, **values):
     effect = EFFECTS[name](**(values or {"lead_gap": value}))
-    return Found(
+    return AttributedEffect(
         addition=Addition(effect=effect, onset_revolutions=onset),
         parameters={"lead_gap": (value, "m", std)},
         log_evidence=100.0,
@@ -57,7 +57,7 @@ def quotients(step=0.0, onset=3000.0, noise=0.01, seed=1):
 
 
 def beside(tones=(), lines=(), kurtosis=1.0, rates=(), swelling=()):
-    return Beside(
+    return NonGearFeatures(
         duration=5.0, speed_hz=10.0, tones=tones, lines=lines, kurtosis=kurtosis, rates=rates, swelling=swelling
     )
 
@@ -81,7 +81,9 @@ def test_line_seen_in_one_window_only_tells_no_step():
 
 def test_tone_steady_in_hertz_is_a_stranger_and_no_bearing():
     tone = (50.0, 0.01, 0.4, 0.01, 60.0)
-    heard = strangers([(1000.0 * n, beside(tones=(tone,), lines=((5.0, 0.4),))) for n in range(1, 6)], False)
+    heard = find_non_gear_content(
+        [(1000.0 * n, beside(tones=(tone,), lines=((5.0, 0.4),))) for n in range(1, 6)], False
+    )
     assert heard.unknown and heard.defect is None
     assert [round(t.frequency) for t in heard.tones] == [50]
     assert heard.orders == ()  # the same line, by its order at this speed
@@ -90,7 +92,7 @@ def test_tone_steady_in_hertz_is_a_stranger_and_no_bearing():
 def test_impacts_with_multiples_of_one_order_are_a_bearing_defect_with_its_onset():
     rates = tuple((3.6 * k * (1 + 0.001 * k), 0.2) for k in (1, 2, 3, 4))
     windows = [(1000.0 * n, beside(kurtosis=20.0 if n > 2 else 1.0, rates=rates if n > 2 else ())) for n in range(1, 7)]
-    heard = strangers(windows, False)
+    heard = find_non_gear_content(windows, False)
     assert heard.defect is not None
     assert heard.defect.effect.order == pytest.approx(3.6, rel=0.01)
     assert heard.defect.onset == pytest.approx(2500.0)
@@ -99,7 +101,7 @@ def test_impacts_with_multiples_of_one_order_are_a_bearing_defect_with_its_onset
 def test_evidence_of_a_defect_grows_with_its_multiples_and_windows():
     def evidence(multiples, count):
         rates = tuple((3.6 * k, 0.2) for k in range(1, multiples + 1))
-        heard = strangers([(1000.0 * n, beside(rates=rates)) for n in range(count)], False)
+        heard = find_non_gear_content([(1000.0 * n, beside(rates=rates)) for n in range(count)], False)
         return 0.0 if heard.defect is None else heard.defect.log_evidence
 
     assert 0 < evidence(4, 5) < evidence(6, 5) < evidence(6, 8)
@@ -110,23 +112,25 @@ def test_evidence_of_a_defect_grows_with_its_multiples_and_windows():
 def test_rates_that_fall_anywhere_are_no_defect(seed):
     rng = np.random.default_rng(seed)
     windows = [(1000.0 * n, beside(rates=tuple((r, 0.3) for r in rng.uniform(0.1, 40.0, 10)))) for n in range(8)]
-    assert strangers(windows, False).defect is None
+    assert find_non_gear_content(windows, False).defect is None
 
 
 def test_noise_that_comes_and_goes_with_a_shaft_is_unknown_with_the_shaft_and_its_first_window():
     windows = [(1000.0 * n, beside(swelling=(("gear", 1.4),) if n > 2 else ())) for n in range(1, 6)]
-    heard = strangers(windows, False)
+    heard = find_non_gear_content(windows, False)
     assert heard.swelling == "gear" and heard.unknown and heard.first == 3000.0
     assert "every turn of the gear" in heard.sentence()
-    assert strangers(windows[:3], False).swelling is None  # one window is none
-    assert strangers(windows, False, struck=True).swelling is None
-    assert not strangers([(1000.0 * n, beside(swelling=(("pinion", 0.6),))) for n in range(5)], False).unknown
+    assert find_non_gear_content(windows[:3], False).swelling is None  # one window is none
+    assert find_non_gear_content(windows, False, struck=True).swelling is None
+    assert not find_non_gear_content(
+        [(1000.0 * n, beside(swelling=(("pinion", 0.6),))) for n in range(5)], False
+    ).unknown
 
 
 def test_impacts_without_an_order_are_unknown_unless_a_tooth_strikes():
     windows = [(1000.0 * n, beside(kurtosis=40.0)) for n in range(1, 6)]
-    assert strangers(windows, False).impacts
-    assert not strangers(windows, False, struck=True).unknown
+    assert find_non_gear_content(windows, False).impacts
+    assert not find_non_gear_content(windows, False, struck=True).unknown
 
 
 def test_machine_without_a_twin_still_has_its_bearing_heard():
@@ -137,7 +141,7 @@ def test_machine_without_a_twin_still_has_its_bearing_heard():
         features = WindowFeatures(
             start_time_ns=n, duration=5.0, quality="good", speed_hz=10.0, revolutions=1000.0 * n, rms=3.0
         )
-        window = Taken(index=n, features=features, beside=beside(kurtosis=20.0, rates=rates))
+        window = WindowInput(index=n, features=features, non_gear=beside(kurtosis=20.0, rates=rates))
         tracing, events = listen(rig, tracing, window)
         told += events
     assert [f.name for f in tracing.found] == ["bearing_defect"]
@@ -153,28 +157,28 @@ def test_machine_whose_angle_is_too_coarse_for_the_mesh_has_its_bearing_heard_an
     rates = tuple((3.6 * k, 0.2) for k in (1, 2, 3, 4, 5, 6))
     heard = beside(kurtosis=20.0, rates=rates, lines=((5.3, 0.4),))
     windows = [
-        Taken(
+        WindowInput(
             index=n,
             features=WindowFeatures(
                 start_time_ns=n, duration=5.0, quality="good", speed_hz=10.0, revolutions=1000.0 * (n + 1), rms=3.0
             ),
-            beside=heard,
+            non_gear=heard,
         )
         for n in range(9)
     ]
     rig = Rig.from_mapping(UNSW_RIG)
     traced = trace(rig, windows, {}, None)
     assert [f.name for f in traced.found] == ["bearing_defect"]
-    assert traced.strangers.orders == () and not traced.strangers.unknown
+    assert traced.non_gear.orders == () and not traced.non_gear.unknown
     assert traced.held_out == (2, 5, 8) and traced.fitted == (0, 1, 3, 4, 6, 7)
     assert trace(rig, windows, {}, None, rejected=("bearing_defect",)).found == ()
     assert trace(rig, windows[:3], {}, None).found == ()  # three windows are not sure enough without the mesh phase
-    tooth = [replace(w, beside=beside(rates=tuple((1.0 * k, 0.2) for k in (3, 4, 5, 6)))) for w in windows]
+    tooth = [replace(w, non_gear=beside(rates=tuple((1.0 * k, 0.2) for k in (3, 4, 5, 6)))) for w in windows]
     assert trace(rig, tooth, {}, None).found == ()
 
 
 def test_quiet_machine_has_no_stranger():
-    assert not strangers([(1000.0 * n, beside()) for n in range(1, 6)], False).unknown
+    assert not find_non_gear_content([(1000.0 * n, beside()) for n in range(1, 6)], False).unknown
 
 
 def test_windows_once_held_out_stay_held_out():
@@ -188,7 +192,7 @@ def test_windows_once_held_out_stay_held_out():
 def compared(predicted, measured=None):
     orders = np.array([18.0, 19.0, 38.0])
     y = np.array([0.5, 3.0 + 1j, 2.0j]) if measured is None else measured
-    return Compared(
+    return HeldOutComparison(
         index=5, speed_hz=10.0, orders=orders, measured=y, predicted=predicted * y, std=np.full(3, 0.01),
         rms_measured=2.0, rms_predicted=2.2, error_left=1.0, error_measured=4.0,
     )  # fmt: skip
@@ -231,7 +235,7 @@ def test_memory_of_the_tracing_is_plain_data_and_comes_back_whole():
         next_trace=8,
         signs={"misfit": 0.3},
         found=(found(), found(onset=4000.0)),
-        stages=(Stage(memory=Memory(), depth=1e-5, depths={3: 1e-6, 4: 2e-6}, life=None),),
+        stages=(TwinStage(memory=Memory(), depth=1e-5, depths={3: 1e-6, 4: 2e-6}, life=None),),
         decisions={"misalignment": "pinned", "tooth_friction": "rejected"},
         errors=({"rms_percent": 1.0}, {"rms_percent": None}),
         strange=({"order": 5.0},),

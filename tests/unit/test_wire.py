@@ -9,9 +9,9 @@ import pytest
 from streams import ACCEL, ASSET, CHANNELS, frame
 
 from service.errors import FrameError
-from service.wire import gearbox_pb2 as pb
-from service.wire.codec import SCHEMAS, decode, encode, encoding_of, schema_data, schema_fault
-from service.wire.topics import Channel, parse_topic, topic_of
+from service.stream.wire import gearbox_pb2 as pb
+from service.stream.wire.codec import SCHEMAS, decode, encode, encoding_of, schema_data, schema_fault
+from service.stream.wire.topics import Channel, parse_topic, topic_of
 
 
 @pytest.mark.parametrize("channel", CHANNELS, ids=lambda c: c.label)

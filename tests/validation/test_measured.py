@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.baselines import compared, learned, load, strangers
 from service.errors import InputError
-from service.importing import import_recording
-from service.relating import answer
-from service.series import load_series
+from service.files.baseline import compared, learned, load, strangers
+from service.files.import_recording import import_recording
+from service.files.relation import answer
+from service.files.series import load_series
 from twin.levels.trials import LEAST_GAIN, try_all
 
 ROOT = Path(__file__).parents[2]

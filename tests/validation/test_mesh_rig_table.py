@@ -14,9 +14,9 @@ stronger curve with three terms, within 6 %.
 import numpy as np
 import pytest
 
+from benchmarks.quasi_static import nominal_mesh_stiffness
 from tests.mesh_pairs import UNSW, UNSW_RIG
 from twin.mesh.corner_contact import corner_gap
-from twin.mesh.quasi_static import nominal_mesh_stiffness
 from twin.mesh.stiffness import PairStiffness, pair_stiffness
 
 MESH = UNSW_RIG["mesh"]

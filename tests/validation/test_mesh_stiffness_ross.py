@@ -23,9 +23,9 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.quasi_static import nominal_mesh_stiffness
 from tests.mesh_pairs import ROOT, standard_pair
 from twin.mesh.foundation import body_factor
-from twin.mesh.quasi_static import nominal_mesh_stiffness
 from twin.mesh.stiffness import PairStiffness
 from twin.mesh.tooth_compliance import tooth_compliance
 

@@ -17,9 +17,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from twin.multibody.bands import shaft_lines
-from twin.multibody.dabrowski_2012 import MOST_AT, TEETH, drawn, system
-from twin.multibody.study import COARSE, SIGNALS, SPEEDS_RPM, mean_miss, rises_of, run
+from studies.misalignment.bands import shaft_lines
+from studies.misalignment.dabrowski_2012 import MOST_AT, TEETH, drawn, system
+from studies.misalignment.study import COARSE, SIGNALS, SPEEDS_RPM, mean_miss, rises_of, run
 
 SUPPORTS = ("rigid", "bearings", "shafts", "both")
 SETS, SURE = 20, 16

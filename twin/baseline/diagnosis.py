@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from twin.baseline.findings import EXTRAPOLATED, SMOOTH, Compared, ShaftChange, compare
+from twin.baseline.findings import EXTRAPOLATED, SMOOTH, BaselineComparison, ShaftChange, compare
 from twin.baseline.learned import Baseline
 from twin.baseline.operating import UNITS
-from twin.baseline.path import LEAST_COMMON, Path, name_of_path
-from twin.baseline.reading import Reading
+from twin.baseline.reading import WindowReading
+from twin.baseline.transfer_path import LEAST_COMMON, Path, name_of_path
 from twin.effects import EFFECTS
 from twin.effects.signature import Signature
 from twin.errors import NotAvailable
@@ -35,9 +35,9 @@ LOCAL_BESIDE = ("a coupling, a seat or a load of that shaft that pushes once a t
 class Parts:
     """One window's lines: of all its turns, and of either half where they are long enough."""
 
-    whole: Reading
-    first: Reading | None = None
-    second: Reading | None = None
+    whole: WindowReading
+    first: WindowReading | None = None
+    second: WindowReading | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +60,7 @@ class Named:
 class Diagnosis:
     """A recording beside its baseline."""
 
-    compared: tuple[Compared, ...]
+    compared: tuple[BaselineComparison, ...]
     effects: tuple[Named, ...]
     errors: Mapping[str, Mapping[str, float]]  # by channel: waveform and rms, before and after [%], on unseen turns
     bands: tuple[Mapping[str, Any], ...]
@@ -123,11 +123,11 @@ def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
     )
 
 
-def _majority(found: Sequence[int], compared: Sequence[Compared]) -> bool:
+def _majority(found: Sequence[int], compared: Sequence[BaselineComparison]) -> bool:
     return 2 * len(found) > len(compared)
 
 
-def _paths(compared: Sequence[Compared]) -> list[Named]:
+def _paths(compared: Sequence[BaselineComparison]) -> list[Named]:
     """Changed ways to sensors."""
     out = []
     for channel in compared[0].expected.lines:
@@ -165,7 +165,7 @@ def _paths(compared: Sequence[Compared]) -> list[Named]:
     return out
 
 
-def _path_evidence(compared: Compared, path: Path) -> float:
+def _path_evidence(compared: BaselineComparison, path: Path) -> float:
     """What the gain of a path explains of a channel's lines [nat]."""
     x, σ = compared.expected.lines[path.channel], compared.expected.std[path.channel]
     y = compared.reading.channels[path.channel].lines[: x.size]
@@ -174,7 +174,7 @@ def _path_evidence(compared: Compared, path: Path) -> float:
     return float(np.sum(gained) - path.gain.size)  # one nat for every band's complex gain
 
 
-def _shafts(baseline: Baseline, compared: Sequence[Compared]) -> list[Named]:
+def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[Named]:
     """What single shafts do otherwise than before."""
     out = []
     for shaft in (*baseline.shafts, Fraction(int(baseline.rig.teeth[0]))):
@@ -312,7 +312,7 @@ def _bands(channel: str, powers: Sequence[np.ndarray], period: int, z1: int, spe
     return out
 
 
-def _left(compared: Sequence[Compared]) -> tuple[float | None, float, list[dict[str, float]]]:
+def _left(compared: Sequence[BaselineComparison]) -> tuple[float | None, float, list[dict[str, float]]]:
     """Share of the energy left beyond the healthy scatter [%], its misfit, and its strongest lines."""
     energy = beyond = 0.0
     misfits: list[float] = []

@@ -29,9 +29,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from twin.baseline.learned import Baseline, Expected
-from twin.baseline.path import LEAST_SENSORS, Path, band_gains, band_levels, common_level, lesser
-from twin.baseline.reading import Reading
+from twin.baseline.learned import Baseline, ExpectedLines
+from twin.baseline.reading import WindowReading
+from twin.baseline.transfer_path import LEAST_SENSORS, Path, band_gains, band_levels, common_level, lesser
 
 LEAST_BANDS = 3  # that a path is told by
 TURNED = 0.6  # of the mesh's phase, that the angle between two windows may be off [rad]
@@ -81,11 +81,11 @@ class ShaftChange:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Compared:
+class BaselineComparison:
     """A window beside the healthy machine."""
 
-    reading: Reading
-    expected: Expected
+    reading: WindowReading
+    expected: ExpectedLines
     paths: tuple[Path, ...]
     changes: tuple[ShaftChange, ...]  # of every shaft and channel, strongest evidence first
 
@@ -146,7 +146,7 @@ class Compared:
         return power
 
 
-def compare(baseline: Baseline, reading: Reading) -> Compared:
+def compare(baseline: Baseline, reading: WindowReading) -> BaselineComparison:
     """A window beside the baseline; NotAvailable where they cannot be compared."""
     expected = baseline.expected(reading)
     more = expected.wider if expected.interpolated else max(expected.wider, EXTRAPOLATED)
@@ -204,7 +204,7 @@ def compare(baseline: Baseline, reading: Reading) -> Compared:
             )
         )
     changes.sort(key=lambda c: -c.log_evidence)
-    return Compared(reading=reading, expected=expected, paths=tuple(paths), changes=tuple(changes))
+    return BaselineComparison(reading=reading, expected=expected, paths=tuple(paths), changes=tuple(changes))
 
 
 def _turned_mesh(y: np.ndarray, x: np.ndarray, σ: np.ndarray, mesh: Fraction, period: int) -> np.ndarray:

@@ -26,8 +26,8 @@ from scipy.ndimage import uniform_filter1d
 
 from twin.baseline.alignment import Alignment, align
 from twin.baseline.operating import axes_of, miss_of, order_of, point_of, weights_of
-from twin.baseline.path import band_gains, band_levels, lesser
-from twin.baseline.reading import Reading
+from twin.baseline.reading import WindowReading
+from twin.baseline.transfer_path import band_gains, band_levels, lesser
 from twin.errors import NotAvailable, ParameterError
 from twin.rig import Rig
 
@@ -39,7 +39,7 @@ Values = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Expected:
+class ExpectedLines:
     """What a healthy machine would show at one window's operating point, in the window's own angle."""
 
     lines: Mapping[str, np.ndarray]  # x_k (K,) by channel
@@ -58,7 +58,7 @@ class Baseline:
 
     rig: Rig
     shafts: tuple[Fraction, ...]  # orders of all shafts
-    readings: tuple[Reading, ...]  # laid over one another, in the order of their operating points
+    readings: tuple[WindowReading, ...]  # laid over one another, in the order of their operating points
     std: Mapping[str, np.ndarray]  # by channel (K,)
     path_scatter: Mapping[str, float]  # rms of what gain and level of each path both show among the recordings, in ln
 
@@ -71,7 +71,7 @@ class Baseline:
         """What tells operating points apart: `torque_nm`, `speed_hz` or both."""
         return axes_of(self.readings)
 
-    def operating_point(self, reading: Reading) -> np.ndarray:
+    def operating_point(self, reading: WindowReading) -> np.ndarray:
         """u of a window on the axes (d,)."""
         return point_of(reading, self.axes)
 
@@ -81,13 +81,13 @@ class Baseline:
         points = np.array([self.operating_point(r) for r in self.readings])
         return {axis: (float(p.min()), float(p.max())) for axis, p in zip(self.axes, points.T, strict=True)}
 
-    def expected(self, reading: Reading) -> Expected:
+    def expected(self, reading: WindowReading) -> ExpectedLines:
         """The healthy machine at a window's operating point, laid over the window."""
         if reading.period != self.period:
             raise ParameterError(f"lines at 1/{reading.period} order against a baseline at 1/{self.period}")
         return _expected(self.rig, self.readings, self.std, reading, self.axes)
 
-    def swapped(self, reading: Reading) -> tuple[str, str] | None:
+    def swapped(self, reading: WindowReading) -> tuple[str, str] | None:
         """Two channels whose names seem exchanged: with each as the other the pattern of the teeth fits much better."""
         lines, *_ = _interpolated(self.readings, reading, self.axes)
         named = _lines(reading)
@@ -105,7 +105,7 @@ def _fit(lines: Values, others: Values, period: int, teeth: int) -> float:
     return 0.0 if found is None else found.correlation
 
 
-def learn(rig: Rig, readings: Sequence[Reading], shafts: Sequence[Fraction]) -> Baseline:
+def learn(rig: Rig, readings: Sequence[WindowReading], shafts: Sequence[Fraction]) -> Baseline:
     """A baseline from recordings of the healthy machine, two at least.
 
     Raises NotAvailable where they do not share a channel.
@@ -119,15 +119,15 @@ def learn(rig: Rig, readings: Sequence[Reading], shafts: Sequence[Fraction]) -> 
     return Baseline(rig=rig, shafts=tuple(shafts), readings=laid, std=std, path_scatter=path)
 
 
-def _lines(reading: Reading) -> dict[str, np.ndarray]:
+def _lines(reading: WindowReading) -> dict[str, np.ndarray]:
     return {name: c.lines for name, c in reading.channels.items()}
 
 
-def _laid_over(rig: Rig, readings: Sequence[Reading], axes: Sequence[str]) -> tuple[Reading, ...]:
+def _laid_over(rig: Rig, readings: Sequence[WindowReading], axes: Sequence[str]) -> tuple[WindowReading, ...]:
     """All readings in the angle of the middle one, each by its nearest neighbour that is there already."""
     if all(r.absolute for r in readings):
         return tuple(readings)
-    out: dict[int, Reading] = {}
+    out: dict[int, WindowReading] = {}
     for i, j in order_of(np.array([point_of(r, axes) for r in readings])):
         if j is None:
             out[i] = readings[i]
@@ -139,7 +139,7 @@ def _laid_over(rig: Rig, readings: Sequence[Reading], axes: Sequence[str]) -> tu
     return tuple(out[i] for i in range(len(readings)))
 
 
-def _turned(reading: Reading, alignment: Alignment) -> Reading:
+def _turned(reading: WindowReading, alignment: Alignment) -> WindowReading:
     channels = {
         name: replace(c, lines=alignment.turned(c.lines, reading.period)) for name, c in reading.channels.items()
     }
@@ -147,7 +147,7 @@ def _turned(reading: Reading, alignment: Alignment) -> Reading:
 
 
 def _interpolated(
-    readings: Sequence[Reading], reading: Reading, axes: Sequence[str]
+    readings: Sequence[WindowReading], reading: WindowReading, axes: Sequence[str]
 ) -> tuple[Values, Values, bool, tuple[str, ...]]:
     """Lines and their powers at a reading's point, whether it lies among the others, and the names of its source."""
     points = np.array([point_of(r, axes) for r in readings])
@@ -163,8 +163,12 @@ def _interpolated(
 
 
 def _expected(
-    rig: Rig, readings: Sequence[Reading], std: Mapping[str, np.ndarray], reading: Reading, axes: Sequence[str]
-) -> Expected:
+    rig: Rig,
+    readings: Sequence[WindowReading],
+    std: Mapping[str, np.ndarray],
+    reading: WindowReading,
+    axes: Sequence[str],
+) -> ExpectedLines:
     lines, power, inside, between = _interpolated(readings, reading, axes)
     found = None
     if not (reading.absolute and all(r.absolute for r in readings)):
@@ -175,7 +179,7 @@ def _expected(
     shared = [name for name in reading.channels if name in lines and name in std]
     wider, left_out = _wider(readings, reading, axes)
     sizes = {n: min(reading.channels[n].lines.size, lines[n].size, std[n].size) for n in shared}
-    return Expected(
+    return ExpectedLines(
         lines={name: lines[name][:m] for name, m in sizes.items()},
         power={name: power[name][:m] for name, m in sizes.items()},
         std={name: wider * std[name][:m] for name, m in sizes.items()},
@@ -187,7 +191,7 @@ def _expected(
     )
 
 
-def _wider(readings: Sequence[Reading], reading: Reading, axes: Sequence[str]) -> tuple[float, int]:
+def _wider(readings: Sequence[WindowReading], reading: WindowReading, axes: Sequence[str]) -> tuple[float, int]:
     """Root of V over V̄ of those left out from which the scatter was taken, 1 at least; and how many they are."""
     points = np.array([point_of(r, axes) for r in readings])
     left_out, between = [], []
@@ -202,7 +206,7 @@ def _wider(readings: Sequence[Reading], reading: Reading, axes: Sequence[str]) -
     return float(np.sqrt(max(miss_of(points, at, weights_of(points, at)[0]) / usual, 1.0))), len(used)
 
 
-def _scatter(readings: Sequence[Reading], axes: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+def _scatter(readings: Sequence[WindowReading], axes: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """What readings miss of the baseline of the others: of each line (K,), and of the path's ln|g|; by channel."""
     missed: dict[str, list[tuple[np.ndarray, ...]]] = {}
     left_out = []

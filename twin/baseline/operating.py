@@ -25,7 +25,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
-from twin.baseline.reading import Reading
+from twin.baseline.reading import WindowReading
 from twin.errors import NotAvailable
 
 VARIES = 0.03  # of torque, relative, from which it is an axis
@@ -38,7 +38,7 @@ SMOOTHNESS = 1.5  # p
 UNITS = {"torque_nm": "N·m", "speed_hz": "Hz"}
 
 
-def axes_of(readings: Sequence[Reading]) -> tuple[str, ...]:
+def axes_of(readings: Sequence[WindowReading]) -> tuple[str, ...]:
     """Names of what tells the operating points of these readings apart."""
     torques = [r.torque_nm for r in readings]
     if any(t is None for t in torques):
@@ -54,7 +54,7 @@ def axes_of(readings: Sequence[Reading]) -> tuple[str, ...]:
     return ("torque_nm",)
 
 
-def point_of(reading: Reading, axes: Sequence[str]) -> np.ndarray:
+def point_of(reading: WindowReading, axes: Sequence[str]) -> np.ndarray:
     """A reading's place on the axes (d,); NotAvailable where it lacks one."""
     if "torque_nm" in axes and reading.torque_nm is None:
         raise NotAvailable("the window has no torque, by which the baseline was learned")

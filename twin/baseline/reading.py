@@ -47,7 +47,7 @@ class ChannelLines:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Reading:
+class WindowReading:
     """One window's lines."""
 
     name: str  # of the recording and window
@@ -105,7 +105,7 @@ def read(
     name: str,
     track: AngleTrack | None = None,
     part: tuple[float, float] = (0.0, 1.0),
-) -> Reading:
+) -> WindowReading:
     """The lines of every accelerometer of a window at the orders of its shafts.
 
     shafts  order of every shaft, of the pinion's rotation: the pinion's own 1 among them
@@ -134,7 +134,7 @@ def read(
     if not channels:
         raise NotAvailable("no accelerometer can be used: " + ("; ".join(reasons) or "there is none"))
     torque = [float(np.nanmean(s.values)) for s in window.torques.values() if np.isfinite(s.values).any()]
-    return Reading(
+    return WindowReading(
         name=name,
         start_time_ns=window.start_time_ns,
         duration=window.duration,

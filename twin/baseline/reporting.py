@@ -10,10 +10,10 @@ import numpy as np
 
 from twin.baseline.causes import causes_of
 from twin.baseline.diagnosis import Diagnosis, Named, Parts, diagnose, shaft_name
-from twin.baseline.findings import Compared
+from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
 from twin.baseline.reading import TURNS_PER_PERIOD, angle_of, read
-from twin.baseline.spacing import Spacing, strange_spacing
+from twin.baseline.spacing import Spacing, unattributed_spacing
 from twin.errors import NotAvailable
 from twin.features.angle import AngleTrack
 from twin.rig import Rig
@@ -31,7 +31,7 @@ def told_of(baseline: Baseline, rig: Rig, window: Window, name: str) -> dict[str
         raise NotAvailable(f"the rig file has {rig.teeth} teeth, the baseline's {baseline.rig.teeth}: which are right?")
     track = angle_of(rig, window)
     found = diagnose(baseline, [parts_of(baseline, window, name, track)])
-    spacing = strange_spacing(window.accelerations, track, rig.teeth, baseline.shafts)
+    spacing = unattributed_spacing(window.accelerations, track, rig.teeth, baseline.shafts)
     return sections(baseline, found) | {
         "baseline": described(baseline) | {"window": record(0, found.compared[0])},
         "strange": strange_of(baseline, [(name, spacing, track)]),
@@ -46,7 +46,7 @@ def strangers_of(rig: Rig, window: Window, name: str) -> dict[str, Any]:
     z1, z2 = rig.teeth
     shafts = (Fraction(1), Fraction(int(z1), int(z2)))
     track = angle_of(rig, window)
-    spacing = strange_spacing(window.accelerations, track, rig.teeth, shafts)
+    spacing = unattributed_spacing(window.accelerations, track, rig.teeth, shafts)
     found = strange([(name, spacing, track)], shafts, ("pinion", "gear"))
     if spacing is None or not found:
         return {}
@@ -161,7 +161,7 @@ def described(baseline: Baseline) -> dict[str, Any]:
     }
 
 
-def record(index: int, compared: Compared) -> dict[str, Any]:
+def record(index: int, compared: BaselineComparison) -> dict[str, Any]:
     """A window beside a baseline."""
     reading, expected = compared.reading, compared.expected
     return {

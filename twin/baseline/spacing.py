@@ -102,7 +102,7 @@ def _spectra(accelerations: Mapping[str, Samples], track: AngleTrack, period: in
     return out
 
 
-def strange_spacing(
+def unattributed_spacing(
     accelerations: Mapping[str, Samples], track: AngleTrack, teeth: tuple[int, int], shafts: Sequence[Fraction]
 ) -> Spacing | None:
     """The spacing that stands out most; None where none does, or there is no accelerometer."""

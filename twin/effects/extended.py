@@ -35,7 +35,7 @@ from twin.effects.setup import contacts_of, sampled, setup_of
 from twin.effects.torque_ripple import TorqueRipple
 from twin.errors import NotConverged
 from twin.model import Condition, Model
-from twin.wear.curve import LINES, Lines
+from twin.wear.curve import LINES, MeshLines
 from twin.wear.profile import WornProfile
 
 BESIDE_THE_MESH = (BearingDefect, MassUnbalance, TorqueRipple, BacklashRattle)  # their lines are no mesh orders
@@ -126,7 +126,7 @@ def extend(model: Model, effects: Iterable[Effect]) -> Model:
 class WindowLines:
     """What a window is expected to show at the mesh orders."""
 
-    lines: Lines
+    lines: MeshLines
     beyond: np.ndarray  # acceleration lines above the LINES-th [m/s²]
     contact_loss: float
 
@@ -139,7 +139,7 @@ def window_lines(model: Model, profile: WornProfile, condition: Condition) -> Wi
         if not steady.converged:
             raise NotConverged(f"no steady state at {condition.speed_hz:g} Hz, {condition.torque:g} N·m")
         return WindowLines(
-            lines=Lines.of(model, steady, condition),
+            lines=MeshLines.of(model, steady, condition),
             beyond=model.acceleration_lines(steady)[LINES:],
             contact_loss=steady.contact_loss,
         )
@@ -154,7 +154,7 @@ def window_lines(model: Model, profile: WornProfile, condition: Condition) -> Wi
     motion = response.steady.lines(response.setup.structure, direction({"th7": model.mesh.pair.base_radius[0]}))
     heard = response.acceleration(orders)
     return WindowLines(
-        lines=Lines(
+        lines=MeshLines(
             transmission_error=response.transmission_error(orders[:LINES]),
             mean=response.mean_transmission_error,
             pinion_motion=motion[step - 1 :: step][:LINES],

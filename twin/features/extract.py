@@ -20,7 +20,7 @@ from twin.features.mesh_speed import mesh_track
 from twin.features.orders import mesh_bands
 from twin.features.resample import AngleSignal, on_angle, spline_response
 from twin.features.transmission_error import pinion_motion, transmission_error
-from twin.features.window_features import Lines, WindowFeatures
+from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.rig import Rig
 from twin.windows import Samples, Window
 
@@ -118,7 +118,7 @@ def _acceleration(out: _Collector, rig: Rig, samples: Samples, track: AngleTrack
         out.missing("acceleration mesh_bands noise_rms", str(error))
         return
 
-    def lines() -> Lines:
+    def lines() -> MeasuredLines:
         highest = min(HIGHEST_LINE, USABLE_RATE * samples.rate)
         keys = mesh_keys(_harmonics(track, rig.teeth, highest, MOST_HARMONICS), SIDEBAND_HARMONICS)
         keys += [(0, p, 0) for p in (1, 2, 3)]
@@ -133,7 +133,7 @@ def _acceleration(out: _Collector, rig: Rig, samples: Samples, track: AngleTrack
 
 
 def _torque(out: _Collector, rig: Rig, samples: Samples, track: AngleTrack) -> None:
-    def lines() -> Lines:
+    def lines() -> MeasuredLines:
         signal, per_turn = on_angle(samples, track)
         keys = [(0, 0, 0)]
         keys += mesh_keys(_harmonics(track, rig.teeth, USABLE_RATE * samples.rate, TE_HARMONICS), 1)
@@ -144,7 +144,7 @@ def _torque(out: _Collector, rig: Rig, samples: Samples, track: AngleTrack) -> N
 
 
 def _transmission_error(out: _Collector, rig: Rig, window: Window, track: AngleTrack) -> None:
-    def compute() -> Lines:
+    def compute() -> MeasuredLines:
         missing = [s for s in ("pinion", "gear") if s not in window.encoders]
         if missing:
             raise NotAvailable(f"transmission error is not available: no encoder on the {' and the '.join(missing)}")
@@ -165,7 +165,7 @@ def _transmission_error(out: _Collector, rig: Rig, window: Window, track: AngleT
     if "pinion" not in window.encoders or "gear" in window.encoders:
         return
 
-    def alone() -> Lines:
+    def alone() -> MeasuredLines:
         edges, teeth = window.encoders["pinion"], rig.teeth
         signal, unit = pinion_motion(edges, _base_radius(rig), track)
         harmonics = min(TE_HARMONICS, int(USABLE_RATE * edges.per_rev / teeth[0]))

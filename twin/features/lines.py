@@ -11,7 +11,7 @@ from twin.errors import NotAvailable
 from twin.features.gaps import runs
 from twin.features.orders import hann, order_lines
 from twin.features.resample import AngleSignal
-from twin.features.window_features import Key, Lines
+from twin.features.window_features import Key, MeasuredLines
 
 
 def order_of(key: Key, teeth: tuple[int, int]) -> float:
@@ -36,7 +36,9 @@ def shaft_keys(teeth: tuple[int, int], below: float) -> list[Key]:
     return keys + [(0, 0, g) for g in range(1, int(limit * z2 / z1) + 1)]
 
 
-def read_lines(signal: AngleSignal, keys: list[Key], teeth: tuple[int, int], unit: str, parts: Callable) -> Lines:
+def read_lines(
+    signal: AngleSignal, keys: list[Key], teeth: tuple[int, int], unit: str, parts: Callable
+) -> MeasuredLines:
     """Lines of a signal on even angle at the orders of the keys, most wanted first.
 
     parts   gives, for the orders, what `order_lines` takes: the signal's parts and how each was attenuated
@@ -44,7 +46,7 @@ def read_lines(signal: AngleSignal, keys: list[Key], teeth: tuple[int, int], uni
     orders = np.array([order_of(key, teeth) for key in keys])
     found = order_lines(signal, orders, parts(orders))
     good = np.isfinite(found.std)
-    return Lines(
+    return MeasuredLines(
         unit=unit,
         keys=tuple(k for k, ok in zip(keys, good, strict=True) if ok),
         orders=tuple(float(o) for o in orders[good]),

@@ -19,7 +19,7 @@ Key = tuple[int, int, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Lines:
+class MeasuredLines:
     """Complex lines of one signal: x(θ) ≈ Re Σ X exp(i·order·θ), θ the absolute pinion angle."""
 
     unit: str
@@ -74,7 +74,7 @@ class Lines:
         }
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Lines:
+    def from_dict(cls, data: Mapping[str, Any]) -> MeasuredLines:
         return cls(
             unit=data["unit"],
             keys=tuple((int(k), int(p), int(g)) for k, p, g in data["keys"]),
@@ -110,10 +110,10 @@ class WindowFeatures:
     band: tuple[float, float] | None = None  # [Hz]
     mesh_bands: tuple[float | None, ...] | None = None  # RMS of mesh harmonics 1 … 5 ± 2 shaft orders [m/s²]
 
-    acceleration: Lines | None = None  # [m/s²]
-    transmission_error: Lines | None = None  # [m], or [rad] at the pinion where no base radius is known
-    pinion_motion: Lines | None = None  # r_b1·θ1 about its smoothed rotation, where the gear has no encoder [m]
-    torque: Lines | None = None  # [N·m]
+    acceleration: MeasuredLines | None = None  # [m/s²]
+    transmission_error: MeasuredLines | None = None  # [m], or [rad] at the pinion where no base radius is known
+    pinion_motion: MeasuredLines | None = None  # r_b1·θ1 about its smoothed rotation, where the gear has no encoder [m]
+    torque: MeasuredLines | None = None  # [N·m]
 
     unavailable: Mapping[str, str] = field(default_factory=dict)  # what is None, and why
 
@@ -122,7 +122,7 @@ class WindowFeatures:
         out: dict[str, Any] = {}
         for f in fields(self):
             value = getattr(self, f.name)
-            if isinstance(value, Lines):
+            if isinstance(value, MeasuredLines):
                 value = value.to_dict()
             elif isinstance(value, tuple):
                 value = list(value)
@@ -136,7 +136,7 @@ class WindowFeatures:
         values = dict(data)
         for name in ("acceleration", "transmission_error", "pinion_motion", "torque"):
             if values.get(name) is not None:
-                values[name] = Lines.from_dict(values[name])
+                values[name] = MeasuredLines.from_dict(values[name])
         for name in ("band", "mesh_bands"):
             if values.get(name) is not None:
                 values[name] = tuple(values[name])

@@ -47,23 +47,23 @@ class Errors:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Expected:
+class ExpectedLevel:
     """What is said of one case in advance, conditions in the order of the cases' levels."""
 
     log_level: np.ndarray  # μ (m,)
     covariance: np.ndarray  # S (m, m)
 
 
-def by_relation(relation: Relation, depth: float) -> Expected:
+def by_relation(relation: Relation, depth: float) -> ExpectedLevel:
     """What a relation says of a case at a depth [m]."""
     labels = list(relation.curves)
-    return Expected(
+    return ExpectedLevel(
         log_level=np.log([float(relation.level(k, depth)) for k in labels]),
         covariance=relation.covariance(labels),
     )
 
 
-def by_curve(cases: Cases, predict: Predict) -> Callable[[float], Expected]:
+def by_curve(cases: Cases, predict: Predict) -> Callable[[float], ExpectedLevel]:
     """What a curve through the worn cases of every condition says of other cases, by their depth [m]."""
     worn = cases.only(cases.worn)
 
@@ -76,10 +76,10 @@ def by_curve(cases: Cases, predict: Predict) -> Callable[[float], Expected]:
     measured = np.log(list(worn.level.values()))
     off = [measured[:, i] - log_level(index != i, float(worn.depth[i])) for i in index]
     covariance = np.transpose(off) @ off / worn.depth.size + LEAST_VARIANCE * np.eye(len(measured))
-    return lambda depth: Expected(log_level=log_level(index >= 0, depth), covariance=covariance)
+    return lambda depth: ExpectedLevel(log_level=log_level(index >= 0, depth), covariance=covariance)
 
 
-def score(cases: Cases, expected: Sequence[Expected], assembly: bool | Sequence[bool] = False) -> Errors:
+def score(cases: Cases, expected: Sequence[ExpectedLevel], assembly: bool | Sequence[bool] = False) -> Errors:
     """Errors and density of what was said of cases, one each.
 
     assembly  whether a condition is predicted from the case's levels under the others, too; of all cases or of each

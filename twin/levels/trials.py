@@ -38,7 +38,7 @@ from twin.errors import NotConverged, ParameterError
 from twin.levels.curve import LevelCurve, level_curve, linear_curve
 from twin.levels.left_out import (
     Errors,
-    Expected,
+    ExpectedLevel,
     Predict,
     by_curve,
     by_relation,
@@ -77,7 +77,7 @@ FEW = 4  # cases from which the gain is taken where the rest is to be predicted
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Trial:
+class CauseTrial:
     """One cause with what it makes of the errors."""
 
     name: str
@@ -113,7 +113,7 @@ class Tried:
 
     cases: Cases
     curves: Mapping[str, Curves]  # by name; the twin's own is "twin"
-    trials: tuple[Trial, ...]  # beginning with straight line, spline, twin, twin with background
+    trials: tuple[CauseTrial, ...]  # beginning with straight line, spline, twin, twin with background
     choice: Choice  # what holds: the combination with the best density on cases left out
     relation: Relation  # by it, of all cases
     choices: tuple[Choice, ...]  # chosen without each worn case
@@ -257,13 +257,13 @@ def halves(cases: Cases) -> tuple[np.ndarray, np.ndarray]:
 
 def judge(cases: Cases, fits: Fits) -> dict[str, Errors]:
     """Chosen and fitted on one half of the cases, errors on the other, and the other way round."""
-    expected: dict[str, dict[int, Expected]] = {}
+    expected: dict[str, dict[int, ExpectedLevel]] = {}
     assembly: dict[int, bool] = {}
     for known in halves(cases):
         some = cases.only(known)
         choice = choose(some, fits)
         background, chosen = fits.of(some, "twin", PLAIN), fits.of(some, choice.curves, choice.form)
-        ways: dict[str, Callable[[float], Expected]] = {n: by_curve(some, curve) for n, curve in BLIND.items()}
+        ways: dict[str, Callable[[float], ExpectedLevel]] = {n: by_curve(some, curve) for n, curve in BLIND.items()}
         ways |= {"background": partial(by_relation, background), "chosen": partial(by_relation, chosen)}
         for i in np.flatnonzero(~known).tolist():
             assembly[i] = choice.assembly
@@ -360,18 +360,18 @@ def try_all(
 
 def _singly(
     cases: Cases, fits: Fits, ways: Mapping[str, str], drawn_names: Sequence[str]
-) -> tuple[list[Trial], dict[str, tuple[float, float, float]]]:
+) -> tuple[list[CauseTrial], dict[str, tuple[float, float, float]]]:
     """Every cause by itself beside the twin with its background, and what draws of the estimated values spread by."""
 
     def errors(cause: str, form: Form = PLAIN, *, assembly: bool = False) -> Errors:
         return leave_out(cases, lambda others: fits.of(others, cause, form), assembly=assembly)
 
     base = errors("twin")
-    trials: list[Trial] = []
+    trials: list[CauseTrial] = []
 
     def add(name: str, said: str, errors: Errors, cause: bool = False) -> None:
         trials.append(
-            Trial(name=name, said=said, errors=errors, gain=errors.log_density - base.log_density, cause=cause)
+            CauseTrial(name=name, said=said, errors=errors, gain=errors.log_density - base.log_density, cause=cause)
         )
 
     blind = {name: of_curve(cases, curve) for name, curve in BLIND.items()}

@@ -24,7 +24,7 @@ from twin.effects.response import Effect
 from twin.errors import TwinError
 from twin.model import Model
 from twin.tracing.candidates import TRIALS, plain, started
-from twin.tracing.joint_fit import JointFit, Trial
+from twin.tracing.joint_fit import EffectTrial, JointFit
 from twin.tracing.mesh_block import MOST_EFFECTS, ROUNDS, SHAPING, Candidate, MeshBlock, MeshFindings, rivals
 from twin.tracing.observed import Observed
 from twin.wear.profile import WornProfile
@@ -91,7 +91,7 @@ def _seen(window: Observed, found: WindowLines) -> dict[str, np.ndarray]:
     return {"encoder": error[:5], "torque": error[:3], "acceleration": found.lines.acceleration[:10]}
 
 
-def _additions(trials: Sequence[Trial], effects: Sequence[Effect]) -> list[Addition]:
+def _additions(trials: Sequence[EffectTrial], effects: Sequence[Effect]) -> list[Addition]:
     return [Addition(effect=plain(e), onset_revolutions=t.onset) for t, e in zip(trials, effects, strict=True)]
 
 
@@ -101,7 +101,7 @@ class _Search:
     def __init__(self, block: MeshBlock, profiles: Mapping[int, WornProfile], teeth: Teeth) -> None:
         self.block, self.profiles, self.teeth = block, profiles, teeth
 
-    def beside(self, trials: Sequence[Trial], start: JointFit, together: bool) -> MeshBlock:
+    def beside(self, trials: Sequence[EffectTrial], start: JointFit, together: bool) -> MeshBlock:
         """The windows with what the teeth make beside trials as they start."""
         effects = [t.make(np.array([f.start for f in t.free])) for t in trials]
         beside = _additions(trials, effects)
@@ -109,16 +109,16 @@ class _Search:
         factors = factors_of(self.block.model, self.block.windows, self.profiles, teeth, beside, together)
         return MeshBlock(self.block.model, self.block.windows, start.depth, start.phase, factors, self.block.channels)
 
-    def fitted(self, trials: Sequence[Trial], start: JointFit, together: bool, rounds: int) -> JointFit | None:
+    def fitted(self, trials: Sequence[EffectTrial], start: JointFit, together: bool, rounds: int) -> JointFit | None:
         """Trials with what the teeth make beside them; None without a steady state."""
         try:
             return self.beside(trials, start, together).fitted(trials, None, rounds)[0]
         except TwinError:
             return None
 
-    def screened(self, trial: Trial, present: Sequence[Trial], best: JointFit) -> Candidate | None:
+    def screened(self, trial: EffectTrial, present: Sequence[EffectTrial], best: JointFit) -> Candidate | None:
         """A trial beside those present, pinion and gear one after the other."""
-        trials: Sequence[Trial] = (*present, trial)
+        trials: Sequence[EffectTrial] = (*present, trial)
         first = self.fitted(trials, best, False, 1)
         if first is None:
             return None
@@ -139,7 +139,7 @@ class _Search:
         return Candidate(trial=fit.trials[-1], fit=fit, wear=self.block.wear((), fit), gain=gain, worn_with=True)
 
 
-def again(fit: JointFit) -> tuple[Trial, ...]:
+def again(fit: JointFit) -> tuple[EffectTrial, ...]:
     """Its trials, starting where they have come to."""
     return tuple(started(t, fit.numbers(t)[0], t.onset) for t in fit.trials)
 
@@ -150,7 +150,7 @@ def _large(numbers: np.ndarray) -> bool:
 
 def explained_beside_teeth(
     block: MeshBlock,
-    kept: Sequence[Trial],
+    kept: Sequence[EffectTrial],
     profiles: Mapping[int, WornProfile],
     teeth: Teeth,
     skip: Sequence[str],

@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.effects import EFFECTS, Parameter
 from twin.effects.response import Effect
-from twin.tracing.joint_fit import Free, Trial
+from twin.tracing.joint_fit import EffectTrial, Free
 
 FRICTION, LEAD, RELIEF, SLOPE, LENGTH, LOSS = 0.1, 30e-6, 10e-6, 5e-6, 2e-3, 0.15
 
@@ -40,14 +40,20 @@ def _damping(v: np.ndarray) -> Effect:
     return EFFECTS["mesh_damping"](factor=float(np.exp(0.8 * v[0])))
 
 
-TRIALS: dict[str, Trial] = {
+TRIALS: dict[str, EffectTrial] = {
     trial.name: trial
     for trial in (
-        Trial(name="tooth_friction", free=(Free(name="coefficient", start=0.5, low=0.0, high=3.0),), make=_friction),
-        Trial(name="mesh_stiffness_loss", free=(Free(name="loss", start=1.0, low=0.0, high=5.0),), make=_stiffness),
-        Trial(name="mesh_damping", free=(Free(name="factor", start=0.5, low=-4.0, high=4.0),), make=_damping),
-        Trial(name="misalignment", free=(Free(name="lead_gap", start=0.7, low=0.0, high=6.0),), make=_misalignment),
-        Trial(
+        EffectTrial(
+            name="tooth_friction", free=(Free(name="coefficient", start=0.5, low=0.0, high=3.0),), make=_friction
+        ),
+        EffectTrial(
+            name="mesh_stiffness_loss", free=(Free(name="loss", start=1.0, low=0.0, high=5.0),), make=_stiffness
+        ),
+        EffectTrial(name="mesh_damping", free=(Free(name="factor", start=0.5, low=-4.0, high=4.0),), make=_damping),
+        EffectTrial(
+            name="misalignment", free=(Free(name="lead_gap", start=0.7, low=0.0, high=6.0),), make=_misalignment
+        ),
+        EffectTrial(
             name="profile_error",
             free=(
                 Free(name="pinion_relief", start=0.3, low=0.0, high=15.0),
@@ -63,7 +69,7 @@ TRIALS: dict[str, Trial] = {
 BESIDE = ("none", "sensor_gain", "sensor_resonance")  # act over a mesh period, but not on the mesh
 
 
-def trial_of(name: str) -> Trial | None:
+def trial_of(name: str) -> EffectTrial | None:
     """The trial of an effect of the table that has none of its own: its numbers in units of their priors.
 
     None where it does not act over one mesh period, or has a number a tooth.
@@ -80,7 +86,7 @@ def trial_of(name: str) -> Trial | None:
         Free(name=p.name, start=0.5, low=(p.low - p.neutral) / p.prior, high=(p.high - p.neutral) / p.prior)
         for p in numbers
     )
-    return Trial(name=name, free=free, make=make) if free else None
+    return EffectTrial(name=name, free=free, make=make) if free else None
 
 
 # units and scales in which fitted numbers are reported: value = scale(number), std = scale'(number)·std
@@ -120,7 +126,7 @@ for _name, _kind in EFFECTS.items():  # an effect of the mesh that is new in the
         LEAST[_name] = DEFAULT_LEAST
 
 
-def started(trial: Trial, values: np.ndarray, onset: float) -> Trial:
+def started(trial: EffectTrial, values: np.ndarray, onset: float) -> EffectTrial:
     """The trial starting elsewhere and setting in after so many revolutions."""
     free = tuple(replace(f, start=float(v)) for f, v in zip(trial.free, values, strict=True))
     return replace(trial, free=free, onset=onset)

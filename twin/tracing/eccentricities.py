@@ -27,7 +27,7 @@ from scipy.optimize import minimize
 from twin.effects import EFFECTS
 from twin.effects.response import Effect, Response, solve_with
 from twin.errors import NotConverged
-from twin.features.window_features import Lines, WindowFeatures
+from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.model import Condition, Model
 from twin.wear.profile import WornProfile
 
@@ -95,7 +95,13 @@ def _key(k: int, side: int, shaft: int) -> tuple[int, int, int]:
 
 
 def _sidebands(
-    lines: Lines | None, channel: str, response: Response, shaft: int, teeth: tuple[int, int], ψ: float, worn: bool
+    lines: MeasuredLines | None,
+    channel: str,
+    response: Response,
+    shaft: int,
+    teeth: tuple[int, int],
+    ψ: float,
+    worn: bool,
 ) -> list[_Line]:
     """The sidebands of one channel that were read, with what the response has there."""
     if lines is None:
@@ -131,7 +137,7 @@ def _sidebands(
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Beside:
+class EccentricityWindow:
     """A window and what else is in the twin when it was recorded."""
 
     features: WindowFeatures
@@ -142,7 +148,7 @@ class Beside:
 
 
 def _read(
-    model: Model, windows: Sequence[Beside], phase: float, effect: Effect, shaft: int, swung: complex
+    model: Model, windows: Sequence[EccentricityWindow], phase: float, effect: Effect, shaft: int, swung: complex
 ) -> tuple[list[_Line], list[complex]]:
     """Sidebands and run-outs of all windows with an eccentricity in the twin, `per_metre` per REFERENCE."""
     teeth = model.mesh.pair.teeth
@@ -165,7 +171,7 @@ def _read(
 
 
 def fit_eccentricity(
-    model: Model, windows: Sequence[Beside], phase: float, shaft: int, swung: complex = 0.0
+    model: Model, windows: Sequence[EccentricityWindow], phase: float, shaft: int, swung: complex = 0.0
 ) -> EccentricityFit | None:
     """The eccentricity that explains the windows best; None where no window has the lines.
 

@@ -59,7 +59,7 @@ class Free:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Trial:
+class EffectTrial:
     """An effect with free numbers: `make(values)` gives it, `acts(window)` says in which windows it is there."""
 
     name: str
@@ -84,7 +84,7 @@ class Prediction:
 class JointFit:
     """A fit with everything that stands on it."""
 
-    trials: tuple[Trial, ...]
+    trials: tuple[EffectTrial, ...]
     shared: np.ndarray  # calibration and effect numbers, in units of their priors
     phase: float  # ψ [rad]
     depth: np.ndarray  # (W,) [m]
@@ -95,7 +95,7 @@ class JointFit:
     predictions: tuple[Prediction, ...]
     squares: np.ndarray  # (W, channels) of the whitened residuals, where windows are told apart by their own weight
 
-    def numbers(self, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
+    def numbers(self, trial: EffectTrial) -> tuple[np.ndarray, np.ndarray]:
         """Values and standard deviations of one trial's free numbers, in units of their priors."""
         at = len(NAMES)
         for other in self.trials:
@@ -196,7 +196,7 @@ class Problem:
     model: Model
     windows: Sequence[Observed]
     profiles: Profiles
-    trials: tuple[Trial, ...]
+    trials: tuple[EffectTrial, ...]
     channels: tuple[str, ...] = CHANNELS
     factors: Sequence[dict[str, np.ndarray]] | None = None  # of each window's lines, by effects of longer periods
 
@@ -421,7 +421,7 @@ def _jacobian(problem: Problem, predictions, shared, phase, depth, rest, used) -
     return J
 
 
-def _trial_of(problem: Problem, j: int) -> Trial:
+def _trial_of(problem: Problem, j: int) -> EffectTrial:
     at = len(NAMES)
     for trial in problem.trials:
         at += len(trial.free)
@@ -449,4 +449,4 @@ def _squares(problem: Problem, predictions, phase, depth) -> np.ndarray:
     return out
 
 
-__all__ = ["Free", "JointFit", "Observed", "Prediction", "Problem", "Trial", "fit", "predict", "replace"]
+__all__ = ["EffectTrial", "Free", "JointFit", "Observed", "Prediction", "Problem", "fit", "predict", "replace"]

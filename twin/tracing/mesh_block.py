@@ -20,7 +20,7 @@ from twin.effects.response import Effect
 from twin.errors import NotConverged, TwinError
 from twin.model import Condition, Model
 from twin.tracing.candidates import LEAST, TRIALS, started
-from twin.tracing.joint_fit import JointFit, Problem, Trial, fit
+from twin.tracing.joint_fit import EffectTrial, JointFit, Problem, fit
 from twin.tracing.observed import CHANNELS, Observed
 from twin.wear.curve import MasterCurve
 from twin.wear.profile import WornProfile
@@ -76,7 +76,7 @@ def _rounded(effect: Effect) -> Effect:
 
 
 @dataclass(eq=False)
-class Wear:
+class WearWithEffects:
     """Profiles by depth for whatever effects are in the twin, as `joint_fit.Profiles`."""
 
     model: Model
@@ -108,9 +108,9 @@ SHAPING = ("misalignment", "profile_error")  # effects under which flanks wear o
 class Candidate:
     """One effect tried."""
 
-    trial: Trial
+    trial: EffectTrial
     fit: JointFit
-    wear: Wear
+    wear: WearWithEffects
     gain: float  # ln evidence over the fit without it
     worn_with: bool = False  # whether the wear is that which the effect causes
 
@@ -155,7 +155,9 @@ class MeshBlock:
         """Evidence that an effect needs [nat]: more where it is hardly visible, and of another structure."""
         return max(GAIN, HARDLY_VISIBLE.get(name, 0.0), 0.0 if self.channels == CHANNELS else OTHER_STRUCTURE)
 
-    def problem(self, trials: Sequence[Trial], wear: Wear, windows: Sequence[int] | None = None) -> Problem:
+    def problem(
+        self, trials: Sequence[EffectTrial], wear: WearWithEffects, windows: Sequence[int] | None = None
+    ) -> Problem:
         chosen = range(len(self.windows)) if windows is None else windows
         return Problem(
             model=self.model,
@@ -166,7 +168,7 @@ class MeshBlock:
             factors=None if self.factors is None else [self.factors[i] for i in chosen],
         )
 
-    def wear(self, effects: Sequence[tuple[Effect, float]] = (), fitted: JointFit | None = None) -> Wear:
+    def wear(self, effects: Sequence[tuple[Effect, float]] = (), fitted: JointFit | None = None) -> WearWithEffects:
         shaping = tuple(
             (_rounded(e), onset) for e, onset in effects if any(isinstance(e, _KINDS[name]) for name in SHAPING)
         )
@@ -177,13 +179,13 @@ class MeshBlock:
                 turns = np.array([w.revolutions for w in self.windows])
                 order = np.argsort(turns)
                 depths[onset] = float(np.interp(onset, turns[order], known[order]))
-        return Wear(
+        return WearWithEffects(
             model=self.model, condition=self.condition, until=self.until, with_effects=shaping, onset_depth=depths
         )
 
     def fitted(
-        self, trials: Sequence[Trial], start: JointFit | None, rounds: int, worn: Wear | None = None
-    ) -> tuple[JointFit, Wear]:
+        self, trials: Sequence[EffectTrial], start: JointFit | None, rounds: int, worn: WearWithEffects | None = None
+    ) -> tuple[JointFit, WearWithEffects]:
         """Trials fitted together, with the wear that they cause as of the round before, and that wear.
 
         worn  the wear of the start; with one round it is taken over, and a trial that sets in later joins it
@@ -207,7 +209,7 @@ class MeshBlock:
             result = fit(self.problem(again, wear), replace(result, trials=again), self.phase, self.depth)
         return result, wear
 
-    def onsets(self, trials: Sequence[Trial], wear: Wear) -> list[float]:
+    def onsets(self, trials: Sequence[EffectTrial], wear: WearWithEffects) -> list[float]:
         """Revolutions at which something may have set in: 0, and just before the first window that breaks off.
 
         None at all where that is the latest window: what one window shows may be that window's.
@@ -233,16 +235,18 @@ class MeshBlock:
                 break
         return out
 
-    def _misfit(self, chosen: Sequence[int], trials: Sequence[Trial], wear: Wear) -> float:
+    def _misfit(self, chosen: Sequence[int], trials: Sequence[EffectTrial], wear: WearWithEffects) -> float:
         problem = self.problem(trials, wear, chosen)
         return fit(problem, None, self.phase, self.depth[list(chosen)]).misfit
 
     @cached_property
-    def plain(self) -> tuple[JointFit, Wear]:
+    def plain(self) -> tuple[JointFit, WearWithEffects]:
         """The fit with wear alone."""
         return self.fitted((), None, 1)
 
-    def explained(self, skip: Sequence[str] = (), quiet: float = QUIET, kept: Sequence[Trial] = ()) -> MeshFindings:
+    def explained(
+        self, skip: Sequence[str] = (), quiet: float = QUIET, kept: Sequence[EffectTrial] = ()
+    ) -> MeshFindings:
         """The greedy search, until the misfit is below `quiet`; `kept` trials are in from the start.
 
         The gain of those kept is over wear alone, of all of them together.
@@ -312,7 +316,13 @@ class MeshBlock:
         )
 
     def _tried(
-        self, trial: Trial, present: Sequence[Trial], best: JointFit, worn: Wear, rounds: int, rival: float
+        self,
+        trial: EffectTrial,
+        present: Sequence[EffectTrial],
+        best: JointFit,
+        worn: WearWithEffects,
+        rounds: int,
+        rival: float,
     ) -> Candidate | None:
         """The trial beside those present; an effect that sets in also from the depths that would have gone on.
 
@@ -338,7 +348,9 @@ class MeshBlock:
         gain = result.log_evidence - best.log_evidence
         return Candidate(trial=result.trials[-1], fit=result, wear=wear, gain=gain, worn_with=worn_with)
 
-    def _when_new(self, trial: Trial, present: Sequence[Trial], best: JointFit, worst: float) -> Trial | None:
+    def _when_new(
+        self, trial: EffectTrial, present: Sequence[EffectTrial], best: JointFit, worst: float
+    ) -> EffectTrial | None:
         """The trial with the numbers that windows of new flanks ask for, whatever the wear.
 
         None where they are too small, or miss those windows by more than `worst`.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.errors import NotAvailable
-from twin.features.window_features import Lines, WindowFeatures
+from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.model import Condition
 from twin.rig import Rig
 from twin.updating.conditions import condition_of, kind_of
@@ -42,7 +42,7 @@ class Observed:
         return self.condition.torque
 
 
-def _read(lines: Lines | None, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _read(lines: MeasuredLines | None, count: int) -> tuple[np.ndarray, np.ndarray]:
     y, std = np.full(count, np.nan, dtype=complex), np.full(count, np.nan)
     if lines is not None:
         for k in range(1, count + 1):

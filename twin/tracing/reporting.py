@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from twin.tracing.state import Stage, Tracing, parameters_of, relevant
+from twin.tracing.state import Tracing, TwinStage, parameters_of, relevant
 
 MICRO = 1e6
 STRONGEST = 8
@@ -44,7 +44,7 @@ def effects_report(tracing: Tracing) -> list[dict[str, Any]]:
     return out
 
 
-def _stage(tracing: Tracing, count: int) -> Stage | None:
+def _stage(tracing: Tracing, count: int) -> TwinStage | None:
     """The twin with so many of the effects; None where no twin can be built."""
     return tracing.stages[len(relevant(tracing.found[:count]))] if tracing.stages else None
 

@@ -10,8 +10,8 @@ from twin.effects.addition import Addition
 from twin.effects.extended import BESIDE_THE_MESH
 from twin.effects.gear_eccentricity import GearEccentricity
 from twin.effects.pinion_eccentricity import PinionEccentricity
-from twin.tracing.found import Found
-from twin.updating.again import Taken
+from twin.tracing.attribution import AttributedEffect
+from twin.updating.history import WindowInput
 from twin.updating.memory import Memory
 
 LEAST_WINDOWS = 3  # measurement windows before the first search
@@ -19,7 +19,7 @@ WITHOUT_MESH_ORDERS = (*BESIDE_THE_MESH, PinionEccentricity, GearEccentricity)  
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stage:
+class TwinStage:
     """The twin with the first few effects, or with none."""
 
     memory: Memory
@@ -36,7 +36,7 @@ class Stage:
         }
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Stage:
+    def from_dict(cls, data: Mapping[str, Any]) -> TwinStage:
         return cls(
             memory=Memory.from_dict(data["memory"]),
             depth=data["depth"],
@@ -49,15 +49,17 @@ class Stage:
 class Tracing:
     """What the tracing remembers of one machine; plain serialisable data."""
 
-    history: tuple[Taken, ...] = ()
+    history: tuple[WindowInput, ...] = ()
     measured: int = 0  # measurement windows so far
     next_search: int = LEAST_WINDOWS
     next_trace: int = LEAST_WINDOWS
     phase: float | None = None  # of the mesh against the encoder's zero, on the first mounting of the discs [rad]
     turns: tuple[tuple[int, float], ...] = ()  # of the pinion's disc that are believed: since [Unix ns], by [rad]
     signs: Mapping[str, float] = field(default_factory=dict)  # the largest that have been traced (watch.py)
-    found: tuple[Found, ...] = ()  # what is in the twin, in the order found
-    stages: tuple[Stage, ...] = ()  # with 0, 1, … of the effects that change the mesh or the path; the last is in use
+    found: tuple[AttributedEffect, ...] = ()  # what is in the twin, in the order found
+    stages: tuple[
+        TwinStage, ...
+    ] = ()  # with 0, 1, … of the effects that change the mesh or the path; the last is in use
     decisions: Mapping[str, str] = field(default_factory=dict)  # name → accepted, rejected or pinned
     errors: tuple[Mapping[str, Any], ...] = ()  # on held-out windows, with 0, 1, … of `found`
     residual: Mapping[str, Any] | None = None  # of one held-out window, by band and order
@@ -96,15 +98,15 @@ class Tracing:
         if not data:
             return cls()
         return cls(
-            history=tuple(Taken.from_dict(t) for t in data["history"]),
+            history=tuple(WindowInput.from_dict(t) for t in data["history"]),
             measured=data["measured"],
             next_search=data["next_search"],
             next_trace=data["next_trace"],
             phase=data["phase"],
             turns=tuple((since, angle) for since, angle in data["turns"]),
             signs=data["signs"],
-            found=tuple(Found.from_dict(f) for f in data["found"]),
-            stages=tuple(Stage.from_dict(s) for s in data["stages"]),
+            found=tuple(AttributedEffect.from_dict(f) for f in data["found"]),
+            stages=tuple(TwinStage.from_dict(s) for s in data["stages"]),
             decisions=dict(data["decisions"]),
             errors=tuple(data["errors"]),
             residual=data["residual"],
@@ -115,11 +117,11 @@ class Tracing:
         )
 
 
-def relevant(found: Iterable[Found]) -> tuple[Addition, ...]:
+def relevant(found: Iterable[AttributedEffect]) -> tuple[Addition, ...]:
     """The effects that change the mesh orders or the path: no others change a depth."""
     return tuple(f.addition for f in found if not isinstance(f.addition.effect, WITHOUT_MESH_ORDERS))
 
 
-def parameters_of(item: Found) -> dict[str, dict[str, Any]]:
+def parameters_of(item: AttributedEffect) -> dict[str, dict[str, Any]]:
     """As the contract reports them."""
     return {name: {"value": value, "unit": unit, "std": std} for name, (value, unit, std) in item.parameters.items()}

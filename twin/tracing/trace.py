@@ -16,11 +16,8 @@ from twin.effects.addition import Addition, name_of
 from twin.errors import NotAvailable
 from twin.model import Model
 from twin.rig import Rig
-from twin.tracing.beside_teeth import explained_beside_teeth, factors_of
-from twin.tracing.eccentricities import Beside as EccentricWindow
-from twin.tracing.eccentricities import fit_eccentricity
-from twin.tracing.found import (
-    Found,
+from twin.tracing.attribution import (
+    AttributedEffect,
     of_crack,
     of_defect,
     of_eccentricity,
@@ -30,14 +27,17 @@ from twin.tracing.found import (
     of_sensor,
     of_turning,
 )
+from twin.tracing.beside_teeth import explained_beside_teeth, factors_of
+from twin.tracing.eccentricities import EccentricityWindow as EccentricWindow
+from twin.tracing.eccentricities import fit_eccentricity
 from twin.tracing.mesh_block import QUIET, MeshBlock, MeshFindings, plain_curve
+from twin.tracing.non_gear import NonGearContent, find_non_gear_content
 from twin.tracing.observed import Observed, chosen, observed
-from twin.tracing.path import fit_sensor, gain_step, quotients
-from twin.tracing.strangers import Strangers, strangers
+from twin.tracing.shaft_forces import find_turning, run_out_of, swung_by, without_order
 from twin.tracing.teeth import FIRST, find_crack, find_pitch_errors
-from twin.tracing.turning import find_turning, run_out_of, swung_by, without_order
-from twin.updating.again import Taken
-from twin.updating.twin_of_rig import nominal_model_of
+from twin.tracing.transfer_path import fit_sensor, gain_step, quotients
+from twin.updating.history import WindowInput
+from twin.updating.model_cache import nominal_model_of
 from twin.wear.profile import WornProfile
 
 MOST_WINDOWS = 8  # that the mesh lines are fitted on
@@ -62,8 +62,8 @@ MOVED = 15e-6  # jump of the mean transmission error that is a disc's: an edge o
 class Traced:
     """What a trace found."""
 
-    found: tuple[Found, ...]
-    strangers: Strangers
+    found: tuple[AttributedEffect, ...]
+    non_gear: NonGearContent
     table: tuple[tuple[str, float], ...] = ()  # candidates on the mesh and their gain
     other_structure: bool = False  # whether the path to the housing is not the rig file's
     misfit_before: float | None = None
@@ -80,12 +80,12 @@ def held_out(measurement: Sequence[int]) -> set[int]:
 
 def trace(
     rig: Rig,
-    history: Sequence[Taken],
+    history: Sequence[WindowInput],
     depths: dict[int, float],
     phase: float | None,
     *,
     rejected: Collection[str] = (),
-    kept: Sequence[Found] = (),
+    kept: Sequence[AttributedEffect] = (),
     tolerated: float = 0.0,
     since_ns: int = 0,
 ) -> Traced:
@@ -98,7 +98,7 @@ def trace(
     tolerated  misfit of the mesh lines up to which no more effects are sought
     since_ns   when the pinion's disc was last turned: the mesh phase of what was recorded before is another [Unix ns]
     """
-    every: list[tuple[Taken, Observed]] = []
+    every: list[tuple[WindowInput, Observed]] = []
     for taken in history:
         if taken.features.start_time_ns < since_ns:
             continue
@@ -118,9 +118,9 @@ def trace(
     model = nominal_model_of(rig)
     features = [t.features for t, _ in fitting]
     condition = fitting[0][1].condition
-    found: list[Found] = []
+    found: list[AttributedEffect] = []
 
-    def add(item: Found) -> None:
+    def add(item: AttributedEffect) -> None:
         if item.name not in rejected:
             found.append(item)
 
@@ -128,9 +128,9 @@ def trace(
     turned = {name_of(t.effect): t for t in turns}
     if "backlash_rattle" in turned:
         add(of_turning(turned["backlash_rattle"]))
-        heard = strangers([], True)
+        heard = find_non_gear_content([], True)
         return Traced(
-            found=tuple(found), strangers=heard, held_out=tuple(out), fitted=tuple(o.index for _, o in fitting)
+            found=tuple(found), non_gear=heard, held_out=tuple(out), fitted=tuple(o.index for _, o in fitting)
         )
     deepest = max((depths.get(o.index, 0.0) for _, o in every), default=0.0)
     curve = plain_curve(model, [o for _, o in every if o.index not in out], deepest)
@@ -162,8 +162,8 @@ def trace(
         add(of_crack(crack))
     toothed = {f.name for f in found}
 
-    beside = [(t.features.revolutions or 0.0, t.beside) for t, _ in measured if t.beside is not None]
-    heard = _of_no_shaft(strangers(beside, "pitch_error" in toothed, "tooth_crack" in toothed))
+    beside = [(t.features.revolutions or 0.0, t.non_gear) for t, _ in measured if t.non_gear is not None]
+    heard = _of_no_shaft(find_non_gear_content(beside, "pitch_error" in toothed, "tooth_crack" in toothed))
     if heard.defect is not None:
         add(of_defect(heard.defect))
 
@@ -231,7 +231,7 @@ def trace(
         add(of_turning(turning))
     return Traced(
         found=tuple(found),
-        strangers=heard,
+        non_gear=heard,
         table=findings.table,
         other_structure=other,
         misfit_before=findings.base.misfit,
@@ -242,29 +242,31 @@ def trace(
     )
 
 
-def _of_no_shaft(heard: Strangers) -> Strangers:
+def _of_no_shaft(heard: NonGearContent) -> NonGearContent:
     """Nothing at all where the defect repeats with the pinion: what strikes then is a tooth."""
     defect = heard.defect
     at_shaft = defect is not None and abs(defect.effect.order - round(defect.effect.order)) < OF_SHAFT
-    return strangers([], True) if at_shaft else heard
+    return find_non_gear_content([], True) if at_shaft else heard
 
 
-def _heard_alone(measured: Sequence[tuple[Taken, Observed]], out: set[int], rejected: Collection[str]) -> Traced:
+def _heard_alone(measured: Sequence[tuple[WindowInput, Observed]], out: set[int], rejected: Collection[str]) -> Traced:
     """What needs no mesh phase; an angle that wanders makes lines at orders of no shaft by itself."""
-    beside = [(t.features.revolutions or 0.0, t.beside) for t, _ in measured if t.beside is not None]
-    heard = _of_no_shaft(replace(strangers(beside, False), orders=()))
+    beside = [(t.features.revolutions or 0.0, t.non_gear) for t, _ in measured if t.non_gear is not None]
+    heard = _of_no_shaft(replace(find_non_gear_content(beside, False), orders=()))
     if heard.defect is not None and heard.defect.log_evidence < ALONE_EVIDENCE:
         heard = replace(heard, defect=None)
     named = heard.defect is not None and "bearing_defect" not in rejected
     return Traced(
         found=(of_defect(heard.defect),) if heard.defect is not None and named else (),
-        strangers=heard,
+        non_gear=heard,
         held_out=tuple(sorted(out)),
         fitted=tuple(o.index for _, o in measured if o.index not in out),
     )
 
 
-def _sensor(rig: Rig, model: Model, findings: MeshFindings, windows: Sequence[Observed]) -> tuple[Found | None, bool]:
+def _sensor(
+    rig: Rig, model: Model, findings: MeshFindings, windows: Sequence[Observed]
+) -> tuple[AttributedEffect | None, bool]:
     """What is wrong with the accelerometer, and whether the structure is not the rig file's."""
     seen = quotients(findings.best, windows, model.mesh.pair.teeth[0])
     step = gain_step(seen)
@@ -295,8 +297,8 @@ def _other_structure(rig: Rig, model: Model, block: MeshBlock) -> bool:
 
 
 def _mounted(
-    model: Model, windows: list[tuple[Taken, Observed]], profiles: dict[int, WornProfile], phase: float
-) -> list[tuple[Taken, Observed]]:
+    model: Model, windows: list[tuple[WindowInput, Observed]], profiles: dict[int, WornProfile], phase: float
+) -> list[tuple[WindowInput, Observed]]:
     """The windows, with a new mounting from each on whose mean transmission error has jumped as no wear can.
 
     Whoever moved a disc may have turned it: the mesh lines of every mounting are turned back to the first one's phase.

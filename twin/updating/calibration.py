@@ -25,7 +25,7 @@ from twin.features.window_features import WindowFeatures
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
 from twin.updating.conditions import condition_of
-from twin.wear.curve import LINES, Lines
+from twin.wear.curve import LINES, MeshLines
 
 NAMES = ("stiffness_scale", "modal_damping", "damping_time")
 PRIOR_SPREAD = np.array([0.10, 0.25, 0.5])  # of the logarithms
@@ -58,7 +58,7 @@ def _beyond_the_mesh(model: Model, windows: Sequence[WindowFeatures]) -> list[tu
         condition = condition_of(w, model.rig)
         steady = model.steady(model.unworn, condition)
         whole = window_lines(model, model.unworn, condition).lines
-        part = Lines.of(model, steady, condition)
+        part = MeshLines.of(model, steady, condition)
         out.append(
             (
                 np.abs(whole.transmission_error / part.transmission_error),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin.errors import NotAvailable
-from twin.features.window_features import Lines, WindowFeatures
+from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.model import Condition, Model
 from twin.updating.depth import FLOOR, HARMONICS, MODEL_SCATTER, DepthEstimate, Gauge
 from twin.updating.memory import Line, MeanOffset, Memory
@@ -27,13 +27,13 @@ LEARN_SIGNAL = 8.0  # amplitude over its std from which a line is learned from
 LEARN_SCATTER = 0.02  # of a learned factor, beyond noise
 
 
-def encoder_lines(features: WindowFeatures) -> Lines | None:
+def encoder_lines(features: WindowFeatures) -> MeasuredLines | None:
     """Transmission error where both encoders are there, else the pinion's own motion; in metres or None."""
     lines = features.transmission_error or features.pinion_motion
     return lines if lines is not None and lines.unit == "m" else None
 
 
-def _lines_of(features: WindowFeatures) -> Lines:
+def _lines_of(features: WindowFeatures) -> MeasuredLines:
     """As `encoder_lines`; NotAvailable where there are none."""
     lines = encoder_lines(features)
     if lines is None:
@@ -73,7 +73,7 @@ def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: 
     )
 
 
-def _has_depth_lines(lines: Lines) -> bool:
+def _has_depth_lines(lines: MeasuredLines) -> bool:
     return all(lines.get(k) is not None for k in DEPTH_HARMONICS)
 
 

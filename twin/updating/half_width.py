@@ -16,8 +16,8 @@ from twin.updating import encoders
 from twin.updating.calibration import fit_half_width
 from twin.updating.depth import HARMONICS, estimate_depth
 from twin.updating.memory import Memory
+from twin.updating.model_cache import curve_of, model_of
 from twin.updating.prediction import Expectation
-from twin.updating.twin_of_rig import curve_of, model_of
 
 WORN_ENOUGH = 40e-6  # depth from which a worn window tells the half-width [m]
 

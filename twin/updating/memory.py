@@ -11,7 +11,7 @@ from twin.effects.response import Effect
 from twin.features.window_features import WindowFeatures
 from twin.model import Calibration
 from twin.updating.calibration import Fit
-from twin.updating.paper_way import PaperTrack
+from twin.updating.rms_update import RmsTrack
 from twin.updating.tracker import WearTrack
 
 Line = tuple[float, float, complex, float]  # window, frequency [Hz], factor, std
@@ -49,7 +49,7 @@ class Memory:
     half_width_from: float = 0.0  # depth at which the half-width was fitted [m], 0 before
     segments: tuple[Segment, ...] = ()
     track: WearTrack = field(default_factory=lambda: WearTrack.unworn(0.0))  # by the fused way
-    paper: PaperTrack = field(default_factory=PaperTrack)
+    paper: RmsTrack = field(default_factory=RmsTrack)
     phase: float | None = None  # mesh phase against the encoder's zero [rad]
     phase_std: float = 3.0
     discs_since_ns: int = 0  # when the pinion's disc was last seen to have been turned [Unix ns]
@@ -99,7 +99,7 @@ class Memory:
             half_width_from=data["half_width_from"],
             segments=tuple(Segment(**s) for s in data["segments"]),
             track=WearTrack.from_dict(data["track"]),
-            paper=PaperTrack.from_dict(data["paper"]),
+            paper=RmsTrack.from_dict(data["paper"]),
             phase=data["phase"],
             phase_std=data["phase_std"],
             discs_since_ns=data["discs_since_ns"],

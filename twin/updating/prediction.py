@@ -23,7 +23,7 @@ from twin.model import Condition, Model
 from twin.updating.depth import HARMONICS
 from twin.updating.frequency_correction import FrequencyCorrection
 from twin.updating.memory import Memory
-from twin.wear.curve import LINES, Lines, MasterCurve
+from twin.wear.curve import LINES, MasterCurve, MeshLines
 
 PATH = FrequencyCorrection(spread=0.5, reach=0.03, memory=12.0)
 MESH = FrequencyCorrection(spread=0.15, reach=0.03, memory=12.0)
@@ -37,9 +37,9 @@ class Expectation:
     condition: Condition
     solved: bool  # whether the steady state at the window's own condition was found
     contact_loss: float  # share of the mesh without contact, at the expected depth
-    ratio: Lines  # own condition over the curve's; `mean` is a difference [m]
+    ratio: MeshLines  # own condition over the curve's; `mean` is a difference [m]
     beyond: np.ndarray  # acceleration lines above the LINES-th, at the expected depth [m/s²]
-    unworn: Lines | None = None  # lines of new flanks at this condition, where effects make them another curve's
+    unworn: MeshLines | None = None  # lines of new flanks at this condition, where effects make them another curve's
 
     @classmethod
     def at(
@@ -58,7 +58,7 @@ class Expectation:
         else:
             beyond, loss = found.beyond, found.contact_loss
             own, base = found.lines, curve.lines_at(depth)
-            ratio = Lines(
+            ratio = MeshLines(
                 transmission_error=own.transmission_error / base.transmission_error,
                 mean=own.mean - base.mean,
                 pinion_motion=own.pinion_motion / base.pinion_motion,
@@ -67,7 +67,7 @@ class Expectation:
         if not solved:
             one = np.ones(LINES, dtype=complex)
             shift = model.compliance_outside_mesh * (condition.torque - curve.condition.torque)
-            ratio = Lines(transmission_error=one, mean=shift, pinion_motion=one, acceleration=one)
+            ratio = MeshLines(transmission_error=one, mean=shift, pinion_motion=one, acceleration=one)
         return cls(
             curve=curve,
             condition=condition,
@@ -84,10 +84,10 @@ class Expectation:
         frequencies = np.arange(1, every.size + 1) * teeth * self.condition.speed_hz
         return band_rms(every, frequencies, band, noise)
 
-    def lines(self, depth: float) -> Lines:
+    def lines(self, depth: float) -> MeshLines:
         """Lines at a depth [m]."""
         base, ratio = self.curve.lines_at(depth), self.ratio
-        return Lines(
+        return MeshLines(
             transmission_error=base.transmission_error * ratio.transmission_error,
             mean=base.mean + ratio.mean,
             pinion_motion=base.pinion_motion * ratio.pinion_motion,

@@ -18,16 +18,17 @@ from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
 from twin.rig import Rig
-from twin.updating import encoders, half_width, paper_way
+from twin.updating import encoders, half_width
+from twin.updating import rms_update as paper_way
 from twin.updating.calibration import calibrate, compliance_scale
 from twin.updating.conditions import Measured
 from twin.updating.depth import MODEL_SCATTER, SHAPE_SCATTER, DepthEstimate, estimate_depth
+from twin.updating.disc_remount import settled
 from twin.updating.memory import Memory, Segment, with_lines
-from twin.updating.moved_discs import settled
-from twin.updating.paper_way import PaperResult, PaperTrack
+from twin.updating.model_cache import curve_of, model_of
 from twin.updating.prediction import Expectation, band_rms, predicted_lines
+from twin.updating.rms_update import RmsResult, RmsTrack
 from twin.updating.tracker import WearTrack
-from twin.updating.twin_of_rig import curve_of, model_of
 from twin.wear.curve import LINES, MasterCurve
 
 UNWORN_REVOLUTIONS = 150.0  # a window before this many pinion turns since new counts as unworn
@@ -40,7 +41,7 @@ Z95 = 1.6449
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class UpdateOutcome:
     """What a window did to the twin."""
 
     memory: Memory
@@ -56,7 +57,7 @@ class Outcome:
     depth_band: tuple[float, float]  # 5 and 95 % [m]
     way: str  # what set the depth: "transmission error", "pinion encoder", "rms", "projection" or "unworn"
     estimate: DepthEstimate | None  # by the encoders, where they were there
-    paper: PaperResult | None
+    paper: RmsResult | None
     paper_depth: float
     expectation: Expectation | None
     lines: np.ndarray  # predicted acceleration lines after the update (LINES,) [m/s²]
@@ -84,7 +85,7 @@ def _started(rig: Rig, memory: Memory) -> Memory:
         return memory
     (K,) = rig.require("the wear coefficient", "wear.K")
     rate = K * reference_rate(rig)
-    return replace(memory, track=WearTrack.unworn(rate), paper=PaperTrack(rate=rate))
+    return replace(memory, track=WearTrack.unworn(rate), paper=RmsTrack(rate=rate))
 
 
 def _with_segment(rig: Rig, memory: Memory, condition: Condition, revolutions: float = 0.0) -> Memory:
@@ -128,7 +129,7 @@ def _calibrated(rig: Rig, memory: Memory, features: WindowFeatures) -> Memory:
     return replace(memory, compliance_scale=compliance_scale(model_of(rig, memory, then), memory.unworn))
 
 
-def take(
+def update_twin(
     rig: Rig,
     memory: Memory,
     features: WindowFeatures,
@@ -138,7 +139,7 @@ def take(
     update: str,
     update_until: float,
     level_fault: str | None = None,
-) -> Outcome:
+) -> UpdateOutcome:
     """Takes one window into the twin; NotAvailable where the rig file or the window does not suffice."""
     rig.require("wear", *NEEDED)
     window = Measured.of(features, rig, level_fault)
@@ -154,7 +155,7 @@ def take(
     return _take_measurement(rig, memory, window, index, threshold=threshold, update=update, update_until=update_until)
 
 
-def _take_calibration(rig: Rig, memory: Memory, window: Measured, index: int) -> Outcome:
+def _take_calibration(rig: Rig, memory: Memory, window: Measured, index: int) -> UpdateOutcome:
     """A low-speed window: it calibrates, and shows how the calibrated twin meets it; it wears nothing."""
     features, condition, track = window.features, window.condition, memory.track
     if not memory.segments:
@@ -176,7 +177,7 @@ def _take_calibration(rig: Rig, memory: Memory, window: Measured, index: int) ->
             replace(gauge, mean=None), lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), low, low + width
         )
         memory = encoders.learn(memory, features, model, expectation, estimate, depth, DEPTH_FLOOR)
-    return Outcome(
+    return UpdateOutcome(
         memory=memory, model=model, curve=curve, condition=condition, kind="calibration",
         rms_measured=window.rms, rms_predicted=rms,
         rms_after=rms, updated=False, depth=depth, depth_band=_band(depth, _projected_std(track, depth)),
@@ -194,7 +195,7 @@ def _take_measurement(
     threshold: float,
     update: str,
     update_until: float,
-) -> Outcome:
+) -> UpdateOutcome:
     """A window of the campaign: predict, compare, update."""
     features, condition, noise = window.features, window.condition, window.noise
     band, teeth = rig.band, rig.teeth[0]
@@ -277,7 +278,7 @@ def _take_measurement(
     memory = replace(memory, updates=memory.updates + updated, depth=depth)
     if estimate is not None and allowed:
         memory = half_width.refitted(rig, memory, features, condition, estimate.depth)
-    return Outcome(
+    return UpdateOutcome(
         memory=memory, model=model, curve=curve, condition=condition, kind="measurement",
         rms_measured=window.rms, rms_predicted=rms_predicted, rms_after=rms_after, updated=bool(updated), depth=depth,
         depth_band=depth_band, way=way, estimate=estimate, paper=paper, paper_depth=paper_depth,

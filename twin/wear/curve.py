@@ -25,7 +25,7 @@ LINES = 12  # mesh harmonics kept of every response
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Lines:
+class MeshLines:
     """Complex lines of mesh harmonics 1 … LINES of one steady state, (LINES,) each, and the mean."""
 
     transmission_error: np.ndarray  # [m]
@@ -34,7 +34,7 @@ class Lines:
     acceleration: np.ndarray  # [m/s²]
 
     @classmethod
-    def of(cls, model: Model, steady: SteadyState, condition: Condition) -> Lines:
+    def of(cls, model: Model, steady: SteadyState, condition: Condition) -> MeshLines:
         return cls(
             transmission_error=model.transmission_error_lines(steady)[:LINES],
             mean=model.mean_transmission_error(steady, condition),
@@ -77,7 +77,7 @@ class MasterCurve:
             raise NotConverged(
                 f"no steady state at the start of wear ({condition.speed_hz:g} Hz, {condition.torque:g} N·m)"
             )
-        lines = [Lines.of(model, p.steady, condition) for p in points]
+        lines = [MeshLines.of(model, p.steady, condition) for p in points]
         lost = [p.profile.max_depth for p in points if p.steady.contact_loss > 0]
         return cls(
             condition=condition,
@@ -144,7 +144,7 @@ class MasterCurve:
             return float(self.valid_to + (work - self.work[-1]) * self._depth_rate)
         return float(np.interp(work, self.work, self.depth))
 
-    def lines_at(self, depth: float) -> Lines:
+    def lines_at(self, depth: float) -> MeshLines:
         """The condition's lines at a depth [m]; held beyond the end."""
         if self.depth.size == 1:
             i, j, t = 0, 0, 0.0
@@ -156,7 +156,7 @@ class MasterCurve:
         def at(values: np.ndarray) -> np.ndarray:
             return (1 - t) * values[i] + t * values[j]
 
-        return Lines(
+        return MeshLines(
             transmission_error=at(self.transmission_error),
             mean=float(at(self.mean_transmission_error)),
             pinion_motion=at(self.pinion_motion),

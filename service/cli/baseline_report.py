@@ -1,0 +1,93 @@
+"""What `gear-twin baseline` and `gear-twin diagnose --baseline` print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from service.cli import non_gear as strange
+from service.cli.diagnosis import NAMES
+from service.cli.show import number
+from service.files.baseline import answer, compared, read_baseline
+from twin.baseline.operating import UNITS as UNITS_OF_AXES
+
+NAMES_HERE = NAMES | {
+    "tooth_crack": "a local fault of one tooth",
+    "mesh_change": "a change of the mesh itself",
+    "unknown_effect": "an effect that no name fits",
+}
+UNITS = {"turn": "of a turn"}
+
+
+def answered(recording: Path, baseline: Path, rig: Path | None) -> dict[str, Any]:
+    """The answer about a recording beside a baseline file."""
+    known = read_baseline(baseline)
+    loaded, found = compared(known, recording, rig)
+    return answer(loaded, known, found)
+
+
+def learned_text(described: Mapping[str, Any]) -> str:
+    """What a baseline holds, in words."""
+    points = ", ".join(
+        f"{number(v['from'], 6)} to {number(v['to'], 6)} {UNITS_OF_AXES[axis]}"
+        for axis, v in described["operating_points"].items()
+    )
+    shafts = ", ".join(number(s) for s in described["shafts"])
+    return (
+        f"Baseline of {len(described['recordings'])} windows, {points}; channels {', '.join(described['channels'])}; "
+        f"shafts of order {shafts} of the pinion's rotation"
+    )
+
+
+def text(answer: Mapping[str, Any]) -> str:
+    """The diagnosis as plain text: sentences first, then errors by channel and band."""
+    lines = [f"Diagnosis of {answer['asset']} beside its baseline", ""]
+    for effect in answer["effects"]:
+        lines.append(_effect(effect))
+    if not answer["effects"]:
+        lines.append("Nothing is found that the baseline does not have; no effect was added.")
+    left = answer["unexplained"]
+    if left["verdict"] == "unknown_effect":
+        lines.append(f"An effect that no name fits is left: {left['reason']}.")
+    elif left["reason"]:
+        lines.append(f"To be borne in mind: {left['reason']}.")
+    lines += strange.sentences(answer["strange"])
+    outside = [w["name"] for w in answer["windows"] if not w["interpolated"]]
+    if outside:
+        lines.append(f"Beyond the operating points learned, the nearest of them stands: {', '.join(outside)}.")
+    lines += [f"Not used: {reason}." for reason in answer["refused"]]
+    lines.append(f"Wear depth and life: not available; {answer['wear']['reason']}.")
+    if answer["residual"]["channels"]:
+        lines += ["", "Error on turns that took no part in the fit, before → after:"]
+        for channel, e in answer["residual"]["channels"].items():
+            lines.append(
+                f"  {channel:<8} waveform {e['waveform_before']:6.1f} → {e['waveform_after']:5.1f} %   "
+                f"RMS {e['rms_before']:+7.1f} → {e['rms_after']:+6.1f} %"
+            )
+        lines += ["", "Mesh bands, RMS: measured, baseline, with what was found:"]
+        for b in answer["residual"]["bands"]:
+            lines.append(
+                f"  {b['channel']:<8} {b['harmonic']} x mesh ({b['frequency_hz']:7.1f} Hz) {number(b['measured']):>9} "
+                f"{number(b['predicted_before']):>9} {number(b['predicted']):>9}"
+            )
+    return "\n".join(lines)
+
+
+def _effect(effect: Mapping[str, Any]) -> str:
+    evidence = effect["evidence"]
+    parameters = ", ".join(
+        f"{name.replace('_', ' ')} {number(p['value'])} {UNITS.get(p['unit'], p['unit'])}".rstrip()
+        + (f" ± {number(p['std'], 2)}" if p["std"] else "")
+        for name, p in effect["parameters"].items()
+    )
+    name = NAMES_HERE.get(effect["name"], effect["name"].replace("_", " "))
+    said = f"Found {name} ({', '.join(effect['channels'])}): {evidence['detail']}."
+    if parameters:
+        said += f" {parameters[0].upper()}{parameters[1:]}."
+    said += f" Evidence {evidence['log_evidence']:.0f} nat over the baseline"
+    if evidence["over_runner_up"] is not None:
+        said += f", {evidence['over_runner_up']:.0f} over {evidence['runner_up']}"
+    if evidence["not_told_from"]:
+        said += f"; not told from {' or '.join(evidence['not_told_from'])}"
+    return said + "."

@@ -1,0 +1,1 @@
+"""The names and units of the interface contract; nothing else in the project knows them."""

@@ -1,0 +1,1 @@
+"""Files that a person writes or hands over: rigs, mappings, baselines, relations, series."""

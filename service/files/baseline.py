@@ -1,0 +1,235 @@
+"""Baselines of machines without a rig model: learned from recordings, kept in a file, and recordings beside them.
+
+A baseline file is a NumPy archive: `header`, JSON with the rig file's values and what is said of every recording, and
+the lines of every recording and channel.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from service.errors import InputError
+from service.files.rig import checked_rig
+from service.json_text import plain
+from service.runtime.assess import choose_asset, rig_of
+from service.stream.sources.mcap import Recording, read_windows
+from twin.baseline.diagnosis import Diagnosis, diagnose
+from twin.baseline.energy_breakdown import energy_breakdown
+from twin.baseline.learned import Baseline, learn
+from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, WindowReading, angle_of, common_period, read
+from twin.baseline.reporting import NO_DEPTH, described, parts_of, record, sections, strange, strange_of
+from twin.baseline.spacing import Spacing, shared_ratio, unattributed_spacing
+from twin.errors import TwinError
+from twin.features.angle import AngleTrack
+from twin.rig import Rig
+from twin.windows import Window
+
+SCHEMA = "gear-twin-baseline/1"
+KEPT = (
+    "name", "start_time_ns", "duration", "turns", "period", "speed_hz", "speed_std_hz", "angle_from", "absolute",
+    "torque_nm",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Tracked:
+    """One usable window with its pinion angle."""
+
+    name: str
+    window: Window
+    track: AngleTrack
+    spacing: Spacing | None  # of lines that no known shaft makes
+
+
+class Loaded(NamedTuple):
+    """The usable windows of one recording."""
+
+    rig: Rig
+    asset: str
+    windows: list[Tracked]
+    refused: list[str]
+
+
+def pair_shafts(rig: Rig) -> tuple[Fraction, Fraction]:
+    """Orders of pinion and gear."""
+    z1, z2 = rig.teeth
+    return Fraction(1), Fraction(int(z1), int(z2))
+
+
+def load(path: Path, rig_path: Path | None = None, shafts: Sequence[Fraction] | None = None) -> Loaded:
+    """The windows of a recording that have a pinion angle.
+
+    shafts  known ones, beside which strange lines are sought; the pair's where None
+    Raises InputError where there is none.
+    """
+    with Recording(path) as recording:
+        asset = choose_asset(recording, None)
+        rig = rig_of(recording, rig_path)
+    try:
+        shafts = pair_shafts(rig) if shafts is None else shafts
+    except TwinError as error:
+        raise InputError(f"{path}: a baseline needs the tooth counts of the pair: {error}") from None
+    windows, refused = [], []
+    for i, window in enumerate(read_windows(path)[2]):
+        name = f"{path.stem}#{i}"
+        try:
+            track = angle_of(rig, window)
+            spacing = unattributed_spacing(window.accelerations, track, rig.teeth, shafts)
+        except TwinError as error:
+            refused.append(f"{name}: {error}")
+            continue
+        windows.append(Tracked(name=name, window=window, track=track, spacing=spacing))
+    if not windows:
+        raise InputError(f"{path}: no window can be used: {refused[0] if refused else 'there is none'}")
+    return Loaded(rig, asset, windows, refused)
+
+
+def learned(paths: Sequence[Path], rig_path: Path | None = None) -> Baseline:
+    """A baseline from recordings of the healthy machine.
+
+    Another shaft geared to the pinion is taken in where most windows show its lines.
+    """
+    loaded = [load(path, rig_path) for path in paths]
+    rig = loaded[0].rig
+    for path, other in zip(paths, loaded, strict=True):
+        if other.rig.teeth != rig.teeth:
+            raise InputError(f"{path}: {other.rig.teeth} teeth, while {paths[0]} has {rig.teeth}: not one machine")
+    windows = [w for found in loaded for w in found.windows]
+    shafts = (*pair_shafts(rig), *_geared(windows))
+    try:
+        return learn(rig, [read(rig, w.window, shafts, w.name, w.track) for w in windows], shafts)
+    except TwinError as error:
+        raise InputError(f"{', '.join(map(str, paths))}: {error}") from None
+
+
+def _geared(windows: Sequence[Tracked]) -> tuple[Fraction, ...]:
+    """The order of another shaft that most windows show and are long enough to tell apart."""
+    ratio = shared_ratio([w.spacing for w in windows])
+    if ratio is None:
+        return ()
+    turns = min(w.track.turns for w in windows)
+    return (ratio,) if turns >= TURNS_PER_PERIOD * common_period((Fraction(1), ratio)) else ()
+
+
+def compared(baseline: Baseline, path: Path, rig_path: Path | None = None) -> tuple[Loaded, Diagnosis]:
+    """A recording beside a baseline."""
+    loaded = load(path, rig_path, baseline.shafts)
+    if loaded.rig.teeth != baseline.rig.teeth:
+        raise InputError(
+            f"{path}: {loaded.rig.teeth} teeth in its rig file, {baseline.rig.teeth} in the baseline's: "
+            "which are right?"
+        )
+    try:
+        parts = [parts_of(baseline, w.window, w.name, w.track) for w in loaded.windows]
+        return loaded, diagnose(baseline, parts)
+    except TwinError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def answer(loaded: Loaded, baseline: Baseline, found: Diagnosis) -> dict[str, Any]:
+    """The answer in the names of the contract."""
+    missing = {"status": "not available", "reason": NO_DEPTH}
+    return plain(
+        {
+            "asset": loaded.asset,
+            "baseline": described(baseline),
+            "windows": [record(i, c) for i, c in enumerate(found.compared)],
+            "refused": loaded.refused,
+            "wear": missing,
+            "rul": missing,
+            **sections(baseline, found),
+            "strange": strange_of(baseline, [(w.name, w.spacing, w.track) for w in loaded.windows]),
+        }
+    )
+
+
+def strangers(loaded: Loaded) -> list[dict[str, Any]]:
+    """Spacings of lines that neither gear makes."""
+    seen = [(w.name, w.spacing, w.track) for w in loaded.windows]
+    return strange(seen, pair_shafts(loaded.rig), ("pinion", "gear"))
+
+
+def belonging_of(path: Path, rig_path: Path | None = None) -> list[dict[str, Any]]:
+    """What the energy of a recording's first usable window belongs to, by channel; empty where it cannot be told."""
+    try:
+        loaded = load(path, rig_path)
+        first = loaded.windows[0]
+        shafts = pair_shafts(loaded.rig)
+        found = energy_breakdown(first.window.accelerations, first.track, loaded.rig.teeth, shafts, first.spacing)
+    except (InputError, TwinError):
+        return []
+    return [
+        {
+            "channel": f.channel,
+            "family": f.name,
+            "share_percent": 100 * f.share,
+            "share_std_percent": 100 * f.share_std,
+            "steady": f.steady,
+            "steady_if_fixed": f.steady_if_fixed,
+        }
+        for f in found
+    ]
+
+
+def save(baseline: Baseline, path: Path) -> None:
+    """Writes a baseline file; InputError where it cannot be written."""
+    header: dict[str, Any] = {
+        "schema": SCHEMA,
+        "rig": baseline.rig.values,
+        "shafts": [[s.numerator, s.denominator] for s in baseline.shafts],
+        "path_scatter": dict(baseline.path_scatter),
+        "readings": [],
+    }
+    arrays: dict[str, np.ndarray] = {f"std/{name}": std for name, std in baseline.std.items()}
+    for i, r in enumerate(baseline.readings):
+        values = {name: getattr(r, name) for name in KEPT}
+        header["readings"].append(values | {"rms": {name: c.rms for name, c in r.channels.items()}})
+        for name, c in r.channels.items():
+            arrays[f"{i}/{name}/lines"] = c.lines
+            arrays[f"{i}/{name}/floor"] = c.floor
+    arrays["header"] = np.frombuffer(json.dumps(plain(header), ensure_ascii=False).encode(), dtype=np.uint8)
+    try:
+        with path.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
+
+
+def read_baseline(path: Path) -> Baseline:
+    """A baseline from its file; InputError where it is none."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            header = json.loads(bytes(archive["header"]).decode())
+            if header.get("schema") != SCHEMA:
+                raise InputError(f"{path}: schema {header.get('schema')!r} is not {SCHEMA!r}")
+            readings = tuple(_reading(archive, i, values) for i, values in enumerate(header["readings"]))
+            std = {name.partition("/")[2]: archive[name] for name in archive.files if name.startswith("std/")}
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
+    except (ValueError, KeyError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a baseline of `gear-twin baseline`: {error}") from None
+    return Baseline(
+        rig=checked_rig(header["rig"], f"{path}: its rig"),
+        shafts=tuple(Fraction(n, d) for n, d in header["shafts"]),
+        readings=readings,
+        std=std,
+        path_scatter=header["path_scatter"],
+    )
+
+
+def _reading(archive: Any, index: int, values: dict[str, Any]) -> WindowReading:
+    rms = values.pop("rms")
+    channels = {
+        name: ChannelLines(
+            lines=archive[f"{index}/{name}/lines"], floor=archive[f"{index}/{name}/floor"], rms=float(level)
+        )
+        for name, level in rms.items()
+    }
+    return WindowReading(channels=channels, **values)

@@ -1,0 +1,62 @@
+"""TOML documents at the edge: read, and their keys, tables and numbers checked; every fault one line with its key."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from service.errors import InputError
+from service.stream.wire.topics import NAME
+
+Keys = Mapping[str, tuple[str, ...]]  # known keys by the path of their table: "" and "file." and the like
+
+
+def load_document(path: str | Path, what: str) -> dict[str, Any]:
+    """A TOML file, called `what` in messages."""
+    try:
+        return tomllib.loads(Path(path).read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: {what} cannot be read: {(error.strerror or 'fault').lower()}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: {what} is not TOML: {error}") from None
+
+
+def check_head(where: str, data: Mapping[str, Any], schema: str) -> str:
+    """The asset of a document of this schema."""
+    if data.get("schema") != schema:
+        raise InputError(f"{where}: schema = {data.get('schema')!r} must be {schema!r}")
+    asset = data.get("asset")
+    if not isinstance(asset, str) or not NAME.fullmatch(asset):
+        raise InputError(f"{where}: asset = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
+    return asset
+
+
+def check_keys(where: str, keys: Keys, path: str, table: Mapping[str, Any], shown: str | None = None) -> None:
+    """That a table holds known keys alone."""
+    for key in table:
+        if key not in keys[path]:
+            raise InputError(f"{where}: {shown or path}{key} is not known; known here: {', '.join(keys[path])}")
+
+
+def table_of(where: str, data: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """A table of a document, empty where it is not there."""
+    value = data.get(key, {})
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: {key} = {value!r} must be a table")
+    return value
+
+
+def number_of(where: str, key: str, value: Any, limits: tuple[float, float], unit: str, hint: str = "") -> float:
+    """A finite number within limits, both of them allowed."""
+    low, high = limits
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+        raise InputError(f"{where}: {key} = {value!r} must be a number{f' [{unit}]' if unit else ''}")
+    if not low <= value <= high:
+        cause = f"; {hint}" if hint and hint != "?" else ""
+        raise InputError(
+            f"{where}: {key} = {value:g}{f' {unit}' if unit else ''} is outside [{low:g}, {high:g}]{cause}"
+        )
+    return float(value)

@@ -1,0 +1,39 @@
+"""Rig files: TOML read at the edge, checked by the core, every fault one line with the file's name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from service.errors import InputError
+from service.files.documents import load_document
+from twin.errors import ParameterError
+from twin.rig import Rig
+
+
+def load_mapping(path: str | Path) -> dict[str, Any]:
+    """The mapping of a rig file."""
+    return load_document(path, "rig file")
+
+
+def checked_rig(mapping: Mapping[str, Any], where: str) -> Rig:
+    """The rig of a mapping; InputError with `where` in front of what is wrong."""
+    try:
+        return Rig.from_mapping(mapping)
+    except ParameterError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def load_rig(path: str | Path) -> Rig:
+    """The rig of a rig file."""
+    return checked_rig(load_mapping(path), str(path))
+
+
+def expected_channels(rig: Rig) -> tuple[str, ...]:
+    """Labels of the channels that a rig file says the machine has."""
+    labels = [f"accel/{rig.accelerometer}"] if rig.accelerometer else []
+    labels += [f"encoder/{shaft}" for shaft in ("pinion", "gear") if rig.has(f"encoders.{shaft}_edges_per_rev")]
+    if rig.has("sensors.torque"):
+        labels.append("torque/pinion")
+    return tuple(labels)

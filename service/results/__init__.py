@@ -1,0 +1,1 @@
+"""What has been found: kept in the store, shown on the board."""

@@ -1,0 +1,1 @@
+"""The loop from frames to results, and the programs that run it."""

@@ -1,0 +1,139 @@
+"""A whole recording through the twin, without a server: `gear-twin assess`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from service.contract.answer import assemble
+from service.errors import FrameError, InputError
+from service.files.rig import checked_rig, load_rig
+from service.runtime.pipeline import Pipeline, WindowOutcome
+from service.stream.assembly import DEFAULT, AssemblySettings
+from service.stream.sources.mcap import Recording
+from service.stream.wire.topics import PREFIX, Channel, topic_of
+from twin.rig import Rig
+
+Progress = Callable[[float, int], None]  # share of the file read, windows done
+
+
+def assess(
+    path: str | Path,
+    rig_path: str | Path | None = None,
+    options: Any = None,
+    progress: Progress = lambda share, windows: None,
+    *,
+    asset: str | None = None,
+    prefix: str = PREFIX,
+    assembly: AssemblySettings = DEFAULT,
+    step: Callable[..., tuple[Any, Any]] | None = None,
+    enough: Callable[[Sequence[Mapping[str, Any]]], bool] = lambda records: False,
+) -> dict[str, Any]:
+    """The answer of section 4 about a recording's asset; InputError where it cannot be used, or not assessed.
+
+    `enough` ends the reading early, once it holds for the window records so far.
+    """
+    if options is None:
+        from twin.step import Options
+
+        options = Options()
+    with Recording(path, prefix) as recording:
+        asset = choose_asset(recording, asset)
+        rig = rig_of(recording, rig_path)
+        records: list[Mapping[str, Any]] = []
+        report: Mapping[str, Any] | None = None
+
+        def keep(outcome: WindowOutcome) -> None:
+            nonlocal report
+            records.append(outcome.record)
+            report = outcome.report
+
+        pipeline = Pipeline(lambda name: rig, options, keep, assembly=assembly, step=step)
+
+        def reject(channel: Channel, error: FrameError) -> None:
+            if channel.asset == asset:
+                pipeline.reject(channel, error)
+
+        for frame in recording.frames(reject):
+            if frame.channel.asset == asset:
+                pipeline.feed(frame)
+                progress(recording.bytes_read / recording.size, len(records))
+                if enough(records):
+                    break
+        else:
+            pipeline.flush(asset)
+        progress(1.0, len(records))
+        quality = pipeline.quality(asset) | {"recording": list(recording.faults)}
+        answer = assemble(asset, records, report, quality)
+        _demand_assessment(recording.path, answer)
+        return answer
+
+
+def choose_asset(recording: Recording, asset: str | None) -> str:
+    """The asset asked for, or the only one."""
+    assets = recording.assets
+    if asset is None and len(assets) == 1:
+        return assets[0]
+    if asset in assets:
+        return asset
+    what = f"has no asset {asset!r}" if asset else "holds more than one asset"
+    raise InputError(f"{recording.path}: {what}; choose one of {', '.join(assets)}")
+
+
+def rig_of(recording: Recording, rig_path: str | Path | None) -> Rig:
+    """The rig of a file, or the recording's attachment."""
+    if rig_path is not None:
+        return load_rig(rig_path)
+    mapping = recording.rig()
+    if mapping is None:
+        why = f" ({'; '.join(recording.faults)})" if recording.faults else ""
+        raise InputError(f"{recording.path}: no rig.toml is attached{why}: give a rig file")
+    return checked_rig(mapping, f"{recording.path}: attached rig.toml")
+
+
+class Unassessable(InputError):
+    """A recording that could be read but not assessed; `answer` holds what is known of it all the same."""
+
+    def __init__(self, message: str, answer: dict[str, Any]):
+        super().__init__(message)
+        self.answer = answer
+
+
+def _demand_assessment(path: Path, answer: dict[str, Any]) -> None:
+    """Some window must have been used, and the twin compared where the rig file says that it can be."""
+    records, quality = answer["windows"], answer["data_quality"]
+    asset, missing = answer["asset"], quality["missing_channels"]
+    needed = [label for label in missing if label.split("/")[0] in ("accel", "torque")]
+    compared = any(record.get("rms_predicted") is not None for record in records)
+    used = [record for record in records if record["quality"] != "refused"]
+    if used and (compared or not needed):
+        return
+    topics = ", ".join(topic_of(Channel(asset, *label.split("/"))) for label in (missing if not used else needed))
+    absent = f"the rig file names {topics}, which the recording does not have" if topics else ""
+    if used:
+        raise Unassessable(f"{path}: no window can be compared with the twin: {absent}", answer)
+    if records:
+        reason = f"no window of {len(records)} can be used: {records[0]['reason']}"
+    else:
+        reason = f"no whole window: {quality['faults'][-1]['detail'] if quality['faults'] else 'no frames'}"
+    raise Unassessable("; ".join(part for part in (f"{path}: {reason}", absent) if part), answer)
+
+
+def warnings(recording: str | Path, answer: dict[str, Any]) -> list[str]:
+    """One line each for what was wrong with a recording that could be used all the same."""
+    quality, lines = answer["data_quality"], []
+    if quality.get("recording"):
+        lines.append(f"{recording}: {'; '.join(quality['recording'])}")
+    for label in quality["missing_channels"]:
+        lines.append(f"{recording}: channel {label}, which the rig file names, is missing")
+    grouped: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for fault in quality["faults"]:
+        if fault["action"] in ("degraded", "refused"):
+            grouped.setdefault((fault["channel"], fault["kind"]), []).append(fault)
+    for (label, kind), faults in grouped.items():
+        lines.append(f"{recording}: {label}: {kind}, {len(faults)} times: {faults[0]['detail']}")
+    refused = [w for w in answer["windows"] if w["quality"] == "refused"]
+    if refused:
+        lines.append(f"{recording}: {len(refused)} windows refused: {refused[0]['reason']}")
+    return lines

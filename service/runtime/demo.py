@@ -1,0 +1,235 @@
+"""The whole of gear-twin at once: a service, a recorded campaign replayed into it, and what came of it.
+
+The service is a process of its own, the replay a client of its Zenoh endpoint, and the figures come from
+its REST answers: nothing here is on another way than in real use.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from service.contract.trend import is_available
+from service.errors import DeliveryError, InputError
+from service.runtime.replay import replay
+from service.settings import Settings
+from service.stream.sources.mcap import read_windows
+
+RECORDING = Path(__file__).parents[2] / "recordings" / "paper-campaign.mcap"
+START_WAIT = 60.0  # how long the service may take to start [s]
+STALL_WAIT = 180.0  # how long the service may take for one window [s]
+STOP_WAIT = 20.0
+POLL = 0.2
+PORTS = range(20000, 32768)  # below those that outgoing connections are given
+TRIED = 1000  # of them
+
+
+class DemoFailed(Exception):
+    """Something of the demo did not come out: what."""
+
+
+def run(
+    settings: Settings,
+    exit_after: bool = False,
+    recording: Path = RECORDING,
+    console: Console | None = None,
+    command: Sequence[str] = (sys.executable, "-m", "service", "serve"),
+) -> int:
+    """Runs the demo; 0 where all went well. Without `exit_after` it serves on until interrupted."""
+    console = console or Console()
+    if not Path(recording).exists():
+        raise InputError(f"{recording}: there is no such recording to replay")
+    with ExitStack() as stack:
+        settings = _on_free_ports(settings, stack)
+        try:
+            service = stack.enter_context(_service(settings, command))
+            address = f"http://{settings.http}"
+            asset, answer = _replayed(settings, address, recording, service, console)
+            quality = answer.get("data_quality", {}).get("windows", {})
+            console.print(_summary(asset, answer))
+            console.print(f"Page:  {address}/    REST:  {address}/docs")
+            _demand(answer, quality)
+        except (DemoFailed, DeliveryError) as error:
+            console.print(f"[bold red]failed:[/] {error}", highlight=False)
+            return 1
+        if not exit_after:
+            console.print("Serving on; Ctrl-C ends it.")
+            try:
+                return service.wait()
+            except KeyboardInterrupt:
+                console.print("ended")
+    return 0
+
+
+def _on_free_ports(settings: Settings, stack: ExitStack) -> Settings:
+    """The settings with free loopback ports and a directory of its own for what was not given."""
+    given = settings.model_fields_set
+    changes: dict[str, Any] = {}
+    ports = iter(random.sample(PORTS, TRIED))
+    if "http" not in given:
+        changes["http"] = f"127.0.0.1:{free_port(ports)}"
+    if "listen" not in given:
+        changes["listen"] = [f"tcp/127.0.0.1:{free_port(ports)}"]
+    if "data" not in given:
+        changes["data"] = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="gear-twin-")))
+    if "idle_timeout" not in given:
+        changes["idle_timeout"] = 1.0
+    return settings.model_copy(update=changes)
+
+
+def free_port(ports: Iterable[int]) -> int:
+    """The first of some ports that is free on the loopback; DeliveryError where none is.
+
+    It should lie below the range that outgoing connections are given from, or one of those could take it.
+    """
+    for port in ports:
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
+    raise DeliveryError("no free loopback port is left; give --http and --listen")
+
+
+@contextmanager
+def _service(settings: Settings, command: Sequence[str]) -> Iterator[subprocess.Popen]:
+    """`gear-twin serve` with the settings, ready, until left."""
+    environment = os.environ | {
+        f"GEAR_TWIN_{name.upper()}": value if isinstance(value, str) else json.dumps(value)
+        for name, value in settings.model_dump(mode="json").items()
+        if value is not None
+    }
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(list(command), env=environment, stdout=said, stderr=said)
+        try:
+            deadline = time.monotonic() + START_WAIT
+            while _get(f"http://{settings.http}/readyz") is None:
+                if process.poll() is not None or time.monotonic() > deadline:
+                    said.seek(0)
+                    why = said.read().decode(errors="replace").strip() or "it said nothing"
+                    raise DemoFailed(f"the service did not start: {why}")
+                time.sleep(POLL)
+            yield process
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+                try:
+                    process.wait(STOP_WAIT)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+
+
+def _replayed(
+    settings: Settings, address: str, recording: Path, service: subprocess.Popen, console: Console
+) -> tuple[str, dict[str, Any]]:
+    """The asset and its state after the whole recording has gone through the service."""
+    _, metadata, windows = read_windows(recording)
+    expected = len(windows)
+    endpoints = settings.connect or settings.listen
+    failed: list[Exception] = []
+
+    def deliver() -> None:
+        try:
+            replay(recording, endpoints, 0, prefix=settings.prefix)
+        except Exception as error:
+            failed.append(error)
+
+    delivering = threading.Thread(target=deliver, daemon=True)
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("windows"),
+        TimeElapsedColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task(f"Replaying {recording.name}", total=expected)
+        delivering.start()
+        newest, since, replayed = 0, time.monotonic(), dict[str, int]()
+        while newest < expected:
+            time.sleep(POLL)
+            if failed:
+                raise DemoFailed(f"the replay failed: {failed[0]}")
+            if service.poll() is not None:
+                raise DemoFailed(f"the service ended with status {service.returncode}")
+            replayed = {a["asset"]: a["windows"] for a in _get(f"{address}/v1/assets") or []}
+            taken = sum(replayed.values())
+            if taken > newest:
+                newest, since = taken, time.monotonic()
+                progress.update(task, completed=newest)
+            elif time.monotonic() - since > STALL_WAIT:
+                raise DemoFailed(f"{newest} of {expected} windows after {STALL_WAIT:g} s of waiting")
+    delivering.join()
+    asset = metadata.get("asset") or sorted(replayed)[0]
+    answer = _get(f"{address}/v1/assets/{asset}")
+    if answer is None:
+        raise DemoFailed(f"the service does not know {asset}")
+    return asset, answer
+
+
+def _demand(answer: Mapping[str, Any], quality: Mapping[str, int]) -> None:
+    """What the demo must show."""
+    if quality.get("refused"):
+        raise DemoFailed(f"{quality['refused']} windows were refused")
+    for part in ("wear", "rul"):
+        if not is_available(answer[part]):
+            raise DemoFailed(f"{part} is not available: {answer[part].get('reason')}")
+
+
+def _summary(asset: str, answer: Mapping[str, Any]) -> Table:
+    """The state of the asset in a few lines."""
+    windows, wear, rul = answer["windows"], answer["wear"], answer["rul"]
+    last = windows[-1] if windows else {}
+    table = Table(title=f"{asset} after {_number(last.get('revolutions'), 6)} revolutions", show_header=False)
+    table.add_row("windows", str(len(windows)))
+    table.add_row("updates", str(sum(1 for w in windows if w["updated"])))
+    if is_available(wear):
+        table.add_row("K", f"{_number(wear['k_wear_per_n'])} /N")
+        table.add_row("maximum wear depth", _band(wear["max_depth_um"], "combined", "µm"))
+    else:
+        table.add_row("wear", f"not available: {wear.get('reason')}")
+    if is_available(rul):
+        table.add_row("remaining life", _band(rul, "hours", "h"))
+        table.add_row("", _band(rul, "revolutions", "revolutions"))
+    else:
+        table.add_row("remaining life", f"not available: {rul.get('reason')}")
+    table.add_row("RMS error, latest window", f"{_number(last.get('error_percent'), 2)} %")
+    return table
+
+
+def _band(part: Mapping[str, Any], name: str, unit: str) -> str:
+    band = part.get(name)
+    if band is None or not is_available(band):
+        return "not available"
+    return f"{_number(band['median'])} {unit} (5–95 %: {_number(band['p05'])} to {_number(band['p95'])})"
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+def _get(url: str) -> Any:
+    """The JSON at an address; None where it is not answered."""
+    try:
+        with urllib.request.urlopen(url, timeout=10) as answer:
+            return json.load(answer)
+    except (urllib.error.URLError, ConnectionError, TimeoutError):
+        return None

@@ -1,0 +1,239 @@
+"""Frames in, whole windows out: a function of the set of frames, whatever their order within patience.
+
+    windows = assembler.add(frame)
+    windows = assembler.flush()       at the end of a file, or when a stream falls silent
+
+Frames come in bursts: a pause on all channels ends a window. A stream without a break is cut at
+multiples of the window length on the Unix clock, where at least one length lies on either side, so that
+any delivery of the same frames gives the same cuts and no burst shorter than two lengths is cut.
+
+No clock, no threads. Keys are put in order one by one (assembly_order), merged in time as far as
+every key is known to be complete, and laid out as windows (assembly_window).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from service.stream import order
+from service.stream.frames import NS, Frame, SampleFrame
+from service.stream.window import Piece, build_window, split_index, totals
+from twin.windows import Window
+
+_SILENT_AFTER = 4  # times the patience: frames of other keys after which one that sends nothing is not waited for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssemblySettings:
+    """How frames of one asset become windows."""
+
+    length: float = 10.0  # of the pieces an unbroken stream is cut into [s]
+    gap: float = 1.0  # pause that ends a burst [s]
+    patience: int = 256  # frames that a key lets pass while one is missing
+    settle: int = 16  # frames in good order that prove a gap real
+    max_bytes: int = 128 * 2**20  # held while waiting
+    expected: tuple[str, ...] = ()  # channels that are waited for before the first window: accel/y6, ...
+
+
+DEFAULT = AssemblySettings()
+
+
+@dataclass(slots=True)
+class _Open:
+    """The window in progress."""
+
+    start: int  # [ns]
+    end: int  # [ns]
+    pieces: dict[str, list[Piece]]
+
+
+class Assembler:
+    """The assembly of one asset's frames."""
+
+    def __init__(self, settings: AssemblySettings = DEFAULT):
+        self.settings = settings
+        self.counters: dict[str, dict[str, int]] = {}  # by channel and kind, since the asset was first seen
+        self._lanes = {label: self._lane() for label in settings.expected}
+        self._open: _Open | None = None
+        self._closed_until = 0  # nothing before this time is taken any more [ns]
+        self._known: set[str] = set()  # channels of the windows so far
+        self._counted: dict[str, int] = {}  # edges by the end of the last window
+        self._consumed: dict[str, tuple[int, int, int]] = {}  # sequence, start, end of the last frame in a window
+
+    def add(self, frame: Frame) -> list[Window]:
+        """Takes one frame in; answers the windows that it completes, in time order."""
+        return [window for window, _ in self.assemble(frame)]
+
+    def flush(self) -> list[Window]:
+        """Closes everything that waits; what is missing is declared lost."""
+        return [window for window, _ in self.finish()]
+
+    def assemble(self, frame: Frame) -> Iterator[tuple[Window, dict[str, Any]]]:
+        """As `add`, each window with the resume state that goes with it."""
+        label = frame.channel.label
+        lane = self._lanes.setdefault(label, self._lane())
+        self.count(label, "frames")
+        fate, disorder = lane.offer(frame)
+        if disorder:
+            self.count(label, "disorder")
+        if fate != order.QUEUED:
+            self.count(label, fate)
+            return
+        lane.silent = False
+        self._release(label, lane)
+        self._forget_silent()
+        if sum(each.pending_bytes for each in self._lanes.values()) > self.settings.max_bytes:
+            yield from self._force()
+        yield from self._merge()
+
+    def finish(self) -> Iterator[tuple[Window, dict[str, Any]]]:
+        """As `flush`, each window with the resume state that goes with it."""
+        yield from self._force()
+        if self._open is not None:
+            for label, lane in self._lanes.items():
+                lane.silent = label not in self._open.pieces
+            yield self._close(self._open.end, cut=False)
+
+    def wait_only_for(self, labels: Iterable[str]) -> None:
+        """Stops waiting for all other keys, of which nothing has come, until they are heard again."""
+        heard = set(labels)
+        for label, lane in self._lanes.items():
+            if label not in heard and not lane.queue and not lane.released:
+                lane.silent = True
+
+    def expect(self, labels: Iterable[str]) -> None:
+        """Waits for these channels too before the first window."""
+        for label in labels:
+            self._lanes.setdefault(label, self._lane())
+
+    def count(self, label: str, kind: str, by: int = 1) -> None:
+        """Counts something seen on a channel."""
+        kinds = self.counters.setdefault(label, {})
+        kinds[kind] = kinds.get(kind, 0) + by
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a flush would give anything."""
+        return self._open is not None or any(lane.queue or lane.released for lane in self._lanes.values())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Where the windows so far end, JSON-safe: what a restart needs to go on without counting twice."""
+        return {
+            "closed_until_ns": self._closed_until,
+            "channels": sorted(self._known),
+            "edges_counted": dict(self._counted),
+            "last_frames": {
+                label: {
+                    "sequence": q,
+                    "start_ns": s,
+                    "end_ns": e,
+                    "lost": [list(r) for r in self._lanes[label].lost],
+                }
+                for label, (q, s, e) in self._consumed.items()
+            },
+            "counters": {label: dict(kinds) for label, kinds in self.counters.items()},
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], settings: AssemblySettings = DEFAULT) -> Assembler:
+        """An assembler that goes on after the windows of `to_dict`."""
+        self = cls(settings)
+        self._closed_until = int(data["closed_until_ns"])
+        self._known = set(data["channels"])
+        self._counted = {label: int(count) for label, count in data["edges_counted"].items()}
+        self.counters = {label: dict(kinds) for label, kinds in data["counters"].items()}
+        for label, last in data["last_frames"].items():
+            lane = self._lanes.setdefault(label, self._lane())
+            lane.last = (int(last["sequence"]), int(last["start_ns"]), int(last["end_ns"]))
+            lane.lost = [(int(a), int(b)) for a, b in last["lost"]]
+            self._consumed[label] = lane.last
+        return self
+
+    def _lane(self) -> order.Lane:
+        return order.Lane(patience=self.settings.patience, settle=self.settings.settle)
+
+    def _release(self, label: str, lane: order.Lane, force: bool = False) -> None:
+        for kind, number in lane.release(force).items():
+            if number:
+                self.count(label, kind, number)
+
+    def _force(self) -> Iterator[tuple[Window, dict[str, Any]]]:
+        """Lets everything go that waits, without regard to what may be missing."""
+        for label, lane in self._lanes.items():
+            self._release(label, lane, force=True)
+        yield from self._merge(known=float("inf"))
+
+    def _forget_silent(self) -> None:
+        """Stops waiting for keys of which nothing has come while another has gone on for very long."""
+        backlog = max(len(lane.released) for lane in self._lanes.values())
+        if backlog >= _SILENT_AFTER * self.settings.patience:
+            self.wait_only_for(label for label, lane in self._lanes.items() if lane.released)
+
+    def _merge(self, known: float | None = None) -> Iterator[tuple[Window, dict[str, Any]]]:
+        """Takes released frames in time order as far as every key is complete, or as far as told [ns]."""
+        if known is None:
+            known = min((x.watermark for x in self._lanes.values() if not x.silent), default=float("inf"))
+        while True:
+            heads = [(x.released[0][0].start_time_ns, label) for label, x in self._lanes.items() if x.released]
+            if not heads or min(heads)[0] > known:
+                return
+            label = min(heads)[1]
+            frame, lost = self._lanes[label].take()
+            yield from self._place(label, frame, lost)
+
+    def _place(self, label: str, frame: Frame, lost: int) -> Iterator[tuple[Window, dict[str, Any]]]:
+        """Puts one frame into the window in progress, after closing what it shows to be over."""
+        begin, size = split_index(frame, self._closed_until), _size(frame)
+        late = frame.end_time_ns <= self._closed_until if size else frame.start_time_ns < self._closed_until
+        if begin == size and late:
+            self.count(label, order.LATE)
+            return
+        current = self._open
+        if current is not None and frame.start_time_ns > current.end + self.settings.gap * NS:
+            yield self._close(current.end, cut=False)
+            current = None
+        start = max(frame.start_time_ns, self._closed_until)
+        if current is None:
+            current = self._open = _Open(start, start, {})
+        current.end = max(current.end, frame.end_time_ns)
+        current.pieces.setdefault(label, []).append(Piece(frame, begin, size, lost))
+        length = round(self.settings.length * NS)
+        while self._open is not None:
+            cut = -(-(self._open.start + length) // length) * length
+            if frame.start_time_ns < cut or self._open.end < cut + length:
+                return
+            yield self._close(cut, cut=True)
+
+    def _close(self, end: int, *, cut: bool) -> tuple[Window, dict[str, Any]]:
+        """The window in progress up to its end; what a cut leaves over opens the next."""
+        current = self._open
+        assert current is not None
+        now: dict[str, list[Piece]] = {}
+        rest: dict[str, list[Piece]] = {}
+        for label, pieces in current.pieces.items():
+            for piece in pieces:
+                frame = piece.frame
+                after = cut and frame.start_time_ns >= end
+                at = min(max(split_index(frame, end), piece.begin), piece.end) if cut else piece.end
+                if not after:
+                    now.setdefault(label, []).append(Piece(frame, piece.begin, at, piece.lost))
+                if at < piece.end or after:
+                    rest.setdefault(label, []).append(Piece(frame, at, piece.end, piece.lost if after else 0))
+                else:
+                    self._consumed[label] = (frame.sequence, frame.start_time_ns, frame.end_time_ns)
+        window = build_window(current.start, end, now, self._known, self._counted)
+        for shaft, edges in window.encoders.items():
+            self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
+        for (label, kind), number in totals(window.faults).items():
+            if kind != "gap":
+                self.count(label, kind, number)
+        self._known |= set(now)
+        self._closed_until = end
+        self._open = _Open(end, current.end, rest) if cut else None
+        return window, self.to_dict()
+
+
+def _size(frame: Frame) -> int:
+    return frame.values.size if isinstance(frame, SampleFrame) else frame.edge_offsets_ns.size

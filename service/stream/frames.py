@@ -1,0 +1,120 @@
+"""Frames: what one key carried in 0.01 to 10 s, as frozen data, each value within the contract's limits.
+
+Values keep the precision they had on the wire (float32 samples, float64 edge offsets). NaN among
+samples is allowed here: it is a fault of the data, counted when the window is built, not of the frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.errors import FrameError
+from service.stream.wire.topics import Channel, topic_of
+
+NS = 1_000_000_000
+LENGTH_LIMITS = (0.01, 10.0)  # of a frame [s]
+_LENGTH_SLACK = 1e-6  # relative: a rate such as 25641.03 Hz cannot give 10 s exactly
+_RATE_LIMIT = 1e8  # [Hz]; a frame of 0.01 s would hold a million values
+_EDGES_LIMIT = 10_000_000  # edges a revolution
+_UINT64 = 2**64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SampleFrame:
+    """Evenly sampled values of one accelerometer [m/s²] or torque meter [N·m]."""
+
+    channel: Channel
+    start_time_ns: int  # Unix time of the first sample [ns]
+    sequence: int
+    sample_rate: float  # [Hz]
+    values: np.ndarray  # (n,) float32
+
+    def __post_init__(self) -> None:
+        _check_head(self.channel, self.start_time_ns, self.sequence)
+        _within(self.channel, "sample_rate_hz", self.sample_rate, 0.0, _RATE_LIMIT, "Hz")
+        if self.values.ndim != 1 or self.values.size == 0:
+            raise _error(self.channel, "values", "nothing", "must hold at least one value")
+        length, (low, high) = self.values.size / self.sample_rate, LENGTH_LIMITS
+        if not low * (1 - _LENGTH_SLACK) <= length <= high * (1 + _LENGTH_SLACK):
+            raise _error(
+                self.channel,
+                "values",
+                f"{self.values.size} at {self.sample_rate:g} Hz = {length:g} s",
+                f"must cover {low:g} to {high:g} s; a wrong sample_rate_hz?",
+            )
+
+    @property
+    def end_time_ns(self) -> int:
+        """Unix time one sample after the last [ns]."""
+        return self.start_time_ns + round(self.values.size / self.sample_rate * NS)
+
+    @property
+    def nbytes(self) -> int:
+        return self.values.nbytes + 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EncoderFrame:
+    """Times at which the edges of one shaft encoder passed."""
+
+    channel: Channel
+    start_time_ns: int  # Unix time at which the frame starts [ns]
+    sequence: int
+    edges_per_rev: int
+    first_edge_index: int  # edges counted before this frame's first, since the gears were new
+    edge_offsets_ns: np.ndarray  # (n,) float64, after start_time_ns [ns]
+
+    def __post_init__(self) -> None:
+        _check_head(self.channel, self.start_time_ns, self.sequence)
+        _within(self.channel, "edges_per_rev", self.edges_per_rev, 0, _EDGES_LIMIT, "edges")
+        _within(self.channel, "first_edge_index", self.first_edge_index, -1, _UINT64 - 1, "edges")
+        offsets, high = self.edge_offsets_ns, LENGTH_LIMITS[1] * (1 + _LENGTH_SLACK) * NS
+        if offsets.ndim != 1 or not np.all((offsets >= 0) & (offsets <= high)):
+            bad = offsets[~((offsets >= 0) & (offsets <= high))] if offsets.ndim == 1 else offsets.ravel()
+            raise _error(
+                self.channel,
+                "edge_offset_ns",
+                f"{bad[0]:g} ns",
+                f"must lie in [0, {high:.3g}] ns; seconds or Unix time?",
+            )
+
+    @property
+    def rises(self) -> bool:
+        """Whether every edge passed after the one before it; an encoder that runs backwards does not."""
+        return bool(np.all(np.diff(self.edge_offsets_ns) > 0))
+
+    @property
+    def end_time_ns(self) -> int:
+        """Unix time of the last edge [ns]; the frame's start where no edge passed."""
+        last = round(float(self.edge_offsets_ns.max())) if self.edge_offsets_ns.size else 0
+        return self.start_time_ns + last
+
+    @property
+    def nbytes(self) -> int:
+        return self.edge_offsets_ns.nbytes + 200
+
+
+Frame = SampleFrame | EncoderFrame
+
+
+def _error(channel: Channel, field: str, value: str, rule: str) -> FrameError:
+    return FrameError(f"{topic_of(channel)}: {field} = {value} {rule}")
+
+
+def _within(channel: Channel, field: str, value: float, above: float, upto: float, unit: str) -> None:
+    if not above < value <= upto:  # NaN fails too
+        raise _error(channel, field, f"{value:g}", f"is outside ({above:g}, {upto:g}] {unit}")
+
+
+def _check_head(channel: Channel, start_time_ns: int, sequence: int) -> None:
+    if not 0 < start_time_ns < 2**63:
+        raise _error(
+            channel,
+            "start_time_ns",
+            str(start_time_ns),
+            "is outside (0, 2^63) ns of Unix time; the field was not set?",
+        )
+    if not 0 <= sequence < _UINT64:
+        raise _error(channel, "sequence", str(sequence), "is outside [0, 2^64)")

@@ -1,0 +1,70 @@
+"""Recordings written by the contract, section 2: chunked, indexed, zstd, with CRCs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+
+from mcap.writer import CompressionType, Writer
+
+from service.errors import InputError
+from service.stream.sources.mcap import RIG_ATTACHMENT
+from service.stream.wire.codec import SCHEMAS, schema_data
+from service.stream.wire.topics import PREFIX, Channel, topic_of
+
+
+class RecordingWriter:
+    """Writes one MCAP file; what has been flushed survives a crash, as whole chunks."""
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        rig_text: bytes | None = None,
+        metadata: dict[str, str] | None = None,
+        prefix: str = PREFIX,
+    ):
+        self.path = Path(path)
+        try:
+            self._file = self.path.open("wb")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
+        self._prefix, self._channels = prefix, dict[Channel, int]()
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_crcs=True)
+        self._writer.start(profile="", library="gear-twin")
+        if rig_text is not None:
+            self._writer.add_attachment(0, 0, RIG_ATTACHMENT, "application/toml", rig_text)
+        if metadata:
+            self._writer.add_metadata("recording", metadata)
+        data = schema_data()
+        self._schemas = {
+            name: self._writer.register_schema(name, "protobuf", data) for name in sorted(set(SCHEMAS.values()))
+        }
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write(self, channel: Channel, end_time_ns: int, payload: bytes) -> None:
+        """Adds one frame, its time being the frame's end."""
+        ident = self._channels.get(channel)
+        if ident is None:
+            topic = topic_of(channel, self._prefix)
+            ident = self._writer.register_channel(topic, "protobuf", self._schemas[SCHEMAS[channel.kind]])
+            self._channels[channel] = ident
+        self._writer.add_message(ident, log_time=end_time_ns, publish_time=end_time_ns, data=payload)
+
+    def flush(self) -> None:
+        """Ends the chunk in progress and hands it to the operating system."""
+        self._writer.flush()
+        self._file.flush()
+
+    def close(self) -> None:
+        """Writes the index; the file is complete."""
+        if not self._file.closed:
+            self._writer.finish()
+            self._file.close()

@@ -1,0 +1,97 @@
+"""Between the bytes of `gearbox.v1` messages and frames."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from google.protobuf import descriptor_pb2
+from google.protobuf.message import DecodeError
+
+from service.errors import FrameError
+from service.stream.frames import EncoderFrame, Frame, SampleFrame
+from service.stream.wire import gearbox_pb2
+from service.stream.wire.topics import Channel, topic_of
+
+pb: Any = gearbox_pb2  # its classes are made at import
+
+SCHEMAS = {
+    "accel": "gearbox.v1.SampleFrame",
+    "torque": "gearbox.v1.SampleFrame",
+    "encoder": "gearbox.v1.EncoderFrame",
+}
+
+
+def encoding_of(channel: Channel) -> str:
+    """The encoding that a Zenoh sample of this channel carries."""
+    return f"application/protobuf;{SCHEMAS[channel.kind]}"
+
+
+def decode(channel: Channel, payload: bytes) -> Frame:
+    """The frame in a payload; raises FrameError where the contract is broken."""
+    message = pb.EncoderFrame() if channel.kind == "encoder" else pb.SampleFrame()
+    try:
+        message.ParseFromString(payload)
+    except DecodeError:
+        raise FrameError(
+            f"{topic_of(channel)}: payload of {len(payload)} bytes is no {SCHEMAS[channel.kind]} message"
+        ) from None
+    if channel.kind == "encoder":
+        return EncoderFrame(
+            channel=channel,
+            start_time_ns=message.start_time_ns,
+            sequence=message.sequence,
+            edges_per_rev=message.edges_per_rev,
+            first_edge_index=message.first_edge_index,
+            edge_offsets_ns=np.array(message.edge_offset_ns, dtype=np.float64),
+        )
+    return SampleFrame(
+        channel=channel,
+        start_time_ns=message.start_time_ns,
+        sequence=message.sequence,
+        sample_rate=message.sample_rate_hz,
+        values=np.array(message.values, dtype=np.float32),
+    )
+
+
+def encode(frame: Frame) -> bytes:
+    """The payload of a frame."""
+    if isinstance(frame, EncoderFrame):
+        message = pb.EncoderFrame(
+            start_time_ns=frame.start_time_ns,
+            edges_per_rev=frame.edges_per_rev,
+            sequence=frame.sequence,
+            first_edge_index=frame.first_edge_index,
+        )
+        message.edge_offset_ns.extend(frame.edge_offsets_ns.tolist())
+    else:
+        message = pb.SampleFrame(
+            start_time_ns=frame.start_time_ns, sample_rate_hz=frame.sample_rate, sequence=frame.sequence
+        )
+        message.values.extend(frame.values.tolist())
+    return message.SerializeToString()
+
+
+def schema_data() -> bytes:
+    """The FileDescriptorSet that an MCAP schema record holds."""
+    file = descriptor_pb2.FileDescriptorProto.FromString(pb.DESCRIPTOR.serialized_pb)
+    return descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
+
+
+def schema_fault(name: str, encoding: str, data: bytes, expected: str) -> str | None:
+    """What is wrong with a schema record that should describe `expected`; None if nothing is."""
+    if name != expected or encoding != "protobuf":
+        return f"schema {name!r} ({encoding or 'no encoding'}), must be {expected!r} (protobuf)"
+    try:
+        files = descriptor_pb2.FileDescriptorSet.FromString(data).file
+    except DecodeError:
+        return f"schema {name!r} holds no FileDescriptorSet"
+    found = {f"{file.package}.{m.name}": m for file in files for m in file.message_type}.get(expected)
+    if found is None:
+        return f"schema {name!r} does not describe {expected}"
+    fields = {f.name: f for f in found.field}
+    for field in pb.DESCRIPTOR.message_types_by_name[expected.rsplit(".", 1)[1]].fields:
+        other = fields.get(field.name)
+        if other is None or (other.number, other.type) != (field.number, field.type):
+            return f"schema {name!r}: field {field.name} must have number {field.number} and the contract's type"
+    return None

@@ -1,0 +1,1 @@
+"""Studies that the product is not made of: comparisons with published experiments."""

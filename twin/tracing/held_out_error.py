@@ -1,0 +1,196 @@
+"""How well a twin predicts windows that took no part in fitting its effects.
+
+    waveform = 100·‖measured − predicted‖/‖measured‖          over the lines of the synchronous averages
+
+A window is predicted from its speed, torque and encoder depth, by the twin with some effects and by the twin without.
+Both use the same learned factors, of the path to the housing and of the mesh lines: those that the twin with all
+effects took from the windows that were fitted. So they differ by the effects alone, and none can hide in a factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.effects.addition import Addition
+from twin.effects.backlash_rattle import BacklashRattle
+from twin.effects.bearing_defect import BearingDefect
+from twin.effects.response import Response, solve_with
+from twin.errors import NotAvailable, NotConverged
+from twin.features.window_features import MeasuredLines
+from twin.rig import Rig
+from twin.updating.conditions import condition_of
+from twin.updating.history import WindowInput
+from twin.updating.memory import Line, Memory
+from twin.updating.model_cache import healthy_model_of, profile_of
+from twin.updating.prediction import MESH, PATH
+
+NOT_SYNCHRONOUS = (BearingDefect, BacklashRattle)  # no line of a synchronous average is theirs
+TOP = 2000.0  # [Hz]
+HARMONICS = 5  # of the mesh, reported by band
+BAND = 2  # shaft orders beside a mesh harmonic
+STRONGEST = 40
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HeldOutComparison:
+    """One window's lines, measured and predicted, (n,) each."""
+
+    index: int
+    speed_hz: float
+    orders: np.ndarray
+    measured: np.ndarray  # [m/s²]
+    predicted: np.ndarray
+    std: np.ndarray
+    rms_measured: float | None
+    rms_predicted: float
+    error_left: float  # energies of the transmission error's lines [m²]
+    error_measured: float
+
+    @property
+    def left(self) -> float:
+        return float(np.sum(np.abs(self.measured - self.predicted) ** 2))
+
+    @property
+    def energy(self) -> float:
+        return float(np.sum(np.abs(self.measured) ** 2))
+
+    @property
+    def noise(self) -> float:
+        return float(np.sum(2 * self.std**2))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LearnedFactors:
+    """Factors of path and mesh as the windows that were fitted taught them."""
+
+    path: tuple[Line, ...]
+    mesh: tuple[Line, ...]
+
+    @classmethod
+    def of(cls, memory: Memory, unseen: set[int]) -> LearnedFactors:
+        return cls(
+            path=tuple(line for line in memory.path if int(line[0]) not in unseen),
+            mesh=tuple(line for line in memory.mesh if int(line[0]) not in unseen),
+        )
+
+
+def compare(
+    rig: Rig, memory: Memory, additions: Sequence[Addition], learned: LearnedFactors, window: WindowInput, depth: float
+) -> HeldOutComparison:
+    """One window at a depth [m] beside the twin with some effects; raises NotAvailable, NotConverged."""
+    features = window.features
+    if memory.phase is None or features.acceleration is None or window.level_fault is not None:
+        raise NotAvailable("the window cannot be compared: no mesh phase, or no usable accelerometer")
+    condition = condition_of(features, rig)
+    turns = features.revolutions or 0.0
+    model = healthy_model_of(rig, memory)
+    effects = tuple(
+        a.effect for a in additions if a.onset_revolutions <= turns and not isinstance(a.effect, NOT_SYNCHRONOUS)
+    )
+    profile = profile_of(rig, memory, turns, depth)
+    response = solve_with(model, effects, profile.slices, condition)
+    if not response.steady.converged:
+        raise NotConverged(f"no steady state at {condition.speed_hz:g} Hz with {len(effects)} effects")
+    per_turn = memory.phase / rig.teeth[0]
+    orders, y, std, m = _lines(features.acceleration, response, "acceleration", per_turn)
+    f = np.maximum(orders * condition.speed_hz, 1.0)
+    m = m * PATH.predict(learned.path, f, window.index)[0] * MESH.predict(learned.mesh, f, window.index)[0]
+    top = min(TOP, np.inf if features.band is None else features.band[1])
+    inside = orders * condition.speed_hz <= top
+    band = rig.band
+    heard = (orders * condition.speed_hz >= band[0]) & (orders * condition.speed_hz <= band[1])
+    te = features.transmission_error
+    left = measured = 0.0
+    if te is not None and te.unit == "m":
+        at, e, _, predicted = _lines(te, response, "transmission_error", per_turn)
+        predicted = predicted * MESH.predict(learned.mesh, at * condition.speed_hz, window.index)[0]
+        left, measured = float(np.sum(np.abs(e - predicted) ** 2)), float(np.sum(np.abs(e) ** 2))
+    return HeldOutComparison(
+        index=window.index,
+        speed_hz=condition.speed_hz,
+        orders=orders[inside],
+        measured=y[inside],
+        predicted=m[inside],
+        std=std[inside],
+        rms_measured=features.rms,
+        rms_predicted=float(np.hypot(np.sqrt(0.5 * np.sum(np.abs(m[heard]) ** 2)), features.noise_rms or 0.0)),
+        error_left=left,
+        error_measured=measured,
+    )
+
+
+def _lines(
+    lines: MeasuredLines, response: Response, channel: str, per_turn: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Orders, measured lines, their std and the predicted ones, turned to the encoder's zero; (n,) each."""
+    every = np.array(lines.orders, dtype=float)
+    use = every > 0
+    orders = every[use]
+    y, std = np.array(lines.amplitudes)[use], np.array(lines.std)[use]
+    own = getattr(response, f"{channel}_lines")
+    place = orders * float(response.setup.turns)
+    k = np.rint(place).astype(int)
+    there = (np.abs(place - k) < 1e-6) & (k >= 1) & (k <= own.size)
+    m = np.zeros(orders.size, dtype=complex)
+    m[there] = own[k[there] - 1]
+    return orders, y, std, m * np.exp(1j * orders * per_turn)
+
+
+def figures(windows: Sequence[HeldOutComparison]) -> dict[str, Any]:
+    """`rms_percent`, `waveform_percent` and what noise alone would leave, over windows; None where there are none."""
+    if not windows:
+        return {
+            "rms_percent": None,
+            "waveform_percent": None,
+            "noise_percent": None,
+            "transmission_error_percent": None,
+        }
+    energy = sum(w.energy for w in windows)
+    levels = [w.rms_predicted / w.rms_measured - 1 for w in windows if w.rms_measured]
+    error = sum(w.error_measured for w in windows)
+    return {
+        "rms_percent": 100 * float(np.sqrt(np.mean(np.square(levels)))) if levels else None,
+        "waveform_percent": 100 * float(np.sqrt(sum(w.left for w in windows) / energy)),
+        "noise_percent": 100 * float(np.sqrt(sum(w.noise for w in windows) / energy)),
+        "transmission_error_percent": (
+            100 * float(np.sqrt(sum(w.error_left for w in windows) / error)) if error > 0 else None
+        ),
+    }
+
+
+def by_band_and_order(before: HeldOutComparison, after: HeldOutComparison, teeth: int) -> Mapping[str, Any]:
+    """The residual of one window before and after: by mesh harmonic and by line, the strongest first."""
+    bands = []
+    for k in range(1, HARMONICS + 1):
+        near = np.abs(before.orders - k * teeth) <= BAND + 1e-9
+        bands.append(
+            {
+                "harmonic": k,
+                "frequency_hz": k * teeth * before.speed_hz,
+                "measured": _rms(before.measured[near]),
+                "before": _rms(before.predicted[near]),
+                "after": _rms(after.predicted[near]),
+                "residual_before": _rms((before.measured - before.predicted)[near]),
+                "residual_after": _rms((after.measured - after.predicted)[near]),
+            }
+        )
+    size = np.maximum(np.abs(before.measured), np.abs(before.measured - before.predicted))
+    orders = [
+        {
+            "order": float(before.orders[i]),
+            "frequency_hz": float(before.orders[i] * before.speed_hz),
+            "measured": float(abs(before.measured[i])),
+            "before": float(abs(before.measured[i] - before.predicted[i])),
+            "after": float(abs(after.measured[i] - after.predicted[i])),
+        }
+        for i in np.argsort(-size)[:STRONGEST]
+    ]
+    return {"window": before.index, "bands": bands, "orders": orders}
+
+
+def _rms(lines: np.ndarray) -> float:
+    return float(np.sqrt(0.5 * np.sum(np.abs(lines) ** 2)))

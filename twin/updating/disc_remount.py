@@ -1,0 +1,81 @@
+"""Encoder discs that have moved since the last window.
+
+A lost count, a re-mounted disc or a creeping shaft shifts the mean of the transmission error (one edge of a thousand is
+a hundred micrometres) and, on the pinion, turns all mesh lines by a phase. Both are remembered from earlier windows;
+where they contradict what the mesh lines say of the depth, the lines are believed and the memory starts anew.
+
+    2·J − 2·J without it > MOVED        five standard deviations, with one unknown more
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.features.window_features import WindowFeatures
+from twin.model import Condition, Model
+from twin.updating import encoders
+from twin.updating.depth import HARMONICS, DepthEstimate, Gauge
+from twin.updating.memory import Memory
+from twin.updating.prediction import Expectation
+
+MOVED = 25.0
+LEAST_TURN = 0.05  # turns of the mesh phase below this are not a disc's [rad]: half an edge of 1024 is 0.06
+WORN_ENOUGH = 5e-6  # depth from which the lines know their own phase [m]
+
+Found = tuple[Expectation, DepthEstimate]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SettledDepth:
+    """A depth, and the memory without what it contradicts."""
+
+    memory: Memory
+    gauge: Gauge
+    expectation: Expectation
+    estimate: DepthEstimate
+    notes: tuple[str, ...]
+
+
+def settled(
+    memory: Memory,
+    features: WindowFeatures,
+    model: Model,
+    condition: Condition,
+    search: Callable[[Gauge], Found],
+) -> SettledDepth | None:
+    """The depth that the window's encoders show; None where there are none."""
+    gauge = encoders.gauge_of(features, memory, model, condition)
+    if gauge is None:
+        return None
+    notes: list[str] = []
+    expectation, estimate = search(gauge)
+    if gauge.mean is not None and _misfit(gauge, estimate) > MOVED:
+        freed = replace(gauge, mean=None)
+        found = search(freed)
+        if _misfit(gauge, estimate) - _misfit(freed, found[1]) > MOVED:
+            off = gauge.mean - found[0].lines(found[1].depth).mean
+            notes.append(
+                f"the mean of the transmission error is {off * 1e6:+.0f} µm off what its mesh lines say: a lost count, "
+                "a moved disc, or an effect that the twin lacks; not used"
+            )
+            gauge, (expectation, estimate) = freed, found
+            memory = replace(memory, offset=None)
+    if gauge.phase is not None and _misfit(gauge, estimate) > MOVED:
+        anew = replace(memory, phase=None, phase_std=Memory().phase_std, discs_since_ns=features.start_time_ns)
+        again = encoders.gauge_of(features, anew, model, condition)
+        freed = gauge if again is None else again
+        found = search(freed)
+        turn = float(np.angle(np.exp(1j * (found[1].phase - gauge.phase))))
+        better = _misfit(gauge, estimate) - _misfit(freed, found[1]) > MOVED
+        if better and abs(turn) > LEAST_TURN and found[1].depth > WORN_ENOUGH:
+            notes.append(f"the pinion's disc has turned by {turn:+.2f} rad of mesh phase since the last window")
+            gauge, (expectation, estimate), memory = freed, found, anew
+    return SettledDepth(memory=memory, gauge=gauge, expectation=expectation, estimate=estimate, notes=tuple(notes))
+
+
+def _misfit(gauge: Gauge, estimate: DepthEstimate) -> float:
+    """2·J without its normalising logarithms."""
+    return estimate.misfit * (2 * HARMONICS + (gauge.mean is not None) - 2)
