@@ -36,4 +36,5 @@ def expected_channels(rig: Rig) -> tuple[str, ...]:
     labels += [f"encoder/{shaft}" for shaft in ("pinion", "gear") if rig.has(f"encoders.{shaft}_edges_per_rev")]
     if rig.has("sensors.torque"):
         labels.append("torque/pinion")
+    labels += [f"temperature/{place}" for place in rig.get("sensors.temperature", ())]
     return tuple(labels)

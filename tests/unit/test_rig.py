@@ -2,12 +2,16 @@
 
 import copy
 import math
+from dataclasses import fields
 
 import pytest
 
+from service.files.rig import expected_channels
 from tests.mesh_pairs import UNSW_RIG
 from twin.errors import NotAvailable, ParameterError
 from twin.rig import DEGREES_OF_FREEDOM, Rig
+from twin.rig_schema import SCHEMA
+from twin.rig_tolerances import Tolerances
 
 
 def rig_with(path, value):
@@ -207,3 +211,58 @@ def test_backlash_that_is_not_given_is_none():
     values = copy.deepcopy(UNSW_RIG)
     del values["gears"]["backlash"]
     assert Rig.from_mapping(values).gear_pair().backlash == 0
+
+
+def test_tolerances_that_the_file_does_not_state_have_their_defaults():
+    tolerances = Rig.from_mapping(rig_with("tolerances.stiffness", 0.06)).tolerances
+    assert tolerances.stiffness == 0.06
+    assert (tolerances.mass, tolerances.damping) == (0.01, 0.2)
+    assert (tolerances.pinion_graduation, tolerances.gear_graduation) == (0.6e-6, 1.6e-6)
+    assert Rig.from_mapping({}).tolerances == Tolerances()
+
+
+def test_every_tolerance_can_be_stated_in_the_rig_file():
+    assert set(SCHEMA["tolerances"]) == {f.name for f in fields(Tolerances)}
+
+
+def test_torque_floor_is_a_share_of_the_rated_torque_unless_the_file_states_it():
+    assert Rig.from_mapping(UNSW_RIG).tolerances.torque_floor == pytest.approx(0.005)
+    large = rig_with("operating.input_torque", 400.0)
+    assert Rig.from_mapping(large).tolerances.torque_floor == pytest.approx(0.2)
+    large["tolerances"] = {"torque_floor": 0.03}
+    assert Rig.from_mapping(large).tolerances.torque_floor == 0.03
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("tolerances.stiffness", 3.0, "tolerances.stiffness = 3 is outside [0, 0.9]; percent?"),
+        (
+            "tolerances.gear_graduation",
+            1.6,
+            "tolerances.gear_graduation = 1.6 m is outside (0, 0.001] m; micrometres?",
+        ),
+        ("tolerances.masses", 0.1, "tolerances.masses is not a key of a rig file; did you mean tolerances.mass?"),
+        ("sensors.ranges.accel", -5.0, "sensors.ranges.accel = -5 m/s² is outside (0, 1e+07] m/s²; a range in g?"),
+        (
+            "sensors.ranges.accel",
+            {"y6": 0.0},
+            "sensors.ranges.accel.y6 = 0 m/s² is outside (0, 1e+07] m/s²; a range in g?",
+        ),
+    ],
+)
+def test_tolerances_and_ranges_out_of_range_are_refused(path, value, message):
+    assert message_of(rig_with(path, value)) == message
+
+
+def test_sensor_range_holds_for_all_channels_of_a_kind_or_for_the_named_one():
+    rig = Rig.from_mapping(rig_with("sensors.ranges", {"accel": {"y6": 500.0}, "torque": 50.0}))
+    assert rig.sensor_range("accel", "y6") == 500.0
+    assert rig.sensor_range("accel", "y4") is None
+    assert rig.sensor_range("torque", "pinion") == 50.0
+    assert Rig.from_mapping(UNSW_RIG).sensor_range("torque", "pinion") is None
+
+
+def test_temperature_places_are_expected_channels():
+    rig = Rig.from_mapping(rig_with("sensors.temperature", ["oil", "bearing"]))
+    assert expected_channels(rig)[-2:] == ("temperature/oil", "temperature/bearing")
