@@ -37,7 +37,7 @@ class Settings(BaseSettings):
 
     # the twin
     rig: Path | None = Field(default=None, description="rig file of all assets that no other names")
-    update: Literal["fused", "paper"] = "fused"
+    update: Literal["fused", "rms"] = "fused"
     error_threshold: float = Field(default=0.05, gt=0, lt=1, description="RMS error that triggers an update")
 
     baseline: Path | None = Field(default=None, description="baseline file of machines whose rig file gives no model")

@@ -71,7 +71,7 @@ def wear_report(rig: Rig, outcome: UpdateOutcome) -> dict[str, Any]:
             for name, part in flanks.items()
         },
         "profile": profile_report(pair, outcome.curve.profile(outcome.depth), share),
-        "from": outcome.way,
+        "from": outcome.method,
         "validity": {
             "contact_loss_from_um": None if loss is None else loss * MICRO,
             "steady_state_to_um": outcome.curve.valid_to * MICRO,
@@ -83,7 +83,7 @@ def wear_report(rig: Rig, outcome: UpdateOutcome) -> dict[str, Any]:
 
 def wear_coefficient(rig: Rig, outcome: UpdateOutcome) -> float:
     """K [1/N] by the way in use."""
-    rate = outcome.memory.paper.rate if outcome.way == "rms" else outcome.memory.track.rate
+    rate = outcome.memory.rms_track.rate if outcome.method == "rms" else outcome.memory.track.rate
     return rate / reference_rate(rig)
 
 
@@ -99,15 +99,15 @@ def ways_report(rig: Rig, outcome: UpdateOutcome) -> dict[str, Any]:
             "from_lines_um": outcome.estimate.from_lines * MICRO,
             "misfit": outcome.estimate.misfit,
         }
-    if outcome.paper is not None:
+    if outcome.rms_result is not None:
         out["paper"] = {
-            "k_wear_per_n": outcome.memory.paper.rate / reference,
-            "wear_depth_um": outcome.paper_depth * MICRO,
-            "rms_predicted": outcome.paper.rms_predicted,
-            "rms_after": outcome.paper.rms_after,
-            "updated": outcome.paper.updated,
-            "converged": outcome.paper.converged,
-            "iterations": outcome.paper.iterations,
+            "k_wear_per_n": outcome.memory.rms_track.rate / reference,
+            "wear_depth_um": outcome.rms_depth * MICRO,
+            "rms_predicted": outcome.rms_result.rms_predicted,
+            "rms_after": outcome.rms_result.rms_after,
+            "updated": outcome.rms_result.updated,
+            "converged": outcome.rms_result.converged,
+            "iterations": outcome.rms_result.iterations,
         }
     return out
 
@@ -134,17 +134,17 @@ def rul_report(rig: Rig, outcome: UpdateOutcome) -> dict[str, Any]:
     if end is None:
         return not_available("remaining life is not available: the rig file gives no end_of_life.max_depth")
     track = outcome.memory.track
-    if not (outcome.memory.paper.updates if outcome.way == "rms" else track.windows):
+    if not (outcome.memory.rms_track.updates if outcome.method == "rms" else track.windows):
         return not_available("remaining life is not available: no worn window has been seen yet")
-    if outcome.way == "rms":
-        paper = outcome.memory.paper
+    if outcome.method == "rms":
+        paper = outcome.memory.rms_track
         spread = RMS_SPREAD
         track = replace(
             track, work=paper.work, rate=paper.rate, var_work=(spread * paper.work) ** 2, cov=0.0,
             var_rate=(spread * paper.rate) ** 2,
         )  # fmt: skip
     common = 0.0
-    if outcome.way != "rms" and outcome.estimate is not None and outcome.estimate.depth > 0:
+    if outcome.method != "rms" and outcome.estimate is not None and outcome.estimate.depth > 0:
         common = min(outcome.estimate.std / outcome.estimate.depth, 1.0)
     life = remaining_life(track, outcome.curve, outcome.memory.segments[-1].start_work, end, common)
     hours = 1 / (3600 * outcome.condition.speed_hz)

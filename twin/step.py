@@ -34,7 +34,7 @@ from twin.updating.memory import Memory
 from twin.updating.update import NEEDED, UpdateOutcome
 from twin.windows import Window
 
-UPDATES = ("fused", "paper")
+UPDATES = ("fused", "rms")
 LEVEL_FAULTS = ("clipping", "stuck")  # faults of an accelerometer that falsify its level
 RATTLE = "the teeth part and strike: no steady mesh tells the depth, so neither it nor the life may be relied on"
 RECENT = 3  # windows that `residual` speaks of
@@ -44,7 +44,7 @@ RECENT = 3  # windows that `residual` speaks of
 class Options:
     """How the twin is updated."""
 
-    update: str = "fused"  # what sets the wear depth: the encoders ("fused") or the RMS ("paper")
+    update: str = "fused"  # what sets the wear depth: the encoders ("fused") or the RMS ("rms")
     error_threshold: float = 0.05  # relative RMS error above which a window updates the twin (paper 4.2)
     update_until: float = inf  # pinion revolutions after which the twin only predicts
     trace: bool = True  # whether effects that the model lacks are sought and added
@@ -263,7 +263,7 @@ def _record(rig: Rig, index: int, features: WindowFeatures, outcome: UpdateOutco
         "wear_depth_um": outcome.depth * 1e6,
         "wear_depth_p05_um": low * 1e6,
         "wear_depth_p95_um": high * 1e6,
-        "depth_from": outcome.way,
+        "depth_from": outcome.method,
         "ways": report.ways_report(rig, outcome),
         "contact_loss_percent": None if outcome.expectation is None else _percent(outcome.expectation.contact_loss),
         "notes": list(outcome.notes),

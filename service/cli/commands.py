@@ -28,14 +28,14 @@ class Update(StrEnum):
     """What sets the wear depth."""
 
     fused = "fused"
-    paper = "paper"
+    rms = "rms"
 
 
 Recording = Annotated[Path, typer.Argument(metavar="RECORDING", help="MCAP recording by the contract.")]
 RigFile = Annotated[Path | None, typer.Option("--rig", help="Rig file; without it, the recording's attachment.")]
 Asset = Annotated[str | None, typer.Option(help="The asset to look at, where a recording holds several.")]
 Prefix = Annotated[str, typer.Option(help="First part of all keys and topics.", envvar="GEAR_TWIN_PREFIX")]
-UpdateWay = Annotated[Update, typer.Option(help="What sets the depth: transmission error (fused) or the RMS (paper).")]
+UpdateMethod = Annotated[Update, typer.Option(help="What sets the depth: transmission error (fused) or the RMS (rms).")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - prints it.")]
 NoTrace = Annotated[bool, typer.Option("--no-trace", help="Wear alone: seek no effects that the model lacks.")]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")]
@@ -48,7 +48,7 @@ def assess(
     recording: Recording,
     rig: RigFile = None,
     json: JsonFile = None,
-    update: UpdateWay = Update.fused,
+    update: UpdateMethod = Update.fused,
     no_trace: NoTrace = False,
     relation: Annotated[
         Path | None, typer.Option(help="Relation of level and wear depth, where the rig file gives no model.")
@@ -209,7 +209,7 @@ def serve(
     http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page.")] = None,
     rig: RigFile = None,
     data: Annotated[Path | None, typer.Option(help="Directory of the database.")] = None,
-    update: Annotated[Update | None, typer.Option(help="What sets the depth: fused or paper.")] = None,
+    update: Annotated[Update | None, typer.Option(help="What sets the depth: fused or rms.")] = None,
     no_trace: NoTrace = False,
     baseline: Annotated[Path | None, typer.Option(help="Baseline of machines whose rig file gives no model.")] = None,
     relation: Annotated[

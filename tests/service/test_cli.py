@@ -149,7 +149,7 @@ def test_assess_prints_a_table_and_writes_the_json_of_the_contract(capsys, recor
 
 def test_assess_takes_the_way_of_updating(capsys, recording):
     assert assessed(capsys, recording)[0]["update"] == "fused"
-    assert assessed(capsys, recording, "--update", "paper")[0]["update"] == "paper"
+    assert assessed(capsys, recording, "--update", "rms")[0]["update"] == "rms"
     assert "'fused'" in refusal(capsys, "assess", recording, "--update", "guess")
 
 

@@ -129,9 +129,9 @@ def test_update_and_remaining_life_are_told_as_events():
     assert ("update" in kinds) == uninterrupted()[FIRST_WORN][1].record["updated"]
 
 
-def test_paper_way_sets_the_depth_from_the_rms_with_a_wide_band():
+def test_rms_update_sets_the_depth_from_the_rms_with_a_wide_band():
     rig, windows = recorded()
-    _, estimate = step(rig, uninterrupted()[FIRST_WORN - 1][0], windows[FIRST_WORN], Options(update="paper"))
+    _, estimate = step(rig, uninterrupted()[FIRST_WORN - 1][0], windows[FIRST_WORN], Options(update="rms"))
     record = estimate.record
     assert record["depth_from"] == "rms"
     assert record["wear_depth_um"] == record["ways"]["paper"]["wear_depth_um"]
@@ -247,7 +247,7 @@ def test_window_with_neither_level_nor_speed_is_refused_with_the_reason():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"update": "magic"}, "'magic' must be one of fused, paper"),
+        ({"update": "magic"}, "'magic' must be one of fused, rms"),
         ({"error_threshold": 5.0}, r"5\.0 is outside \(0, 1\); percent\?"),
         ({"update_until": -1.0}, "must not be negative"),
     ],
@@ -307,6 +307,6 @@ def test_clipped_accelerometer_neither_updates_nor_teaches_but_leaves_the_depth(
     assert not estimate.record["updated"]
     assert any("clipping" in note for note in estimate.record["notes"])
     assert state.memory.path == before.memory.path
-    assert state.memory.paper.rate == before.memory.paper.rate
+    assert state.memory.rms_track.rate == before.memory.rms_track.rate
     true = uninterrupted()[FIRST_WORN][1].record["wear_depth_um"]
     assert estimate.record["wear_depth_um"] == pytest.approx(true, rel=0.01)

@@ -46,9 +46,9 @@ def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Cond
 
     memory = replace(memory, half_width_from=depth, fit=fit_half_width(fit, misfit))
     factor = curve_of(rig, memory).work_at(depth) / old_curve.work_at(depth)
-    paper = memory.paper
+    rms = memory.rms_track
     return replace(
         memory,
         track=memory.track.rescaled(factor),
-        paper=replace(paper, work=paper.work * factor, rate=paper.rate * factor),
+        rms_track=replace(rms, work=rms.work * factor, rate=rms.rate * factor),
     )

@@ -1,4 +1,4 @@
-"""The history of a machine taken again from its first window, with other effects in the twin."""
+"""The history of a machine replayed from its first window, with other effects in the twin."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from twin.updating.update import UpdateOutcome, update_twin
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WindowInput:
-    """One window of the history as it was taken."""
+    """The features of one window, as they are kept for a replay of the history."""
 
     index: int
     features: WindowFeatures
     level_fault: str | None = None
-    non_gear: NonGearFeatures | None = None  # what the acceleration holds that no gear makes
+    non_gear: NonGearFeatures | None = None  # content of the acceleration that no gear makes
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
@@ -30,7 +30,7 @@ class WindowInput:
             "index": self.index,
             "features": self.features.to_dict(),
             "level_fault": self.level_fault,
-            "beside": None if self.non_gear is None else self.non_gear.to_dict(),
+            "non_gear": None if self.non_gear is None else self.non_gear.to_dict(),
         }
 
     @classmethod
@@ -39,45 +39,45 @@ class WindowInput:
             index=data["index"],
             features=WindowFeatures.from_dict(data["features"]),
             level_fault=data["level_fault"],
-            non_gear=None if data["beside"] is None else NonGearFeatures.from_dict(data["beside"]),
+            non_gear=None if data["non_gear"] is None else NonGearFeatures.from_dict(data["non_gear"]),
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UpdateOptions:
-    """How windows are taken: as `twin.step.Options` has it."""
+    """How windows update the twin; the fields are those of `twin.step.Options`."""
 
     threshold: float
     update: str
     update_until: float
 
 
-def update_window(rig: Rig, memory: Memory, window: WindowInput, taking: UpdateOptions) -> UpdateOutcome:
-    """One window more; raises NotAvailable, NotConverged."""
+def update_window(rig: Rig, memory: Memory, window: WindowInput, options: UpdateOptions) -> UpdateOutcome:
+    """Updates the twin by one window; raises NotAvailable, NotConverged."""
     return update_twin(
         rig,
         memory,
         window.features,
         window.index,
-        threshold=taking.threshold,
-        update=taking.update,
-        update_until=taking.update_until,
+        threshold=options.threshold,
+        update=options.update,
+        update_until=options.update_until,
         level_fault=window.level_fault,
     )
 
 
 def replay_history(
-    rig: Rig, effects: Iterable[Addition], history: Sequence[WindowInput], taking: UpdateOptions
+    rig: Rig, effects: Iterable[Addition], history: Sequence[WindowInput], options: UpdateOptions
 ) -> tuple[Memory, tuple[UpdateOutcome | None, ...]]:
-    """What the twin would remember and have said had it had these effects from the start; pure.
+    """Memory and outcomes that the twin would have had with these effects from the start; a pure function.
 
-    An outcome is None where the window could not be taken, as it would have been then.
+    An outcome is None where a window cannot update the twin.
     """
     memory = Memory(effects=tuple(effects))
     outcomes: list[UpdateOutcome | None] = []
     for window in history:
         try:
-            outcome = update_window(rig, memory, window, taking)
+            outcome = update_window(rig, memory, window, options)
         except (NotAvailable, NotConverged):
             outcomes.append(None)
             continue

@@ -49,7 +49,7 @@ class Memory:
     half_width_from: float = 0.0  # depth at which the half-width was fitted [m], 0 before
     segments: tuple[Segment, ...] = ()
     track: WearTrack = field(default_factory=lambda: WearTrack.unworn(0.0))  # by the fused way
-    paper: RmsTrack = field(default_factory=RmsTrack)
+    rms_track: RmsTrack = field(default_factory=RmsTrack)
     phase: float | None = None  # mesh phase against the encoder's zero [rad]
     phase_std: float = 3.0
     discs_since_ns: int = 0  # when the pinion's disc was last seen to have been turned [Unix ns]
@@ -73,7 +73,7 @@ class Memory:
             "half_width_from": self.half_width_from,
             "segments": [asdict(s) for s in self.segments],
             "track": self.track.to_dict(),
-            "paper": self.paper.to_dict(),
+            "rms_track": self.rms_track.to_dict(),
             "phase": self.phase,
             "phase_std": self.phase_std,
             "discs_since_ns": self.discs_since_ns,
@@ -99,7 +99,7 @@ class Memory:
             half_width_from=data["half_width_from"],
             segments=tuple(Segment(**s) for s in data["segments"]),
             track=WearTrack.from_dict(data["track"]),
-            paper=RmsTrack.from_dict(data["paper"]),
+            rms_track=RmsTrack.from_dict(data["rms_track"]),
             phase=data["phase"],
             phase_std=data["phase_std"],
             discs_since_ns=data["discs_since_ns"],

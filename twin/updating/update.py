@@ -18,8 +18,7 @@ from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
 from twin.rig import Rig
-from twin.updating import encoders, half_width
-from twin.updating import rms_update as paper_way
+from twin.updating import encoders, half_width, rms_update
 from twin.updating.calibration import calibrate, compliance_scale
 from twin.updating.conditions import Measured
 from twin.updating.depth import MODEL_SCATTER, SHAPE_SCATTER, DepthEstimate, estimate_depth
@@ -53,12 +52,12 @@ class UpdateOutcome:
     rms_predicted: float  # before any update [m/s²]
     rms_after: float
     updated: bool
-    depth: float  # combined, by the way in use [m]
+    depth: float  # combined, by the method in use [m]
     depth_band: tuple[float, float]  # 5 and 95 % [m]
-    way: str  # what set the depth: "transmission error", "pinion encoder", "rms", "projection" or "unworn"
+    method: str  # what set the depth: "transmission error", "pinion encoder", "rms", "projection" or "unworn"
     estimate: DepthEstimate | None  # by the encoders, where they were there
-    paper: RmsResult | None
-    paper_depth: float
+    rms_result: RmsResult | None
+    rms_depth: float
     expectation: Expectation | None
     lines: np.ndarray  # predicted acceleration lines after the update (LINES,) [m/s²]
     notes: tuple[str, ...] = ()
@@ -85,7 +84,7 @@ def _started(rig: Rig, memory: Memory) -> Memory:
         return memory
     (K,) = rig.require("the wear coefficient", "wear.K")
     rate = K * reference_rate(rig)
-    return replace(memory, track=WearTrack.unworn(rate), paper=RmsTrack(rate=rate))
+    return replace(memory, track=WearTrack.unworn(rate), rms_track=RmsTrack(rate=rate))
 
 
 def _with_segment(rig: Rig, memory: Memory, condition: Condition, revolutions: float = 0.0) -> Memory:
@@ -181,7 +180,7 @@ def _take_calibration(rig: Rig, memory: Memory, window: Measured, index: int) ->
         memory=memory, model=model, curve=curve, condition=condition, kind="calibration",
         rms_measured=window.rms, rms_predicted=rms,
         rms_after=rms, updated=False, depth=depth, depth_band=_band(depth, _projected_std(track, depth)),
-        way="projection" if track.windows else "unworn", estimate=estimate, paper=None, paper_depth=depth,
+        method="projection" if track.windows else "unworn", estimate=estimate, rms_result=None, rms_depth=depth,
         expectation=expectation, lines=lines,
     )  # fmt: skip
 
@@ -225,11 +224,13 @@ def _take_measurement(
         memory = found.memory if allowed else memory
     level = _level(expectation, curve, base, teeth, band, noise)
     telling = allowed and window.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
-    paper = None
+    rms_result = None
     if window.rms is not None:
-        paper = paper_way.update(memory.paper, revolutions, window.rms, level, threshold, allowed=telling and heard)
-        memory = replace(memory, paper=paper.track)
-    paper_depth = curve.depth_at(memory.paper.work - base)
+        rms_result = rms_update.update(
+            memory.rms_track, revolutions, window.rms, level, threshold, allowed=telling and heard
+        )
+        memory = replace(memory, rms_track=rms_result.track)
+    rms_depth = curve.depth_at(memory.rms_track.work - base)
 
     if estimate is not None and allowed:
         if telling:
@@ -254,7 +255,7 @@ def _take_measurement(
         updated = allowed and heard and abs(error) > threshold
         depth = estimate.depth if allowed else projected
         depth_band = _band(depth, estimate.std if allowed else _projected_std(track, projected))
-        way = ("pinion encoder" if pinion_only else "transmission error") if allowed else "projection"
+        method = ("pinion encoder" if pinion_only else "transmission error") if allowed else "projection"
         after, _ = predicted_lines(memory, expectation, depth, index, teeth)
         if updated and window.rms is not None:
             lines, rms_after = after, expectation.rms(after, teeth, band, noise)
@@ -262,14 +263,14 @@ def _take_measurement(
                 notes.append(_why_not(features, after, frequencies, band))
         else:
             rms_after = rms_predicted
-    elif paper is None:
+    elif rms_result is None:
         raise NotAvailable(f"the depth is not available: {window.level_fault}, and update = {update} needs the level")
     else:
-        rms_predicted, rms_after, updated = paper.rms_predicted, paper.rms_after, paper.updated
-        depth, way = paper_depth, "rms" if allowed else "projection"
+        rms_predicted, rms_after, updated = rms_result.rms_predicted, rms_result.rms_after, rms_result.updated
+        depth, method = rms_depth, "rms" if allowed else "projection"
         depth_band = (RMS_DEPTH_LOW * depth, RMS_DEPTH_HIGH * depth)
         lines = expectation.lines(depth).acceleration
-        if updated and not paper.converged:
+        if updated and not rms_result.converged:
             notes.append("no wear coefficient brings the twin's RMS within the threshold")
     if estimate is not None and estimate.at_limit:
         notes.append("the depth stands at the end of the master curve: beyond, no steady state is known")
@@ -281,7 +282,7 @@ def _take_measurement(
     return UpdateOutcome(
         memory=memory, model=model, curve=curve, condition=condition, kind="measurement",
         rms_measured=window.rms, rms_predicted=rms_predicted, rms_after=rms_after, updated=bool(updated), depth=depth,
-        depth_band=depth_band, way=way, estimate=estimate, paper=paper, paper_depth=paper_depth,
+        depth_band=depth_band, method=method, estimate=estimate, rms_result=rms_result, rms_depth=rms_depth,
         expectation=expectation, lines=lines, notes=tuple(notes),
     )  # fmt: skip
 
