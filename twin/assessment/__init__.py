@@ -1,0 +1,113 @@
+"""What the twin says of a machine after a window: frozen data in SI, without the names or units of any interface.
+
+    state, assessment = step(rig, state, window, options)
+
+Lengths are in metres, times in seconds, angles in radians, errors and shares as fractions of one. A quantity that
+cannot be given is `Unavailable` with its reason, or None where the reason is given elsewhere in the same record.
+`service/contract/` turns an assessment into the names and units of the interface contract.
+
+This package imports nothing of the twin, so that every part of it may return these types.
+"""
+
+from twin.assessment.attribution import (
+    Attribution,
+    CalibrationAssessment,
+    DepthPair,
+    EffectEvent,
+    HeldOutBand,
+    HeldOutLine,
+    HeldOutResidual,
+)
+from twin.assessment.baseline import (
+    BaselineAssessment,
+    BaselineWindow,
+    LineSideband,
+    PossibleCause,
+    SpectrumExcerpt,
+    UnattributedLines,
+)
+from twin.assessment.effects import (
+    ChannelErrors,
+    EffectAssessment,
+    Evidence,
+    HarmonicBand,
+    HeldOutErrors,
+    Residual,
+    Unexplained,
+)
+from twin.assessment.encoder_pair import (
+    BaseRadii,
+    EncoderPair,
+    MissedCount,
+    PairCurve,
+    PairSpeeds,
+    RunOut,
+    SharpStep,
+    StatedRatio,
+)
+from twin.assessment.values import FLANKS, Interval, ParameterValue, SpectralLine, Unavailable
+from twin.assessment.wear import (
+    FlankProfile,
+    LevelReading,
+    LevelWear,
+    Life,
+    ModelValidity,
+    RelationOrigin,
+    Wear,
+    WearProfile,
+)
+from twin.assessment.whole import Assessment, Event, LifeEvent, UpdateEvent, WindowEvent
+from twin.assessment.window import FusedEstimate, MethodEstimates, RmsEstimate, WindowAssessment
+
+__all__ = [
+    "FLANKS",
+    "Assessment",
+    "Attribution",
+    "BaseRadii",
+    "BaselineAssessment",
+    "BaselineWindow",
+    "CalibrationAssessment",
+    "ChannelErrors",
+    "DepthPair",
+    "EffectAssessment",
+    "EffectEvent",
+    "EncoderPair",
+    "Event",
+    "Evidence",
+    "FlankProfile",
+    "FusedEstimate",
+    "HarmonicBand",
+    "HeldOutBand",
+    "HeldOutErrors",
+    "HeldOutLine",
+    "HeldOutResidual",
+    "Interval",
+    "LevelReading",
+    "LevelWear",
+    "Life",
+    "LifeEvent",
+    "LineSideband",
+    "MethodEstimates",
+    "MissedCount",
+    "ModelValidity",
+    "PairCurve",
+    "PairSpeeds",
+    "ParameterValue",
+    "PossibleCause",
+    "RelationOrigin",
+    "Residual",
+    "RmsEstimate",
+    "RunOut",
+    "SharpStep",
+    "SpectralLine",
+    "SpectrumExcerpt",
+    "StatedRatio",
+    "UnattributedLines",
+    "Unavailable",
+    "Unexplained",
+    "UpdateEvent",
+    "Wear",
+    "WearProfile",
+    "WindowAssessment",
+    "WindowEvent",
+]

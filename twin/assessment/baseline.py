@@ -1,0 +1,84 @@
+"""Comparison with a healthy baseline, and lines that no known shaft makes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaselineWindow:
+    """One window compared with a healthy baseline."""
+
+    index: int
+    name: str
+    start_time_ns: int
+    speed: float  # [Hz]
+    speed_std: float  # [Hz]
+    speed_source: str
+    torque: float | None  # [N·m]
+    between: tuple[str, ...]  # recordings of the baseline that it was compared with
+    interpolated: bool
+    pattern_correlation: float | None
+    same_teeth: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaselineAssessment:
+    """What a healthy baseline was learned from, and the window compared with it."""
+
+    recordings: tuple[str, ...]
+    operating_points: Mapping[str, tuple[float, float]]  # axis → lowest and highest, SI
+    shafts: tuple[float, ...]  # orders of the pinion
+    channels: tuple[str, ...]
+    window: BaselineWindow | None = None
+    notes: tuple[str, ...] = ()  # what the baseline does not suffice for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineSideband:
+    """Lines at multiples of a spacing on both sides of a mesh harmonic in one channel."""
+
+    channel: str
+    harmonic: int  # 0: the multiples themselves
+    multiple: int
+    amplitude: float  # peak [m/s²]
+    depth: float | None  # relative to the mesh line; None for harmonic 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpectrumExcerpt:
+    """The spectrum of one channel round a mesh harmonic: the highest line of every step."""
+
+    channel: str
+    harmonic: int
+    start: float  # [Hz]
+    step: float  # [Hz]
+    amplitude: tuple[float, ...]  # peak (n,) [m/s²]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PossibleCause:
+    """One cause that was tried on a spacing of lines."""
+
+    name: str
+    possible: bool
+    detail: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnattributedLines:
+    """A spacing of lines that no known shaft makes."""
+
+    window: str
+    order: float  # of pinion rotation
+    order_std: float
+    frequency: float  # [Hz]
+    frequency_std: float  # [Hz]
+    part: int
+    geared: str | None  # ratio to the pinion, where it is one of small tooth counts
+    clearness: float
+    next_clearness: float
+    sidebands: tuple[LineSideband, ...] = ()
+    spectrum: tuple[SpectrumExcerpt, ...] = ()
+    causes: tuple[PossibleCause, ...] = ()

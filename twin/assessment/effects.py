@@ -1,0 +1,97 @@
+"""Residual, effects and what is unexplained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from twin.assessment.values import ParameterValue, SpectralLine
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HarmonicBand:
+    """RMS round one mesh harmonic [m/s²]."""
+
+    harmonic: int
+    frequency: float  # [Hz]
+    measured: float | None
+    predicted: float | None
+    predicted_before: float | None = None  # without the effects found
+    channel: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelErrors:
+    """Errors of one channel against a healthy baseline, before and after what was found."""
+
+    rms_before: float
+    rms_after: float
+    waveform_before: float
+    waveform_after: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Residual:
+    """What the twin leaves over the latest windows."""
+
+    rms_error: float | None = None  # relative
+    waveform_error: float | None = None  # ‖measured − predicted‖/‖measured‖
+    windows: int | None = None
+    bands: tuple[HarmonicBand, ...] = ()
+    lines: tuple[SpectralLine, ...] = ()  # strongest first
+    channels: Mapping[str, ChannelErrors] | None = None  # of a comparison with a healthy baseline
+    reason: str | None = None  # why errors are not available
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """What speaks for an effect."""
+
+    log_evidence: float  # over the model without it [nat]
+    runner_up: str | None = None
+    over_runner_up: float | None = None  # [nat]
+    indistinguishable_from: tuple[str, ...] = ()
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOutErrors:
+    """Errors on windows that took no part in fitting, relative; None where there were none."""
+
+    rms: float | None = None
+    waveform: float | None = None
+    noise: float | None = None  # what noise alone would leave of the waveform
+    transmission_error: float | None = None
+    windows: tuple[int, ...] = ()
+    note: str = ""  # why not all held-out windows were compared
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectAssessment:
+    """An effect that was added to the twin, or seen against a healthy baseline."""
+
+    name: str
+    parameters: Mapping[str, ParameterValue]
+    evidence: Evidence
+    status: str | None = "found"  # or accepted, pinned; None where it is judged anew in each window
+    error_before: HeldOutErrors = field(default_factory=HeldOutErrors)
+    error_after: HeldOutErrors = field(default_factory=HeldOutErrors)
+    depth_before: float | None = None  # at the latest window, without the effect [m]
+    depth_after: float | None = None  # with it [m]
+    life_before: float | None = None  # [revolutions]
+    life_after: float | None = None
+    onset_revolutions: float | None = None  # 0 if there from the start
+    channels: tuple[str, ...] = ()  # in which it is seen; () where that is not said
+    windows: tuple[int, ...] = ()
+    curves: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # to be drawn, SI
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unexplained:
+    """What is left beyond the model and its effects."""
+
+    verdict: str  # "explained", "unknown_effect" or "insufficient_data"
+    share: float | None = None  # of the measured energy over the noise floor
+    lines: tuple[SpectralLine, ...] = ()
+    reason: str = ""
+    limit: float | None = None  # error on held-out windows up to which it counts as explained

@@ -1,0 +1,94 @@
+"""Wear and remaining life."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from twin.assessment.values import Interval
+from twin.assessment.window import MethodEstimates
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlankProfile:
+    """Depth along one flank; (n,) each."""
+
+    radius: tuple[float, ...]  # [m]
+    roll_angle: tuple[float, ...]  # [rad]
+    depth: tuple[float, ...]  # [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WearProfile:
+    """Depth of both flanks along the nominal path of contact."""
+
+    path_position: tuple[float, ...]  # from the pitch point (n,) [m]
+    pinion: FlankProfile
+    gear: FlankProfile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelValidity:
+    """The depths up to which the model holds."""
+
+    contact_loss_from: float | None  # depth from which the teeth lose contact [m]
+    steady_state_to: float  # depth up to which a steady state is known [m]
+    valid: bool  # whether the present depth is below both
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wear:
+    """Wear by the model of the machine."""
+
+    wear_coefficient: float  # K [1/N]
+    specific_wear_rate: float  # k [m²/N]
+    dwell_time: float  # of the contact at the rig file's speed [s]
+    dwell_time_speed: float  # that speed [Hz]
+    depth: Mapping[str, Interval]  # largest, by flank: combined, pinion, gear [m]
+    profile: WearProfile
+    method: str  # what set the depth
+    methods: MethodEstimates
+    validity: ModelValidity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelReading:
+    """The latest level under one operating condition."""
+
+    level: float  # RMS [m/s²]
+    window: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelationOrigin:
+    """What a relation of level and depth was learned from."""
+
+    asset: str | None
+    causes: tuple[str, ...]
+    sensor: str | None
+    band: tuple[float, float] | None  # of the level [Hz]
+    note: str | None  # what the relation does not state
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelWear:
+    """Wear by a calibrated relation of level and depth, without a model of the machine."""
+
+    depth: Interval  # combined [m]
+    relation: RelationOrigin
+    levels: Mapping[str, LevelReading]  # by operating condition
+    reason: str | None  # why no upper bound is known, where it is not
+    flank_reason: str  # why the depth of a single flank is not available
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Life:
+    """Remaining useful life at the present operating condition."""
+
+    criterion: str
+    limit: float  # depth at the end of life [m]
+    reached: bool
+    revolutions: Interval  # of the pinion, left
+    time: Interval  # left [s]
+    speed: float  # of the condition [Hz]
+    torque: float  # [N·m]

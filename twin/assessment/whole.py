@@ -1,0 +1,58 @@
+"""The whole assessment with its events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from twin.assessment.attribution import Attribution, CalibrationAssessment, EffectEvent
+from twin.assessment.baseline import BaselineAssessment, UnattributedLines
+from twin.assessment.effects import EffectAssessment, Residual, Unexplained
+from twin.assessment.encoder_pair import EncoderPair
+from twin.assessment.values import Unavailable
+from twin.assessment.wear import LevelWear, Life, Wear
+from twin.assessment.window import WindowAssessment
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WindowEvent:
+    """A window was assessed."""
+
+    window: WindowAssessment
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UpdateEvent:
+    """The window's error passed the threshold, and the twin was updated."""
+
+    window: WindowAssessment
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LifeEvent:
+    """The remaining life was computed anew."""
+
+    life: Life
+
+
+Event = WindowEvent | UpdateEvent | LifeEvent | EffectEvent
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Assessment:
+    """The twin's present answer about one machine.
+
+    Parts that the latest window says nothing about are those of the latest window that did.
+    """
+
+    window: WindowAssessment | None  # None after a decision
+    wear: Wear | LevelWear | Unavailable
+    life: Life | Unavailable
+    residual: Residual | Unavailable
+    effects: tuple[EffectAssessment, ...]
+    unexplained: Unexplained
+    calibration: CalibrationAssessment | Unavailable
+    attribution: Attribution | None = None
+    baseline: BaselineAssessment | None = None
+    encoder_pair: EncoderPair | Unavailable | None = None  # None where the machine has a model, or no two encoders
+    unattributed_lines: tuple[UnattributedLines, ...] | None = None
+    events: tuple[Event, ...] = ()
