@@ -46,6 +46,15 @@ class Edges:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SlowValue:
+    """What a slowly varying quantity was in a window: the summary of its values there, else the last known one."""
+
+    value: float  # in SI units
+    count: int  # of values in the window; 0 where the value is an older one
+    age: float  # of the newest value at the window's end [s]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
     """Something wrong with a window's data, and what was done about it."""
 
@@ -64,6 +73,7 @@ class Window:
     accelerations: Mapping[str, Samples] = field(default_factory=dict)  # by sensor
     torques: Mapping[str, Samples] = field(default_factory=dict)  # by shaft
     encoders: Mapping[str, Edges] = field(default_factory=dict)  # by shaft
+    slow: Mapping[str, SlowValue] = field(default_factory=dict)  # slowly varying quantities, by channel label
     faults: tuple[Fault, ...] = ()
     quality: str = "good"  # good, repaired, degraded, refused
 

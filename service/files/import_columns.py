@@ -13,6 +13,7 @@ import numpy as np
 
 from service.errors import InputError
 from service.files.import_mapping import QUADRATURE, ChannelMapping, ImportMapping, checked_edges
+from service.stream.channels import CHANNEL_KINDS, Layout
 
 LEAST_PRESENT = 0.5  # share of a column that must be there
 
@@ -68,10 +69,11 @@ def _with_edges(
 
 def _checked_column(mapping: ImportMapping, channel: ChannelMapping, column: str, values: Any, file: str) -> np.ndarray:
     key = f"{mapping.where}: channels.{channel.name}.{_key(channel)} = {column!r}"
+    kind = CHANNEL_KINDS[channel.kind]
     array = np.asarray(values)
     if array.dtype.kind not in "fiub" or array.ndim != 1:
         raise InputError(f"{key} holds {array.dtype} of shape {array.shape} in {file}, must be a row of numbers")
-    array = array.astype(float) * channel.factor
+    array = array.astype(float) * channel.factor + channel.offset
     good = np.isfinite(array)
     if array.size < 2 or good.mean() < LEAST_PRESENT:
         raise InputError(f"{key} has {int(good.sum())} finite values of {array.size} in {file}; the right column?")
@@ -81,12 +83,12 @@ def _checked_column(mapping: ImportMapping, channel: ChannelMapping, column: str
                 f"{key} must hold levels 0 and 1, and goes from {array[good].min():g} to {array[good].max():g} in "
                 f"{file}; volts that have not been cut at a threshold, or counts?"
             )
-    elif channel.kind == "encoder":
+    elif kind.layout is Layout.EDGES:
         if not good.all() or np.any(np.diff(array) <= 0):
             raise InputError(f"{key} must hold rising edge times [s]; levels (unit {QUADRATURE!r}), or counts?")
-    elif np.ptp(array[good]) == 0:
+    elif np.ptp(array[good]) == 0 and not kind.slow:
         raise InputError(f"{key} is {array[good][0]:g} throughout {file}; the right column?")
-    elif channel.kind == "accel" and np.all(np.diff(array[good]) > 0):
+    elif kind.vibration and np.all(np.diff(array[good]) > 0):
         raise InputError(f"{key} only rises throughout {file}: a time or a counter, not a vibration")
     return array
 

@@ -39,18 +39,13 @@ from typing import Any
 from service.errors import InputError
 from service.files.documents import check_head, check_keys, load_document, number_of, table_of
 from service.files.rig import checked_rig
-from service.stream.wire.topics import KINDS, NAME, SHAFTS
+from service.stream.channels import CHANNEL_KINDS, ChannelKind, Conversion, Layout
+from service.stream.wire.topics import NAME
 
 SCHEMA = "gear-import/1"
-STANDARD_GRAVITY = 9.80665  # [m/s²]
 RATES = (1.0, 1e7)  # [Hz]
 QUADRATURE = "quadrature"
 EDGES = (1, 1e7)  # a turn
-UNITS = {
-    "accel": ("m/s2", "g", "V", "Pa", "unknown"),
-    "torque": ("Nm", "V", "unknown"),
-    "encoder": ("s", QUADRATURE),
-}
 _KEYS: dict[str, tuple[str, ...]] = {
     "": ("schema", "asset", "description", "started", "notes", "file", "channels", "rig"),
     "file.": ("path", "sample_rate_hz", "delimiter"),
@@ -64,11 +59,12 @@ _KEYS: dict[str, tuple[str, ...]] = {
 class ChannelMapping:
     """One column, or the two of a quadrature encoder, and what it becomes."""
 
-    kind: str  # accel, torque or encoder
-    name: str  # sensor or shaft
+    kind: str  # a key of CHANNEL_KINDS
+    name: str  # sensor, shaft or place
     columns: tuple[str, ...]
     unit: str
-    factor: float = 1.0  # from the file's values to the contract's unit
+    factor: float = 1.0  # from the file's values to the contract's unit: factor · value + offset
+    offset: float = 0.0
     edges_per_rev: int = 0  # 0 where the data file holds it, or of no encoder
     edges_per_rev_from: str = ""  # the number of the data file that holds it
     first_edge_index: int = 0
@@ -77,6 +73,11 @@ class ChannelMapping:
     @property
     def label(self) -> str:
         return f"{self.kind}/{self.name}"
+
+    @property
+    def left_out(self) -> str:
+        """Why the column is checked but not imported; empty where it is imported."""
+        return CHANNEL_KINDS[self.kind].import_units[self.unit].left_out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +120,7 @@ def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
     checked_rig(rig, f"{where}: rig")
     mapped = tuple(_channel(where, name, table) for name, table in channels.items())
     reference = rig.get("sensors", {}).get("accelerometer")
-    sensors = [c.name for c in mapped if c.kind == "accel" and c.unit != "Pa"]
+    sensors = [c.name for c in mapped if c.kind == "accel" and not c.left_out]
     if reference is not None and reference not in sensors:
         raise InputError(
             f"{where}: rig.sensors.accelerometer = {reference!r} must be one of the accelerometers: "
@@ -144,26 +145,13 @@ def _channel(where: str, name: str, table: Any) -> ChannelMapping:
     if not isinstance(table, dict):
         raise InputError(f"{where}: {key} = {table!r} must be a table")
     check_keys(where, _KEYS, "channels.", table, key + ".")
-    kind = table.get("kind", "accel")
-    if kind not in KINDS:
-        raise InputError(f"{where}: {key}.kind = {kind!r} must be one of {', '.join(KINDS)}")
-    if not NAME.fullmatch(name):
-        raise InputError(f"{where}: {key}: a sensor's name must be 1 to 64 letters, digits, '_', '-' or '.'")
-    if kind != "accel" and name not in SHAFTS:
-        raise InputError(f"{where}: {key}: a channel of kind {kind} must be named {' or '.join(SHAFTS)}")
+    kind = _kind_of(where, key, name, table)
     unit = table.get("unit")
-    if unit not in UNITS[kind]:
-        raise InputError(f"{where}: {key}.unit = {unit!r} must be one of {', '.join(UNITS[kind])}")
-    factor, sensitivity = 1.0, table.get("sensitivity")
-    if unit == "V":
-        per = "m/s²" if kind == "accel" else "N·m"
-        factor = 1 / number_of(where, f"{key}.sensitivity", sensitivity, (1e-9, 1e9), f"V per {per}", "mV?")
-    elif sensitivity is not None:
-        raise InputError(f"{where}: {key}.sensitivity = {sensitivity!r} goes with unit 'V' only, not {unit!r}")
-    elif unit == "g":
-        factor = STANDARD_GRAVITY
+    if not isinstance(unit, str) or unit not in kind.import_units:
+        raise InputError(f"{where}: {key}.unit = {unit!r} must be one of {', '.join(kind.import_units)}")
+    conversion = kind.import_units[unit]
     edges, edges_from, first = 0, "", 0
-    if kind == "encoder":
+    if kind.layout is Layout.EDGES:
         given = table.get("edges_per_rev")
         if isinstance(given, str):
             edges_from = given
@@ -171,16 +159,42 @@ def _channel(where: str, name: str, table: Any) -> ChannelMapping:
             edges = checked_edges(where, f"{key}.edges_per_rev", given)
         first = int(number_of(where, f"{key}.first_edge_index", table.get("first_edge_index", 0), (0, 2**53), ""))
     return ChannelMapping(
-        kind=kind,
+        kind=kind.segment,
         name=name,
         columns=_columns(where, key, name, unit, table),
         unit=unit,
-        factor=factor,
+        factor=_factor(where, key, kind, conversion, table),
+        offset=conversion.offset,
         edges_per_rev=edges,
         edges_per_rev_from=edges_from,
         first_edge_index=first,
         note=str(table.get("note", "")),
     )
+
+
+def _kind_of(where: str, key: str, name: str, table: dict[str, Any]) -> ChannelKind:
+    """The kind of a channel, which must allow its name."""
+    segment = table.get("kind", "accel")
+    if not isinstance(segment, str) or segment not in CHANNEL_KINDS:
+        raise InputError(f"{where}: {key}.kind = {segment!r} must be one of {', '.join(CHANNEL_KINDS)}")
+    kind = CHANNEL_KINDS[segment]
+    if not NAME.fullmatch(name):
+        raise InputError(f"{where}: {key}: a {kind.named_by}'s name must be 1 to 64 letters, digits, '_', '-' or '.'")
+    if kind.names and name not in kind.names:
+        raise InputError(f"{where}: {key}: a channel of kind {segment} must be named {' or '.join(kind.names)}")
+    return kind
+
+
+def _factor(where: str, key: str, kind: ChannelKind, conversion: Conversion, table: dict[str, Any]) -> float:
+    """What the values of the column are multiplied by; of volts, one over the sensitivity that the mapping gives."""
+    sensitivity = table.get("sensitivity")
+    if conversion.per_volt:
+        return 1 / number_of(where, f"{key}.sensitivity", sensitivity, (1e-9, 1e9), f"V per {kind.unit}", "mV?")
+    if sensitivity is not None:
+        raise InputError(
+            f"{where}: {key}.sensitivity = {sensitivity!r} goes with unit 'V' only, not {table.get('unit')!r}"
+        )
+    return conversion.factor
 
 
 def checked_edges(where: str, key: str, value: Any) -> int:

@@ -1,9 +1,9 @@
 """`gear-twin import`: measured columns into a recording by the contract, with a rig file of what is known.
 
-Accelerations come out in m/s² and torques in N·m. Where a column's unit is not known its values are kept as
-they are and the metadata record `import` says so; columns that are no acceleration, torque or encoder (a
+Values come out in the contract's unit of their kind (m/s², N·m). Where a column's unit is not known its values are
+kept as they are and the metadata record `import` says so; columns that are no acceleration, torque or encoder (a
 microphone's pressure, unit Pa) are checked and left out, because the contract has no key for them, and
-that is said too.
+that is said too. A slowly varying quantity is written as one mean value a second.
 
 Of a quadrature encoder the fourfold counts are taken and the edges written that the shaft passes forward: an edge is
 written when the count comes farther than ever in the sense in which the shaft turns on the whole, so that what is
@@ -28,13 +28,15 @@ from mcap.writer import CompressionType, Writer
 from service.errors import InputError
 from service.files.import_columns import read_columns
 from service.files.import_mapping import QUADRATURE, ChannelMapping, ImportMapping, load_import_mapping
+from service.stream.channels import CHANNEL_KINDS, Layout
 from service.stream.frames import NS, EncoderFrame, Frame, SampleFrame
-from service.stream.wire.codec import SCHEMAS, encode, schema_data
+from service.stream.wire.codec import encode, schema_data
 from service.stream.wire.topics import Channel, topic_of
 from twin.encoder_pair.motion import forward_edges, quadrature
 from twin.errors import WindowError
 
 FRAME_LENGTH = 0.5  # [s]
+SLOW_INTERVAL = 1.0  # over which a slow channel's column is averaged to one value [s]
 CLOCK_START = datetime(2000, 1, 1, tzinfo=UTC)  # of a recording whose start is not known
 
 Progress = Callable[[int, int], None]
@@ -54,9 +56,10 @@ def import_recording(
     mapping = load_import_mapping(mapping_path)
     data_file = Path(source) if source is not None else mapping.path
     mapping, columns = read_columns(mapping, data_file)
-    taken = [c for c in mapping.channels if c.unit != "Pa"]
+    taken = [c for c in mapping.channels if not c.left_out]
     if not taken:
-        raise InputError(f"{mapping.where}: channels: none is an acceleration, a torque or an encoder")
+        kinds = ", ".join(kind.quantity for kind in CHANNEL_KINDS.values())
+        raise InputError(f"{mapping.where}: channels: none is imported; quantities with a channel are {kinds}")
     started = mapping.started or CLOCK_START
     counted = _counted(mapping, columns)
     frames = _all_frames(mapping, columns, taken, counted, round(started.timestamp()) * NS + started.microsecond * 1000)
@@ -70,7 +73,7 @@ def import_recording(
         "frames": len(frames),
         "duration": max(f.end_time_ns for f in frames) / NS - min(f.start_time_ns for f in frames) / NS,
         "channels": {c.label: c.unit for c in taken},
-        "left_out": {c.label: "not an acceleration (Pa)" for c in mapping.channels if c.unit == "Pa"},
+        "left_out": {c.label: c.left_out for c in mapping.channels if c.left_out},
         "encoders": {label: counts.figures for label, counts in counted.items()},
         "notes": notes,
     }
@@ -122,8 +125,10 @@ def _all_frames(
         if channel.label in counted:
             found = counted[channel.label]
             frames += _edge_frames(mapping, channel, address, found.times, start_ns, found.length)
-        elif channel.kind == "encoder":
+        elif CHANNEL_KINDS[channel.kind].layout is Layout.EDGES:
             frames += _edge_frames(mapping, channel, address, columns[channel.label], start_ns)
+        elif CHANNEL_KINDS[channel.kind].slow:
+            frames += _slow_frames(mapping, address, columns[channel.label], start_ns)
         else:
             frames += _sample_frames(mapping, channel, address, columns[channel.label], start_ns)
     return sorted(frames, key=lambda f: (f.end_time_ns, f.channel))
@@ -148,6 +153,22 @@ def _sample_frames(
             sample_rate=rate,
             values=values[a:b].astype(np.float32),
         )
+
+
+def _slow_frames(mapping: ImportMapping, address: Channel, values: np.ndarray, start_ns: int) -> Iterator[SampleFrame]:
+    """One value a second, the mean of the finite ones of that second."""
+    rate = mapping.sample_rate
+    for sequence, number in enumerate(range(max(1, int(values.size / (rate * SLOW_INTERVAL))))):
+        second = values[round(number * SLOW_INTERVAL * rate) : round((number + 1) * SLOW_INTERVAL * rate)]
+        finite = second[np.isfinite(second)]
+        if finite.size:
+            yield SampleFrame(
+                channel=address,
+                start_time_ns=start_ns + round((number + 0.5) * SLOW_INTERVAL * NS),
+                sequence=sequence,
+                sample_rate=1 / SLOW_INTERVAL,
+                values=np.array([finite.mean()], dtype=np.float32),
+            )
 
 
 def _edge_frames(
@@ -181,12 +202,7 @@ def _notes(mapping: ImportMapping, data_file: Path, counted: Mapping[str, _Count
     """What a reader of the recording must know of where it comes from."""
     notes = {"source": data_file.name, "sample_rate_hz": f"{mapping.sample_rate:g}"}
     for channel in mapping.channels:
-        said = {
-            "unknown": "unit unknown: raw values, gain unknown, no level in m/s² or N·m can be had from them",
-            "Pa": "sound pressure, not an acceleration: left out",
-            "g": f"was in g, times {channel.factor:g}",
-            "V": f"was in V, times {channel.factor:.6g}",
-        }.get(channel.unit, f"as recorded, {channel.unit}")
+        said = _conversion_note(channel)
         if channel.label in counted:
             said = _quadrature_note(channel, counted[channel.label].figures)
         notes[channel.label] = f"{said}; {channel.note}" if channel.note else said
@@ -201,6 +217,19 @@ def _notes(mapping: ImportMapping, data_file: Path, counted: Mapping[str, _Count
     for i, note in enumerate(mapping.notes, start=1):
         notes[f"note {i}"] = note
     return notes
+
+
+def _conversion_note(channel: ChannelMapping) -> str:
+    """How the values of a column became the channel's."""
+    kind = CHANNEL_KINDS[channel.kind]
+    if channel.left_out:
+        return f"{channel.left_out}: left out"
+    if channel.unit == "unknown":
+        return f"unit unknown: raw values, gain unknown, no level in {kind.unit} can be had from them"
+    if channel.factor == 1 and channel.offset == 0:
+        return f"as recorded, {channel.unit}"
+    shifted = f" plus {channel.offset:.6g}" if channel.offset else ""
+    return f"was in {channel.unit}, times {channel.factor:.6g}{shifted}"
 
 
 def _quadrature_note(channel: ChannelMapping, figures: Mapping[str, int]) -> str:
@@ -253,11 +282,13 @@ def write_recording(
 def _write_frames(writer: Writer, frames: list[Frame], progress: Progress | None) -> None:
     schemas = {
         name: writer.register_schema(name=name, encoding="protobuf", data=schema_data())
-        for name in sorted({SCHEMAS[f.channel.kind] for f in frames})
+        for name in sorted({CHANNEL_KINDS[f.channel.kind].schema for f in frames})
     }
     channels = {
         channel: writer.register_channel(
-            topic=topic_of(channel), message_encoding="protobuf", schema_id=schemas[SCHEMAS[channel.kind]]
+            topic=topic_of(channel),
+            message_encoding="protobuf",
+            schema_id=schemas[CHANNEL_KINDS[channel.kind].schema],
         )
         for channel in sorted({f.channel for f in frames})
     }

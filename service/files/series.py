@@ -44,8 +44,8 @@ import numpy as np
 
 from service.errors import InputError
 from service.files.documents import check_head, check_keys, load_document, number_of, table_of
-from service.files.import_mapping import STANDARD_GRAVITY
 from service.files.rig import checked_rig
+from service.stream.channels import STANDARD_GRAVITY
 from twin.errors import ParameterError
 from twin.levels.relation import Cases
 from twin.levels.trials import LEAST_WORN

@@ -40,7 +40,17 @@ export function drawCards(state) {
       () => (Number.isFinite(last.error_percent) ? `twin's error ${signed(last.error_percent)} %` : "no prediction")),
     card("Windows", {}, () => revolutions(windows.length), "",
       () => `${windows.filter((w) => w.updated).length} updated the twin; last at ${revolutions(last?.revolutions)} rev`),
+    ...slowCards(last),
   );
+}
+
+// Slow channels (temperatures) as the latest window has them; the record groups them by kind, then by name.
+function slowCards(record) {
+  const groups = Object.entries(record ?? {}).filter(([, named]) => named && typeof named === "object"
+    && Object.values(named).some((value) => value && typeof value === "object" && "age_s" in value));
+  return groups.flatMap(([kind, named]) => Object.entries(named).map(([name, slow]) =>
+    card(`${words(kind).replace(/s$/, "")} ${name}`, slow, () => fixed(slow.value), slow.unit,
+      () => (slow.values ? `mean of ${slow.values} values` : `last known value, ${number(slow.age_s)} s old`))));
 }
 
 const signed = (value) => (value > 0 ? "+" : "") + value.toFixed(1).replace("-", "−");

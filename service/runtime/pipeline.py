@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from service.contract.answer import iso_time, refused_record
+from service.contract.slow_channels import slow_channels
 from service.errors import FrameError
 from service.files.rig import expected_channels
 from service.json_text import plain
@@ -198,6 +199,7 @@ class Pipeline:
             "start_time": iso_time(window.start_time_ns),
             "quality": grade,
             "faults": faults,
+            **slow_channels(window),
         }
         events: list[tuple[str, Mapping[str, Any]]] = [("window", record)]  # as it is kept, with its number and faults
         events += [(kind, plain(data)) for kind, data in told if kind not in ("window", "data_fault")]

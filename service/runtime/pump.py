@@ -8,6 +8,7 @@ from collections import deque
 
 from service.errors import FrameError
 from service.runtime.pipeline import Pipeline
+from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import NS, Frame
 from service.stream.inbox import Arrival, Inbox
 from service.stream.wire.codec import decode
@@ -32,7 +33,12 @@ class _Rhythm:
         self.joined = False
 
     def note(self, frame: Frame, now: float, held: float) -> None:
-        """A frame has come; what held it up here, `held` [s] since the inbox was opened, is not its stream's rhythm."""
+        """A frame has come; what held it up here, `held` [s] since the inbox was opened, is not its stream's rhythm.
+
+        A slow channel's frames go on between windows: they neither make nor break a silence.
+        """
+        if CHANNEL_KINDS[frame.channel.kind].slow:
+            return
         self.newest = now
         self._frame_length = max(self._frame_length, (frame.end_time_ns - frame.start_time_ns) / NS)
         end, when, held_before = self._ends.get(frame.channel.label, (0, now, held))

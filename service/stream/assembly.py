@@ -18,9 +18,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from service.stream import order
+from service.stream.channels import CHANNEL_KINDS
+from service.stream.faults import totals
 from service.stream.frames import NS, Frame, SampleFrame
-from service.stream.window import Piece, build_window, split_index, totals
-from twin.windows import Window
+from service.stream.pieces import Piece, size_of, split_index
+from service.stream.samples import Span
+from service.stream.slow import SlowChannels
+from service.stream.window import build_window
+from twin.windows import Fault, Window
 
 _SILENT_AFTER = 4  # times the patience: frames of other keys after which one that sends nothing is not waited for
 
@@ -55,7 +60,9 @@ class Assembler:
     def __init__(self, settings: AssemblySettings = DEFAULT):
         self.settings = settings
         self.counters: dict[str, dict[str, int]] = {}  # by channel and kind, since the asset was first seen
-        self._lanes = {label: self._lane() for label in settings.expected}
+        self._lanes: dict[str, order.Lane] = {}
+        self._slow = SlowChannels()
+        self.expect(settings.expected)
         self._open: _Open | None = None
         self._closed_until = 0  # nothing before this time is taken any more [ns]
         self._known: set[str] = set()  # channels of the windows so far
@@ -73,8 +80,12 @@ class Assembler:
     def assemble(self, frame: Frame) -> Iterator[tuple[Window, dict[str, Any]]]:
         """As `add`, each window with the resume state that goes with it."""
         label = frame.channel.label
-        lane = self._lanes.setdefault(label, self._lane())
         self.count(label, "frames")
+        if isinstance(frame, SampleFrame) and CHANNEL_KINDS[frame.channel.kind].slow:
+            if (fate := self._slow.offer(frame)) != order.QUEUED:
+                self.count(label, fate)
+            return
+        lane = self._lanes.setdefault(label, self._lane())
         fate, disorder = lane.offer(frame)
         if disorder:
             self.count(label, "disorder")
@@ -104,9 +115,11 @@ class Assembler:
                 lane.silent = True
 
     def expect(self, labels: Iterable[str]) -> None:
-        """Waits for these channels too before the first window."""
+        """Waits for these channels too before the first window; slow ones are never waited for."""
         for label in labels:
-            self._lanes.setdefault(label, self._lane())
+            kind = CHANNEL_KINDS.get(label.partition("/")[0])
+            if kind is not None and not kind.slow:
+                self._lanes.setdefault(label, self._lane())
 
     def count(self, label: str, kind: str, by: int = 1) -> None:
         """Counts something seen on a channel."""
@@ -124,6 +137,7 @@ class Assembler:
             "closed_until_ns": self._closed_until,
             "channels": sorted(self._known),
             "edges_counted": dict(self._counted),
+            "slow": self._slow.to_dict(),
             "last_frames": {
                 label: {
                     "sequence": q,
@@ -144,6 +158,7 @@ class Assembler:
         self._known = set(data["channels"])
         self._counted = {label: int(count) for label, count in data["edges_counted"].items()}
         self.counters = {label: dict(kinds) for label, kinds in data["counters"].items()}
+        self._slow = SlowChannels.from_dict(data.get("slow", {}))  # absent in what version 1 wrote
         for label, last in data["last_frames"].items():
             lane = self._lanes.setdefault(label, self._lane())
             lane.last = (int(last["sequence"]), int(last["start_ns"]), int(last["end_ns"]))
@@ -185,7 +200,7 @@ class Assembler:
 
     def _place(self, label: str, frame: Frame, lost: int) -> Iterator[tuple[Window, dict[str, Any]]]:
         """Puts one frame into the window in progress, after closing what it shows to be over."""
-        begin, size = split_index(frame, self._closed_until), _size(frame)
+        begin, size = split_index(frame, self._closed_until), size_of(frame)
         late = frame.end_time_ns <= self._closed_until if size else frame.start_time_ns < self._closed_until
         if begin == size and late:
             self.count(label, order.LATE)
@@ -223,7 +238,9 @@ class Assembler:
                     rest.setdefault(label, []).append(Piece(frame, at, piece.end, piece.lost if after else 0))
                 else:
                     self._consumed[label] = (frame.sequence, frame.start_time_ns, frame.end_time_ns)
-        window = build_window(current.start, end, now, self._known, self._counted)
+        span, faults = Span(current.start, end), list[Fault]()
+        slow = self._slow.at(span, faults)
+        window = build_window(span, now, self._known, self._counted, slow, faults)
         for shaft, edges in window.encoders.items():
             self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
         for (label, kind), number in totals(window.faults).items():
@@ -233,7 +250,3 @@ class Assembler:
         self._closed_until = end
         self._open = _Open(end, current.end, rest) if cut else None
         return window, self.to_dict()
-
-
-def _size(frame: Frame) -> int:
-    return frame.values.size if isinstance(frame, SampleFrame) else frame.edge_offsets_ns.size

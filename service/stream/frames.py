@@ -1,4 +1,4 @@
-"""Frames: what one key carried in 0.01 to 10 s, as frozen data, each value within the contract's limits.
+"""Frames: what one key carried in 0.01 to 10 s, as frozen data, within the contract's limits and its kind's.
 
 Values keep the precision they had on the wire (float32 samples, float64 edge offsets). NaN among
 samples is allowed here: it is a fault of the data, counted when the window is built, not of the frame.
@@ -11,19 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.errors import FrameError
+from service.stream.channels import CHANNEL_KINDS
 from service.stream.wire.topics import Channel, topic_of
 
 NS = 1_000_000_000
 LENGTH_LIMITS = (0.01, 10.0)  # of a frame [s]
 _LENGTH_SLACK = 1e-6  # relative: a rate such as 25641.03 Hz cannot give 10 s exactly
-_RATE_LIMIT = 1e8  # [Hz]; a frame of 0.01 s would hold a million values
-_EDGES_LIMIT = 10_000_000  # edges a revolution
 _UINT64 = 2**64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SampleFrame:
-    """Evenly sampled values of one accelerometer [m/s²] or torque meter [N·m]."""
+    """Evenly sampled values of one channel, in its kind's unit."""
 
     channel: Channel
     start_time_ns: int  # Unix time of the first sample [ns]
@@ -33,10 +32,13 @@ class SampleFrame:
 
     def __post_init__(self) -> None:
         _check_head(self.channel, self.start_time_ns, self.sequence)
-        _within(self.channel, "sample_rate_hz", self.sample_rate, 0.0, _RATE_LIMIT, "Hz")
+        kind = CHANNEL_KINDS[self.channel.kind]
+        _within(self.channel, "sample_rate_hz", self.sample_rate, *kind.rate, "Hz")
         if self.values.ndim != 1 or self.values.size == 0:
             raise _error(self.channel, "values", "nothing", "must hold at least one value")
         length, (low, high) = self.values.size / self.sample_rate, LENGTH_LIMITS
+        if kind.slow:  # each value is that of an instant, and one alone may stand for any time
+            length, low = (self.values.size - 1) / self.sample_rate, 0.0
         if not low * (1 - _LENGTH_SLACK) <= length <= high * (1 + _LENGTH_SLACK):
             raise _error(
                 self.channel,
@@ -47,7 +49,9 @@ class SampleFrame:
 
     @property
     def end_time_ns(self) -> int:
-        """Unix time one sample after the last [ns]."""
+        """Unix time one sample after the last [ns]; of a slow channel, of the last."""
+        if CHANNEL_KINDS[self.channel.kind].slow:
+            return self.start_time_ns + round((self.values.size - 1) / self.sample_rate * NS)
         return self.start_time_ns + round(self.values.size / self.sample_rate * NS)
 
     @property
@@ -68,7 +72,7 @@ class EncoderFrame:
 
     def __post_init__(self) -> None:
         _check_head(self.channel, self.start_time_ns, self.sequence)
-        _within(self.channel, "edges_per_rev", self.edges_per_rev, 0, _EDGES_LIMIT, "edges")
+        _within(self.channel, "edges_per_rev", self.edges_per_rev, *CHANNEL_KINDS[self.channel.kind].rate, "edges")
         _within(self.channel, "first_edge_index", self.first_edge_index, -1, _UINT64 - 1, "edges")
         offsets, high = self.edge_offsets_ns, LENGTH_LIMITS[1] * (1 + _LENGTH_SLACK) * NS
         if offsets.ndim != 1 or not np.all((offsets >= 0) & (offsets <= high)):

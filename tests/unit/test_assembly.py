@@ -321,15 +321,15 @@ def test_every_channel_of_the_test_stream_fills_its_frames():
     assert all(f.end_time_ns - f.start_time_ns == round(LENGTH * NS) for f in bursts(1) if f.channel.kind != "encoder")
 
 
-def test_a_fast_vibration_beyond_the_range_is_clipped_though_no_two_samples_in_a_row_are_held():
-    from service.stream.window import _held
+def test_a_fast_vibration_beyond_the_range_is_clipped_though_no_two_samples_in_a_row_areheld():
+    from service.stream.samples import samples_at_end_of_range as held
 
     vibration = 30 * np.random.default_rng(4).standard_normal(5000)
-    assert _held(vibration, 1) == _held(vibration, -1) == 0
+    assert held(vibration, 1) == held(vibration, -1) == 0
     clipped = np.clip(vibration, -np.inf, 60)
-    assert _held(clipped, 1) == np.sum(vibration >= 60) > 50
-    assert _held(clipped, -1) == 0
-    assert _held(np.round(vibration), 1) == _held(np.round(vibration), -1) == 0  # coarse steps are no clipping
+    assert held(clipped, 1) == np.sum(vibration >= 60) > 50
+    assert held(clipped, -1) == 0
+    assert held(np.round(vibration), 1) == held(np.round(vibration), -1) == 0  # coarse steps are no clipping
 
 
 def standing(frames, channels, until, since):

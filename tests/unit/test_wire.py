@@ -9,8 +9,9 @@ import pytest
 from streams import ACCEL, ASSET, CHANNELS, frame
 
 from service.errors import FrameError
+from service.stream.channels import CHANNEL_KINDS
 from service.stream.wire import gearbox_pb2 as pb
-from service.stream.wire.codec import SCHEMAS, decode, encode, encoding_of, schema_data, schema_fault
+from service.stream.wire.codec import decode, encode, encoding_of, schema_data, schema_fault
 from service.stream.wire.topics import Channel, parse_topic, topic_of
 
 
@@ -117,7 +118,7 @@ def test_the_encoding_names_the_message():
 
 
 def test_a_schema_is_accepted_only_as_the_contract_has_it():
-    name = SCHEMAS["accel"]
+    name = CHANNEL_KINDS["accel"].schema
     assert schema_fault(name, "protobuf", schema_data(), name) is None
     assert "must be 'gearbox.v1.SampleFrame'" in schema_fault("foo.Bar", "protobuf", schema_data(), name)
     assert "(jsonschema)" in schema_fault(name, "jsonschema", b"{}", name)

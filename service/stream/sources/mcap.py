@@ -20,10 +20,11 @@ from mcap.records import McapRecord, Message
 
 from service.errors import FrameError, InputError
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
+from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import LENGTH_LIMITS, NS, Frame
 from service.stream.sources.mcap_scan import Block, Contents, read_block, scan
-from service.stream.wire.codec import SCHEMAS, decode, schema_fault
-from service.stream.wire.topics import KINDS, PREFIX, Channel, parse_topic
+from service.stream.wire.codec import decode, schema_fault
+from service.stream.wire.topics import PREFIX, Channel, parse_topic
 from twin.windows import Window
 
 RIG_ATTACHMENT = "rig.toml"
@@ -115,7 +116,7 @@ class Recording:
             self.faults.append(f"{len(damaged)} of {len(self._blocks)} chunks damaged and left out: {damaged[0]}")
         if not used:
             why = f" ({'; '.join(self.faults)})" if self.faults else ""
-            raise InputError(f"{self.path}: not one whole frame of accel, torque or encoder data{why}")
+            raise InputError(f"{self.path}: not one whole frame of {', '.join(CHANNEL_KINDS)} data{why}")
 
     def frames(self, on_error: Callable[[Channel, FrameError], None]) -> Iterator[Frame]:
         """The frames; what breaks the contract is handed to `on_error` instead."""
@@ -153,7 +154,7 @@ class Recording:
                     "must be 'protobuf'"
                 )
             schema = contents.schemas.get(record.schema_id)
-            expected = SCHEMAS[channel.kind]
+            expected = CHANNEL_KINDS[channel.kind].schema
             fault = (
                 schema_fault(schema.name, schema.encoding, schema.data, expected)
                 if schema
@@ -168,10 +169,10 @@ class Recording:
 
     def _why_no_channels(self, contents: Contents, prefix: str) -> str:
         topics = sorted(record.topic for record in contents.channels.values())
-        wanted = f"{prefix}/{{asset}}/{{accel|torque|encoder}}/{{name}}"
+        wanted = f"{prefix}/{{asset}}/{{{'|'.join(CHANNEL_KINDS)}}}/{{name}}"
         for topic in topics:
             parts = topic.split("/")
-            if len(parts) >= 4 and parts[-2] in KINDS:
+            if len(parts) >= 4 and parts[-2] in CHANNEL_KINDS:
                 return f"its topics begin with {'/'.join(parts[:-3])!r}, not {prefix!r}: set the prefix"
         if topics:
             return f"no channel {wanted}; it has {', '.join(topics[:5])}"

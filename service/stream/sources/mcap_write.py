@@ -8,8 +8,9 @@ from types import TracebackType
 from mcap.writer import CompressionType, Writer
 
 from service.errors import InputError
+from service.stream.channels import CHANNEL_KINDS
 from service.stream.sources.mcap import RIG_ATTACHMENT
-from service.stream.wire.codec import SCHEMAS, schema_data
+from service.stream.wire.codec import schema_data
 from service.stream.wire.topics import PREFIX, Channel, topic_of
 
 
@@ -37,9 +38,8 @@ class RecordingWriter:
         if metadata:
             self._writer.add_metadata("recording", metadata)
         data = schema_data()
-        self._schemas = {
-            name: self._writer.register_schema(name, "protobuf", data) for name in sorted(set(SCHEMAS.values()))
-        }
+        schemas = sorted({kind.schema for kind in CHANNEL_KINDS.values()})
+        self._schemas = {name: self._writer.register_schema(name, "protobuf", data) for name in schemas}
 
     def __enter__(self) -> RecordingWriter:
         return self
@@ -54,7 +54,8 @@ class RecordingWriter:
         ident = self._channels.get(channel)
         if ident is None:
             topic = topic_of(channel, self._prefix)
-            ident = self._writer.register_channel(topic, "protobuf", self._schemas[SCHEMAS[channel.kind]])
+            schema = self._schemas[CHANNEL_KINDS[channel.kind].schema]
+            ident = self._writer.register_channel(topic, "protobuf", schema)
             self._channels[channel] = ident
         self._writer.add_message(ident, log_time=end_time_ns, publish_time=end_time_ns, data=payload)
 

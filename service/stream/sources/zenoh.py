@@ -15,8 +15,9 @@ import zenoh
 import zenoh.ext
 
 from service.errors import DeliveryError, InputError
+from service.stream.channels import CHANNEL_KINDS
 from service.stream.inbox import Inbox
-from service.stream.wire.topics import KINDS, PREFIX
+from service.stream.wire.topics import PREFIX
 
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 _WAIT_BEFORE_CLOSE_US = 300_000_000  # a subscriber may stall this long before its link is given up
@@ -81,7 +82,7 @@ class ZenohSource:
             self.missed += miss.nb
 
         with ExitStack() as stack:
-            for kind in KINDS:
+            for kind in CHANNEL_KINDS:
                 subscriber = zenoh.ext.declare_advanced_subscriber(
                     self._session,
                     f"{self._prefix}/*/{kind}/*",

@@ -9,34 +9,28 @@ from google.protobuf import descriptor_pb2
 from google.protobuf.message import DecodeError
 
 from service.errors import FrameError
+from service.stream.channels import CHANNEL_KINDS, Layout
 from service.stream.frames import EncoderFrame, Frame, SampleFrame
 from service.stream.wire import gearbox_pb2
 from service.stream.wire.topics import Channel, topic_of
 
 pb: Any = gearbox_pb2  # its classes are made at import
 
-SCHEMAS = {
-    "accel": "gearbox.v1.SampleFrame",
-    "torque": "gearbox.v1.SampleFrame",
-    "encoder": "gearbox.v1.EncoderFrame",
-}
-
 
 def encoding_of(channel: Channel) -> str:
     """The encoding that a Zenoh sample of this channel carries."""
-    return f"application/protobuf;{SCHEMAS[channel.kind]}"
+    return f"application/protobuf;{CHANNEL_KINDS[channel.kind].schema}"
 
 
 def decode(channel: Channel, payload: bytes) -> Frame:
     """The frame in a payload; raises FrameError where the contract is broken."""
-    message = pb.EncoderFrame() if channel.kind == "encoder" else pb.SampleFrame()
+    kind = CHANNEL_KINDS[channel.kind]
+    message = pb.EncoderFrame() if kind.layout is Layout.EDGES else pb.SampleFrame()
     try:
         message.ParseFromString(payload)
     except DecodeError:
-        raise FrameError(
-            f"{topic_of(channel)}: payload of {len(payload)} bytes is no {SCHEMAS[channel.kind]} message"
-        ) from None
-    if channel.kind == "encoder":
+        raise FrameError(f"{topic_of(channel)}: payload of {len(payload)} bytes is no {kind.schema} message") from None
+    if kind.layout is Layout.EDGES:
         return EncoderFrame(
             channel=channel,
             start_time_ns=message.start_time_ns,

@@ -6,10 +6,9 @@ import re
 from typing import NamedTuple
 
 from service.errors import FrameError
+from service.stream.channels import CHANNEL_KINDS
 
 PREFIX = "gearbox"
-KINDS = ("accel", "torque", "encoder")
-SHAFTS = ("pinion", "gear")
 NAME = re.compile(r"[A-Za-z0-9_.\-]{1,64}")
 
 
@@ -17,8 +16,8 @@ class Channel(NamedTuple):
     """One signal of one machine."""
 
     asset: str
-    kind: str  # accel, torque or encoder
-    name: str  # the sensor, or the shaft
+    kind: str  # a key of CHANNEL_KINDS
+    name: str  # the sensor, the shaft or the place
 
     @property
     def label(self) -> str:
@@ -37,12 +36,13 @@ def parse_topic(topic: str, prefix: str = PREFIX) -> Channel | None:
     Raises FrameError for one that should, but whose names break the contract.
     """
     parts = topic.removeprefix(f"{prefix}/").split("/")
-    if not topic.startswith(f"{prefix}/") or len(parts) != 3 or parts[1] not in KINDS:
+    if not topic.startswith(f"{prefix}/") or len(parts) != 3 or parts[1] not in CHANNEL_KINDS:
         return None
-    asset, kind, name = parts
-    for what, value in (("asset", asset), ("sensor" if kind == "accel" else "shaft", name)):
+    asset, segment, name = parts
+    kind = CHANNEL_KINDS[segment]
+    for what, value in (("asset", asset), (kind.named_by, name)):
         if not NAME.fullmatch(value):
             raise FrameError(f"{topic}: {what} = {value!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
-    if kind != "accel" and name not in SHAFTS:
-        raise FrameError(f"{topic}: shaft = {name!r} must be one of {', '.join(SHAFTS)}")
-    return Channel(asset, kind, name)
+    if kind.names and name not in kind.names:
+        raise FrameError(f"{topic}: {kind.named_by} = {name!r} must be one of {', '.join(kind.names)}")
+    return Channel(asset, segment, name)

@@ -1,0 +1,151 @@
+"""An evenly sampled channel of one window, laid out in time from the pieces of its frames.
+
+What is lost, not finite, or beyond what a sensor can measure becomes NaN, so that index and time stay tied to each
+other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from service.stream.channels import ChannelKind
+from service.stream.faults import by_share
+from service.stream.frames import NS, SampleFrame
+from service.stream.pieces import Piece, of_one_rate
+from twin.windows import Fault, Samples
+
+_TIME_SLACK_NS = 20_000  # of a frame's start, beyond one sample [ns]
+_FLAT_RUN = 4  # equal extreme samples in a row that no vibration gives: clipped
+_PILE = 5  # samples at the extreme level, and times as many as at the level before it, that none gives either
+_MARGIN = 0.05  # [s] by which channels may start and end apart
+
+
+class Span(NamedTuple):
+    """Start and end of a window, Unix time [ns]."""
+
+    start_ns: int
+    end_ns: int
+
+    @property
+    def length(self) -> float:
+        """[s]"""
+        return (self.end_ns - self.start_ns) / NS
+
+
+class _Placed(NamedTuple):
+    """Where the pieces of a channel lie among its samples."""
+
+    places: list[tuple[int, Piece[SampleFrame], int]]  # index, piece, values of it that are there already
+    size: int  # samples of the channel, holes included
+    overlap: int  # samples that frames give twice
+
+
+def lay_samples(
+    label: str, kind: ChannelKind, parts: Sequence[Piece[SampleFrame]], span: Span, faults: list[Fault]
+) -> Samples | None:
+    """One evenly sampled channel, its faults added to `faults`; None where nothing of it is left."""
+    parts = [p for p in of_one_rate(label, parts, lambda p: p.frame.sample_rate, "Hz", faults) if p.size]
+    if not parts:
+        return None
+    rate, origin = parts[0].frame.sample_rate, parts[0].start_ns
+    placed = _placed(parts, rate, origin)
+    values = np.full(placed.size, np.nan)
+    for index, part, skip in placed.places:
+        values[index : index + part.size - skip] = part.frame.values[part.begin + skip : part.end]
+    holes = placed.size - sum(p.size - skip for _, p, skip in placed.places)
+    if placed.overlap:
+        detail = "samples given twice by overlapping frames, the first kept"
+        faults.append(Fault(kind="overlap", channel=label, count=placed.overlap, action="repaired", detail=detail))
+    bad = _drop_unusable(label, kind, values, holes, faults)
+    head = (origin - span.start_ns) / NS
+    tail = (span.end_ns - origin) / NS - placed.size / rate
+    _note_gaps(label, parts, holes / rate, (head, tail), span.length, faults)
+    if kind.vibration:
+        _note_clipping(label, values, faults)
+    if bad + holes == placed.size:
+        return None
+    return Samples(rate=rate, start=head, values=values)
+
+
+def _placed(parts: Sequence[Piece[SampleFrame]], rate: float, origin: float) -> _Placed:
+    places, expected, overlap = [], 0, 0
+    for part in parts:
+        offset = (part.start_ns - origin) / NS * rate
+        index = round(offset)
+        if abs(offset - expected) <= 1 + _TIME_SLACK_NS / NS * rate:
+            index = expected
+        skip = min(max(expected - index, 0), part.size)
+        overlap += skip
+        places.append((index + skip, part, skip))
+        expected = max(expected, index + part.size)
+    return _Placed(places, expected, overlap)
+
+
+def _drop_unusable(label: str, kind: ChannelKind, values: np.ndarray, holes: int, faults: list[Fault]) -> int:
+    """Makes NaN of what cannot be used; how many samples that concerns, beside the holes."""
+    finite = np.isfinite(values)
+    bad = int(np.count_nonzero(~finite)) - holes
+    values[~finite] = np.nan
+    if bad:
+        action = by_share(bad / values.size)
+        faults.append(Fault(kind="nan", channel=label, count=bad, action=action, detail="samples not finite"))
+    return bad
+
+
+def _note_gaps(
+    label: str,
+    parts: Sequence[Piece[Any]],
+    hole: float,
+    ends: tuple[float, float],
+    length: float,
+    faults: list[Fault],
+) -> None:
+    """Lost frames and stretches without samples [s], inside the record and at its ends."""
+    lost = sum(p.lost for p in parts)
+    missing = hole + sum(e for e in ends if e > _MARGIN)
+    if missing > 0 or lost:
+        action = by_share(missing / length) if missing > 0 else "none"
+        where = f"{missing:.4g} s of {length:.4g} s missing" if missing > 0 else "before this window"
+        detail = f"{lost} frames lost; {where}"
+        faults.append(Fault(kind="gap", channel=label, count=max(lost, 1), action=action, detail=detail))
+
+
+def _note_clipping(label: str, values: np.ndarray, faults: list[Fault]) -> None:
+    """Extreme values that repeat: the sensor or its converter was at its end."""
+    finite = values[np.isfinite(values)]
+    if finite.size < 2 * _FLAT_RUN:
+        return
+    low, high = finite.min(), finite.max()
+    if low == high:
+        detail = f"every sample is {low:g}: cable or supply?"
+        faults.append(Fault(kind="stuck", channel=label, count=finite.size, action="degraded", detail=detail))
+        return
+    count = sum(samples_at_end_of_range(finite, sign) for sign in (-1, 1))
+    if count:
+        detail = f"samples held at {low:g} or {high:g}: measuring range exceeded"
+        faults.append(Fault(kind="clipping", channel=label, count=count, action="degraded", detail=detail))
+
+
+def samples_at_end_of_range(finite: np.ndarray, sign: int) -> int:
+    """How many samples lie at one extreme because the range ended there; 0 where it was only reached.
+
+    The tail of a vibration thins out towards its extreme. A clipped one ends in a level that holds far more samples
+    than the level before it, or stays there for several samples in a row.
+    """
+    signed = sign * finite
+    extreme = signed.max()
+    at = signed == extreme
+    count = int(at.sum())
+    before = signed[~at].max(initial=-np.inf)
+    piled = count >= _PILE and count > _PILE * int((signed == before).sum())
+    return count if piled or _in_runs(at) else 0
+
+
+def _in_runs(flags: np.ndarray) -> int:
+    """How many of the flags lie in runs of at least _FLAT_RUN."""
+    places = np.flatnonzero(flags)
+    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    return sum(run.size for run in runs if run.size >= _FLAT_RUN)
