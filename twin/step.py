@@ -221,7 +221,7 @@ def _answer(
 
 
 def _rattles(tracing: Tracing) -> bool:
-    return any(found.name == "backlash_rattle" for found in tracing.found)
+    return any(found.addition.effect.facts.separates_teeth for found in tracing.found)
 
 
 def _level_fault(window: Window, sensor: str | None) -> str | None:

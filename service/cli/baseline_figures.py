@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from service.cli import non_gear as strange
-from service.cli.baseline_report import NAMES_HERE, text
+from service.cli.baseline_report import baseline_label, text
 from service.cli.figure_style import AFTER, BEFORE, LOOK, MEASURED, STYLE, as_html
 
 LINES = ("Error on turns", "Mesh bands")  # of the text, from which the figures say the same
@@ -81,7 +81,7 @@ def _paths(answer: Mapping[str, Any]) -> Any:
         if curves["fitted"]:
             plot.add_scatter(
                 x=curves["frequency_hz"], y=curves["fitted"], mode="lines", line_color=colour,
-                name=f"{channel}, {NAMES_HERE.get(effect['name'], effect['name'])}",
+                name=f"{channel}, {baseline_label(effect['name'])}",
             )  # fmt: skip
     plot.add_hline(y=1.0, line_dash="dot", line_color="#888888")
     plot.update_layout(
@@ -107,7 +107,7 @@ def _turns(answer: Mapping[str, Any]) -> Any:
         order = effect["parameters"]["shaft_order"]["value"]
         plot.add_scatter(
             x=effect["curves"]["turn"], y=effect["curves"]["added"], mode="lines",
-            name=f"{NAMES_HERE.get(effect['name'], effect['name'])}, order {order:g}, {effect['channels'][0]}",
+            name=f"{baseline_label(effect['name'])}, order {order:g}, {effect['channels'][0]}",
         )  # fmt: skip
     plot.update_layout(
         title="What is new over one turn of the shaft, by its own lines",

@@ -7,17 +7,22 @@ from pathlib import Path
 from typing import Any
 
 from service.cli import non_gear as strange
-from service.cli.diagnosis import NAMES
+from service.cli.diagnosis import label
 from service.cli.show import number
 from service.files.baseline import answer, compared, read_baseline
 from twin.baseline.operating import UNITS as UNITS_OF_AXES
 
-NAMES_HERE = NAMES | {
+OTHER_LABELS = {
     "tooth_crack": "a local fault of one tooth",
     "mesh_change": "a change of the mesh itself",
     "unknown_effect": "an effect that no name fits",
 }
 UNITS = {"turn": "of a turn"}
+
+
+def baseline_label(name: str) -> str:
+    """What people call a change from the healthy baseline, which is less certain than an effect of a model."""
+    return OTHER_LABELS.get(name) or label(name).replace("_", " ")
 
 
 def answered(recording: Path, baseline: Path, rig: Path | None) -> dict[str, Any]:
@@ -81,7 +86,7 @@ def _effect(effect: Mapping[str, Any]) -> str:
         + (f" ± {number(p['std'], 2)}" if p["std"] else "")
         for name, p in effect["parameters"].items()
     )
-    name = NAMES_HERE.get(effect["name"], effect["name"].replace("_", " "))
+    name = baseline_label(effect["name"])
     said = f"Found {name} ({', '.join(effect['channels'])}): {evidence['detail']}."
     if parameters:
         said += f" {parameters[0].upper()}{parameters[1:]}."

@@ -10,27 +10,17 @@ from service.cli import encoder_pair as pair
 from service.cli import non_gear as strange
 from service.cli.show import number, spread
 
-NAMES = {
-    "pinion_eccentricity": "pinion eccentricity",
-    "gear_eccentricity": "gear eccentricity",
-    "misalignment": "misalignment of the shafts",
-    "tooth_friction": "tooth friction",
-    "pitch_error": "pitch errors",
-    "profile_error": "profile errors",
-    "tooth_crack": "a cracked tooth",
-    "mass_unbalance": "mass unbalance",
-    "torque_ripple": "torque ripple",
-    "bearing_defect": "a bearing defect",
-    "backlash_rattle": "rattle in the backlash",
-    "mesh_stiffness_loss": "loss of mesh stiffness",
-    "mesh_damping": "changed mesh damping",
-    "sensor_gain": "a wrong gain of the accelerometer",
-    "sensor_resonance": "a resonance of the accelerometer's mount",
-}
 SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°")}
 EFFECT_COLUMNS = ("effect", "status", "parameters", "since rev.", "ln evidence", "runner-up", "waveform %", "depth µm")
 STRONGEST = 6  # unexplained lines that are named
 CERTAIN, LIKELY = 10.0, 5.0  # nats over the runner-up
+
+
+def label(name: str) -> str:
+    """What people call an effect; the name itself where the table has none of this name."""
+    from twin.effects import EFFECTS
+
+    return EFFECTS[name].facts.label if name in EFFECTS else name
 
 
 def text(answer: Mapping[str, Any]) -> str:
@@ -107,11 +97,11 @@ def sentence(effect: Mapping[str, Any]) -> str:
     sure = f"ln evidence {nats(evidence['log_evidence'])} over the twin without it"
     if evidence.get("runner_up"):
         over = evidence.get("over_runner_up")
-        rival = NAMES.get(evidence["runner_up"], evidence["runner_up"])
+        rival = label(evidence["runner_up"])
         sure += f"; next best {rival}" + ("" if over is None else f", {over:.0f} behind ({sureness(over)})")
     if evidence.get("not_told_from"):
-        sure += "; not told from " + ", ".join(NAMES.get(name, name) for name in evidence["not_told_from"])
-    parts = [f"{NAMES.get(effect['name'], effect['name']).capitalize()}, {since}: {sizes} ({sure})"]
+        sure += "; not told from " + ", ".join(label(name) for name in evidence["not_told_from"])
+    parts = [f"{label(effect['name']).capitalize()}, {since}: {sizes} ({sure})"]
     before, after = effect["error_before"], effect["error_after"]
     for what, key in (("waveform", "waveform_percent"), ("RMS", "rms_percent")):
         if before.get(key) is not None and after.get(key) is not None:

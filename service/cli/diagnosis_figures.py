@@ -8,7 +8,7 @@ from typing import Any
 
 from service.cli import encoder_pair as pair
 from service.cli import non_gear as strange
-from service.cli.diagnosis import NAMES, change, figure, nats, sentences, turns
+from service.cli.diagnosis import change, figure, label, nats, sentences, turns
 from service.cli.figure_style import AFTER, BEFORE, LOOK, MEASURED, STYLE, as_html
 from service.cli.show import number, summary_lines
 
@@ -36,7 +36,7 @@ def effects_part(answer: Mapping[str, Any]) -> str:
         evidence = e["evidence"]
         sizes = "<br>".join(escape(f"{name} {figure(value)}") for name, value in e["parameters"].items())
         cells = (
-            escape(NAMES.get(e["name"], e["name"])),
+            escape(label(e["name"])),
             sizes,
             turns(e["onset_revolutions"]),
             nats(evidence["log_evidence"]),
@@ -143,8 +143,7 @@ def _depths(answer: Mapping[str, Any]) -> Any:
         )  # fmt: skip
     for effect in answer["effects"]:
         if effect["onset_revolutions"]:
-            label = NAMES.get(effect["name"], effect["name"])
-            plot.add_vline(x=effect["onset_revolutions"], line_dash="dot", annotation_text=label)
+            plot.add_vline(x=effect["onset_revolutions"], line_dash="dot", annotation_text=label(effect["name"]))
     plot.update_layout(
         title="Wear depth, the whole history run again",
         xaxis_title="pinion revolutions",

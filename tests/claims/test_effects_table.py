@@ -31,7 +31,7 @@ CONTRACT = [
     "sensor_gain",
     "sensor_resonance",
 ]
-SENSORS = ("sensor_gain", "sensor_resonance")
+SENSORS = [name for name, kind in EFFECTS.items() if kind.facts.acts_on == "sensor"]
 
 
 def channels(found):

@@ -13,7 +13,7 @@ from tests.effects_cases import solved
 from twin.effects import EFFECTS, Setup, neutral
 from twin.effects.extended import extend
 from twin.errors import ParameterError
-from twin.tracing.candidates import trial_of
+from twin.tracing.candidates import big_enough, mesh_trials, trial_of
 
 FOLDER = Path(__file__).parents[2] / "twin" / "effects"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")
@@ -44,11 +44,16 @@ def test_effect_of_the_example_vanishes_and_is_bounded(crowning):
 
 def test_effect_of_the_example_is_traced_and_wears_by_slices_once_it_is_in_the_table(crowning, monkeypatch):
     monkeypatch.setitem(EFFECTS, "crowning", crowning)
-    trial = trial_of("crowning")
-    assert trial is not None and [f.name for f in trial.free] == ["crowning"]
+    trial = mesh_trials()["crowning"]
+    assert [f.name for f in trial.free] == ["crowning"]
+    assert big_enough("crowning", np.array([0.3])) and not big_enough("crowning", np.array([-0.29]))
     assert trial.make(np.array([2.0])) == crowning(crowning=20e-6)
     assert extend(model(), (crowning(crowning=10e-6),)).slices == 13
-    assert trial_of("pitch_error") is None  # one number a tooth
+
+
+def test_effect_that_does_not_repeat_with_the_mesh_cannot_be_fitted_to_mesh_lines():
+    with pytest.raises(ParameterError, match="pitch_error has no number that could be fitted"):
+        trial_of("pitch_error")
 
 
 def test_documentation_names_what_a_setup_can_take():

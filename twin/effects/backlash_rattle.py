@@ -22,6 +22,7 @@ from math import pi
 from typing import ClassVar
 
 from twin.dynamics.structure import direction
+from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
@@ -43,6 +44,16 @@ class BacklashRattle:
         Parameter(name="phase", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
     signature: ClassVar[Signature] = Signature(shape="parting")
+    facts: ClassVar[Facts] = Facts(
+        label="rattle in the backlash",
+        acts_on="shaft",
+        periods=("pinion", "hunting"),
+        detector="rattle",
+        alarm_class="alarm",
+        changes_mesh_lines=False,
+        synchronous=False,
+        separates_teeth=True,
+    )
 
     def __post_init__(self) -> None:
         check(self)

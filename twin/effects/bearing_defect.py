@@ -32,6 +32,7 @@ from typing import ClassVar
 import numpy as np
 
 from twin.dynamics.structure import direction
+from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
@@ -91,6 +92,15 @@ class BearingDefect:
         Parameter(name="phase", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
     signature: ClassVar[Signature] = Signature(shape="own", channels=("acceleration",))
+    facts: ClassVar[Facts] = Facts(
+        label="a bearing defect",
+        acts_on="bearing",
+        periods=("hunting",),
+        detector="non_gear",
+        alarm_class="alarm",
+        changes_mesh_lines=False,
+        synchronous=False,
+    )
     period: ClassVar[str] = "hunting"
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""What the two eccentricities share: a gear whose teeth turn about a point beside their centre.
+"""What the two eccentricities share: a gear whose teeth turn about a point other than their centre.
 
 The gear's centre moves by δ against the pinion's: along the line of action (unit vector t, from the pinion's base
 circle to the gear's) and across it (n). The flanks part by the displacement along their common normal, and the
@@ -22,12 +22,37 @@ work on it: a moment −de_p/dθ·F (virtual work), the torque's line.
 
 from __future__ import annotations
 
-from math import tan
+from dataclasses import dataclass
+from math import pi, tan
+from typing import ClassVar
 
 import numpy as np
 
 from twin.dynamics.structure import direction
+from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup, Shift
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Eccentricity:
+    """Teeth whose centre is off the shaft's axis; each shaft has its own class, and with it its own period."""
+
+    eccentricity: float  # e [m]
+    high_point: float = 0.0  # φ [rad]
+    shift_share: float = 1.0  # of the contact's shift: run-in ends of the path feel less of it
+
+    shaft: ClassVar[int]  # 0 pinion, 1 gear
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(name="eccentricity", unit="m", low=0.0, high=500e-6, prior=50e-6),
+        Parameter(name="high_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
+        Parameter(name="shift_share", unit="", low=0.0, high=1.5, prior=0.5, shape=True),
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def apply(self, setup: Setup) -> Setup:
+        return eccentric(setup, self.eccentricity, self.high_point, self.shift_share, self.shaft)
 
 
 def eccentric(setup: Setup, e: float, high_point: float, shift_share: float, shaft: int) -> Setup:

@@ -24,21 +24,13 @@ import numpy as np
 
 from twin.dynamics.harmonic_balance import SteadyState, solve_through_contact_loss
 from twin.dynamics.structure import direction
-from twin.effects.backlash_rattle import BacklashRattle
-from twin.effects.bearing_defect import BearingDefect
-from twin.effects.mass_unbalance import MassUnbalance
-from twin.effects.misalignment import SLICES, Misalignment
 from twin.effects.response import Effect, Response, solve_with
-from twin.effects.sensor_gain import SensorGain
-from twin.effects.sensor_resonance import SensorResonance
-from twin.effects.setup import contacts_of, sampled, setup_of
-from twin.effects.torque_ripple import TorqueRipple
+from twin.effects.setup import SensorGain, contacts_of, sampled, setup_of
 from twin.errors import NotConverged
 from twin.model import Condition, Model
 from twin.wear.curve import LINES, MeshLines
 from twin.wear.profile import WornProfile
 
-BESIDE_THE_MESH = (BearingDefect, MassUnbalance, TorqueRipple, BacklashRattle)  # their lines are no mesh orders
 SLICED_SAMPLES = 256  # a mesh period, where the face is sliced: lines within 2.5 nm and 0.1 % of those with 1024
 
 
@@ -56,7 +48,16 @@ class ExtendedModel(Model):
     @cached_property
     def slices(self) -> int:
         """Across the face: as many as the effects of the mesh ask for, whatever their size."""
-        return slices_of(self, self.of_mesh)
+        return slices_of(self.of_mesh)
+
+    @cached_property
+    def sensor_gains(self) -> tuple[SensorGain, ...]:
+        """What a faulty accelerometer does to each frequency."""
+        setup = setup_of(self, Condition(speed_hz=10.0, torque=10.0), "mesh")
+        for effect in self.of_mesh:
+            if effect.facts.acts_on == "sensor":
+                setup = effect.apply(setup)
+        return setup.accelerometer
 
     @cached_property
     def unworn(self) -> WornProfile:
@@ -82,9 +83,8 @@ class ExtendedModel(Model):
 
     def acceleration_lines(self, steady: SteadyState) -> np.ndarray:
         lines = super().acceleration_lines(steady)
-        for effect in self.of_mesh:
-            if isinstance(effect, (SensorGain, SensorResonance)):
-                lines = effect.response(steady.omega[1:] / (2 * pi)) * lines
+        for gain in self.sensor_gains:
+            lines = gain(steady.omega[1:] / (2 * pi)) * lines
         return lines
 
     def mean_transmission_error(self, steady: SteadyState, condition: Condition) -> float:
@@ -95,24 +95,17 @@ class ExtendedModel(Model):
         return Response(model=self, setup=setup, contacts=None, steady=steady).mean_transmission_error  # type: ignore[arg-type]
 
 
-def slices_of(model: Model, effects: Iterable[Effect]) -> int:
-    """Slices across the face that effects of the mesh's period make."""
-    setup = setup_of(model, Condition(speed_hz=10.0, torque=10.0), "mesh")
-    found = 1
-    for effect in effects:
-        if isinstance(effect, Misalignment):
-            found = SLICES  # of aligned shafts, too: a fit may pass through none
-        elif effect.period == "mesh":
-            found = max(found, effect.apply(setup).slices)
-    return found
+def slices_of(effects: Iterable[Effect]) -> int:
+    """Slices across the face that effects need, whatever their size: a fit may pass through none."""
+    return max((effect.facts.slices for effect in effects), default=1)
 
 
 def extend(model: Model, effects: Iterable[Effect]) -> Model:
-    """The model with effects in it; the very model where there are none."""
-    effects = tuple(e for e in effects if not isinstance(e, BESIDE_THE_MESH))
+    """The model with those effects in it that change the mesh lines; the very model where there are none."""
+    effects = tuple(e for e in effects if e.facts.changes_mesh_lines)
     if not effects:
         return model
-    sliced = slices_of(model, effects) > 1
+    sliced = slices_of(effects) > 1
     return ExtendedModel(
         rig=model.rig,
         calibration=model.calibration,

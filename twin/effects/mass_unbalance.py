@@ -19,6 +19,7 @@ from math import pi
 from typing import ClassVar
 
 from twin.dynamics.structure import direction
+from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup, common_period
 from twin.effects.signature import Signature
@@ -40,6 +41,13 @@ class MassUnbalance:
         Parameter(name="gear_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
     signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("pinion", "gear"))
+    facts: ClassVar[Facts] = Facts(
+        label="mass unbalance",
+        acts_on="shaft",
+        periods=("mesh", "pinion", "gear", "hunting"),
+        detector="shaft_forces",
+        changes_mesh_lines=False,
+    )
 
     def __post_init__(self) -> None:
         check(self)

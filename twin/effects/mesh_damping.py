@@ -14,9 +14,29 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from twin.effects.facts import DetectionThresholds, Facts, FittedNumber
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
+from twin.thresholds import deciding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshDampingDetection(DetectionThresholds):
+    """A change of damping that can be seen at all."""
+
+    least_size: float = deciding(
+        0.7,
+        of="0.8 of the logarithm of the damping time",
+        meaning="change of the mesh damping from which it is reported",
+        source="tuned on T01–T58; not derived",
+    )
+    least_gain: float = deciding(
+        15.0,
+        unit="nat",
+        meaning="evidence that changed damping must add: hardly visible, it is imitated by errors of the structure",
+        source="tuned on T01–T58; not derived",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +49,14 @@ class MeshDamping:
         Parameter(name="factor", unit="", low=0.0, high=20.0, prior=1.0, neutral=1.0),
     )
     signature: ClassVar[Signature] = Signature(shape="alike")
+    facts: ClassVar[Facts] = Facts(
+        label="changed mesh damping",
+        acts_on="mesh",
+        periods=("mesh",),
+        detector="mesh",
+        fitted=(FittedNumber(parameter=parameters[0], scale=0.8, centre=1.0, logarithmic=True, low=-4.0, high=4.0),),
+        detection=MeshDampingDetection(),
+    )
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

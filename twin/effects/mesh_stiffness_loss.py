@@ -14,9 +14,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from twin.effects.facts import DetectionThresholds, Facts, FittedNumber
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
+from twin.thresholds import deciding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshStiffnessLossDetection(DetectionThresholds):
+    """Softening that a rig file's tolerance does not explain."""
+
+    least_size: float = deciding(
+        0.7,
+        of="0.15 of the mesh stiffness",
+        meaning="loss of mesh stiffness from which it is reported",
+        source="tuned on T01–T58; not derived",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,3 +49,11 @@ class MeshStiffnessLoss:
         return setup.with_stiffness(1 - self.loss)
 
     signature: ClassVar[Signature] = Signature(shape="alike")
+    facts: ClassVar[Facts] = Facts(
+        label="loss of mesh stiffness",
+        acts_on="mesh",
+        periods=("mesh",),
+        detector="mesh",
+        fitted=(FittedNumber(parameter=parameters[0], scale=0.15, start=1.0, low=0.0, high=5.0),),
+        detection=MeshStiffnessLossDetection(),
+    )

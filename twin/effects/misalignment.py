@@ -23,9 +23,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from twin.effects.facts import DetectionThresholds, Facts, FittedNumber
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
+from twin.thresholds import deciding
 
 SLICES = 13
 
@@ -39,6 +41,18 @@ def face_separation(lead_gap, face_position):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MisalignmentDetection(DetectionThresholds):
+    """A lead gap that an accurate gear does not have."""
+
+    least_size: float = deciding(
+        0.27,
+        of="30 µm, the prior spread of the lead gap",
+        meaning="lead gap from which misalignment is reported: 8 µm",
+        source="ISO 1328-1:2013, class 6: helix slope deviation of gears of the reference rig's size",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Misalignment:
     """A gap across the face."""
 
@@ -48,6 +62,17 @@ class Misalignment:
         Parameter(name="lead_gap", unit="m", low=-200e-6, high=200e-6, prior=30e-6),
     )
     signature: ClassVar[Signature] = Signature(shape="alike")
+    facts: ClassVar[Facts] = Facts(
+        label="misalignment of the shafts",
+        acts_on="mesh",
+        periods=("mesh",),
+        detector="mesh",
+        shapes_wear=True,
+        tilts_shaft=True,
+        slices=SLICES,
+        fitted=(FittedNumber(parameter=parameters[0], scale=30e-6, start=0.7, low=0.0, high=6.0),),
+        detection=MisalignmentDetection(),
+    )
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
@@ -21,3 +22,11 @@ class NoEffect:
         return setup
 
     signature: ClassVar[Signature] = Signature(shape="none", channels=())
+    facts: ClassVar[Facts] = Facts(
+        label="no effect",
+        acts_on="nothing",
+        periods=("mesh",),
+        detector="",
+        alarm_class="none",
+        changes_mesh_lines=False,
+    )

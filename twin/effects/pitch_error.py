@@ -17,6 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup, common_period
 from twin.effects.signature import Signature
@@ -35,6 +36,12 @@ class PitchError:
         Parameter(name="gear", unit="m", low=-100e-6, high=100e-6, prior=5e-6, teeth=1),
     )
     signature: ClassVar[Signature] = Signature(shape="all_round", shafts=("pinion", "gear"))
+    facts: ClassVar[Facts] = Facts(
+        label="pitch errors",
+        acts_on="teeth",
+        periods=("mesh", "pinion", "gear", "hunting"),
+        detector="tooth_errors",
+    )
 
     def __post_init__(self) -> None:
         check(self)

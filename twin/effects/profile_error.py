@@ -20,9 +20,23 @@ from typing import ClassVar
 
 import numpy as np
 
+from twin.effects.facts import DetectionThresholds, Facts, FittedNumber
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
+from twin.thresholds import deciding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileErrorDetection(DetectionThresholds):
+    """A profile that sound teeth do not have."""
+
+    least_size: float = deciding(
+        0.3,
+        of="10 µm of relief, 5 µm of slope",
+        meaning="largest of both reliefs and the slope from which profile errors are reported",
+        source="tuned on T01–T58; not derived",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +55,29 @@ class ProfileError:
         Parameter(name="relief_length", unit="m", low=1e-4, high=2e-2, prior=1e-3, shape=True),
     )
     signature: ClassVar[Signature] = Signature(shape="alike")
+    facts: ClassVar[Facts] = Facts(
+        label="profile errors",
+        acts_on="mesh",
+        periods=("mesh",),
+        detector="mesh",
+        shapes_wear=True,
+        fitted=(
+            FittedNumber(parameter=parameters[0], scale=10e-6, start=0.3, low=0.0, high=15.0),
+            FittedNumber(parameter=parameters[1], scale=10e-6, start=0.3, low=0.0, high=15.0),
+            FittedNumber(parameter=parameters[2], scale=5e-6, start=0.0, low=-15.0, high=15.0),
+            FittedNumber(
+                parameter=parameters[3],
+                scale=0.5,
+                centre=2e-3,
+                logarithmic=True,
+                start=0.0,
+                low=-2.0,
+                high=2.0,
+                sizes=False,
+            ),
+        ),
+        detection=ProfileErrorDetection(),
+    )
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from twin.dynamics.harmonic_balance import Contacts, SteadyState, solve, solve_through_contact_loss
 from twin.dynamics.sensitivity import Linearised
 from twin.dynamics.structure import direction
+from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter
 from twin.effects.setup import Setup, common_period, contacts_of, setup_of
 from twin.effects.signature import Signature
@@ -32,6 +33,7 @@ class Effect(Protocol):
 
     parameters: ClassVar[tuple[Parameter, ...]]
     signature: ClassVar[Signature]
+    facts: ClassVar[Facts]
 
     @property
     def period(self) -> str:

@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
@@ -29,6 +30,12 @@ class SensorGain:
         Parameter(name="gain", unit="", low=0.01, high=100.0, prior=0.15, neutral=1.0),
     )
     signature: ClassVar[Signature] = Signature(shape="path", channels=("acceleration",))
+    facts: ClassVar[Facts] = Facts(
+        label="a wrong gain of the accelerometer",
+        acts_on="sensor",
+        periods=("mesh",),
+        detector="sensor",
+    )
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

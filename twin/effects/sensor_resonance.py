@@ -19,6 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
@@ -36,6 +37,12 @@ class SensorResonance:
         Parameter(name="damping_ratio", unit="", low=0.001, high=0.7, prior=0.05, shape=True),
     )
     signature: ClassVar[Signature] = Signature(shape="path", channels=("acceleration",))
+    facts: ClassVar[Facts] = Facts(
+        label="a resonance of the accelerometer's mount",
+        acts_on="sensor",
+        periods=("mesh",),
+        detector="sensor",
+    )
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

@@ -19,6 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
@@ -38,6 +39,13 @@ class ToothCrack:
         Parameter(name="tooth", unit="", low=0, high=10_000, prior=10_000, shape=True),
     )
     signature: ClassVar[Signature] = Signature(shape="local", shafts=("pinion", "gear", "other"))
+    facts: ClassVar[Facts] = Facts(
+        label="a cracked tooth",
+        acts_on="teeth",
+        periods=("pinion", "gear"),
+        detector="crack",
+        alarm_class="alarm",
+    )
 
     def __post_init__(self) -> None:
         check(self)

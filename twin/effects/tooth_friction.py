@@ -29,9 +29,23 @@ from typing import ClassVar
 import numpy as np
 
 from twin.dynamics.structure import direction
+from twin.effects.facts import DetectionThresholds, Facts, FittedNumber
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
+from twin.thresholds import deciding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ToothFrictionDetection(DetectionThresholds):
+    """Friction that sound, lubricated teeth do not have."""
+
+    least_size: float = deciding(
+        0.15,
+        of="0.1, the coefficient of friction of lubricated steel",
+        meaning="coefficient of friction from which friction is reported",
+        source="tuned on T01–T58; not derived",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +62,14 @@ class ToothFriction:
         Parameter(name="stribeck_speed", unit="m/s", low=1e-4, high=1.0, prior=0.1, shape=True),
     )
     signature: ClassVar[Signature] = Signature(shape="alike")
+    facts: ClassVar[Facts] = Facts(
+        label="tooth friction",
+        acts_on="mesh",
+        periods=("mesh",),
+        detector="mesh",
+        fitted=(FittedNumber(parameter=parameters[0], scale=0.1, low=0.0, high=3.0),),
+        detection=ToothFrictionDetection(),
+    )
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

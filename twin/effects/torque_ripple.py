@@ -21,6 +21,7 @@ from math import pi
 from typing import ClassVar
 
 from twin.dynamics.structure import direction
+from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
@@ -40,6 +41,13 @@ class TorqueRipple:
         Parameter(name="phase", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )
     signature: ClassVar[Signature] = Signature(shape="one_order", shafts=("pinion",))
+    facts: ClassVar[Facts] = Facts(
+        label="torque ripple",
+        acts_on="shaft",
+        periods=("pinion", "hunting"),
+        detector="shaft_forces",
+        changes_mesh_lines=False,
+    )
 
     def __post_init__(self) -> None:
         check(self)

@@ -12,7 +12,7 @@ from twin.effects.addition import Addition
 from twin.effects.sensor_gain import SensorGain
 from twin.effects.sensor_resonance import SensorResonance
 from twin.effects.tooth_crack import ToothCrack
-from twin.tracing.candidates import REPORTED, TRIALS, plain, started
+from twin.tracing.candidates import fitted_numbers, plain, started, trial_of
 from twin.tracing.eccentricities import EccentricityFit
 from twin.tracing.joint_fit import EffectTrial
 from twin.tracing.mesh_block import GAIN, MeshFindings
@@ -47,7 +47,7 @@ class AttributedEffect:
         """The trial that starts from here; None of effects that are not fitted to the mesh lines."""
         if not self.numbers:
             return None
-        return started(TRIALS[self.name], np.array(self.numbers), self.addition.onset_revolutions)
+        return started(trial_of(self.name), np.array(self.numbers), self.addition.onset_revolutions)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
@@ -88,13 +88,11 @@ def of_mesh(findings: MeshFindings, kept: Sequence[AttributedEffect]) -> list[At
         numbers, std = findings.best.numbers(trial)
         effect = effects[findings.best.trials.index(trial)]
         parameters = {}
-        for (parameter, unit, scale), u, s in zip(REPORTED[name], numbers, std * widen, strict=True):
-            value = scale(float(u))
-            parameters[parameter] = (
-                value,
-                unit,
-                float(np.hypot(abs(scale(float(u + s)) - value), MODELLED * abs(value))),
-            )
+        for number, u, s in zip(fitted_numbers(name), numbers, std * widen, strict=True):
+            value = number.value(u)
+            spread = abs(number.value(u + s) - value)
+            std_with_model = float(np.hypot(spread, MODELLED * abs(value)))
+            parameters[number.parameter.name] = (value, number.parameter.unit, std_with_model)
         other, alike = findings.runner_up.get(name), findings.alike.get(name, ())
         evidence = candidate.gain
         if name in before and other is None:

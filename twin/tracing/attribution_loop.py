@@ -23,7 +23,6 @@ from twin.errors import NotAvailable, NotConverged, TwinError
 from twin.report import rul_report
 from twin.rig import Rig
 from twin.tracing.attribution import AttributedEffect, of_defect
-from twin.tracing.candidates import TRIALS
 from twin.tracing.change_detection import change_indicators, is_new, widened
 from twin.tracing.decisions import Decision
 from twin.tracing.held_out_error import HeldOutComparison, LearnedFactors, by_band_and_order, compare, figures
@@ -273,7 +272,7 @@ def _not_confirmed(tracing: Tracing, old: Mapping[str, AttributedEffect]) -> lis
     """New effects on the mesh that make neither the vibration nor the transmission error of held-out windows better."""
     out = []
     for i, item in enumerate(tracing.found):
-        if item.name not in TRIALS or item.name in old or i + 1 >= len(tracing.errors):
+        if item.addition.effect.facts.detector != "mesh" or item.name in old or i + 1 >= len(tracing.errors):
             continue
         before, after = tracing.errors[i], tracing.errors[i + 1]
         turns = {t.index: t.features.revolutions or 0.0 for t in tracing.history}

@@ -23,9 +23,9 @@ from twin.effects.pitch_error import PitchError
 from twin.effects.response import Effect
 from twin.errors import TwinError
 from twin.model import Model
-from twin.tracing.candidates import TRIALS, plain, started
+from twin.tracing.candidates import mesh_trials, plain, started
 from twin.tracing.joint_fit import EffectTrial, JointFit
-from twin.tracing.mesh_block import MOST_EFFECTS, ROUNDS, SHAPING, Candidate, MeshBlock, MeshFindings, rivals
+from twin.tracing.mesh_block import MOST_EFFECTS, ROUNDS, Candidate, MeshBlock, MeshFindings, rivals
 from twin.tracing.observed import Observed
 from twin.wear.profile import WornProfile
 
@@ -123,7 +123,7 @@ class _Search:
         if first is None:
             return None
         trials = again(first)
-        if trial.name in SHAPING and not _large(first.numbers(first.trials[-1])[0]):
+        if trial.facts.shapes_wear and not _large(first.numbers(first.trials[-1])[0]):
             trials = (*present, trial)  # flanks that do not yet wear with it pull it to nothing
         return self._better(self.fitted(trials, first, False, ROUNDS), first, best)
 
@@ -179,12 +179,13 @@ def explained_beside_teeth(
         if not onsets:
             waiting = True
             break
-        names = [n for n in TRIALS if n not in skip and all(t.name != n for t in present)]
+        trials = mesh_trials()
+        names = [n for n in trials if n not in skip and all(t.name != n for t in present)]
         tried = [
             c
             for name in names
             for onset in onsets
-            if (c := search.screened(replace(TRIALS[name], onset=onset), present, best)) is not None
+            if (c := search.screened(replace(trials[name], onset=onset), present, best)) is not None
         ]
         tried.sort(key=lambda c: -c.gain)
         refined = [search.refined(c, best) for c in tried[:REFINED] if c.gain > 0]

@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 
 from twin.effects.addition import Addition
-from twin.effects.backlash_rattle import BacklashRattle
-from twin.effects.bearing_defect import BearingDefect
 from twin.effects.response import Response, solve_with
 from twin.errors import NotAvailable, NotConverged
 from twin.features.window_features import MeasuredLines
@@ -28,7 +26,6 @@ from twin.updating.memory import Line, Memory
 from twin.updating.model_cache import healthy_model_of, profile_of
 from twin.updating.prediction import MESH, PATH
 
-NOT_SYNCHRONOUS = (BearingDefect, BacklashRattle)  # no line of a synchronous average is theirs
 TOP = 2000.0  # [Hz]
 HARMONICS = 5  # of the mesh, reported by band
 BAND = 2  # shaft orders beside a mesh harmonic
@@ -88,9 +85,7 @@ def compare(
     condition = condition_of(features, rig)
     turns = features.revolutions or 0.0
     model = healthy_model_of(rig, memory)
-    effects = tuple(
-        a.effect for a in additions if a.onset_revolutions <= turns and not isinstance(a.effect, NOT_SYNCHRONOUS)
-    )
+    effects = tuple(a.effect for a in additions if a.onset_revolutions <= turns and a.effect.facts.synchronous)
     profile = profile_of(rig, memory, turns, depth)
     response = solve_with(model, effects, profile.slices, condition)
     if not response.steady.converged:

@@ -24,6 +24,8 @@ import numpy as np
 from scipy.linalg import null_space
 
 from twin.dynamics.structure import direction
+from twin.effects import EFFECTS
+from twin.effects.facts import Facts
 from twin.effects.response import Effect, Nearby, Response, solve_with
 from twin.errors import NotConverged, TwinError
 from twin.model import Model
@@ -37,7 +39,6 @@ SAMPLES = 256  # a mesh period: lines to harmonic 10 within 2e-4
 MEAN_STD = 0.5e-6  # of the mean transmission error from window to window: torque wander, depth [m]
 MEAN_DRIFT = 10e-6  # of the discs over the whole campaign: heat, creep of a mounting [m]
 SAME_TORQUE = 0.1
-TILTING = ("misalignment",)  # about which point a shaft tilts is not known, so neither is the step of the mean
 STEP = 1e-4  # of a parameter over its prior, for its derivative
 DEPTH_STEP = 0.02e-6  # [m]
 MOST_STEPS = 10
@@ -66,6 +67,10 @@ class EffectTrial:
     free: tuple[Free, ...]
     make: Callable[[np.ndarray], Effect]
     onset: float = 0.0  # revolutions
+
+    @property
+    def facts(self) -> Facts:
+        return EFFECTS[self.name].facts
 
     def acts(self, window: Observed) -> bool:
         return window.revolutions >= self.onset
@@ -203,7 +208,8 @@ class Problem:
     def __post_init__(self) -> None:
         self.group = _alike([w.condition.speed_hz for w in self.windows], SAME_SPEED)
         load = _alike([w.condition.torque for w in self.windows], SAME_TORQUE)
-        tilted = sum(np.array([t.acts(w) for w in self.windows], dtype=int) for t in self.trials if t.name in TILTING)
+        # about which point a shaft tilts is not known, so neither is the step of the mean
+        tilted = sum(np.array([t.acts(w) for w in self.windows], dtype=int) for t in self.trials if t.facts.tilts_shaft)
         mounting = np.array([w.mounting for w in self.windows]) + (1 + max(w.mounting for w in self.windows)) * tilted
         self.load = load + (load.max() + 1) * mounting  # means are compared within one number
         self.path = _paths(self.model, self.windows)

@@ -15,11 +15,12 @@ from math import ceil, log
 
 import numpy as np
 
+from twin.effects import EFFECTS
 from twin.effects.extended import extend
 from twin.effects.response import Effect
 from twin.errors import NotConverged, TwinError
 from twin.model import Condition, Model
-from twin.tracing.candidates import LEAST, TRIALS, started
+from twin.tracing.candidates import big_enough, mesh_trials, started
 from twin.tracing.joint_fit import EffectTrial, JointFit, Problem, fit
 from twin.tracing.observed import CHANNELS, Observed
 from twin.wear.curve import MasterCurve
@@ -28,7 +29,6 @@ from twin.wear.profile import WornProfile
 GAIN = 6.0  # nats that an effect must gain
 ALIKE = GAIN  # within which two explanations are one class
 OTHER_STRUCTURE = 40.0  # where the structure is not the rig file's and the encoders alone are believed
-HARDLY_VISIBLE = {"mesh_damping": 15.0}
 QUIET = 0.3  # misfit up to which nothing is sought: healthy machines of the rig's structure have 0.1 to 0.3
 SOFT = -2.0  # of the calibrated stiffness, in spreads of its prior: something has softened the mesh
 WORTH = 2.0  # nats in the first trial from which a candidate is tried with the wear that it causes
@@ -101,9 +101,6 @@ class WearWithEffects:
         return curve.profile(max(depth, float(curve.depth[0]))).slices
 
 
-SHAPING = ("misalignment", "profile_error")  # effects under which flanks wear otherwise
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Candidate:
     """One effect tried."""
@@ -116,7 +113,7 @@ class Candidate:
 
     @property
     def big_enough(self) -> bool:
-        return _big_enough(self.trial.name, self.fit.numbers(self.trial)[0])
+        return big_enough(self.trial.name, self.fit.numbers(self.trial)[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -153,7 +150,8 @@ class MeshBlock:
 
     def least_gain(self, name: str) -> float:
         """Evidence that an effect needs [nat]: more where it is hardly visible, and of another structure."""
-        return max(GAIN, HARDLY_VISIBLE.get(name, 0.0), 0.0 if self.channels == CHANNELS else OTHER_STRUCTURE)
+        own = EFFECTS[name].facts.detection.least_gain
+        return max(GAIN, own, 0.0 if self.channels == CHANNELS else OTHER_STRUCTURE)
 
     def problem(
         self, trials: Sequence[EffectTrial], wear: WearWithEffects, windows: Sequence[int] | None = None
@@ -169,9 +167,7 @@ class MeshBlock:
         )
 
     def wear(self, effects: Sequence[tuple[Effect, float]] = (), fitted: JointFit | None = None) -> WearWithEffects:
-        shaping = tuple(
-            (_rounded(e), onset) for e, onset in effects if any(isinstance(e, _KINDS[name]) for name in SHAPING)
-        )
+        shaping = tuple((_rounded(e), onset) for e, onset in effects if e.facts.shapes_wear)
         depths: dict[float, float] = {}
         known = self.depth if fitted is None else fitted.depth
         for _, onset in shaping:
@@ -190,12 +186,12 @@ class MeshBlock:
 
         worn  the wear of the start; with one round it is taken over, and a trial that sets in later joins it
         """
-        shaping = any(t.name in SHAPING for t in trials)
+        shaping = any(t.facts.shapes_wear for t in trials)
         numbers = [np.array([f.start for f in t.free]) for t in trials]
         if start is not None:
             known = {t.name: start.numbers(t)[0] for t in start.trials}
             numbers = [known.get(t.name, u) for t, u in zip(trials, numbers, strict=True)]
-        late = shaping and trials[-1].name in SHAPING and trials[-1].onset > 0  # long run in, as the flanks may be
+        late = shaping and trials[-1].facts.shapes_wear and trials[-1].onset > 0  # long run in, as the flanks may be
         if rounds > 1 or late:
             wear = self.wear([(t.make(u), t.onset) for t, u in zip(trials, numbers, strict=True)], start)
         else:
@@ -268,7 +264,7 @@ class MeshBlock:
                 waiting = True
                 break
             tried: list[Candidate] = []
-            for name, trial in TRIALS.items():
+            for name, trial in mesh_trials().items():
                 if name in skip or any(t.name == name for t in present):
                     continue
                 for onset in onsets:
@@ -281,7 +277,7 @@ class MeshBlock:
             for candidate in sorted(tried, key=lambda c: -c.gain)[:4]:
                 better = None
                 promising = candidate.gain > WORTH and candidate.fit.misfit < HOPELESS * max(leading, WELL)
-                if candidate.trial.name in SHAPING and promising and not candidate.worn_with:
+                if candidate.trial.facts.shapes_wear and promising and not candidate.worn_with:
                     numbers, _ = candidate.fit.numbers(candidate.fit.trials[-1])
                     again = started(candidate.trial, numbers, candidate.trial.onset)
                     better = self._tried(again, present, best, wear, ROUNDS, leading)
@@ -331,7 +327,7 @@ class MeshBlock:
         starts = [(trial, best, rounds)]
         if trial.onset > 0 and rounds == 1:
             starts.append((trial, replace(best, depth=self._went_on(best.depth, trial.onset)), rounds))
-        elif trial.name in SHAPING and rounds == 1:
+        elif trial.facts.shapes_wear and rounds == 1:
             new = self._when_new(trial, present, best, HOPELESS * max(rival, WELL))
             if new is not None:
                 starts.append((new, best, ROUNDS))
@@ -366,7 +362,7 @@ class MeshBlock:
         if result.misfit > worst:
             return None
         numbers, _ = result.numbers(result.trials[-1])
-        return started(trial, numbers, trial.onset) if _big_enough(trial.name, numbers) else None
+        return started(trial, numbers, trial.onset) if big_enough(trial.name, numbers) else None
 
     def _went_on(self, depth: np.ndarray, onset: float) -> np.ndarray:
         """Depths (W,) as they would be had the wear rate of before the onset stayed [m]."""
@@ -385,11 +381,3 @@ def rivals(chosen: Candidate, tried: Sequence[Candidate]) -> tuple[tuple[str, fl
     alike = {c.trial.name for c in others if c.gain > chosen.gain - ALIKE and c.big_enough}
     behind = (others[0].trial.name, chosen.gain - others[0].gain) if others else None
     return behind, tuple(sorted(alike))
-
-
-def _big_enough(name: str, numbers: np.ndarray) -> bool:
-    shown = numbers[:3] if name == "profile_error" else numbers[:1]
-    return float(np.abs(shown).max()) >= LEAST[name]
-
-
-_KINDS = {name: type(trial.make(np.full(len(trial.free), 0.5))) for name, trial in TRIALS.items()}

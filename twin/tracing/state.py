@@ -7,15 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from twin.effects.addition import Addition
-from twin.effects.extended import BESIDE_THE_MESH
-from twin.effects.gear_eccentricity import GearEccentricity
-from twin.effects.pinion_eccentricity import PinionEccentricity
 from twin.tracing.attribution import AttributedEffect
 from twin.updating.history import WindowInput
 from twin.updating.memory import Memory
 
 LEAST_WINDOWS = 3  # measurement windows before the first search
-WITHOUT_MESH_ORDERS = (*BESIDE_THE_MESH, PinionEccentricity, GearEccentricity)  # or hardly: extended.py
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +115,7 @@ class Tracing:
 
 def relevant(found: Iterable[AttributedEffect]) -> tuple[Addition, ...]:
     """The effects that change the mesh orders or the path: no others change a depth."""
-    return tuple(f.addition for f in found if not isinstance(f.addition.effect, WITHOUT_MESH_ORDERS))
+    return tuple(f.addition for f in found if f.addition.effect.facts.changes_mesh_lines)
 
 
 def parameters_of(item: AttributedEffect) -> dict[str, dict[str, Any]]:

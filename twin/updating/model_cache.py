@@ -11,15 +11,12 @@ from functools import lru_cache
 from twin.effects.addition import Addition
 from twin.effects.extended import extend
 from twin.effects.response import Effect
-from twin.effects.sensor_gain import SensorGain
-from twin.effects.sensor_resonance import SensorResonance
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
 from twin.updating.memory import Memory, Segment
 from twin.wear.curve import MasterCurve
 from twin.wear.profile import WornProfile
 
-SENSORS = (SensorGain, SensorResonance)  # wear nothing
 DEEPEST = 5e-4  # depth to which curves are made where the rig file gives no end of life [m]
 
 
@@ -55,7 +52,7 @@ def _curve(
 ) -> MasterCurve:
     last = segments[-1]
     there = tuple(a.effect for a in effects if a.onset_revolutions <= last.start_revolutions)
-    model = _extended(key, calibration, tuple(e for e in there if e.period == "mesh" and not isinstance(e, SENSORS)))
+    model = _extended(key, calibration, tuple(e for e in there if e.period == "mesh" and e.facts.acts_on != "sensor"))
     start = model.unworn
     if len(segments) > 1 and last.start_depth > 0:
         before = _curve(key, calibration, segments[:-1], effects, until)

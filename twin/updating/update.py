@@ -13,7 +13,6 @@ from math import pi
 
 import numpy as np
 
-from twin.effects.misalignment import Misalignment
 from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
@@ -116,8 +115,8 @@ def _with_segment(rig: Rig, memory: Memory, condition: Condition, revolutions: f
 
 def _tilted(memory: Memory, before: float, now: float) -> bool:
     """Whether a shaft has tilted between two counts of revolutions, which moves the mean by an unknown step."""
-    there = sum(isinstance(e, Misalignment) for e in memory.active(before))
-    return sum(isinstance(e, Misalignment) for e in memory.active(now)) > there
+    there = sum(e.facts.tilts_shaft for e in memory.active(before))
+    return sum(e.facts.tilts_shaft for e in memory.active(now)) > there
 
 
 def _calibrated(rig: Rig, memory: Memory, features: WindowFeatures) -> Memory:

@@ -1,0 +1,102 @@
+"""What is true of every instance of an effect: declared once on its class, so that nothing else asks for it by name.
+
+Tracing, updating and the reports read these declarations. `tests/claims/test_effects_facts.py` compares those of every
+effect of the table with what the model makes of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import exp
+
+from twin.effects.parameter import Parameter
+from twin.thresholds import deciding
+
+ACTS_ON = ("nothing", "mesh", "teeth", "shaft", "bearing", "sensor")
+DETECTORS = ("", "rattle", "shaft_forces", "non_gear", "tooth_errors", "crack", "eccentricity", "mesh", "sensor")
+ALARM_CLASSES = ("none", "watch", "alarm")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectionThresholds:
+    """What an effect must show at least before the mesh search reports it."""
+
+    least_size: float = deciding(
+        0.3,
+        of="prior spread of the fitted number",
+        meaning="size below which the effect is indistinguishable from what sound teeth differ by",
+        source="not derived: chosen; effects of the table that were tuned state their own",
+    )
+    least_gain: float = deciding(
+        0.0,
+        unit="nat",
+        meaning="evidence that this effect must add, where it is more than the mesh search asks of every effect",
+        source="not derived: 0 leaves the decision to the mesh search",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FittedNumber:
+    """One free number u of the mesh search, and the parameter that it stands for.
+
+    value = centre + scale·u, or centre·exp(scale·u) where `logarithmic`; the prior of u has a standard deviation of 1.
+    """
+
+    parameter: Parameter
+    scale: float  # in the parameter's unit; of its logarithm where `logarithmic`
+    centre: float = 0.0
+    logarithmic: bool = False
+    start: float = 0.5  # u that a fit starts from
+    low: float
+    high: float
+    sizes: bool = True  # whether it counts where the effect's size is compared with its least
+
+    def value(self, u: float) -> float:
+        """The parameter [its unit] for a number u."""
+        if self.logarithmic:
+            return self.centre * exp(self.scale * float(u))
+        return self.centre + self.scale * float(u)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """What an effect acts on and how it is found."""
+
+    label: str  # for people, in a sentence: "tooth friction"
+    acts_on: str  # one of ACTS_ON
+    periods: tuple[str, ...]  # that an instance may have, of PERIODS (setup.py)
+    detector: str  # that finds it: one of DETECTORS; "" for none
+    alarm_class: str = "watch"  # one of ALARM_CLASSES: what a machine with this effect deserves
+    changes_mesh_lines: bool = True  # whether the lines at mesh orders change, and with them the estimated wear depth
+    shapes_wear: bool = False  # whether flanks wear to another profile under it
+    tilts_shaft: bool = False  # whether the mean transmission error moves by an unknown step when it sets in
+    synchronous: bool = True  # whether its lines survive averaging over turns of a shaft
+    separates_teeth: bool = False  # whether there is no steady mesh from which a wear depth could be estimated
+    slices: int = 1  # across the face that it needs, whatever its size
+    fitted: tuple[FittedNumber, ...] = ()  # for the mesh search; from the parameters' priors where none are given
+    detection: DetectionThresholds = DetectionThresholds()
+
+    def __post_init__(self) -> None:
+        for name, value, known in (
+            ("acts_on", self.acts_on, ACTS_ON),
+            ("detector", self.detector, DETECTORS),
+            ("alarm_class", self.alarm_class, ALARM_CLASSES),
+        ):
+            if value not in known:
+                raise ValueError(f"{name} = {value!r} must be one of {', '.join(map(repr, known))}")
+
+
+def numbers_from_priors(parameters: Iterable[Parameter]) -> tuple[FittedNumber, ...]:
+    """Every parameter that gives the effect its size, as a number in units of its prior spread."""
+    return tuple(
+        FittedNumber(
+            parameter=p,
+            scale=p.prior,
+            centre=p.neutral,
+            low=(p.low - p.neutral) / p.prior,
+            high=(p.high - p.neutral) / p.prior,
+        )
+        for p in parameters
+        if not p.shape and p.teeth is None
+    )
