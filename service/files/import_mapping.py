@@ -11,11 +11,11 @@
     sample_rate_hz = 25600
     delimiter = ","                        # of a CSV
 
-    [channels.ch14]                        # the sensor's name; pinion or gear for a torque or an encoder
-    kind = "accel"                         # accel, torque or encoder
+    [channels.ch14]                        # name of the sensor, shaft (pinion or gear) or place
+    kind = "accel"                         # a kind of service/stream/channels.py; accel if left out
     column = "ch14"                        # header of a CSV column, array of an NPZ; the name if left out
-    unit = "V"                             # m/s2, g, V, Pa, unknown; torque: Nm, V, unknown
-    sensitivity = 0.0510204                # V per m/s² or per N·m, with unit V
+    unit = "V"                             # one of the kind's units of import, such as m/s2, g, V, Nm
+    sensitivity = 0.0510204                # V per the contract's unit of the kind, with unit V
 
     [channels.pinion]
     kind = "encoder"
