@@ -99,6 +99,12 @@ CHANNEL_KINDS = {
             names=SHAFTS, rate=(0.0, 1e7), window_field="encoders", usable_alone=True,
             import_units={"s": AS_IT_IS, "quadrature": AS_IT_IS},
         ),
+        ChannelKind(
+            segment="temperature", layout=Layout.SLOW, quantity="temperature", unit="°C", named_by="place",
+            rate=(0.0, 1e5), values=(-273.15, 3000.0), summary=np.mean, si_offset=273.15, record_key="temperatures",
+            import_units={"degC": AS_IT_IS, "K": Conversion(offset=-273.15),
+                          "degF": Conversion(factor=5 / 9, offset=-160 / 9), "V": VOLTS},
+        ),
     )
 }  # fmt: skip
 """By segment. Limits of rate and of values are not derived: they are chosen to lie beyond every sensor on sale, so that
