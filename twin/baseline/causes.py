@@ -13,9 +13,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-FAR = 5.0  # deviations beyond which an order is another one
-MAINS = (50.0, 60.0)
-MAINS_STD = 0.01  # of the mains frequency [Hz]
+from twin.thresholds import deciding
+
+MAINS = (50.0, 60.0)  # nominal frequencies of public grids [Hz]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CauseThresholds:
+    """When a known cause of a spacing is ruled out."""
+
+    far: float = deciding(
+        5.0, unit="standard deviations", meaning="distance beyond which an order or a frequency is another one",
+        source="convention: five standard deviations, so that a true cause is hardly ever ruled out",
+    )  # fmt: skip
+    mains_std: float = deciding(
+        0.01, unit="Hz", meaning="standard deviation of the mains frequency",
+        source="not derived: of the order of the continental European grid's usual deviations",
+    )  # fmt: skip
+
+
+DEFAULT = CauseThresholds()
 ELEMENTS = range(6, 21)
 CAGE, INNER, BALL = (0.35, 0.45), (0.55, 0.65), (1.5, 4.5)
 
@@ -30,7 +47,12 @@ class Cause:
 
 
 def causes_of(
-    order: float, std: float, speed_hz: float, shafts: Sequence[Fraction], names: Sequence[str]
+    order: float,
+    std: float,
+    speed_hz: float,
+    shafts: Sequence[Fraction],
+    names: Sequence[str],
+    limits: CauseThresholds = DEFAULT,
 ) -> list[Cause]:
     """Causes of lines spaced by an order of the pinion, with its standard deviation.
 
@@ -44,7 +66,7 @@ def causes_of(
         out.append(
             Cause(
                 name=f"a multiple of the {name}'s rotation",
-                possible=off < FAR * std,
+                possible=off < limits.far * std,
                 detail=f"{ratio:.4f} times it; {off / max(std, 1e-12):.0f} deviations from {nearest}",
             )
         )
@@ -52,7 +74,7 @@ def causes_of(
         at = order * speed_hz
         nearest = max(1, round(at / frequency))
         off = abs(at - nearest * frequency)
-        limit = FAR * ((std * speed_hz) ** 2 + (MAINS_STD * nearest) ** 2) ** 0.5
+        limit = limits.far * ((std * speed_hz) ** 2 + (limits.mains_std * nearest) ** 2) ** 0.5
         out.append(
             Cause(
                 name=f"mains of {frequency:g} Hz",
@@ -64,17 +86,19 @@ def causes_of(
         ratio = order / float(shaft)
         fit = [n for n in ELEMENTS if CAGE[0] * n <= ratio <= CAGE[1] * n]
         inner = [n for n in ELEMENTS if INNER[0] * n <= ratio <= INNER[1] * n]
-        said = f"{ratio:.4f} times the {name}'s rotation"
+        described = f"{ratio:.4f} times the {name}'s rotation"
         out += [
-            Cause(name=f"cage of a bearing on the {name}", possible=CAGE[0] <= ratio <= CAGE[1], detail=said),
-            Cause(name=f"outer race of a bearing on the {name}", possible=bool(fit), detail=_elements(said, fit)),
-            Cause(name=f"inner race of a bearing on the {name}", possible=bool(inner), detail=_elements(said, inner)),
-            Cause(name=f"rolling element on the {name}", possible=BALL[0] <= ratio <= BALL[1], detail=said),
+            Cause(name=f"cage of a bearing on the {name}", possible=CAGE[0] <= ratio <= CAGE[1], detail=described),
+            Cause(name=f"outer race of a bearing on the {name}", possible=bool(fit), detail=_elements(described, fit)),
+            Cause(
+                name=f"inner race of a bearing on the {name}", possible=bool(inner), detail=_elements(described, inner)
+            ),
+            Cause(name=f"rolling element on the {name}", possible=BALL[0] <= ratio <= BALL[1], detail=described),
         ]
     return out
 
 
-def _elements(said: str, counts: Sequence[int]) -> str:
+def _elements(described: str, counts: Sequence[int]) -> str:
     if not counts:
-        return f"{said}: no bearing of {ELEMENTS[0]} to {ELEMENTS[-1]} elements"
-    return f"{said}: {', '.join(map(str, counts))} elements"
+        return f"{described}: no bearing of {ELEMENTS[0]} to {ELEMENTS[-1]} elements"
+    return f"{described}: {', '.join(map(str, counts))} elements"

@@ -1,7 +1,7 @@
-"""What a recording holds beyond the healthy machine, by the names of the effect table, with errors before and after.
+"""Changes of a recording against the healthy baseline, by the names of the effect table, with errors before and after.
 
-Effects are found on whole windows. Errors are those of turns that took no part: on the first half of every window's
-turns the baseline is laid over, and effects are found and fitted anew; the second half judges them.
+Effects are found on whole windows. Errors are those of held-out turns: on the first half of every window's turns the
+baseline is aligned, and effects are found and fitted again; the second half is predicted.
 """
 
 from __future__ import annotations
@@ -9,30 +9,49 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
-from twin.baseline.findings import EXTRAPOLATED, SMOOTH, BaselineComparison, ShaftChange, compare
+from twin.baseline.findings import BaselineComparison, ShaftChange, compare
 from twin.baseline.learned import Baseline
 from twin.baseline.operating import UNITS
 from twin.baseline.reading import WindowReading
-from twin.baseline.transfer_path import LEAST_COMMON, Path, name_of_path
+from twin.baseline.transfer_path import Path, name_of_path
 from twin.effects import EFFECTS
 from twin.effects.signature import Signature
 from twin.errors import NotAvailable
+from twin.thresholds import deciding
 
 SIDEBANDS = 2.0  # orders on either side that belong to a mesh harmonic's band
 BANDS = 5
 MOST_LINES = 12
 PULSE_POINTS = 201  # over a turn, to be drawn
-UNLIKE = 4.0  # misfit of the lines to the healthy scatter, from which something is left that has no name
+OUTSIDE = 3.0  # standard deviations beyond which energy is counted as left over
+MOST_GROWN = 5.0  # times the healthy scatter that lines raised by what was found are given at most
 MESH_CHANGE = "mesh_change"  # what every tooth does alike: no baseline tells those effects from one another
-LOCAL_BESIDE = ("a coupling, a seat or a load of that shaft that pushes once a turn",)
+LOCAL_ALTERNATIVES = ("a coupling, a seat or a load of that shaft that pushes once a turn",)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiagnosisThresholds:
+    """When a comparison with the baseline is a verdict."""
+
+    misfit: float = deciding(
+        4.0, unit="variances", meaning="misfit of the lines to the healthy scatter that is an unidentified effect",
+        source="convention: two standard deviations of every line; held-out healthy recordings have about 1",
+    )  # fmt: skip
+    least_recordings: int = deciding(
+        5, meaning="healthy windows from which a change of single teeth can be judged",
+        source="observed on the broken-tooth set: beside four healthy recordings the broken tooth is not found, beside "
+        "five it is at 27 of 28 loads within the learned range",
+    )  # fmt: skip
+
+
+DEFAULT = DiagnosisThresholds()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Parts:
+class WindowParts:
     """One window's lines: of all its turns, and of either half where they are long enough."""
 
     whole: WindowReading
@@ -50,27 +69,63 @@ class Named:
     log_evidence: float
     runner_up: str | None
     over_runner_up: float | None
-    not_told_from: tuple[str, ...]
+    indistinguishable_from: tuple[str, ...]
     detail: str
     windows: tuple[int, ...]  # in which it was found
     curves: Mapping[str, Sequence[float]]  # to be drawn: of a path against frequency, of a shaft over a turn
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelError:
+    """Relative errors of one channel on held-out turns: against the baseline, and with what was found."""
+
+    waveform_before: float  # ‖measured − predicted‖ over ‖measured‖
+    waveform_after: float
+    rms_before: float  # predicted over measured RMS, less one
+    rms_after: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BandLevel:
+    """RMS of one mesh harmonic with its sidebands, in the channel's unit."""
+
+    channel: str
+    harmonic: int
+    frequency: float  # [Hz]
+    measured: float
+    expected: float  # by the baseline
+    explained: float  # with what was found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RemainingLine:
+    """A line beyond the healthy scatter that nothing explains."""
+
+    order: float  # of the pinion's rotation
+    frequency: float  # [Hz]
+    share: float  # of the measured energy
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Diagnosis:
-    """A recording beside its baseline."""
+    """A recording compared with its baseline."""
 
     compared: tuple[BaselineComparison, ...]
     effects: tuple[Named, ...]
-    errors: Mapping[str, Mapping[str, float]]  # by channel: waveform and rms, before and after [%], on unseen turns
-    bands: tuple[Mapping[str, Any], ...]
+    errors: Mapping[str, ChannelError]  # by channel, on held-out turns
+    bands: tuple[BandLevel, ...]
     verdict: str  # explained, unknown_effect or insufficient_data
     reason: str
-    share_percent: float | None  # of the energy that is left over the healthy scatter
-    orders: tuple[Mapping[str, float], ...]  # strongest lines that are left
+    share: float | None  # of the energy that is left over the healthy scatter
+    lines: tuple[RemainingLine, ...]  # the strongest that are left
+
+    def error(self, name: str, channels: Sequence[str] | None = None) -> float | None:
+        """Root mean square of one of the errors over channels, all of them by default; None where there are none."""
+        values = [getattr(e, name) for c, e in self.errors.items() if channels is None or c in channels]
+        return float(np.sqrt(np.mean(np.square(values)))) if values else None
 
 
-def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
+def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: DiagnosisThresholds = DEFAULT) -> Diagnosis:
     """Findings over all windows of a recording; NotAvailable where its channels are not those of the baseline."""
     for w in windows:
         pair = baseline.swapped(w.whole)
@@ -82,44 +137,74 @@ def diagnose(baseline: Baseline, windows: Sequence[Parts]) -> Diagnosis:
     compared = [compare(baseline, w.whole) for w in windows]
     effects = [*_paths(compared), *_shafts(baseline, compared)]
     errors, bands = _errors(baseline, windows)
-    share, misfit, orders = _left(compared)
-    verdict, reason = "explained", ""
-    if not all(c.same_teeth for c in compared):
-        correlation = min(c.expected.alignment.correlation for c in compared if c.expected.alignment is not None)
-        verdict = "unknown_effect"
-        reason = (
-            f"the pattern of the teeth is not the baseline's (correlation {correlation:.2f}): other gears, another "
-            "assembly, or tooth counts that are not this machine's"
-        )
-    elif misfit > UNLIKE * (1.0 if all(c.expected.interpolated for c in compared) else EXTRAPOLATED**2):
-        verdict, reason = "unknown_effect", f"the lines differ {misfit:.1f} times as much as healthy recordings do"
-    elif any(e.name == "unknown_effect" for e in effects):
-        verdict, reason = "unknown_effect", next(e.detail for e in effects if e.name == "unknown_effect")
-    elif not any(c.expected.interpolated for c in compared):
-        verdict = "insufficient_data"
-        at = baseline.operating_point(compared[0].reading)
-        here = ", ".join(f"{v:.5g} {UNITS[axis]}" for axis, v in zip(baseline.axes, at, strict=True))
-        known = ", ".join(f"{low:.5g} to {high:.5g} {UNITS[axis]}" for axis, (low, high) in baseline.range.items())
-        reason = (
-            f"the operating point ({here}) lies beyond the baseline's ({known}): "
-            "another load or speed, or a wrong sampling rate; small effects would not be seen"
-        )
-    common = max((p.common_power for c in compared for p in c.paths), key=abs, default=0.0)
-    if abs(common) > LEAST_COMMON:
-        level = (
-            f"all sensors stand at {np.exp(common):.2f} times the baseline's level for this operating point: a load at "
-            "which the baseline does not hold, or the machine as a whole has changed"
-        )
-        reason = f"{reason}; {level}" if reason else level
+    share, misfit, lines = _left(compared)
+    verdict, reason = _verdict(baseline, compared, effects, misfit, limits)
     return Diagnosis(
         compared=tuple(compared),
         effects=tuple(effects),
         errors=errors,
         bands=tuple(bands),
         verdict=verdict,
-        reason=reason,
-        share_percent=share,
-        orders=tuple(orders),
+        reason="; ".join(r for r in (reason, _common_level(compared)) if r),
+        share=share,
+        lines=tuple(lines),
+    )
+
+
+def _verdict(
+    baseline: Baseline,
+    compared: Sequence[BaselineComparison],
+    effects: Sequence[Named],
+    misfit: float,
+    limits: DiagnosisThresholds,
+) -> tuple[str, str]:
+    """Verdict and reason, the gravest first."""
+    if not all(c.same_teeth for c in compared):
+        correlation = min(c.expected.alignment.correlation for c in compared if c.expected.alignment is not None)
+        return "unknown_effect", (
+            f"the pattern of the teeth is not the baseline's (correlation {correlation:.2f}): other gears, another "
+            "assembly, or tooth counts that are not this machine's"
+        )
+    beyond = 1.0 if all(c.expected.interpolated for c in compared) else compared[0].limits.extrapolated ** 2
+    if misfit > limits.misfit * beyond:
+        return "unknown_effect", f"the lines differ {misfit:.1f} times as much as healthy recordings do"
+    unknown = next((e for e in effects if e.name == "unknown_effect"), None)
+    if unknown is not None:
+        return "unknown_effect", unknown.detail
+    if not any(c.expected.interpolated for c in compared):
+        return "insufficient_data", _beyond_range(baseline, compared[0])
+    if len(baseline.readings) < limits.least_recordings:
+        return "insufficient_data", (
+            f"the healthy baseline holds {len(baseline.readings)} of at least {limits.least_recordings} windows "
+            f"({_range(baseline)}): single teeth cannot be judged yet"
+        )
+    return "explained", ""
+
+
+def _range(baseline: Baseline) -> str:
+    """The learned operating points."""
+    return ", ".join(f"{low:.5g} to {high:.5g} {UNITS[axis]}" for axis, (low, high) in baseline.range.items())
+
+
+def _beyond_range(baseline: Baseline, compared: BaselineComparison) -> str:
+    """That a window's operating point lies outside the learned ones."""
+    at = baseline.operating_point(compared.reading)
+    here = ", ".join(f"{v:.5g} {UNITS[axis]}" for axis, v in zip(baseline.axes, at, strict=True))
+    return (
+        f"the operating point ({here}) lies beyond the baseline's ({_range(baseline)}): "
+        "another load or speed, or a wrong sampling rate; small effects would not be seen"
+    )
+
+
+def _common_level(compared: Sequence[BaselineComparison]) -> str:
+    """That all sensors have moved alike; empty where they have not."""
+    paths = [p for c in compared for p in c.paths]
+    common = max((p.common_power for p in paths), key=abs, default=0.0)
+    if not paths or abs(common) <= paths[0].limits.least_common:
+        return ""
+    return (
+        f"all sensors are at {np.exp(common):.2f} times the baseline's level for this operating point: a load for "
+        "which the baseline does not hold, or the machine as a whole has changed"
     )
 
 
@@ -128,7 +213,7 @@ def _majority(found: Sequence[int], compared: Sequence[BaselineComparison]) -> b
 
 
 def _paths(compared: Sequence[BaselineComparison]) -> list[Named]:
-    """Changed ways to sensors."""
+    """Changed transfer paths."""
     out = []
     for channel in compared[0].expected.lines:
         paths = {i: p for i, c in enumerate(compared) for p in c.paths if p.channel == channel and p.changed}
@@ -136,11 +221,11 @@ def _paths(compared: Sequence[BaselineComparison]) -> list[Named]:
             continue
         i, path = max(paths.items(), key=lambda item: item[1].change)
         named = name_of_path(path, compared[i].reading.speed_hz)
-        beside = ["another mount, cable or place of the sensor"]
+        others = ["another mount, cable or place of the sensor"]
         if len(compared[i].paths) == 1:
-            beside.append("the machine as a whole: one sensor alone does not tell it from its own way")
+            others.append("the machine as a whole: a single sensor cannot separate it from its own transfer path")
         if not compared[i].expected.interpolated:
-            beside.append("a load or speed at which the baseline does not hold")
+            others.append("a load or speed for which the baseline does not hold")
         out.append(
             Named(
                 name=named.name,
@@ -149,10 +234,11 @@ def _paths(compared: Sequence[BaselineComparison]) -> list[Named]:
                 log_evidence=_path_evidence(compared[i], path),
                 runner_up=None,
                 over_runner_up=None,
-                not_told_from=tuple(beside),
+                indistinguishable_from=tuple(others),
                 detail=(
-                    f"the way to {channel} has changed alike for the lines of all shafts, by {path.change:.2f} in ln "
-                    f"(usual {path.usual:.2f}); the name leaves {100 * named.left:.0f} % of it"
+                    f"the transfer path to {channel} has changed for the lines of all shafts alike, by a factor of "
+                    f"{np.exp(path.change):.2f} (rms; usual {np.exp(path.usual):.2f}); {100 * named.left:.0f} % of the "
+                    "change is not explained by this name"
                 ),
                 windows=tuple(paths),
                 curves={
@@ -166,7 +252,7 @@ def _paths(compared: Sequence[BaselineComparison]) -> list[Named]:
 
 
 def _path_evidence(compared: BaselineComparison, path: Path) -> float:
-    """What the gain of a path explains of a channel's lines [nat]."""
+    """Evidence of a changed path in a channel's lines [nat]."""
     x, σ = compared.expected.lines[path.channel], compared.expected.std[path.channel]
     y = compared.reading.channels[path.channel].lines[: x.size]
     g = path.at(np.arange(1, x.size + 1) / compared.reading.period)
@@ -175,7 +261,7 @@ def _path_evidence(compared: BaselineComparison, path: Path) -> float:
 
 
 def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[Named]:
-    """What single shafts do otherwise than before."""
+    """Changes of single shafts, and of the mesh."""
     out = []
     for shaft in (*baseline.shafts, Fraction(int(baseline.rig.teeth[0]))):
         changes = {i: [c for c in w.believed if c.shaft == shaft] for i, w in enumerate(compared)}
@@ -185,7 +271,7 @@ def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[
         strongest = max((c for cs in changes.values() for c in cs), key=lambda c: c.log_evidence)
         channels = tuple(dict.fromkeys(c.channel for cs in changes.values() for c in cs))
         others = [c.log_evidence for w in compared for c in w.changes if c.shaft != shaft]
-        name, detail, beside = _kind(baseline, shaft, strongest)
+        name, detail, alternatives = _kind(baseline, shaft, strongest)
         size = float(np.sqrt(0.5 * np.sum(np.abs(strongest.lines[strongest.strong]) ** 2)))
         out.append(
             Named(
@@ -195,7 +281,7 @@ def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[
                 log_evidence=strongest.log_evidence,
                 runner_up="the same of another shaft",
                 over_runner_up=strongest.log_evidence - max(others, default=0.0),
-                not_told_from=beside,
+                indistinguishable_from=alternatives,
                 detail=detail,
                 windows=tuple(found),
                 curves=_pulse(strongest),
@@ -205,14 +291,14 @@ def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[
 
 
 def _pulse(change: ShaftChange) -> dict[str, Sequence[float]]:
-    """What a shaft does more than before, over one turn of it in the baseline's angle, by its strong lines."""
+    """The added signal over one turn of the shaft, in the baseline's angle, by its strong lines."""
     turn = np.linspace(0, 1, PULSE_POINTS)
     n, δ = change.multiples[change.strong], change.lines[change.strong]
     return {"turn": turn.tolist(), "added": (np.exp(2j * np.pi * np.outer(turn + change.zero, n)) @ δ).real.tolist()}
 
 
 def _parameters(change: ShaftChange, size: float) -> dict[str, tuple[float, str, float]]:
-    """Where a change sits and how large it is."""
+    """Place and size of a change."""
     std = size / float(np.median(change.ratio[change.strong]))
     out = {"shaft_order": (float(change.shaft), "", 0.0), "rms": (size, "", std)}
     if change.kind == "local":
@@ -221,7 +307,7 @@ def _parameters(change: ShaftChange, size: float) -> dict[str, tuple[float, str,
 
 
 def shaft_name(shaft: Fraction, baseline: Baseline) -> str:
-    """What a shaft is called."""
+    """The name of a shaft."""
     z1, z2 = baseline.rig.teeth
     if shaft == 1:
         return "pinion"
@@ -244,30 +330,31 @@ def names_of(shape: str, shaft: str) -> tuple[str, ...]:
 
 
 def _kind(baseline: Baseline, shaft: Fraction, change: ShaftChange) -> tuple[str, str, tuple[str, ...]]:
-    """Name, description, and what it is not told from."""
+    """Name, description, and alternatives that this comparison cannot exclude."""
     where = shaft_name(shaft, baseline)
     strong = ", ".join(f"{n * float(shaft):g}" for n in change.multiples[change.strong])
     names = names_of(change.kind, where)
-    said = {
-        "alike": f"the mesh lines have changed, no shaft's: every tooth does otherwise alike (orders {strong})",
+    descriptions = {
+        "alike": f"the mesh lines have changed and no shaft's lines: all teeth have changed alike (orders {strong})",
         "run_out": f"run-out of the {where} (order {strong})",
         "local": (
             f"once a turn of the {where}, at one angle (lines in phase to {change.in_phase:.2f}; orders {strong}; four "
-            f"fifths of it within {change.width:.2f} of a turn): one tooth of that shaft, or what pushes there like one"
+            f"fifths of it within {change.width:.2f} of a turn): one tooth of that shaft, or a similar impact"
         ),
-        "all_round": f"teeth all round the {where} differ from before (orders {strong})",
-    }[change.kind]
+        "all_round": f"teeth all around the {where} have changed (orders {strong})",
+    }
+    described = descriptions[change.kind]
     if change.kind == "alike":
-        return MESH_CHANGE, said, ("wear", *names)
+        return MESH_CHANGE, described, ("wear", *names)
     if not names:
-        return "unknown_effect", f"{said}; no effect of the table does that there", ()
-    return names[0], said, (*names[1:], *(LOCAL_BESIDE if change.kind == "local" else ()))
+        return "unknown_effect", f"{described}; no known effect has this signature there", ()
+    return names[0], described, (*names[1:], *(LOCAL_ALTERNATIVES if change.kind == "local" else ()))
 
 
-def _errors(baseline: Baseline, windows: Sequence[Parts]) -> tuple[dict[str, dict[str, float]], list[dict[str, Any]]]:
-    """Errors before and after on the second halves, what was found fitted on the first; and bands of the latest."""
+def _errors(baseline: Baseline, windows: Sequence[WindowParts]) -> tuple[dict[str, ChannelError], list[BandLevel]]:
+    """Errors on the second halves of what was fitted on the first; and bands of the latest window."""
     sums: dict[str, np.ndarray] = {}
-    bands: list[dict[str, Any]] = []
+    bands: list[BandLevel] = []
     for parts in windows:
         if parts.first is None or parts.second is None:
             continue
@@ -282,38 +369,38 @@ def _errors(baseline: Baseline, windows: Sequence[Parts]) -> tuple[dict[str, dic
             bands += _bands(channel, powers, parts.second.period, baseline.rig.teeth[0], parts.second.speed_hz)
     out = {}
     for channel, (measured, before, after, off_before, off_after) in sums.items():
-        out[channel] = {
-            "waveform_before": 100 * float(np.sqrt(off_before / measured)),
-            "waveform_after": 100 * float(np.sqrt(off_after / measured)),
-            "rms_before": 100 * float(np.sqrt(before / measured) - 1),
-            "rms_after": 100 * float(np.sqrt(after / measured) - 1),
-        }
+        out[channel] = ChannelError(
+            waveform_before=float(np.sqrt(off_before / measured)),
+            waveform_after=float(np.sqrt(off_after / measured)),
+            rms_before=float(np.sqrt(before / measured) - 1),
+            rms_after=float(np.sqrt(after / measured) - 1),
+        )
     return out, bands
 
 
-def _bands(channel: str, powers: Sequence[np.ndarray], period: int, z1: int, speed_hz: float) -> list[dict[str, Any]]:
+def _bands(channel: str, powers: Sequence[np.ndarray], period: int, z1: int, speed_hz: float) -> list[BandLevel]:
     """RMS of the mesh harmonics' bands, from powers measured, expected, and with what was found."""
     orders = np.arange(1, powers[0].size + 1) / period
     out = []
     for k in range(1, BANDS + 1):
         inside = np.abs(orders - k * z1) <= SIDEBANDS
         if inside.any():
-            rms = [float(np.sqrt(0.5 * p[inside].sum())) for p in powers]
+            measured, expected, explained = (float(np.sqrt(0.5 * p[inside].sum())) for p in powers)
             out.append(
-                {
-                    "channel": channel,
-                    "harmonic": k,
-                    "frequency_hz": k * z1 * speed_hz,
-                    "measured": rms[0],
-                    "predicted_before": rms[1],
-                    "predicted": rms[2],
-                }
+                BandLevel(
+                    channel=channel,
+                    harmonic=k,
+                    frequency=k * z1 * speed_hz,
+                    measured=measured,
+                    expected=expected,
+                    explained=explained,
+                )
             )
     return out
 
 
-def _left(compared: Sequence[BaselineComparison]) -> tuple[float | None, float, list[dict[str, float]]]:
-    """Share of the energy left beyond the healthy scatter [%], its misfit, and its strongest lines."""
+def _left(compared: Sequence[BaselineComparison]) -> tuple[float | None, float, list[RemainingLine]]:
+    """Share of the energy left beyond the healthy scatter, its misfit, and its strongest lines."""
     energy = beyond = 0.0
     misfits: list[float] = []
     lines: dict[int, float] = {}
@@ -321,12 +408,12 @@ def _left(compared: Sequence[BaselineComparison]) -> tuple[float | None, float, 
         for channel, x in window.expected.lines.items():
             y, z = window.reading.channels[channel].lines[: x.size], window.explained(channel)
             left, σ = np.abs(y - z) ** 2, window.expected.std[channel]
-            grown = σ * np.maximum(1.0, np.abs(z) / np.maximum(np.abs(x), 1e-300)).clip(max=5.0)
+            grown = σ * np.maximum(1.0, np.abs(z) / np.maximum(np.abs(x), 1e-300)).clip(max=MOST_GROWN)
             if any(p.moved for p in window.paths if p.channel == channel):
-                grown = np.hypot(grown, SMOOTH * np.abs(z))
+                grown = np.hypot(grown, window.limits.path_smoothness * np.abs(z))
             misfits.append(float(np.mean(left / grown**2)))
             energy += float(np.sum(np.abs(y) ** 2))
-            excess = np.maximum(left - 9 * grown**2, 0.0)
+            excess = np.maximum(left - OUTSIDE**2 * grown**2, 0.0)
             beyond += float(np.sum(excess))
             for k in np.argsort(excess)[::-1][:MOST_LINES].tolist():
                 if excess[k] > 0:
@@ -336,14 +423,14 @@ def _left(compared: Sequence[BaselineComparison]) -> tuple[float | None, float, 
     first = compared[0].reading
     strongest = sorted(lines.items(), key=lambda item: -item[1])[:MOST_LINES]
     return (
-        100 * beyond / energy,
+        beyond / energy,
         float(np.median(misfits)),
         [
-            {
-                "order": float((k + 1) / first.period),
-                "frequency_hz": float((k + 1) / first.period * first.speed_hz),
-                "share_percent": 100 * value / energy,
-            }
+            RemainingLine(
+                order=float((k + 1) / first.period),
+                frequency=float((k + 1) / first.period * first.speed_hz),
+                share=value / energy,
+            )
             for k, value in strongest
         ],
     )

@@ -1,4 +1,4 @@
-"""What the energy of a window belongs to: mesh, either shaft, both together, lines of no shaft, and the rest.
+"""The energy of a window by origin: mesh, either shaft, both together, lines of no shaft, and the rest.
 
     share  = ½·Σ_lines E/rms²,  E = ⟨|X|²⟩ − floor     steady = Σ (S·|⟨X⟩|² − ⟨|X|²⟩)/(S − 1) / Σ E
     fixed  = Σ E·(S·|⟨c⟩|²/⟨|c|²⟩ − 1)/(S − 1) / Σ E    c = mean over a stretch of e^{i·o·(2π·v·t(θ) − θ)}
@@ -7,15 +7,15 @@ X        complex line in each of S stretches of the window, against the pinion's
 share    of the channel's energy; its standard deviation is that from stretch to stretch
 steady   how much of a family's energy keeps its phase against the angle, without bias: 1 for what turns with the
          shafts, 0 for what comes and goes
-fixed    the same of tones of fixed frequency at these orders o of the mean speed v, on this track: where it is as near
-         to 1, the speed was too even to tell what turns from what does not; of lines of no shaft, round the mesh's,
-         the modulation alone is taken as fixed
+fixed    the same share for tones of fixed frequency at these orders o of the mean speed v, on this track: where it is
+         as close to 1, the speed was too even to distinguish rotation from fixed frequency; for lines of no shaft about
+         the mesh harmonics, only the modulation is taken as fixed
 
-A line of no shaft is looked at with its own order: what turns at a fixed ratio of its own is as steady as a shaft, what
-slips is not.
+A line of no shaft is evaluated at its own order: a component that turns at a fixed ratio is as steady as a shaft, one
+that slips is not.
 
 Source   power of a coherent mean without bias: S. Braun, Acustica 32 (1975) 69–77
-Holds    stretches of `LEAST_TURNS` and four common periods of the shafts; up to the highest order that is read
+Holds    stretches of at least `least_turns` and four common periods of the shafts; up to the highest order that is read
 """
 
 from __future__ import annotations
@@ -27,18 +27,31 @@ from fractions import Fraction
 import numpy as np
 
 from twin.baseline.reading import HIGHEST, TURNS_PER_PERIOD, USABLE, common_period, lines_of, part_of
-from twin.baseline.spacing import KNOWN_BINS, Spacing
+from twin.baseline.spacing import Spacing, SpacingThresholds
 from twin.errors import WindowError
 from twin.features.angle import AngleTrack
 from twin.features.orders import hann
 from twin.features.resample import AngleSignal, on_angle, spline_response
+from twin.thresholds import deciding
 from twin.windows import Samples
 
 STRETCHES = 4
-LEAST_TURNS = 20.0  # of a stretch
 POINTS = 8  # a turn, at which the slow course of the speed is taken
-MULTIPLES = 6  # of a strange spacing to either side of a mesh harmonic
+MULTIPLES = 6  # of an unattributed spacing to either side of a mesh harmonic
 FAMILIES = ("mesh", "pinion", "gear", "both shafts", "no shaft")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EnergyThresholds:
+    """When the energy of a window can be broken down."""
+
+    least_turns: float = deciding(
+        20.0, unit="turns of the pinion", meaning="length of one of the stretches whose phases are compared",
+        source="not derived: 20 turns resolve a twentieth of an order",
+    )  # fmt: skip
+
+
+DEFAULT = EnergyThresholds()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +72,7 @@ def energy_breakdown(
     teeth: tuple[int, int],
     shafts: Sequence[Fraction],
     spacing: Spacing | None = None,
+    limits: EnergyThresholds = DEFAULT,
 ) -> list[Family]:
     """Shares of every channel's energy by family.
 
@@ -67,13 +81,13 @@ def energy_breakdown(
     Raises WindowError where the window is too short.
     """
     Q = common_period(shafts)
-    least = STRETCHES * max(LEAST_TURNS, TURNS_PER_PERIOD * Q)
+    least = STRETCHES * max(limits.least_turns, TURNS_PER_PERIOD * Q)
     out = []
     for name, samples in accelerations.items():
         signal, per_turn = on_angle(samples, track, samples.values.size)
         if signal.turns < least:
             raise WindowError(
-                f"{signal.turns:.0f} pinion turns are too few to tell what lines belong to: at least {least:.0f}"
+                f"{signal.turns:.0f} pinion turns are too few to attribute lines to shafts: at least {least:.0f}"
             )
         stretches = [part_of(signal, (i / STRETCHES, (i + 1) / STRETCHES)) for i in range(STRETCHES)]
         read = [lines_of(stretch, per_turn, Q) for stretch in stretches]
@@ -88,11 +102,11 @@ def energy_breakdown(
             out.append(_family(name, family, lines[:, own], floor[:, own], rms2, tones))
         if spacing is not None:
             grid, apart = _orders(spacing, teeth[0], Q, per_turn, signal.turns / STRETCHES)
-            strange = _at(stretches, grid, spacing.order, per_turn)
+            unattributed = _at(stretches, grid, spacing.order, per_turn)
             near = np.clip(np.rint(grid[apart] * Q).astype(int) - 1, 0, floor.shape[1] - 1)
             modulation = np.broadcast_to(spacing.order * np.arange(-MULTIPLES, MULTIPLES + 1), grid.shape)
             tones = _fixed(track, stretches, modulation[apart])
-            out.append(_family(name, FAMILIES[-1], strange[:, apart], floor[:, near], rms2, tones))
+            out.append(_family(name, FAMILIES[-1], unattributed[:, apart], floor[:, near], rms2, tones))
     return out
 
 
@@ -112,7 +126,7 @@ def _orders(spacing: Spacing, z1: int, Q: int, per_turn: float, turns: float) ->
     multiples = np.arange(-MULTIPLES, MULTIPLES + 1)
     top = min(HIGHEST, USABLE * per_turn)
     grid = np.arange(int(top // z1) + 1)[:, None] * z1 + multiples * spacing.order
-    apart = np.abs(grid * Q - np.rint(grid * Q)) / Q > KNOWN_BINS / turns
+    apart = np.abs(grid * Q - np.rint(grid * Q)) / Q > SpacingThresholds().known_lines / turns
     return grid, apart & (multiples != 0) & (grid > 0) & (grid < top)
 
 

@@ -1,20 +1,20 @@
-"""What a window shows beyond the healthy machine, by the orders and the angle at which it shows it.
+"""Changes of a window against the healthy baseline, by the orders and the angle at which they appear.
 
     Y_k = g(f_k)·x_k + δ_k + noise
 
 x    the healthy machine at this operating point                     (learned.py)
-g    what changed on the way to a sensor: one smooth function of frequency for the lines of all shafts alike
-δ    what one shaft does more or otherwise than before: lines at n·s of its order s that no other shaft makes
+g    change of the transfer path to a sensor: one smooth function of frequency for the lines of all shafts
+δ    change of one shaft's excitation: lines at n·s of its order s that no other shaft makes
 
-    evidence = Σ (|δ|²/σ² − 1)            nats against the healthy scatter σ² = E|Y − x|² of complex lines; one nat is
-                                          asked for every line that is free
+    evidence = Σ (|δ|²/σ² − 1)            nats against the healthy scatter σ² = E|Y − x|² of complex lines, less one nat
+                                          for every free line
 
-What δ is follows from its orders and from the phases of its lines:
+The kind of δ follows from its orders and from the phases of its lines:
 
     mesh orders                       every tooth alike
     n = 1 alone                       run-out of the shaft
     many n, in phase at one angle     something local: one tooth, struck once a turn
-    many n, phases anyhow             teeth that differ from before, all round
+    many n, without common phase      teeth that have changed all round the shaft
 
 Source   twin/effects (what each effect does to orders and angle); P. D. McFadden, J. D. Smith, Proc. IMechE 199 C4
          (1985) 287–292 (a local defect is a pulse in the average)
@@ -31,28 +31,74 @@ import numpy as np
 
 from twin.baseline.learned import Baseline, ExpectedLines
 from twin.baseline.reading import WindowReading
-from twin.baseline.transfer_path import LEAST_SENSORS, Path, band_gains, band_levels, common_level, lesser
+from twin.baseline.transfer_path import DEFAULT as PATHS
+from twin.baseline.transfer_path import Path, band_gains, band_levels, common_level, lesser
+from twin.thresholds import deciding
 
-LEAST_BANDS = 3  # that a path is told by
-TURNED = 0.6  # of the mesh's phase, that the angle between two windows may be off [rad]
-MESH_LINES = 6  # harmonics of the mesh that are looked at
-LINES = 12  # of a shaft that are looked at, from its first
-LEAST_EVIDENCE = 120.0  # nats: the scatter is of few recordings; healthy ones of the set of broken teeth reach 17
-# between the loads learned and 90 beyond them, where EXTRAPOLATED asks for more
-STRONG = 4.0  # |δ|/σ of a line that counts
-ALONE = 0.8  # share of n = 1 in the energy that makes it run-out
-LOCAL = 0.75  # |Σ δ·e^{inφ}| over Σ |δ| at the best angle, that makes it local
-LOCAL_LINES = 4  # strong lines that a local fault has at least
-FEW = 2.0  # over the recordings left out: how much more is asked where the scatter is of so few
-EXTRAPOLATED = 4.0  # times more scatter of a path, and evidence asked, beyond what was learned
-SMOOTH = 0.15  # of a line: what one gain a band leaves of a path that has changed
-BESIDE_PATH = 2.0  # times more evidence in a channel whose path has changed
-SAME_TEETH = 0.3  # correlation with the baseline's pattern below which these are other teeth
+MESH_LINES = 6  # harmonics of the mesh that are compared
+LINES = 12  # of a shaft that are compared, from its first
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaselineThresholds:
+    """When a change against the healthy baseline is believed, and what kind it is."""
+
+    least_evidence: float = deciding(
+        120.0, unit="nat", meaning="evidence that a change of a shaft's lines must have",
+        source="between observed values on the seven loads of the broken-tooth set, on which it is judged, too: "
+        "healthy recordings reach 17 between the learned loads and 90 beyond them",
+    )  # fmt: skip
+    few_recordings: float = deciding(
+        2.0, of="least evidence / recordings left out",
+        meaning="additional evidence where the scatter is estimated from few recordings",
+        source="not derived: a variance of n recordings is uncertain by about sqrt(2/n)",
+    )  # fmt: skip
+    extrapolated: float = deciding(
+        4.0, meaning="ratio of path scatter and evidence required beyond the learned operating points",
+        source="tuned on the seven loads of the broken-tooth set",
+    )  # fmt: skip
+    changed_path: float = deciding(
+        2.0, meaning="ratio of evidence required in a channel whose transfer path has changed", source="not derived",
+    )  # fmt: skip
+    path_smoothness: float = deciding(
+        0.15, of="line", meaning="error that one gain a band leaves of a changed path", source="not derived",
+    )  # fmt: skip
+    least_bands: int = deciding(
+        3, meaning="bands with a known gain from which a path is estimated",
+        source="derivation: gain and shift need two",
+    )  # fmt: skip
+    strong_line: float = deciding(
+        4.0, unit="standard deviations", meaning="size from which a changed line is used for the kind of the change",
+        source="derivation: noise exceeds it with a probability of 1e-7",
+    )  # fmt: skip
+    run_out_share: float = deciding(
+        0.8, meaning="share of the first order in the energy of the strong lines that makes a change run-out",
+        source="not derived",
+    )  # fmt: skip
+    local_coherence: float = deciding(
+        0.75, meaning="|Σ δ·e^{inφ}| over Σ |δ| at the best angle that makes a change local",
+        source="tuned on the seven loads of the broken-tooth set; one pulse has 1, random phases about 0.5",
+    )  # fmt: skip
+    local_lines: int = deciding(
+        4, meaning="strong lines that a local change must have",
+        source="derivation: three phases can be aligned by chance at one of 2048 angles",
+    )  # fmt: skip
+    same_teeth: float = deciding(
+        0.3, meaning="correlation with the baseline's tooth pattern below which the gears are others",
+        source="tuned on the seven loads of the broken-tooth set",
+    )  # fmt: skip
+    mesh_turn: float = deciding(
+        0.6, unit="rad of the mesh", meaning="error of the mesh phase that the alignment of two windows leaves",
+        source="derivation: standard error of the alignment, times the tooth count",
+    )  # fmt: skip
+
+
+DEFAULT = BaselineThresholds()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ShaftChange:
-    """What one shaft, or the mesh, does beyond the baseline, in one channel."""
+    """The change of the lines of one shaft, or of the mesh, in one channel."""
 
     shaft: Fraction  # order; the pinion's tooth count for the mesh
     channel: str
@@ -60,14 +106,15 @@ class ShaftChange:
     lines: np.ndarray  # δ_n complex (m,)
     ratio: np.ndarray  # |δ_n|/σ_n (m,)
     log_evidence: float
-    zero: float  # where in the window's turn of the shaft the baseline's begins [turns]
+    zero: float  # angle of the shaft in this window at the baseline's zero [turns]
     angle: float  # of the shaft at which the lines are in phase, from there [turns]
     in_phase: float  # |Σ δ·e^{inφ}| over Σ |δ| there, of the strong lines
     width: float  # share of a turn that holds four fifths of the pulse's energy
+    limits: BaselineThresholds = DEFAULT
 
     @property
     def strong(self) -> np.ndarray:
-        return self.ratio > STRONG
+        return self.ratio > self.limits.strong_line
 
     @property
     def kind(self) -> str:
@@ -75,40 +122,43 @@ class ShaftChange:
         if self.shaft > 1 and self.shaft.denominator == 1:
             return "alike"
         energy = np.abs(self.lines) ** 2 * self.strong
-        if energy[self.multiples == 1].sum() > ALONE * energy.sum():
+        if energy[self.multiples == 1].sum() > self.limits.run_out_share * energy.sum():
             return "run_out"
-        return "local" if self.strong.sum() >= LOCAL_LINES and self.in_phase > LOCAL else "all_round"
+        local = self.strong.sum() >= self.limits.local_lines and self.in_phase > self.limits.local_coherence
+        return "local" if local else "all_round"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BaselineComparison:
-    """A window beside the healthy machine."""
+    """A window compared with the healthy machine."""
 
     reading: WindowReading
     expected: ExpectedLines
     paths: tuple[Path, ...]
     changes: tuple[ShaftChange, ...]  # of every shaft and channel, strongest evidence first
+    limits: BaselineThresholds = DEFAULT
 
     @property
     def same_teeth(self) -> bool:
         """Whether the pattern of the teeth is the baseline's."""
         found = self.expected.alignment
-        return found is None or found.correlation > SAME_TEETH
+        return found is None or found.correlation > self.limits.same_teeth
 
     @property
     def believed(self) -> tuple[ShaftChange, ...]:
         """Changes beyond what healthy recordings show."""
-        # what widens the scatter already is not asked for twice
-        more = 1.0 if self.expected.interpolated else max(EXTRAPOLATED / self.expected.wider**2, 1.0)
-        more *= 1 + FEW / self.expected.left_out
+        limits = self.limits
+        # a scatter that is widened for the distance already needs less additional evidence
+        more = 1.0 if self.expected.interpolated else max(limits.extrapolated / self.expected.wider**2, 1.0)
+        more *= 1 + limits.few_recordings / self.expected.left_out
         moved = {p.channel for p in self.paths if p.moved}
 
         def least(change: ShaftChange) -> float:
-            return LEAST_EVIDENCE * more * (BESIDE_PATH if change.channel in moved else 1.0)
+            return limits.least_evidence * more * (limits.changed_path if change.channel in moved else 1.0)
 
         if not self.same_teeth:
             return ()
-        # mesh lines go with the load, and with the way to the sensor: there nothing of theirs is believed
+        # mesh lines depend on load and transfer path: outside the known range their changes are not believed
         known = self.expected.interpolated
         return tuple(
             c
@@ -146,74 +196,77 @@ class BaselineComparison:
         return power
 
 
-def compare(baseline: Baseline, reading: WindowReading) -> BaselineComparison:
-    """A window beside the baseline; NotAvailable where they cannot be compared."""
+def compare(baseline: Baseline, reading: WindowReading, limits: BaselineThresholds = DEFAULT) -> BaselineComparison:
+    """A window compared with the baseline; NotAvailable where they have too little in common."""
     expected = baseline.expected(reading)
-    more = expected.wider if expected.interpolated else max(expected.wider, EXTRAPOLATED)
     ahead = 0.0 if expected.alignment is None else expected.alignment.angle
-    found = {}
-    for channel, x in expected.lines.items():
-        y, σ = reading.channels[channel].lines[: x.size], expected.std[channel]
-        found[channel] = band_gains(x, y, σ, np.arange(1, x.size + 1) / reading.period)
-    told = {channel: (middles, gain) for channel, (middles, gain) in found.items() if middles.size >= LEAST_BANDS}
-    levels = {
-        channel: band_levels(
-            expected.power[channel],
-            reading.channels[channel].lines[: expected.lines[channel].size],
-            np.arange(1, expected.lines[channel].size + 1) / reading.period,
-            middles,
-        )
-        for channel, (middles, _) in told.items()
-    }
-    both = {channel: lesser(gain, levels[channel]) for channel, (_, gain) in told.items()}
-    common, common_power = 0.0, 0.0
-    if len(told) == len(found):
-        common_power = common_level(list(both.values()))
-        # two sensors are too few to tell what lines lose in phase between the recordings from what one sensor does
-        common = common_level([gain for _, gain in told.values()]) if len(both) > LEAST_SENSORS else common_power
-    paths, changes = [], []
+    paths = _paths(baseline, reading, expected, limits)
+    changes: list[ShaftChange] = []
     for channel, x in expected.lines.items():
         y, σ = reading.channels[channel].lines[: x.size], expected.std[channel]
         orders = np.arange(1, x.size + 1) / reading.period
         g, spread = np.ones(orders.size, dtype=complex), σ
-        if channel in told:
-            middles, gain = told[channel]
-            path = Path(
-                channel=channel,
-                orders=middles,
-                gain=gain,
-                level=levels[channel],
-                common=common,
-                common_power=common_power,
-                change=float(np.sqrt(np.mean((np.log(both[channel]) - common_power) ** 2))),
-                usual=more * baseline.path_scatter.get(channel, 0.0),
-            )
-            paths.append(path)
-            if path.moved:
-                g = path.at(orders)
-                spread = np.abs(g) * np.hypot(σ, SMOOTH * np.abs(x))
+        if channel in paths and paths[channel].moved:
+            g = paths[channel].at(orders)
+            spread = np.abs(g) * np.hypot(σ, limits.path_smoothness * np.abs(x))
         for shaft in baseline.shafts:
             n = own_multiples(shaft, baseline.shafts, x.size / reading.period)
             if n.size:
-                changes.append(_change(shaft, n, channel, y - g * x, spread, reading.period, ahead))
+                changes.append(_change(shaft, n, channel, y - g * x, spread, reading.period, ahead, limits))
         mesh = Fraction(int(baseline.rig.teeth[0]))
         n = np.arange(1, min(MESH_LINES, int(orders[-1] / mesh)) + 1)
-        changes.append(
-            _change(
-                mesh, n, channel, _turned_mesh(y, g * x, spread, mesh, reading.period), spread, reading.period, ahead
-            )
-        )
+        turned = _turned_mesh(y, g * x, spread, mesh, reading.period, limits)
+        changes.append(_change(mesh, n, channel, turned, spread, reading.period, ahead, limits))
     changes.sort(key=lambda c: -c.log_evidence)
-    return BaselineComparison(reading=reading, expected=expected, paths=tuple(paths), changes=tuple(changes))
+    return BaselineComparison(
+        reading=reading, expected=expected, paths=tuple(paths.values()), changes=tuple(changes), limits=limits
+    )
 
 
-def _turned_mesh(y: np.ndarray, x: np.ndarray, σ: np.ndarray, mesh: Fraction, period: int) -> np.ndarray:
-    """y − x, the mesh lines turned together to where they are nearest: the teeth's pattern leaves so much open."""
+def _paths(
+    baseline: Baseline, reading: WindowReading, expected: ExpectedLines, limits: BaselineThresholds
+) -> dict[str, Path]:
+    """The transfer path of every channel whose bands determine it, and what all of them share."""
+    more = expected.wider if expected.interpolated else max(expected.wider, limits.extrapolated)
+    gains: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    levels: dict[str, np.ndarray] = {}
+    for channel, x in expected.lines.items():
+        y, σ = reading.channels[channel].lines[: x.size], expected.std[channel]
+        orders = np.arange(1, x.size + 1) / reading.period
+        middles, gain = band_gains(x, y, σ, orders)
+        if middles.size >= limits.least_bands:
+            gains[channel] = middles, gain
+            levels[channel] = band_levels(expected.power[channel], y, orders, middles)
+    both = {channel: lesser(gain, levels[channel]) for channel, (_, gain) in gains.items()}
+    common, common_power = 0.0, 0.0
+    if len(gains) == len(expected.lines):
+        common_power = common_level(list(both.values()))
+        # two sensors cannot separate a phase that the lines lost between recordings from a change of one sensor
+        common = common_level([g for _, g in gains.values()]) if len(both) > PATHS.least_sensors else common_power
+    return {
+        channel: Path(
+            channel=channel,
+            orders=middles,
+            gain=gain,
+            level=levels[channel],
+            common=common,
+            common_power=common_power,
+            change=float(np.sqrt(np.mean((np.log(both[channel]) - common_power) ** 2))),
+            usual=more * baseline.path_scatter.get(channel, 0.0),
+        )
+        for channel, (middles, gain) in gains.items()
+    }
+
+
+def _turned_mesh(
+    y: np.ndarray, x: np.ndarray, σ: np.ndarray, mesh: Fraction, period: int, limits: BaselineThresholds
+) -> np.ndarray:
+    """y − x with the mesh lines turned together to the nearest phase that the alignment of the windows leaves open."""
     n = np.arange(1, min(MESH_LINES, y.size // (int(mesh) * period)) + 1)
     places = n * int(mesh) * period - 1
     if places.size == 0:
         return y - x
-    turned = np.exp(1j * np.outer(np.linspace(-TURNED, TURNED, 121), n)) * y[places]
+    turned = np.exp(1j * np.outer(np.linspace(-limits.mesh_turn, limits.mesh_turn, 121), n)) * y[places]
     off = (np.abs(turned - x[places]) ** 2 / σ[places] ** 2).sum(axis=1)
     left = y - x
     left[places] = turned[int(np.argmin(off))] - x[places]
@@ -229,12 +282,22 @@ def own_multiples(shaft: Fraction, shafts: Sequence[Fraction], highest: float, m
 
 
 def _change(
-    shaft: Fraction, n: np.ndarray, channel: str, left: np.ndarray, σ: np.ndarray, period: int, ahead: float
+    shaft: Fraction,
+    n: np.ndarray,
+    channel: str,
+    left: np.ndarray,
+    σ: np.ndarray,
+    period: int,
+    ahead: float,
+    limits: BaselineThresholds,
 ) -> ShaftChange:
-    """What is left at multiples n of an order; `ahead`, by which the baseline is, of the pinion [rad]."""
+    """The remainder at multiples n of an order.
+
+    ahead  angle of the pinion by which the window is ahead of the baseline [rad]
+    """
     places = np.array([int(m * shaft * period) for m in n.tolist()]) - 1
     δ, ratio = left[places], np.abs(left[places]) / σ[places]
-    strong = ratio > STRONG
+    strong = ratio > limits.strong_line
     φ = np.linspace(0, 1, 2048, endpoint=False)
     turned = np.exp(2j * np.pi * np.outer(φ, n.astype(float)))
     together = np.abs(turned[:, strong] @ δ[strong]) if strong.any() else np.zeros(φ.size)
@@ -253,4 +316,5 @@ def _change(
         angle=float((φ[best] - zero) % 1),
         in_phase=float(together[best] / max(np.abs(δ[strong]).sum(), 1e-300)),
         width=float((np.searchsorted(widest, 0.8 * widest[-1]) + 1) / φ.size),
+        limits=limits,
     )

@@ -8,9 +8,9 @@ u    operating point: torque, speed or both
 V    how much a point may miss for its distance to the recordings, V̄ its mean for those left out (operating.py)
 X_k  complex lines of the recordings at the orders of all shafts, laid over one another by their pattern
 
-Between recordings it is interpolated, beyond them the nearest recording stands, and is said to.
+Between recordings the lines are interpolated; beyond them the nearest recording is used (`interpolated` is False).
 
-Holds    the same gears in the same mesh as in the recordings: `Expected.alignment.correlation` says whether they are
+Holds    the same gears in the same mesh as in the recordings: `ExpectedLines.alignment.correlation` shows whether
 """
 
 from __future__ import annotations
@@ -30,10 +30,27 @@ from twin.baseline.reading import WindowReading
 from twin.baseline.transfer_path import band_gains, band_levels, lesser
 from twin.errors import NotAvailable, ParameterError
 from twin.rig import Rig
+from twin.thresholds import deciding
 
 SMOOTH_ORDERS = 4.0  # width over which scatter is averaged
 LEAST_MISS = 1e-6  # V̄ of recordings that all lie at one point
-SWAPPED, FITS = 0.03, 0.3  # of correlation that exchanging two channels must add, and reach, to be believed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LearningThresholds:
+    """When two channels of a recording seem to have exchanged their names."""
+
+    exchange_gain: float = deciding(
+        0.03, meaning="correlation with the tooth pattern that exchanging two channels must add",
+        source="tuned on the seven loads of the broken-tooth set",
+    )  # fmt: skip
+    exchange_fit: float = deciding(
+        0.3, meaning="correlation with the tooth pattern that exchanged channels must reach",
+        source="the limit for the same teeth (BaselineThresholds.same_teeth)",
+    )  # fmt: skip
+
+
+DEFAULT = LearningThresholds()
 
 Values = dict[str, np.ndarray]
 
@@ -68,7 +85,7 @@ class Baseline:
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """What tells operating points apart: `torque_nm`, `speed_hz` or both."""
+        """The quantities that distinguish operating points: `torque_nm`, `speed_hz` or both."""
         return axes_of(self.readings)
 
     def operating_point(self, reading: WindowReading) -> np.ndarray:
@@ -87,7 +104,7 @@ class Baseline:
             raise ParameterError(f"lines at 1/{reading.period} order against a baseline at 1/{self.period}")
         return _expected(self.rig, self.readings, self.std, reading, self.axes)
 
-    def swapped(self, reading: WindowReading) -> tuple[str, str] | None:
+    def swapped(self, reading: WindowReading, limits: LearningThresholds = DEFAULT) -> tuple[str, str] | None:
         """Two channels whose names seem exchanged: with each as the other the pattern of the teeth fits much better."""
         lines, *_ = _interpolated(self.readings, reading, self.axes)
         named = _lines(reading)
@@ -97,7 +114,11 @@ class Baseline:
             exchanged = named | {a: named[b], b: named[a]}
             fit[a, b] = _fit(exchanged, lines, reading.period, self.rig.teeth[0])
         best = max(fit, key=lambda key: fit[key])
-        return best if best is not None and fit[best] > max(fit[None] + SWAPPED, FITS) else None
+        return (
+            best
+            if best is not None and fit[best] > max(fit[None] + limits.exchange_gain, limits.exchange_fit)
+            else None
+        )
 
 
 def _fit(lines: Values, others: Values, period: int, teeth: int) -> float:

@@ -1,11 +1,11 @@
-"""Operating points of a machine without a model: by what they are told apart, and between which of them one lies.
+"""Operating points of a machine without a model: the axes that distinguish them, and interpolation between them.
 
     u = torque                   where it is measured and varies
       = (torque, speed)          where the speed varies, too, by more than the torque explains
       = speed                    else (an induction motor's slip tells its load)
 
 On one axis a point lies between two neighbours, in the plane within a triangle of the Delaunay triangulation, axes
-over their ranges; its weights are linear, 1 at a point learned. Outside, the nearest point learned stands alone.
+over their ranges; its weights are linear, 1 at a learned point. Outside, the nearest learned point is used alone.
 
 What the lines at a point miss of those so interpolated grows with the distance of what they come from:
 
@@ -21,35 +21,57 @@ Holds    lines that change evenly between the points learned; what they miss of 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 from twin.baseline.reading import WindowReading
 from twin.errors import NotAvailable
+from twin.thresholds import deciding
 
-VARIES = 0.03  # of torque, relative, from which it is an axis
-SPEED_VARIES = 0.05  # of speed, relative, beyond what the torque explains, from which it is an axis beside it
-LEAST_PLANE = 4  # readings from which a plane is spanned
-BEYOND = 0.05  # of the range learned, from which a point lies outside it
+SMOOTHNESS = 1.5  # p: between a random walk and a straight line
 
-SMOOTHNESS = 1.5  # p
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OperatingThresholds:
+    """When torque and speed distinguish operating points, and where the learned range ends."""
+
+    torque_varies: float = deciding(
+        0.03, of="mean torque", meaning="range of torque from which it is an axis",
+        source="not derived: above the wander of a drive held at constant load",
+    )  # fmt: skip
+    speed_varies: float = deciding(
+        0.05, of="mean speed", meaning="range of speed that torque does not explain, from which speed is an axis",
+        source="not derived: an induction motor's slip stays below it",
+    )  # fmt: skip
+    least_readings_of_plane: int = deciding(
+        4, meaning="windows from which a plane of torque and speed is spanned",
+        source="derivation: three points span a triangle, the fourth can lie inside",
+    )  # fmt: skip
+    beyond: float = deciding(
+        0.05, of="learned range", meaning="distance from the nearest learned point from which a point is outside",
+        source="not derived",
+    )  # fmt: skip
+
+
+DEFAULT = OperatingThresholds()
 
 UNITS = {"torque_nm": "N·m", "speed_hz": "Hz"}
 
 
-def axes_of(readings: Sequence[WindowReading]) -> tuple[str, ...]:
-    """Names of what tells the operating points of these readings apart."""
+def axes_of(readings: Sequence[WindowReading], limits: OperatingThresholds = DEFAULT) -> tuple[str, ...]:
+    """Names of the quantities that distinguish the operating points of these readings."""
     torques = [r.torque_nm for r in readings]
     if any(t is None for t in torques):
         return ("speed_hz",)
     torque = np.array(torques, dtype=float)
-    if np.ptp(torque) <= VARIES * abs(torque.mean()):
+    if np.ptp(torque) <= limits.torque_varies * abs(torque.mean()):
         return ("speed_hz",)
     speed = np.array([r.speed_hz for r in readings])
-    if len(readings) >= LEAST_PLANE:
+    if len(readings) >= limits.least_readings_of_plane:
         rest = speed - np.polyval(np.polyfit(torque, speed, 1), torque)
-        if np.ptp(rest) > SPEED_VARIES * speed.mean():
+        if np.ptp(rest) > limits.speed_varies * speed.mean():
             return ("torque_nm", "speed_hz")
     return ("torque_nm",)
 
@@ -75,7 +97,9 @@ def order_of(points: np.ndarray) -> list[tuple[int, int | None]]:
     return out
 
 
-def weights_of(points: np.ndarray, at: np.ndarray) -> tuple[dict[int, float], bool]:
+def weights_of(
+    points: np.ndarray, at: np.ndarray, limits: OperatingThresholds = DEFAULT
+) -> tuple[dict[int, float], bool]:
     """Weights of the points learned (n, d) for a point (d,), and whether it lies among them."""
     place, u = _scaled(points, points), _scaled(points, at[None])[0]
     found = _along(place[:, 0], float(u[0])) if place.shape[1] == 1 else _within(place, u)
@@ -83,7 +107,7 @@ def weights_of(points: np.ndarray, at: np.ndarray) -> tuple[dict[int, float], bo
         return found, True
     distance = np.linalg.norm(place - u, axis=1)
     near = int(np.argmin(distance))
-    return {near: 1.0}, bool(distance[near] <= BEYOND)
+    return {near: 1.0}, bool(distance[near] <= limits.beyond)
 
 
 def miss_of(points: np.ndarray, at: np.ndarray, weights: Mapping[int, float]) -> float:

@@ -1,9 +1,9 @@
-"""The lines of one window of a machine of which little is known: complex amplitudes at every order its shafts can make.
+"""The spectral lines of one window of a machine without a model: complex amplitudes at every order of its shafts.
 
     X_k = 2/Σw · Σ_n w_n·x_n·e^{−i·o_k·θ_n}/H(o_k)          o_k = k/Q,  k = 1 … K
 
 θ    pinion angle: from an encoder, or from the mesh lines with a zero of its own
-Q    pinion turns after which all shafts stand as before: every sum of whole multiples of the shafts' orders is a k/Q
+Q    pinion turns after which all shafts are back in the same position: sums of multiples of their orders are k/Q
 H    what the interpolation onto even angles leaves of a line
 
 Source   chirp-z transform: L. R. Rabiner, R. W. Schafer, C. M. Rader, IEEE Trans. Audio Electroacoust. 17 (1969) 86–92
@@ -27,14 +27,30 @@ from twin.features.mesh_speed import mesh_speed
 from twin.features.orders import hann
 from twin.features.resample import AngleSignal, on_angle, spline_response
 from twin.rig import Rig
+from twin.thresholds import deciding
 from twin.windows import Window
 
-HIGHEST = 200.0  # order of the pinion up to which lines are read
+HIGHEST = 200.0  # order of the pinion up to which lines are read: ten mesh harmonics of 20 teeth
 USABLE = 0.4  # of the sampling rate
 TURNS_PER_PERIOD = 4.0  # Hann's main lobe is four bins wide
 FLOOR_ORDERS = 0.8  # width over which the floor between the lines is taken
-LEAST_VALID = 0.9
-SAME_CLOCK = 0.003  # relative difference of speed by encoder and by mesh lines that is still one
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingThresholds:
+    """When a channel and an angle can be used."""
+
+    least_valid: float = deciding(
+        0.9, meaning="share of a channel's samples that must be valid",
+        source="not derived: shorter gaps are bridged by a taper without moving lines by more than their scatter",
+    )  # fmt: skip
+    same_clock: float = deciding(
+        0.003, meaning="relative difference of the speeds by encoder and by mesh lines that is tolerated",
+        source="not derived: sampling clocks agree within 1e-4, a wrong tooth count differs by 1 % and more",
+    )  # fmt: skip
+
+
+DEFAULT = ReadingThresholds()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -70,27 +86,30 @@ class WindowReading:
 
 
 def common_period(shafts: Sequence[Fraction]) -> int:
-    """Q: pinion turns after which shafts of these orders stand as before."""
+    """Q: pinion turns after which shafts of these orders are back in the same position."""
     return lcm(*(s.denominator for s in shafts))
 
 
-def angle_of(rig: Rig, window: Window) -> AngleTrack:
-    """Pinion angle of a window; NotAvailable or WindowError where it cannot be told, or two witnesses contradict."""
+def angle_of(rig: Rig, window: Window, limits: ReadingThresholds = DEFAULT) -> AngleTrack:
+    """Pinion angle of a window.
+
+    Raises NotAvailable or WindowError where it cannot be determined, or encoder and mesh lines contradict each other.
+    """
     track = pinion_angle(rig, window, window.accelerations)
     if track.source.startswith("encoder"):
-        _check_clocks(rig, window, track)
+        _check_clocks(rig, window, track, limits)
     return track
 
 
-def _check_clocks(rig: Rig, window: Window, track: AngleTrack) -> None:
-    """The mesh lines must turn with the encoder: a wrong sampling rate, edge count or tooth count parts them."""
+def _check_clocks(rig: Rig, window: Window, track: AngleTrack, limits: ReadingThresholds) -> None:
+    """Refuses a wrong sampling rate, edge count or tooth count, by which mesh lines and encoder disagree."""
     z1, z2 = rig.teeth
     try:
         seen = mesh_speed(window.accelerations, (int(z1), int(z2)), track.speed)
     except NotAvailable:  # no clear mesh lines to compare with
         return
     off = seen.track.speed / track.speed - 1
-    if abs(off) > SAME_CLOCK:
+    if abs(off) > limits.same_clock:
         raise NotAvailable(
             f"the mesh lines lie at {z1 * seen.track.speed:.2f} Hz, but {track.source} turns {z1} teeth at "
             f"{z1 * track.speed:.2f} Hz, {100 * abs(off):.2g} % {'less' if off > 0 else 'more'}: wrong sampling rate, "
@@ -105,6 +124,7 @@ def read(
     name: str,
     track: AngleTrack | None = None,
     part: tuple[float, float] = (0.0, 1.0),
+    limits: ReadingThresholds = DEFAULT,
 ) -> WindowReading:
     """The lines of every accelerometer of a window at the orders of its shafts.
 
@@ -112,19 +132,19 @@ def read(
     part    of the window's turns, from and to
     Raises NotAvailable where no channel can be used, WindowError where the window is too short.
     """
-    track = angle_of(rig, window) if track is None else track
+    track = angle_of(rig, window, limits) if track is None else track
     Q = common_period(shafts)
     turns = (track.stop - track.start) / (2 * np.pi) * (part[1] - part[0])
     if turns < TURNS_PER_PERIOD * Q:
         raise WindowError(
-            f"{turns:.0f} pinion turns are too few to tell lines 1/{Q} order apart: at least "
+            f"{turns:.0f} pinion turns are too few to resolve lines 1/{Q} order apart: at least "
             f"{TURNS_PER_PERIOD * Q:.0f} are needed"
         )
     channels: dict[str, ChannelLines] = {}
     reasons = []
     for sensor, samples in window.accelerations.items():
-        if np.isfinite(samples.values).mean() < LEAST_VALID:
-            reasons.append(f"accel/{sensor}: less than 90 % of its samples are valid")
+        if np.isfinite(samples.values).mean() < limits.least_valid:
+            reasons.append(f"accel/{sensor}: less than {100 * limits.least_valid:g} % of its samples are valid")
             continue
         try:
             signal, per_turn = on_angle(samples, track, samples.values.size)
