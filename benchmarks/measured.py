@@ -26,11 +26,12 @@ from service.cli import relation_report as shown
 from service.cli.encoder_pair import sentences, with_assumed_radii
 from service.cli.non_gear import energies
 from service.files import relation as relating
-from service.files.baseline import belonging_of, load, pair_shafts, strangers
+from service.files.baseline import energy_of, load, strangers
 from service.files.import_recording import import_recording
 from service.files.series import load_series
 from service.runtime.assess import assess
-from twin.baseline.diagnosis import Parts, diagnose
+from twin.baseline.comparison import pair_shafts
+from twin.baseline.diagnosis import WindowParts, diagnose
 from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.reading import WindowReading, read
@@ -80,7 +81,7 @@ def spectraquest(folder: Path) -> None:
         for sensors in (SENSORS, *((s,) for s in SENSORS)):
             base = learn(rig, [of(readings["h", p], sensors) for p in LOADS if p != percent], shafts)
             for state in "hb":
-                diagnosis = diagnose(base, [Parts(whole=of(readings[state, percent], sensors))])
+                diagnosis = diagnose(base, [WindowParts(whole=of(readings[state, percent], sensors))])
                 names = [_short(e) for e in diagnosis.effects]
                 who = "all" if len(sensors) > 1 else sensors[0]
                 local = any(e.name == "tooth_crack" for e in diagnosis.effects)
@@ -108,7 +109,7 @@ def _fewer(readings, rig, shafts) -> None:
         for known in combinations(LOADS, count):
             base = learn(rig, [readings["h", p] for p in known], shafts)
             for percent in set(LOADS) - set(known):
-                found = diagnose(base, [Parts(whole=readings[state, percent])])
+                found = diagnose(base, [WindowParts(whole=readings[state, percent])])
                 place = tally[found.compared[0].expected.interpolated]
                 place[0] += any(counts(e) for e in found.effects)
                 place[1] += 1
@@ -176,7 +177,9 @@ def modulation(folder: Path) -> None:
     data = MEASURED / "spur-rig-28ch-2000rpm"
     recording = imported(data.name, data / "channels.npz", folder)
     found = load(recording)
-    print("\n".join(energies(belonging_of(recording))))
+    breakdown = energy_of(recording)
+    assert isinstance(breakdown, list), breakdown
+    print("\n".join(energies(breakdown)))
     for s in strangers(found):
         print(f"lines spaced by {s['frequency_hz']:.4f} ± {s['frequency_std_hz']:.4f} Hz, order {s['order']:.5f}")
         if s["part"] > 1:

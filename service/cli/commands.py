@@ -356,7 +356,7 @@ def diagnose(
     from service.cli.diagnosis_figures import page
     from service.cli.encoder_pair import with_assumed_radii
     from service.cli.report import load_answer
-    from service.files.baseline import belonging_of
+    from service.files.baseline import energy_of
     from service.json_text import json_text, write_text
 
     if baseline is not None:
@@ -366,7 +366,7 @@ def diagnose(
     else:
         answer = _assess(source, rig, Update.fused, asset, prefix)
         if answer.get("strange"):
-            answer["belonging"] = belonging_of(source, rig)
+            answer["energy_breakdown"] = energy_of(source, rig)
     if base_radii_mm is not None:
         answer = with_assumed_radii(answer, base_radii_mm)
     if json is not None:

@@ -33,8 +33,11 @@ def text(answer: Mapping[str, Any]) -> str:
         lines += [f"  {c['name']:<22}{c['log_evidence']:>10.1f}" for c in tracing["candidates"]]
     if tracing.get("residual"):
         lines += ["", *_bands(tracing["residual"])]
-    if answer.get("belonging"):
-        lines += ["", *strange.energies(answer["belonging"])]
+    breakdown = answer.get("energy_breakdown")
+    if isinstance(breakdown, list):
+        lines += ["", *strange.energies(breakdown)]
+    elif breakdown:
+        lines += ["", f"The energy is not attributed to shafts: {breakdown['reason']}."]
     if tracing.get("log"):
         lines += ["", "Changes of the model:"]
         lines += [f"  {change(entry)}" for entry in tracing["log"]]

@@ -60,7 +60,8 @@ def effects_part(answer: Mapping[str, Any]) -> str:
 def figures(answer: Mapping[str, Any]) -> str:
     """The figures as HTML; empty where there is nothing to draw."""
     others = [*strange.plots(answer.get("strange", ())), *pair.plots(answer.get("pair"))]
-    others.append(strange.energy_plot(answer.get("belonging", ())))
+    breakdown = answer.get("energy_breakdown")
+    others.append(strange.energy_plot(breakdown if isinstance(breakdown, list) else ()))
     return as_html((_by_band(answer), _by_order(answer), _depths(answer), *others))
 
 

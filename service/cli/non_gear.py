@@ -47,18 +47,18 @@ def _sentence(found: Mapping[str, Any]) -> str:
     )
 
 
-def energies(belonging: Sequence[Mapping[str, Any]]) -> list[str]:
+def energies(breakdown: Sequence[Mapping[str, Any]]) -> list[str]:
     """What every channel's energy belongs to, as lines of a table; empty where it is not known."""
-    if not belonging:
+    if not breakdown:
         return []
-    families = list(dict.fromkeys(b["family"] for b in belonging))
+    families = list(dict.fromkeys(b["family"] for b in breakdown))
     lines = [
         "Share of the energy, %; in brackets how much of it keeps its phase against the angle (1: all), and how much",
         "tones of fixed frequency in its place would: where both are alike, the speed was too even to tell what turns.",
     ]
     lines.append(f"{'':<10}" + "".join(f"{name:>28}" for name in families))
-    for channel in dict.fromkeys(b["channel"] for b in belonging):
-        own = {b["family"]: b for b in belonging if b["channel"] == channel}
+    for channel in dict.fromkeys(b["channel"] for b in breakdown):
+        own = {b["family"]: b for b in breakdown if b["channel"] == channel}
         cells = ""
         for name in families:
             b = own[name]
@@ -68,15 +68,15 @@ def energies(belonging: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def energy_plot(belonging: Sequence[Mapping[str, Any]]) -> Any:
+def energy_plot(breakdown: Sequence[Mapping[str, Any]]) -> Any:
     """The shares, stacked; None where they are not known."""
     import plotly.graph_objects as go
 
-    if not belonging:
+    if not breakdown:
         return None
     plot = go.Figure()
-    for name in dict.fromkeys(b["family"] for b in belonging):
-        own = [b for b in belonging if b["family"] == name]
+    for name in dict.fromkeys(b["family"] for b in breakdown):
+        own = [b for b in breakdown if b["family"] == name]
         if max(b["share_percent"] for b in own) >= LEAST_DRAWN:
             plot.add_bar(x=[b["channel"] for b in own], y=[b["share_percent"] for b in own], name=name)
     plot.update_layout(

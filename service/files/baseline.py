@@ -1,4 +1,4 @@
-"""Baselines of machines without a rig model: learned from recordings, kept in a file, and recordings beside them.
+"""Healthy baselines of machines without a rig model: learned from recordings, kept in a file, and compared with.
 
 A baseline file is a NumPy archive: `header`, JSON with the rig file's values and what is said of every recording, and
 the lines of every recording and channel.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,16 +19,22 @@ from service.files.rig import checked_rig
 from service.json_text import plain
 from service.runtime.assess import choose_asset, rig_of
 from service.stream.sources.mcap import Recording, read_windows
-from twin.baseline.diagnosis import Diagnosis, diagnose
+from twin.baseline.comparison import (
+    NO_DEPTH,
+    BaselineResult,
+    TrackedWindow,
+    compare_with_baseline,
+    pair_shafts,
+    tracked,
+    unattributed_lines,
+)
 from twin.baseline.energy_breakdown import energy_breakdown
 from twin.baseline.learned import Baseline, learn
-from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, WindowReading, angle_of, common_period, read
-from twin.baseline.reporting import NO_DEPTH, described, parts_of, record, sections, strange, strange_of
-from twin.baseline.spacing import Spacing, shared_ratio, unattributed_spacing
+from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, WindowReading, common_period, read
+from twin.baseline.reporting import described, record, sections, strange
+from twin.baseline.spacing import shared_ratio
 from twin.errors import TwinError
-from twin.features.angle import AngleTrack
 from twin.rig import Rig
-from twin.windows import Window
 
 SCHEMA = "gear-twin-baseline/1"
 KEPT = (
@@ -38,35 +43,19 @@ KEPT = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Tracked:
-    """One usable window with its pinion angle."""
-
-    name: str
-    window: Window
-    track: AngleTrack
-    spacing: Spacing | None  # of lines that no known shaft makes
-
-
 class Loaded(NamedTuple):
     """The usable windows of one recording."""
 
     rig: Rig
     asset: str
-    windows: list[Tracked]
+    windows: list[TrackedWindow]
     refused: list[str]
-
-
-def pair_shafts(rig: Rig) -> tuple[Fraction, Fraction]:
-    """Orders of pinion and gear."""
-    z1, z2 = rig.teeth
-    return Fraction(1), Fraction(int(z1), int(z2))
 
 
 def load(path: Path, rig_path: Path | None = None, shafts: Sequence[Fraction] | None = None) -> Loaded:
     """The windows of a recording that have a pinion angle.
 
-    shafts  known ones, beside which strange lines are sought; the pair's where None
+    shafts  known ones; those of the pair where None
     Raises InputError where there is none.
     """
     with Recording(path) as recording:
@@ -80,12 +69,9 @@ def load(path: Path, rig_path: Path | None = None, shafts: Sequence[Fraction] | 
     for i, window in enumerate(read_windows(path)[2]):
         name = f"{path.stem}#{i}"
         try:
-            track = angle_of(rig, window)
-            spacing = unattributed_spacing(window.accelerations, track, rig.teeth, shafts)
+            windows.append(tracked(rig, window, name, shafts))
         except TwinError as error:
             refused.append(f"{name}: {error}")
-            continue
-        windows.append(Tracked(name=name, window=window, track=track, spacing=spacing))
     if not windows:
         raise InputError(f"{path}: no window can be used: {refused[0] if refused else 'there is none'}")
     return Loaded(rig, asset, windows, refused)
@@ -94,7 +80,7 @@ def load(path: Path, rig_path: Path | None = None, shafts: Sequence[Fraction] | 
 def learned(paths: Sequence[Path], rig_path: Path | None = None) -> Baseline:
     """A baseline from recordings of the healthy machine.
 
-    Another shaft geared to the pinion is taken in where most windows show its lines.
+    Another shaft that is geared to the pinion is included where most windows show its lines.
     """
     loaded = [load(path, rig_path) for path in paths]
     rig = loaded[0].rig
@@ -109,7 +95,7 @@ def learned(paths: Sequence[Path], rig_path: Path | None = None) -> Baseline:
         raise InputError(f"{', '.join(map(str, paths))}: {error}") from None
 
 
-def _geared(windows: Sequence[Tracked]) -> tuple[Fraction, ...]:
+def _geared(windows: Sequence[TrackedWindow]) -> tuple[Fraction, ...]:
     """The order of another shaft that most windows show and are long enough to tell apart."""
     ratio = shared_ratio([w.spacing for w in windows])
     if ratio is None:
@@ -118,53 +104,46 @@ def _geared(windows: Sequence[Tracked]) -> tuple[Fraction, ...]:
     return (ratio,) if turns >= TURNS_PER_PERIOD * common_period((Fraction(1), ratio)) else ()
 
 
-def compared(baseline: Baseline, path: Path, rig_path: Path | None = None) -> tuple[Loaded, Diagnosis]:
-    """A recording beside a baseline."""
+def compared(baseline: Baseline, path: Path, rig_path: Path | None = None) -> tuple[Loaded, BaselineResult]:
+    """A recording compared with a baseline; InputError where it cannot be."""
     loaded = load(path, rig_path, baseline.shafts)
-    if loaded.rig.teeth != baseline.rig.teeth:
-        raise InputError(
-            f"{path}: {loaded.rig.teeth} teeth in its rig file, {baseline.rig.teeth} in the baseline's: "
-            "which are right?"
-        )
     try:
-        parts = [parts_of(baseline, w.window, w.name, w.track) for w in loaded.windows]
-        return loaded, diagnose(baseline, parts)
+        return loaded, compare_with_baseline(baseline, loaded.rig, loaded.windows)
     except TwinError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def answer(loaded: Loaded, baseline: Baseline, found: Diagnosis) -> dict[str, Any]:
+def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[str, Any]:
     """The answer in the names of the contract."""
     missing = {"status": "not available", "reason": NO_DEPTH}
     return plain(
         {
             "asset": loaded.asset,
             "baseline": described(baseline),
-            "windows": [record(i, c) for i, c in enumerate(found.compared)],
+            "windows": [record(window) for window in found.windows],
             "refused": loaded.refused,
             "wear": missing,
             "rul": missing,
-            **sections(baseline, found),
-            "strange": strange_of(baseline, [(w.name, w.spacing, w.track) for w in loaded.windows]),
+            **sections(found),
+            "strange": strange(found.unattributed_lines),
         }
     )
 
 
 def strangers(loaded: Loaded) -> list[dict[str, Any]]:
     """Spacings of lines that neither gear makes."""
-    seen = [(w.name, w.spacing, w.track) for w in loaded.windows]
-    return strange(seen, pair_shafts(loaded.rig), ("pinion", "gear"))
+    return strange(unattributed_lines(loaded.windows, pair_shafts(loaded.rig), ("pinion", "gear")))
 
 
-def belonging_of(path: Path, rig_path: Path | None = None) -> list[dict[str, Any]]:
-    """What the energy of a recording's first usable window belongs to, by channel; empty where it cannot be told."""
+def energy_of(path: Path, rig_path: Path | None = None) -> list[dict[str, Any]] | dict[str, str]:
+    """The energy of a recording's first usable window by origin and channel, or why it is not available."""
     try:
         loaded = load(path, rig_path)
         first = loaded.windows[0]
         shafts = pair_shafts(loaded.rig)
         found = energy_breakdown(first.window.accelerations, first.track, loaded.rig.teeth, shafts, first.spacing)
-    except (InputError, TwinError):
-        return []
+    except (InputError, TwinError) as reason:
+        return {"status": "not available", "reason": str(reason)}
     return [
         {
             "channel": f.channel,
@@ -195,10 +174,13 @@ def save(baseline: Baseline, path: Path) -> None:
             arrays[f"{i}/{name}/lines"] = c.lines
             arrays[f"{i}/{name}/floor"] = c.floor
     arrays["header"] = np.frombuffer(json.dumps(plain(header), ensure_ascii=False).encode(), dtype=np.uint8)
+    whole = path.with_name(path.name + ".part")
     try:
-        with path.open("wb") as file:
+        with whole.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
+        whole.replace(path)  # a reader sees the file before or after, never a part of it
     except OSError as error:
+        whole.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
 
 

@@ -14,10 +14,10 @@ import pytest
 
 from twin.baseline.alignment import align
 from twin.baseline.causes import causes_of
-from twin.baseline.diagnosis import Parts, diagnose
+from twin.baseline.diagnosis import WindowParts, diagnose
 from twin.baseline.learned import learn
 from twin.baseline.reading import angle_of, read
-from twin.baseline.spacing import CHANCE, simple_ratio, unattributed_spacing
+from twin.baseline.spacing import SpacingThresholds, simple_ratio, unattributed_spacing
 from twin.baseline.transfer_path import Path, band_gains, common_level, name_of_path
 from twin.effects import EFFECTS
 from twin.errors import NotAvailable, ParameterError, WindowError
@@ -97,7 +97,7 @@ def parts(window, shafts=SHAFTS, name="w"):
     track = angle_of(RIG, window)
     whole = read(RIG, window, shafts, name, track)
     halves = [read(RIG, window, shafts, name, track, p) for p in ((0.0, 0.5), (0.5, 1.0))]
-    return Parts(whole=whole, first=halves[0], second=halves[1])
+    return WindowParts(whole=whole, first=halves[0], second=halves[1])
 
 
 @lru_cache(maxsize=1)
@@ -127,19 +127,19 @@ def test_healthy_machine_at_a_load_not_learned_has_nothing_added(load):
     diagnosis = diagnose(healthy(), [parts(machine(load, 50))])
     assert diagnosis.effects == () and diagnosis.verdict == "explained"
     for errors in diagnosis.errors.values():
-        assert abs(errors["rms_before"]) < 10
-        assert errors["waveform_after"] == errors["waveform_before"]
+        assert abs(errors.rms_before) < 0.1
+        assert errors.waveform_after == errors.waveform_before
 
 
 def test_blow_once_a_turn_of_the_gear_is_a_local_fault_of_a_tooth_of_that_shaft():
     diagnosis = found(pulse=2.0)
     (effect,) = diagnosis.effects
     assert effect.name == "tooth_crack" and effect.channels == ("a",)
-    assert effect.parameters["shaft_order"][0] == pytest.approx(2 / 3)
-    assert effect.parameters["width"][0] < 0.3
+    assert effect.parameters["shaft_order"].value == pytest.approx(2 / 3)
+    assert effect.parameters["width"].value < 0.3
     assert effect.over_runner_up > 100
     errors = diagnosis.errors["a"]
-    assert errors["waveform_after"] < errors["waveform_before"]
+    assert errors.waveform_after < errors.waveform_before
 
 
 def test_fault_stays_at_its_angle_of_the_shaft_wherever_the_zero_of_a_window_lies():
@@ -147,7 +147,7 @@ def test_fault_stays_at_its_angle_of_the_shaft_wherever_the_zero_of_a_window_lie
     for seed in (99, 7, 23):
         diagnosis = diagnose(healthy(), [parts(machine(0.42, seed, pulse=2.0))])
         (effect,) = diagnosis.effects
-        angles.append(effect.parameters["angle"][0])
+        angles.append(effect.parameters["angle"].value)
         curve = effect.curves
         highest = curve["turn"][int(np.argmax(curve["added"]))]
         assert abs((highest - angles[-1] + 0.5) % 1 - 0.5) < 0.02
@@ -163,20 +163,20 @@ def test_changed_way_to_one_sensor_is_no_fault_of_the_gears(gain, name):
     (effect,) = diagnosis.effects
     assert effect.name == name and effect.channels == ("b",)
     if name == "sensor_gain":
-        assert effect.parameters["gain"][0] == pytest.approx(0.6, rel=0.05)
+        assert effect.parameters["gain"].value == pytest.approx(0.6, rel=0.05)
     else:
-        assert effect.parameters["frequency"][0] == pytest.approx(700.0, rel=0.05)
-        assert effect.parameters["damping_ratio"][0] == pytest.approx(0.2, rel=0.3)
+        assert effect.parameters["frequency"].value == pytest.approx(700.0, rel=0.05)
+        assert effect.parameters["damping_ratio"].value == pytest.approx(0.2, rel=0.3)
     errors = diagnosis.errors["b"]
-    assert errors["waveform_after"] < 0.5 * errors["waveform_before"]
-    assert abs(errors["rms_after"]) < 0.5 * abs(errors["rms_before"])
+    assert errors.waveform_after < 0.5 * errors.waveform_before
+    assert abs(errors.rms_after) < 0.5 * abs(errors.rms_before)
 
 
 def test_mesh_that_does_otherwise_on_every_tooth_alike_is_one_class_that_wear_belongs_to():
     diagnosis = found(mesh=1.3)
     (effect,) = diagnosis.effects
     assert effect.name == "mesh_change"
-    assert set(effect.not_told_from) >= {"wear", "misalignment", "tooth_friction", "mesh_stiffness_loss"}
+    assert set(effect.indistinguishable_from) >= {"wear", "misalignment", "tooth_friction", "mesh_stiffness_loss"}
 
 
 def test_other_gears_in_the_same_machine_are_said_to_be_other_gears():
@@ -206,7 +206,7 @@ def test_far_beyond_the_baseline_no_sensor_is_blamed_for_what_both_show_and_noth
     assert "times the baseline's level" in diagnosis.reason and "beyond" in diagnosis.reason
 
 
-def test_one_sensor_that_has_changed_is_no_common_level_and_one_sensor_alone_is_not_told_from_the_machine():
+def test_one_sensor_that_has_changed_is_no_common_level_and_one_sensor_alone_is_indistinguishable_from_the_machine():
     changed = np.full(12, 0.5 + 0j)
     assert common_level([changed, np.ones(12)]) == 0.0
     assert common_level([changed, 0.55 * np.ones(12)]) == pytest.approx(np.log(0.55))
@@ -215,9 +215,9 @@ def test_one_sensor_that_has_changed_is_no_common_level_and_one_sensor_alone_is_
     )
     window = machine(0.42, 99)
     halved = {"a": replace(window.accelerations["a"], values=0.5 * window.accelerations["a"].values)}
-    diagnosis = diagnose(alone, [Parts(whole=of_a(parts(replace(window, accelerations=halved)).whole))])
+    diagnosis = diagnose(alone, [WindowParts(whole=of_a(parts(replace(window, accelerations=halved)).whole))])
     (effect,) = diagnosis.effects
-    assert effect.name == "sensor_gain" and any("machine as a whole" in said for said in effect.not_told_from)
+    assert effect.name == "sensor_gain" and any("machine as a whole" in said for said in effect.indistinguishable_from)
 
 
 def of_a(reading):
@@ -287,7 +287,7 @@ def test_ratio_of_small_numbers_is_believed_where_chance_would_rarely_lie_as_nea
     assert simple_ratio(0.15001, 2e-5) == Fraction(3, 20)
     assert simple_ratio(0.15001, 4e-4) is None  # as near to some ratio as simple lies every third order
     orders, std = np.random.default_rng(3).uniform(0, 1, 4000), 3e-5
-    assert np.mean([simple_ratio(order, std) is not None for order in orders]) <= CHANCE + 0.01
+    assert np.mean([simple_ratio(order, std) is not None for order in orders]) <= SpacingThresholds().chance + 0.01
 
 
 def test_modulation_that_no_shaft_makes_is_named_by_its_frequency_with_depth_and_causes():

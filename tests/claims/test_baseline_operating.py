@@ -128,7 +128,7 @@ def test_machine_that_is_louder_at_all_sensors_has_no_changed_sensor_and_says_so
     )
     found = diagnose(base, [parts(louder)])
     assert found.effects == ()
-    said = re.search(r"all sensors stand at ([\d.]+) times", found.reason)
+    said = re.search(r"all sensors are at ([\d.]+) times", found.reason)
     assert float(said[1]) == pytest.approx(factor, rel=0.03)
     alone = {k: replace(s, values=factor * s.values) if k == "b" else s for k, s in window.accelerations.items()}
     (effect,) = diagnose(base, [parts(replace(window, accelerations=alone))]).effects

@@ -91,5 +91,5 @@ def test_noise_alone_has_no_share_and_keeps_no_phase():
 
 def test_short_window_is_refused_in_words():
     w, _ = window(seconds=4.0)
-    with pytest.raises(WindowError, match="pinion turns are too few to tell what lines belong to: at least 80"):
+    with pytest.raises(WindowError, match="pinion turns are too few to attribute lines to shafts: at least 80"):
         energy_breakdown(w.accelerations, angle_of(RIG, w), TEETH, SHAFTS)

@@ -14,7 +14,7 @@ class BaselineWindow:
     name: str
     start_time_ns: int
     speed: float  # [Hz]
-    speed_std: float  # [Hz]
+    speed_std: float | None  # [Hz]
     speed_source: str
     torque: float | None  # [N·m]
     between: tuple[str, ...]  # recordings of the baseline that it was compared with

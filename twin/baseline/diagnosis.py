@@ -12,6 +12,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from twin.assessment import ChannelErrors, HarmonicBand, ParameterValue, SpectralLine
 from twin.baseline.findings import BaselineComparison, ShaftChange, compare
 from twin.baseline.learned import Baseline
 from twin.baseline.operating import UNITS
@@ -65,7 +66,7 @@ class Named:
 
     name: str
     channels: tuple[str, ...]
-    parameters: Mapping[str, tuple[float, str, float]]
+    parameters: Mapping[str, ParameterValue]
     log_evidence: float
     runner_up: str | None
     over_runner_up: float | None
@@ -75,49 +76,18 @@ class Named:
     curves: Mapping[str, Sequence[float]]  # to be drawn: of a path against frequency, of a shaft over a turn
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChannelError:
-    """Relative errors of one channel on held-out turns: against the baseline, and with what was found."""
-
-    waveform_before: float  # ‖measured − predicted‖ over ‖measured‖
-    waveform_after: float
-    rms_before: float  # predicted over measured RMS, less one
-    rms_after: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BandLevel:
-    """RMS of one mesh harmonic with its sidebands, in the channel's unit."""
-
-    channel: str
-    harmonic: int
-    frequency: float  # [Hz]
-    measured: float
-    expected: float  # by the baseline
-    explained: float  # with what was found
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RemainingLine:
-    """A line beyond the healthy scatter that nothing explains."""
-
-    order: float  # of the pinion's rotation
-    frequency: float  # [Hz]
-    share: float  # of the measured energy
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Diagnosis:
     """A recording compared with its baseline."""
 
     compared: tuple[BaselineComparison, ...]
     effects: tuple[Named, ...]
-    errors: Mapping[str, ChannelError]  # by channel, on held-out turns
-    bands: tuple[BandLevel, ...]
+    errors: Mapping[str, ChannelErrors]  # by channel, on held-out turns
+    bands: tuple[HarmonicBand, ...]
     verdict: str  # explained, unknown_effect or insufficient_data
     reason: str
     share: float | None  # of the energy that is left over the healthy scatter
-    lines: tuple[RemainingLine, ...]  # the strongest that are left
+    lines: tuple[SpectralLine, ...]  # the strongest that are left
 
     def error(self, name: str, channels: Sequence[str] | None = None) -> float | None:
         """Root mean square of one of the errors over channels, all of them by default; None where there are none."""
@@ -230,7 +200,7 @@ def _paths(compared: Sequence[BaselineComparison]) -> list[Named]:
             Named(
                 name=named.name,
                 channels=(channel,),
-                parameters=named.parameters,
+                parameters={n: ParameterValue(value=v, unit=u, std=s) for n, (v, u, s) in named.parameters.items()},
                 log_evidence=_path_evidence(compared[i], path),
                 runner_up=None,
                 over_runner_up=None,
@@ -297,12 +267,16 @@ def _pulse(change: ShaftChange) -> dict[str, Sequence[float]]:
     return {"turn": turn.tolist(), "added": (np.exp(2j * np.pi * np.outer(turn + change.zero, n)) @ δ).real.tolist()}
 
 
-def _parameters(change: ShaftChange, size: float) -> dict[str, tuple[float, str, float]]:
+def _parameters(change: ShaftChange, size: float) -> dict[str, ParameterValue]:
     """Place and size of a change."""
     std = size / float(np.median(change.ratio[change.strong]))
-    out = {"shaft_order": (float(change.shaft), "", 0.0), "rms": (size, "", std)}
+    out = {
+        "shaft_order": ParameterValue(value=float(change.shaft), unit="", std=0.0),
+        "rms": ParameterValue(value=size, unit="", std=std),
+    }
     if change.kind == "local":
-        out |= {"angle": (change.angle, "turn", change.width / 4), "width": (change.width, "turn", 0.0)}
+        out["angle"] = ParameterValue(value=change.angle, unit="turn", std=change.width / 4)
+        out["width"] = ParameterValue(value=change.width, unit="turn", std=0.0)
     return out
 
 
@@ -351,10 +325,10 @@ def _kind(baseline: Baseline, shaft: Fraction, change: ShaftChange) -> tuple[str
     return names[0], described, (*names[1:], *(LOCAL_ALTERNATIVES if change.kind == "local" else ()))
 
 
-def _errors(baseline: Baseline, windows: Sequence[WindowParts]) -> tuple[dict[str, ChannelError], list[BandLevel]]:
+def _errors(baseline: Baseline, windows: Sequence[WindowParts]) -> tuple[dict[str, ChannelErrors], list[HarmonicBand]]:
     """Errors on the second halves of what was fitted on the first; and bands of the latest window."""
     sums: dict[str, np.ndarray] = {}
-    bands: list[BandLevel] = []
+    bands: list[HarmonicBand] = []
     for parts in windows:
         if parts.first is None or parts.second is None:
             continue
@@ -369,7 +343,7 @@ def _errors(baseline: Baseline, windows: Sequence[WindowParts]) -> tuple[dict[st
             bands += _bands(channel, powers, parts.second.period, baseline.rig.teeth[0], parts.second.speed_hz)
     out = {}
     for channel, (measured, before, after, off_before, off_after) in sums.items():
-        out[channel] = ChannelError(
+        out[channel] = ChannelErrors(
             waveform_before=float(np.sqrt(off_before / measured)),
             waveform_after=float(np.sqrt(off_after / measured)),
             rms_before=float(np.sqrt(before / measured) - 1),
@@ -378,7 +352,7 @@ def _errors(baseline: Baseline, windows: Sequence[WindowParts]) -> tuple[dict[st
     return out, bands
 
 
-def _bands(channel: str, powers: Sequence[np.ndarray], period: int, z1: int, speed_hz: float) -> list[BandLevel]:
+def _bands(channel: str, powers: Sequence[np.ndarray], period: int, z1: int, speed_hz: float) -> list[HarmonicBand]:
     """RMS of the mesh harmonics' bands, from powers measured, expected, and with what was found."""
     orders = np.arange(1, powers[0].size + 1) / period
     out = []
@@ -387,19 +361,19 @@ def _bands(channel: str, powers: Sequence[np.ndarray], period: int, z1: int, spe
         if inside.any():
             measured, expected, explained = (float(np.sqrt(0.5 * p[inside].sum())) for p in powers)
             out.append(
-                BandLevel(
+                HarmonicBand(
                     channel=channel,
                     harmonic=k,
                     frequency=k * z1 * speed_hz,
                     measured=measured,
-                    expected=expected,
-                    explained=explained,
+                    predicted=explained,
+                    predicted_before=expected,
                 )
             )
     return out
 
 
-def _left(compared: Sequence[BaselineComparison]) -> tuple[float | None, float, list[RemainingLine]]:
+def _left(compared: Sequence[BaselineComparison]) -> tuple[float | None, float, list[SpectralLine]]:
     """Share of the energy left beyond the healthy scatter, its misfit, and its strongest lines."""
     energy = beyond = 0.0
     misfits: list[float] = []
@@ -426,7 +400,7 @@ def _left(compared: Sequence[BaselineComparison]) -> tuple[float | None, float, 
         beyond / energy,
         float(np.median(misfits)),
         [
-            RemainingLine(
+            SpectralLine(
                 order=float((k + 1) / first.period),
                 frequency=float((k + 1) / first.period * first.speed_hz),
                 share=value / energy,

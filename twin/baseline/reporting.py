@@ -1,208 +1,172 @@
-"""What stands beside a baseline, in the names of the contract: JSON-safe but for NumPy's numbers."""
+"""Comparisons with a baseline as JSON-safe data, until the contract's models read the assessment."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fractions import Fraction
 from typing import Any
 
-import numpy as np
-
-from twin.baseline.causes import causes_of
-from twin.baseline.diagnosis import Diagnosis, Named, Parts, diagnose, shaft_name
-from twin.baseline.findings import BaselineComparison
+from twin.assessment import BaselineWindow, EffectAssessment, HeldOutErrors, SpectralLine, UnattributedLines
+from twin.baseline.comparison import BaselineResult, compare_with_baseline, lines_without_shaft, tracked
+from twin.baseline.comparison import described as described_of
 from twin.baseline.learned import Baseline
-from twin.baseline.reading import TURNS_PER_PERIOD, angle_of, read
-from twin.baseline.spacing import Spacing, unattributed_spacing
-from twin.errors import NotAvailable
-from twin.features.angle import AngleTrack
 from twin.rig import Rig
 from twin.windows import Window
 
-NO_DEPTH = "the rig file gives no model of the machine: a baseline tells what is new, not how deep the wear is"
-
 
 def told_of(baseline: Baseline, rig: Rig, window: Window, name: str) -> dict[str, Any]:
-    """What one window holds beyond the baseline: `residual`, `effects`, `unexplained`, `strange` and `baseline`.
-
-    Raises TwinError where they cannot be compared.
-    """
-    if rig.teeth != baseline.rig.teeth:
-        raise NotAvailable(f"the rig file has {rig.teeth} teeth, the baseline's {baseline.rig.teeth}: which are right?")
-    track = angle_of(rig, window)
-    found = diagnose(baseline, [parts_of(baseline, window, name, track)])
-    spacing = unattributed_spacing(window.accelerations, track, rig.teeth, baseline.shafts)
-    return sections(baseline, found) | {
-        "baseline": described(baseline) | {"window": record(0, found.compared[0])},
-        "strange": strange_of(baseline, [(name, spacing, track)]),
+    result = compare_with_baseline(baseline, rig, [tracked(rig, window, name, baseline.shafts)])
+    return sections(result) | {
+        "baseline": described(baseline) | {"window": record(result.windows[0])},
+        "strange": strange(result.unattributed_lines),
     }
 
 
 def strangers_of(rig: Rig, window: Window, name: str) -> dict[str, Any]:
-    """Lines of one window that neither gear makes: `strange`, and `unexplained` where no further shaft makes them.
-
-    Nothing where there are none; raises TwinError where the pinion's angle cannot be told.
-    """
-    z1, z2 = rig.teeth
-    shafts = (Fraction(1), Fraction(int(z1), int(z2)))
-    track = angle_of(rig, window)
-    spacing = unattributed_spacing(window.accelerations, track, rig.teeth, shafts)
-    found = strange([(name, spacing, track)], shafts, ("pinion", "gear"))
-    if spacing is None or not found:
+    found = lines_without_shaft(rig, window, name)
+    if found is None:
         return {}
-    if spacing.ratio is not None:
-        return {"strange": found}
-    orders: dict[float, dict[str, Any]] = {}
-    for side in spacing.sidebands:
-        for sign in (-1, 1) if side.harmonic else (1,):
-            order = side.harmonic * z1 + sign * side.multiple * spacing.order
-            line = {"order": order, "frequency_hz": order * track.speed, "share_percent": None}
-            orders.setdefault(round(order, 6), line)
-    unexplained = {
-        "share_percent": None,
-        "orders": list(orders.values()),
-        "verdict": "unknown_effect",
-        "reason": f"lines spaced by {spacing.order * track.speed:.3f} Hz belong to no shaft of the rig file",
-    }
-    return {"strange": found, "unexplained": unexplained}
-
-
-def sections(baseline: Baseline, found: Diagnosis) -> dict[str, Any]:
-    """`residual`, `effects` and `unexplained` of the contract."""
-    return {
-        "residual": {
-            "rms_error_percent": _pooled(found, "rms_after"),
-            "waveform_error_percent": _pooled(found, "waveform_after"),
-            "channels": found.errors,
-            "bands": list(found.bands),
-            "orders": list(found.orders),
-        },
-        "effects": [_effect(e, found) for e in found.effects],
-        "unexplained": {
-            "share_percent": found.share_percent,
-            "orders": list(found.orders),
-            "verdict": found.verdict,
-            "reason": found.reason,
-        },
-    }
-
-
-def strange_of(baseline: Baseline, seen: Sequence[tuple[str, Spacing | None, AngleTrack]]) -> list[dict[str, Any]]:
-    """Spacings of lines that no shaft of a baseline makes."""
-    return strange(seen, baseline.shafts, [shaft_name(s, baseline) for s in baseline.shafts])
-
-
-def parts_of(baseline: Baseline, window: Window, name: str, track: AngleTrack) -> Parts:
-    """A window's lines, of all its turns and of either half."""
-    rig, shafts = baseline.rig, baseline.shafts
-    whole = read(rig, window, shafts, name, track)
-    if whole.turns < 2 * TURNS_PER_PERIOD * whole.period:
-        return Parts(whole=whole)
-    halves = [read(rig, window, shafts, name, track, part) for part in ((0.0, 0.5), (0.5, 1.0))]
-    return Parts(whole=whole, first=halves[0], second=halves[1])
-
-
-def strange(
-    seen: Sequence[tuple[str, Spacing | None, AngleTrack]], shafts: Sequence[Fraction], names: Sequence[str]
-) -> list[dict[str, Any]]:
-    """Spacings of lines that no known shaft makes, with the causes tried.
-
-    seen  name, spacing and angle of every window
-    """
-    out = []
-    for window, s, track in seen:
-        if s is None or s.ratio in shafts:
-            continue
-        tried = causes_of(s.order / s.part, s.std / s.part, track.speed, shafts, names)
-        out.append(
-            {
-                "window": window,
-                "order": s.order,
-                "order_std": s.std,
-                "frequency_hz": s.order * track.speed,
-                "frequency_std_hz": float(np.hypot(s.std * track.speed, s.order * track.speed_std)),
-                "part": s.part,
-                "geared": None if s.ratio is None else str(s.ratio),
-                "clearness": s.score,
-                "next_clearness": s.next_score,
-                "sidebands": [
-                    {
-                        "channel": b.channel,
-                        "harmonic": b.harmonic,
-                        "multiple": b.multiple,
-                        "amplitude": b.amplitude,
-                        "depth": b.depth,
-                    }
-                    for b in s.sidebands
-                ],
-                "spectrum": [
-                    {
-                        "channel": e.channel,
-                        "harmonic": e.harmonic,
-                        "from_hz": e.start * track.speed,
-                        "step_hz": e.step * track.speed,
-                        "amplitude": [float(f"{a:.4g}") for a in e.amplitude],
-                    }
-                    for e in s.excerpts
-                ],
-                "causes": [{"name": c.name, "possible": c.possible, "detail": c.detail} for c in tried],
-            }
-        )
+    out: dict[str, Any] = {"strange": strange(found.lines)}
+    if found.unexplained is not None:
+        out["unexplained"] = {
+            "share_percent": None,
+            "orders": _lines(found.unexplained.lines),
+            "verdict": found.unexplained.verdict,
+            "reason": found.unexplained.reason,
+        }
     return out
 
 
+def sections(result: BaselineResult) -> dict[str, Any]:
+    residual = result.residual
+    return {
+        "residual": {
+            "rms_error_percent": _percent(residual.rms_error),
+            "waveform_error_percent": _percent(residual.waveform_error),
+            "channels": {
+                name: {
+                    "waveform_before": 100 * e.waveform_before,
+                    "waveform_after": 100 * e.waveform_after,
+                    "rms_before": 100 * e.rms_before,
+                    "rms_after": 100 * e.rms_after,
+                }
+                for name, e in (residual.channels or {}).items()
+            },
+            "bands": [
+                {
+                    "channel": b.channel,
+                    "harmonic": b.harmonic,
+                    "frequency_hz": b.frequency,
+                    "measured": b.measured,
+                    "predicted_before": b.predicted_before,
+                    "predicted": b.predicted,
+                }
+                for b in residual.bands
+            ],
+            "orders": _lines(residual.lines),
+        },
+        "effects": [_effect(e) for e in result.effects],
+        "unexplained": {
+            "share_percent": _percent(result.unexplained.share),
+            "orders": _lines(result.unexplained.lines),
+            "verdict": result.unexplained.verdict,
+            "reason": result.unexplained.reason,
+        },
+    }
+
+
+def strange(found: Sequence[UnattributedLines]) -> list[dict[str, Any]]:
+    return [
+        {
+            "window": s.window,
+            "order": s.order,
+            "order_std": s.order_std,
+            "frequency_hz": s.frequency,
+            "frequency_std_hz": s.frequency_std,
+            "part": s.part,
+            "geared": s.geared,
+            "clearness": s.clearness,
+            "next_clearness": s.next_clearness,
+            "sidebands": [
+                {
+                    "channel": b.channel,
+                    "harmonic": b.harmonic,
+                    "multiple": b.multiple,
+                    "amplitude": b.amplitude,
+                    "depth": b.depth,
+                }
+                for b in s.sidebands
+            ],
+            "spectrum": [
+                {
+                    "channel": e.channel,
+                    "harmonic": e.harmonic,
+                    "from_hz": e.start,
+                    "step_hz": e.step,
+                    "amplitude": list(e.amplitude),
+                }
+                for e in s.spectrum
+            ],
+            "causes": [{"name": c.name, "possible": c.possible, "detail": c.detail} for c in s.causes],
+        }
+        for s in found
+    ]
+
+
 def described(baseline: Baseline) -> dict[str, Any]:
-    """What a baseline was learned from."""
+    found = described_of(baseline)
     return {
-        "recordings": [r.name for r in baseline.readings],
-        "operating_points": {axis: {"from": low, "to": high} for axis, (low, high) in baseline.range.items()},
-        "shafts": [float(s) for s in baseline.shafts],
-        "channels": sorted(baseline.std),
+        "recordings": list(found.recordings),
+        "operating_points": {axis: {"from": low, "to": high} for axis, (low, high) in found.operating_points.items()},
+        "shafts": list(found.shafts),
+        "channels": list(found.channels),
     }
 
 
-def record(index: int, compared: BaselineComparison) -> dict[str, Any]:
-    """A window beside a baseline."""
-    reading, expected = compared.reading, compared.expected
+def record(window: BaselineWindow) -> dict[str, Any]:
     return {
-        "index": index,
-        "name": reading.name,
-        "start_time_ns": reading.start_time_ns,
-        "speed_hz": reading.speed_hz,
-        "speed_std_hz": reading.speed_std_hz,
-        "speed_from": reading.angle_from,
-        "torque_nm": reading.torque_nm,
-        "between": list(expected.between),
-        "interpolated": expected.interpolated,
-        "pattern_correlation": None if expected.alignment is None else expected.alignment.correlation,
-        "same_teeth": compared.same_teeth,
+        "index": window.index,
+        "name": window.name,
+        "start_time_ns": window.start_time_ns,
+        "speed_hz": window.speed,
+        "speed_std_hz": window.speed_std,
+        "speed_from": window.speed_source,
+        "torque_nm": window.torque,
+        "between": list(window.between),
+        "interpolated": window.interpolated,
+        "pattern_correlation": window.pattern_correlation,
+        "same_teeth": window.same_teeth,
     }
 
 
-def _pooled(found: Diagnosis, name: str) -> float | None:
-    values = [e[name] for e in found.errors.values()]
-    return float(np.sqrt(np.mean(np.square(values)))) if values else None
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share
 
 
-def _effect(effect: Named, found: Diagnosis) -> dict[str, Any]:
-    errors = [found.errors[c] for c in effect.channels if c in found.errors]
+def _lines(lines: Sequence[SpectralLine]) -> list[dict[str, Any]]:
+    return [
+        {"order": line.order, "frequency_hz": line.frequency, "share_percent": _percent(line.share)} for line in lines
+    ]
 
-    def pooled(name: str) -> float | None:
-        return float(np.sqrt(np.mean([e[name] ** 2 for e in errors]))) if errors else None
 
+def _errors(errors: HeldOutErrors) -> dict[str, Any]:
+    return {"rms_percent": _percent(errors.rms), "waveform_percent": _percent(errors.waveform)}
+
+
+def _effect(effect: EffectAssessment) -> dict[str, Any]:
+    evidence = effect.evidence
     return {
         "name": effect.name,
         "channels": list(effect.channels),
-        "parameters": {n: {"value": v, "unit": u, "std": s} for n, (v, u, s) in effect.parameters.items()},
+        "parameters": {n: {"value": p.value, "unit": p.unit, "std": p.std} for n, p in effect.parameters.items()},
         "evidence": {
-            "log_evidence": effect.log_evidence,
-            "over_runner_up": effect.over_runner_up,
-            "runner_up": effect.runner_up,
-            "not_told_from": list(effect.not_told_from),
-            "detail": effect.detail,
+            "log_evidence": evidence.log_evidence,
+            "over_runner_up": evidence.over_runner_up,
+            "runner_up": evidence.runner_up,
+            "not_told_from": list(evidence.indistinguishable_from),
+            "detail": evidence.detail,
         },
-        "error_before": {"rms_percent": pooled("rms_before"), "waveform_percent": pooled("waveform_before")},
-        "error_after": {"rms_percent": pooled("rms_after"), "waveform_percent": pooled("waveform_after")},
+        "error_before": _errors(effect.error_before),
+        "error_after": _errors(effect.error_after),
         "wear_depth_um_before": None,
         "wear_depth_um_after": None,
         "onset_revolutions": None,

@@ -1,0 +1,248 @@
+"""Windows of a machine without a model compared with its healthy baseline, as an assessment.
+
+One function decides for a single window of a stream and for all windows of a recording: `compare_with_baseline`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from twin.assessment import (
+    BaselineAssessment,
+    BaselineWindow,
+    EffectAssessment,
+    Evidence,
+    HeldOutErrors,
+    LineSideband,
+    PossibleCause,
+    Residual,
+    SpectralLine,
+    SpectrumExcerpt,
+    UnattributedLines,
+    Unexplained,
+)
+from twin.baseline.causes import causes_of
+from twin.baseline.diagnosis import Diagnosis, Named, WindowParts, diagnose, shaft_name
+from twin.baseline.findings import BaselineComparison
+from twin.baseline.learned import Baseline
+from twin.baseline.reading import TURNS_PER_PERIOD, angle_of, read
+from twin.baseline.spacing import Spacing, unattributed_spacing
+from twin.errors import NotAvailable
+from twin.features.angle import AngleTrack
+from twin.rig import Rig
+from twin.windows import Window
+
+NO_DEPTH = "the rig file gives no model of the machine: a healthy baseline shows changes, not the depth of wear"
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TrackedWindow:
+    """One usable window with its pinion angle."""
+
+    name: str
+    window: Window
+    track: AngleTrack
+    spacing: Spacing | None  # of lines that no known shaft makes
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class BaselineResult:
+    """Windows compared with a baseline."""
+
+    residual: Residual
+    effects: tuple[EffectAssessment, ...]
+    unexplained: Unexplained
+    windows: tuple[BaselineWindow, ...]
+    unattributed_lines: tuple[UnattributedLines, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LinesWithoutShaft:
+    """Lines of one window that neither gear makes; `unexplained` is None where a further shaft makes them."""
+
+    lines: tuple[UnattributedLines, ...]
+    unexplained: Unexplained | None
+
+
+def pair_shafts(rig: Rig) -> tuple[Fraction, Fraction]:
+    """Orders of pinion and gear, of the pinion's rotation."""
+    z1, z2 = rig.teeth
+    return Fraction(1), Fraction(int(z1), int(z2))
+
+
+def tracked(rig: Rig, window: Window, name: str, shafts: Sequence[Fraction]) -> TrackedWindow:
+    """A window with its pinion angle and the spacing of lines that none of these shafts makes.
+
+    Raises TwinError where the angle cannot be determined.
+    """
+    track = angle_of(rig, window)
+    spacing = unattributed_spacing(window.accelerations, track, rig.teeth, shafts)
+    return TrackedWindow(name=name, window=window, track=track, spacing=spacing)
+
+
+def compare_with_baseline(baseline: Baseline, rig: Rig, windows: Sequence[TrackedWindow]) -> BaselineResult:
+    """Changes of one window, or of all windows of a recording, against a healthy baseline.
+
+    Raises TwinError where they cannot be compared.
+    """
+    if rig.teeth != baseline.rig.teeth:
+        raise NotAvailable(
+            f"the rig file gives {rig.teeth} teeth, but the baseline was learned with {baseline.rig.teeth}: "
+            "which are right?"
+        )
+    found = diagnose(baseline, [_parts(baseline, w) for w in windows])
+    names = [shaft_name(s, baseline) for s in baseline.shafts]
+    return BaselineResult(
+        residual=Residual(
+            rms_error=found.error("rms_after"),
+            waveform_error=found.error("waveform_after"),
+            windows=len(windows),
+            bands=found.bands,
+            lines=found.lines,
+            channels=found.errors,
+        ),
+        effects=tuple(_effect(e, found) for e in found.effects),
+        unexplained=Unexplained(verdict=found.verdict, share=found.share, lines=found.lines, reason=found.reason),
+        windows=tuple(_window(i, c) for i, c in enumerate(found.compared)),
+        unattributed_lines=unattributed_lines(windows, baseline.shafts, names),
+    )
+
+
+def lines_without_shaft(rig: Rig, window: Window, name: str) -> LinesWithoutShaft | None:
+    """Lines of one window that neither gear makes; None where there are none.
+
+    Raises TwinError where the pinion's angle cannot be determined.
+    """
+    shafts = pair_shafts(rig)
+    z1 = rig.teeth[0]
+    seen = tracked(rig, window, name, shafts)
+    lines = unattributed_lines([seen], shafts, ("pinion", "gear"))
+    spacing, speed = seen.spacing, seen.track.speed
+    if spacing is None or not lines:
+        return None
+    if spacing.ratio is not None:
+        return LinesWithoutShaft(lines=lines, unexplained=None)
+    orders: dict[float, SpectralLine] = {}
+    for side in spacing.sidebands:
+        for sign in (-1, 1) if side.harmonic else (1,):
+            order = side.harmonic * z1 + sign * side.multiple * spacing.order
+            orders.setdefault(round(order, 6), SpectralLine(order=order, frequency=order * speed, share=None))
+    unexplained = Unexplained(
+        verdict="unknown_effect",
+        lines=tuple(orders.values()),
+        reason=f"lines spaced by {spacing.order * speed:.3f} Hz belong to no shaft of the rig file",
+    )
+    return LinesWithoutShaft(lines=lines, unexplained=unexplained)
+
+
+def described(baseline: Baseline, window: BaselineWindow | None = None) -> BaselineAssessment:
+    """What a baseline was learned from, and the window that was compared with it."""
+    return BaselineAssessment(
+        recordings=tuple(r.name for r in baseline.readings),
+        operating_points=dict(baseline.range),
+        shafts=tuple(float(s) for s in baseline.shafts),
+        channels=tuple(sorted(baseline.std)),
+        window=window,
+    )
+
+
+def unattributed_lines(
+    windows: Sequence[TrackedWindow], shafts: Sequence[Fraction], names: Sequence[str]
+) -> tuple[UnattributedLines, ...]:
+    """Spacings of lines that none of these shafts makes, with the causes that were tried."""
+    return tuple(
+        _unattributed(w, w.spacing, shafts, names)
+        for w in windows
+        if w.spacing is not None and w.spacing.ratio not in shafts
+    )
+
+
+def _unattributed(
+    window: TrackedWindow, s: Spacing, shafts: Sequence[Fraction], names: Sequence[str]
+) -> UnattributedLines:
+    track = window.track
+    causes = causes_of(s.order / s.part, s.std / s.part, track.speed, shafts, names)
+    return UnattributedLines(
+        window=window.name,
+        order=s.order,
+        order_std=s.std,
+        frequency=s.order * track.speed,
+        frequency_std=float(np.hypot(s.std * track.speed, s.order * track.speed_std)),
+        part=s.part,
+        geared=None if s.ratio is None else str(s.ratio),
+        clearness=s.score,
+        next_clearness=s.next_score,
+        sidebands=tuple(
+            LineSideband(
+                channel=b.channel, harmonic=b.harmonic, multiple=b.multiple, amplitude=b.amplitude, depth=b.depth
+            )
+            for b in s.sidebands
+        ),
+        spectrum=tuple(
+            SpectrumExcerpt(
+                channel=e.channel,
+                harmonic=e.harmonic,
+                start=e.start * track.speed,
+                step=e.step * track.speed,
+                amplitude=tuple(float(f"{a:.4g}") for a in e.amplitude),
+            )
+            for e in s.excerpts
+        ),
+        causes=tuple(PossibleCause(name=c.name, possible=c.possible, detail=c.detail) for c in causes),
+    )
+
+
+def _parts(baseline: Baseline, w: TrackedWindow) -> WindowParts:
+    """A window's lines, of all its turns and of either half."""
+    rig, shafts = baseline.rig, baseline.shafts
+    whole = read(rig, w.window, shafts, w.name, w.track)
+    if whole.turns < 2 * TURNS_PER_PERIOD * whole.period:
+        return WindowParts(whole=whole)
+    halves = [read(rig, w.window, shafts, w.name, w.track, part) for part in ((0.0, 0.5), (0.5, 1.0))]
+    return WindowParts(whole=whole, first=halves[0], second=halves[1])
+
+
+def _window(index: int, compared: BaselineComparison) -> BaselineWindow:
+    reading, expected = compared.reading, compared.expected
+    return BaselineWindow(
+        index=index,
+        name=reading.name,
+        start_time_ns=reading.start_time_ns,
+        speed=reading.speed_hz,
+        speed_std=reading.speed_std_hz,
+        speed_source=reading.angle_from,
+        torque=reading.torque_nm,
+        between=expected.between,
+        interpolated=expected.interpolated,
+        pattern_correlation=None if expected.alignment is None else expected.alignment.correlation,
+        same_teeth=compared.same_teeth,
+    )
+
+
+def _effect(effect: Named, found: Diagnosis) -> EffectAssessment:
+    def errors(when: str) -> HeldOutErrors:
+        return HeldOutErrors(
+            rms=found.error(f"rms_{when}", effect.channels), waveform=found.error(f"waveform_{when}", effect.channels)
+        )
+
+    return EffectAssessment(
+        name=effect.name,
+        parameters=effect.parameters,
+        evidence=Evidence(
+            log_evidence=effect.log_evidence,
+            runner_up=effect.runner_up,
+            over_runner_up=effect.over_runner_up,
+            indistinguishable_from=effect.indistinguishable_from,
+            detail=effect.detail,
+        ),
+        status=None,
+        error_before=errors("before"),
+        error_after=errors("after"),
+        channels=effect.channels,
+        windows=effect.windows,
+        curves={name: tuple(values) for name, values in effect.curves.items()},
+    )
