@@ -1,10 +1,10 @@
-"""Writes the tables of figures in the README and docs/validation.md anew, each from the command it names.
+"""Writes the tables of the documentation anew, each from the command that it names.
 
     python -m benchmarks.figures [PART …]
 
-A table stands between `<!-- figures: COMMAND -->` and `<!-- end of figures -->`; COMMAND begins with `python -m`. Of
-`<!-- last figures: COMMAND -->` only what follows the last empty line is shown. With PARTs only the commands that
-hold one of them are run.
+A table is enclosed by `<!-- figures: COMMAND -->` and `<!-- end of figures -->`; COMMAND begins with `python -m`. Of
+`<!-- last figures: COMMAND -->` only what follows the last empty line is shown. `<!-- table: COMMAND -->` encloses
+Markdown, which is not put into a fence. With PARTs only the commands that contain one of them are run.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "README.md", ROOT / "docs" / "validation.md")
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 TABLE = re.compile(
-    r"<!-- (?P<last>last )?figures: (?P<command>python -m .+?) -->\n.*?<!-- end of figures -->", re.DOTALL
+    r"<!-- (?P<kind>(?:last )?figures|table): (?P<command>python -m .+?) -->\n.*?<!-- end of figures -->", re.DOTALL
 )
 
 
@@ -46,17 +46,25 @@ def with_figures(text: str, parts: Sequence[str]) -> str:
         if parts and not any(part in command for part in parts):
             return table[0]
         print(command, file=sys.stderr)
-        last = table["last"] or ""
-        said = printed(command)
-        shown = said.rpartition("\n\n")[2] if last else said
-        return f"<!-- {last}figures: {command} -->\n```\n{shown}\n```\n<!-- end of figures -->"
+        return enclosed(table["kind"], command, printed(command))
 
     return TABLE.sub(anew, text)
 
 
+def enclosed(kind: str, command: str, said: str) -> str:
+    """A table as it is written into a page."""
+    if kind == "table":
+        return f"<!-- table: {command} -->\n{said}\n<!-- end of figures -->"
+    shown = said.rpartition("\n\n")[2] if kind.startswith("last") else said
+    return f"<!-- {kind}: {command} -->\n```\n{shown}\n```\n<!-- end of figures -->"
+
+
 def main() -> None:
     for page in PAGES:
-        page.write_text(with_figures(page.read_text(encoding="utf-8"), sys.argv[1:]), encoding="utf-8")
+        before = page.read_text(encoding="utf-8")
+        after = with_figures(before, sys.argv[1:])
+        if after != before:
+            page.write_text(after, encoding="utf-8")
 
 
 if __name__ == "__main__":

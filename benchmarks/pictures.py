@@ -18,7 +18,7 @@ from benchmarks.measured import DRAWS, LOADS, MAPPINGS, MEASURED, imported
 from service.cli import run
 from service.errors import InputError
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[1] / "docs" / "pictures"
 CHROMIUM = os.environ.get("GEAR_TWIN_CHROMIUM", "/usr/bin/chromium")
 WIDTH = 1150  # of the page [px]
 KEPT_BACK = 40  # load of the broken tooth that is drawn, in no baseline [%]
