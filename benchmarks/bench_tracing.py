@@ -62,9 +62,9 @@ def main() -> list[Figure]:
     path = recording(ONE_EFFECT)
     rig, windows = windows_of(path)
     state = followed(rig, windows)
-    from twin.tracing import mesh_block
+    from twin.tracing.mesh_wear import curve_with
 
-    mesh_block._curve.cache_clear()
+    curve_with.cache_clear()
     found, taken = traced(rig, state)
     names = ", ".join(f.name for f in found.found)
     tell(Figure(what="full trace of a campaign with one effect", value=taken, unit="s", aim=5.0,

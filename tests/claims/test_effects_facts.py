@@ -10,7 +10,7 @@ from twin.effects import EFFECTS, neutral
 from twin.effects.facts import ALARM_CLASSES, DetectionThresholds, Facts, FittedNumber
 from twin.effects.parameter import Parameter
 from twin.thresholds import rows_of
-from twin.tracing.candidates import fitted_numbers, mesh_trials, trial_of
+from twin.tracing.mesh_trials import fitted_numbers, mesh_trials, trial_of
 
 NAMES = [name for name in EFFECTS if name != "none"]
 OF_MESH = [name for name in NAMES if EFFECTS[name].facts.detector == "mesh"]

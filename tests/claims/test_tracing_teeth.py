@@ -6,8 +6,8 @@ import pytest
 from tests.dynamics_cases import TEN, model, worn
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
-from twin.tracing.beside_teeth import factors_of
 from twin.tracing.observed import Observed
+from twin.tracing.tooth_factors import factors_of
 
 RNG = np.random.default_rng(7)
 PITCH = EFFECTS["pitch_error"](pinion=tuple(2e-6 * RNG.normal(size=19)), gear=tuple(2e-6 * RNG.normal(size=52)))
@@ -51,14 +51,14 @@ def test_unworn_lines_change_more_than_worn_ones():
     assert unworn > 3 * deep
 
 
-@pytest.mark.parametrize("beside", [(), (FRICTION,)])
-def test_pinion_and_gear_one_after_the_other_are_both_together_within_what_is_granted(beside):
-    both, apart = factors(beside=beside), factors(beside=beside, together=False)
+@pytest.mark.parametrize("present", [(), (FRICTION,)])
+def test_pinion_and_gear_one_after_the_other_are_both_together_within_what_is_granted(present):
+    both, apart = factors(mesh_effects=present), factors(mesh_effects=present, together=False)
     for whole, parts in zip(both, apart, strict=True):
         error = np.abs(whole["encoder"] - parts["encoder"])[:3] / np.maximum(np.abs(whole["encoder"])[:3], 1.0)
         assert error.max() < 0.25  # scatter.TEETH
 
 
 def test_what_else_is_there_changes_what_teeth_make():
-    alone, with_friction = factors()[0]["encoder"], factors(beside=(FRICTION,))[0]["encoder"]
+    alone, with_friction = factors()[0]["encoder"], factors(mesh_effects=(FRICTION,))[0]["encoder"]
     assert np.abs(alone - with_friction).max() > 0.2

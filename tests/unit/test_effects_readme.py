@@ -13,7 +13,7 @@ from tests.effects_cases import solved
 from twin.effects import EFFECTS, Setup, neutral
 from twin.effects.extended import extend
 from twin.errors import ParameterError
-from twin.tracing.candidates import big_enough, mesh_trials, trial_of
+from twin.tracing.mesh_trials import big_enough, mesh_trials, trial_of
 
 FOLDER = Path(__file__).parents[2] / "twin" / "effects"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")

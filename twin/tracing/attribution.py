@@ -12,10 +12,10 @@ from twin.effects.addition import Addition
 from twin.effects.sensor_gain import SensorGain
 from twin.effects.sensor_resonance import SensorResonance
 from twin.effects.tooth_crack import ToothCrack
-from twin.tracing.candidates import fitted_numbers, plain, started, trial_of
 from twin.tracing.eccentricities import EccentricityFit
-from twin.tracing.joint_fit import EffectTrial
-from twin.tracing.mesh_block import GAIN, MeshFindings
+from twin.tracing.joint_problem import EffectTrial
+from twin.tracing.mesh_search import ALIKE, MeshFindings
+from twin.tracing.mesh_trials import fitted_numbers, plain, started, trial_of
 from twin.tracing.non_gear import Defect
 from twin.tracing.scatter import MODELLED
 from twin.tracing.shaft_forces import Turning
@@ -102,7 +102,7 @@ def of_mesh(findings: MeshFindings, kept: Sequence[AttributedEffect]) -> list[At
                 other = (known.runner_up, known.over_runner_up)
             if len(before) > 1:
                 evidence = known.log_evidence
-        if name in before and evidence < GAIN:
+        if name in before and evidence < ALIKE.least_gain:
             continue
         out.append(
             AttributedEffect(

@@ -26,7 +26,7 @@ from twin.tracing.attribution import AttributedEffect, of_defect
 from twin.tracing.change_detection import change_indicators, is_new, widened
 from twin.tracing.decisions import Decision
 from twin.tracing.held_out_error import HeldOutComparison, LearnedFactors, by_band_and_order, compare, figures
-from twin.tracing.mesh_block import JUMP
+from twin.tracing.mesh_windows import OnsetThresholds
 from twin.tracing.non_gear import NonGearContent, find_non_gear_content
 from twin.tracing.state import LEAST_WINDOWS, Tracing, TwinStage, parameters_of, relevant
 from twin.tracing.trace import Traced, held_out, trace
@@ -124,7 +124,11 @@ def _traced(
         if (turned.misfit_before or 0.0) <= EXPLAINED:  # wear alone explains all windows, the disc turned back
             return replace(tracing, turns=turns), turned
     whole = attempt(tracing.turns)
-    if memory.discs_since_ns > known and memory.phase is not None and (whole.misfit_after or 0.0) > JUMP:
+    if (
+        memory.discs_since_ns > known
+        and memory.phase is not None
+        and (whole.misfit_after or 0.0) > OnsetThresholds().explained
+    ):
         try:
             part = attempt((), memory.discs_since_ns, memory.phase)
         except (NotAvailable, NotConverged):

@@ -25,10 +25,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-COMMON = 0.05e-6  # β [m]
-EACH = 0.03e-6  # φ [m]
-TEETH = 0.25  # of what pitch errors or a crack make of a mesh line: they are fitted to the lines between
-MODELLED = 0.08  # relative std of a fitted number of an effect, for what the twin's structure is off
+from twin.rig import Rig
+from twin.rig_tolerances import Tolerances
+from twin.thresholds import deciding
+
+MODELLED = 0.08  # relative std of a fitted number of an effect, for what the structure of the twin is off
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,13 +50,72 @@ def _extended(values: tuple[float, ...], count: int) -> np.ndarray:
     return np.array([values[min(k, len(values) - 1)] for k in range(count)])
 
 
-SCATTER = {
-    "encoder": ChannelScatter(
-        structure=(0.03, 0.06, 0.12, 0.25, 0.25), windows=(0.008, 0.02, 0.04, 0.08), per_depth=200.0, floor=0.0
-    ),
-    "torque": ChannelScatter(structure=(0.15, 0.3, 0.5), windows=(0.03, 0.06, 0.1), per_depth=200.0, floor=2e-3),
-    "acceleration": ChannelScatter(structure=(0.6,), windows=(0.03, 0.03, 0.03, 0.05), per_depth=400.0, floor=0.01),
-}
+PERTURBED = "spread of predicted lines over 21 degrees of freedom perturbed by ±3 %, and one finite-element machine"
+ESTIMATE = "an estimate, not derived; the tracing was tuned on T01–T58 with it"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineScatter:
+    """What healthy machines differ by in their mesh lines; a tuple goes by mesh harmonic."""
+
+    common: float = deciding(0.05e-6, unit="m", meaning="β: graduation and mean tooth form", source=ESTIMATE)
+    each: float = deciding(0.03e-6, unit="m", meaning="φ: what real teeth do that no model has", source=ESTIMATE)
+    teeth: float = deciding(
+        0.25,
+        meaning="τ: share of what pitch errors or a crack make of a mesh line that is not known",
+        source="pinion and gear one after the other agree with both together within it: test_tracing_teeth.py",
+    )
+    encoder_structure: tuple[float, ...] = deciding(
+        (0.03, 0.06, 0.12, 0.25, 0.25), meaning="ρ of the transmission error", source=PERTURBED
+    )
+    torque_structure: tuple[float, ...] = deciding((0.15, 0.3, 0.5), meaning="ρ of the torque meter", source=PERTURBED)
+    acceleration_structure: tuple[float, ...] = deciding((0.6,), meaning="ρ of the accelerometer", source=PERTURBED)
+    encoder_windows: tuple[float, ...] = deciding(
+        (0.008, 0.02, 0.04, 0.08), meaning="κ of the transmission error on new flanks", source=ESTIMATE
+    )
+    torque_windows: tuple[float, ...] = deciding(
+        (0.03, 0.06, 0.1), meaning="κ of the torque meter on new flanks", source=ESTIMATE
+    )
+    acceleration_windows: tuple[float, ...] = deciding(
+        (0.03, 0.03, 0.03, 0.05), meaning="κ of the accelerometer on new flanks", source=ESTIMATE
+    )
+    per_depth: float = deciding(
+        200.0, unit="1/m", meaning="growth of κ with depth, times the harmonic", source=ESTIMATE
+    )
+    acceleration_per_depth: float = deciding(
+        400.0, unit="1/m", meaning="the same of the accelerometer", source=ESTIMATE
+    )
+    torque_floor: float = deciding(2e-3, unit="N·m", meaning="added to φ of the torque meter", source=ESTIMATE)
+    acceleration_floor: float = deciding(0.01, unit="m/s²", meaning="added to φ of the accelerometer", source=ESTIMATE)
+
+    @classmethod
+    def of_rig(cls, rig: Rig) -> LineScatter:
+        """The scatter of machines within the rig file's tolerances: what the structure adds grows with their stiffness.
+
+        The sizes above hold for the default tolerance; to first order the lines move in proportion to it.
+        """
+        wider = rig.tolerances.stiffness / Tolerances().stiffness
+        usual = cls()
+        if wider == 1:
+            return usual
+        return cls(
+            encoder_structure=tuple(wider * ρ for ρ in usual.encoder_structure),
+            torque_structure=tuple(wider * ρ for ρ in usual.torque_structure),
+            acceleration_structure=tuple(wider * ρ for ρ in usual.acceleration_structure),
+        )
+
+    def of(self, channel: str) -> ChannelScatter:
+        """The sizes of one channel."""
+        on_housing = channel == "acceleration"
+        return ChannelScatter(
+            structure=getattr(self, f"{channel}_structure"),
+            windows=getattr(self, f"{channel}_windows"),
+            per_depth=self.acceleration_per_depth if on_housing else self.per_depth,
+            floor=0.0 if channel == "encoder" else getattr(self, f"{channel}_floor"),
+        )
+
+
+DEFAULT = LineScatter()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -77,25 +137,27 @@ def weight(
     predicted: np.ndarray,
     std: np.ndarray,
     depth: np.ndarray,
-    path: np.ndarray,
+    transfer: np.ndarray,
     group: np.ndarray,
     by_teeth: np.ndarray | float = 0.0,
+    sizes: LineScatter = DEFAULT,
 ) -> Weight:
     """Weight of line k (from 1) of a channel.
 
     predicted  m (W,)
     std        σ (W,)
     depth      of wear (W,) [m]
-    path       P_k (W,), 1 for the encoders
+    transfer   P_k (W,), 1 for the encoders
     group      number of the speed that each window was taken at (W,): each has a factor of its own
     by_teeth   what teeth that differ from one another add to the prediction (W,)
+    sizes      what healthy machines differ by
     """
-    scatter = SCATTER[channel]
+    scatter = sizes.of(channel)
     ρ, κ = (size[k - 1] for size in scatter.sizes(k))
     κ = κ + scatter.per_depth * k * depth
-    each = 2 * std**2 + (κ * np.abs(predicted)) ** 2 + scatter.floor**2 + (EACH * path) ** 2
-    C = np.diag(each + (TEETH * np.abs(by_teeth)) ** 2).astype(complex)
-    C += COMMON**2 * np.outer(path, path)
+    each = 2 * std**2 + (κ * np.abs(predicted)) ** 2 + scatter.floor**2 + (sizes.each * transfer) ** 2
+    C = np.diag(each + (sizes.teeth * np.abs(by_teeth)) ** 2).astype(complex)
+    C += sizes.common**2 * np.outer(transfer, transfer)
     for g in np.unique(group):
         m = np.where(group == g, predicted, 0.0)
         C += ρ**2 * np.outer(m, m.conj())

@@ -27,14 +27,18 @@ from twin.tracing.attribution import (
     of_sensor,
     of_turning,
 )
-from twin.tracing.beside_teeth import explained_beside_teeth, factors_of
 from twin.tracing.eccentricities import EccentricityWindow as EccentricWindow
 from twin.tracing.eccentricities import fit_eccentricity
-from twin.tracing.mesh_block import QUIET, MeshBlock, MeshFindings, plain_curve
+from twin.tracing.joint_fit import JointFit
+from twin.tracing.mesh_search import AlikeTeeth, DifferingTeeth, Fits, MeshFindings, search_mesh
+from twin.tracing.mesh_wear import plain_curve
+from twin.tracing.mesh_windows import MeshWindows
 from twin.tracing.non_gear import NonGearContent, find_non_gear_content
 from twin.tracing.observed import Observed, chosen, observed
+from twin.tracing.scatter import LineScatter
 from twin.tracing.shaft_forces import find_turning, run_out_of, swung_by, without_order
 from twin.tracing.teeth import FIRST, find_crack, find_pitch_errors
+from twin.tracing.tooth_factors import factors_of
 from twin.tracing.transfer_path import fit_sensor, gain_step, quotients
 from twin.updating.history import WindowInput
 from twin.updating.model_cache import nominal_model_of
@@ -189,15 +193,17 @@ def trace(
     picked = chosen(fresh, MOST_WINDOWS)
     start = np.array([depths.get(o.index, 0.0) for o in picked])
     factors = factors_of(model, picked, profiles, [f.addition for f in found if f.name in TOOTHED])
-    block = MeshBlock(model, picked, start, phase, factors)
+    mesh = MeshWindows(
+        model=model, windows=tuple(picked), depth=start, phase=phase, factors=factors, scatter=LineScatter.of_rig(rig)
+    )
+    base = mesh.plain()
     trials = [t for t in (f.kept for f in kept if f.name not in rejected) if t is not None]
-    elsewhere = _other_structure(rig, model, block)
+    elsewhere = _other_structure(rig, model, mesh.windows, base.fit)
     if elsewhere:
-        block = MeshBlock(model, picked, start, phase, factors, ("encoder",))
-    quiet = max(QUIET_ELSEWHERE if elsewhere else QUIET, tolerated)
-    if factors is None:
-        findings = block.explained(skip=tuple(rejected), quiet=quiet, kept=trials)
-    else:
+        mesh = replace(mesh, channels=("encoder",))
+        base = mesh.plain()
+    fits: Fits = AlikeTeeth(windows=mesh)
+    if factors is not None:
 
         def anew(beside: Sequence[Addition]) -> list[Addition]:
             """The teeth's effects, pitch errors fitted anew beside others that were there from the start."""
@@ -209,12 +215,14 @@ def trace(
                 if f.name in TOOTHED
             ]
 
-        findings = explained_beside_teeth(block, trials, profiles, anew, tuple(rejected), quiet)
-        if pitch is not None and findings.found:
-            best = findings.best
-            early = tuple(e for t, e in zip(best.trials, best.effects(), strict=True) if t.onset == 0)
-            fitted = find_pitch_errors(model, teeth, condition, model.unworn, phase, early)
-            found = [of_pitch(fitted) if f.name == "pitch_error" and fitted is not None else f for f in found]
+        fits = DifferingTeeth(windows=mesh, profiles=profiles, teeth=anew)
+    tolerated = max(QUIET_ELSEWHERE if elsewhere else 0.0, tolerated)
+    findings = search_mesh(fits, skip=tuple(rejected), tolerated=tolerated, kept=trials, base=base)
+    if factors is not None and pitch is not None and findings.found:
+        best = findings.best
+        early = tuple(e for t, e in zip(best.trials, best.effects(), strict=True) if t.onset == 0)
+        fitted = find_pitch_errors(model, teeth, condition, model.unworn, phase, early)
+        found = [of_pitch(fitted) if f.name == "pitch_error" and fitted is not None else f for f in found]
     for item in of_mesh(findings, kept):
         add(item)
 
@@ -283,16 +291,15 @@ def _sensor(
     return None, other
 
 
-def _other_structure(rig: Rig, model: Model, block: MeshBlock) -> bool:
+def _other_structure(rig: Rig, model: Model, windows: Sequence[Observed], base: JointFit) -> bool:
     """Whether the way to the accelerometer alone says that the structure is not the rig file's.
 
     What acts in the mesh moves the mesh lines first; friction moves the way a little, too. Another structure moves the
     way out of all proportion.
     """
-    base, _ = block.plain
-    if any(o.pinion_only for o in block.windows):
+    if any(o.pinion_only for o in windows):
         return False
-    fits = fit_sensor(rig, model.calibration.modal_damping, quotients(base, block.windows, model.mesh.pair.teeth[0]))
+    fits = fit_sensor(rig, model.calibration.modal_damping, quotients(base, windows, model.mesh.pair.teeth[0]))
     return bool(fits) and max(s.over_other for s in fits) < -OUT_OF_PROPORTION * max(base.misfit, PLAIN_MISFIT)
 
 

@@ -15,7 +15,7 @@ from twin.effects import EFFECTS
 from twin.effects.facts import FittedNumber, numbers_from_priors
 from twin.effects.response import Effect
 from twin.errors import ParameterError
-from twin.tracing.joint_fit import EffectTrial, Free
+from twin.tracing.joint_problem import EffectTrial, Free
 
 
 def mesh_trials() -> dict[str, EffectTrial]:

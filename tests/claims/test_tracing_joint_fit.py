@@ -1,0 +1,101 @@
+"""The joint fit of mesh lines: what it recovers, and what it says of a value that no line depends on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.dynamics_cases import TEN, model, worn
+from twin.effects.response import Effect
+from twin.tracing.joint_fit import fit, inverse
+from twin.tracing.joint_problem import Problem, predict
+from twin.tracing.mesh_trials import mesh_trials, started
+from twin.tracing.mesh_windows import MeshWindows
+from twin.tracing.observed import Observed
+from twin.tracing.scatter import LineScatter
+
+TRIALS = mesh_trials()
+DEPTH = 25.6e-6  # rounds up to two digits: a curve from there on starts deeper
+
+
+def window(index: int, depth: float, effects: tuple[Effect, ...] = ()) -> Observed:
+    """A window that shows exactly what the twin predicts, with a thousandth of noise."""
+    o = Observed(
+        index=index, condition=TEN, revolutions=1000.0 * index + 1, worn=depth > 0, pinion_only=False, lines={}, std={},
+        mean=None, torque_known=True,
+    )  # fmt: skip
+    found = predict(model(), effects, worn(TEN, depth), o)
+    std = {channel: 1e-3 * np.abs(lines) + 1e-12 for channel, lines in found.lines.items()}
+    return replace(o, lines=found.lines, std=std, mean=found.mean)
+
+
+def unseen(o: Observed) -> Observed:
+    return replace(o, lines={c: np.full_like(y, np.nan) for c, y in o.lines.items()}, mean=None)
+
+
+def block_of(windows: list[Observed], depth: float = DEPTH) -> MeshWindows:
+    return MeshWindows(
+        model=model(), windows=tuple(windows), depth=np.array([w.worn * depth for w in windows]), phase=0.0,
+        scatter=LineScatter(),
+    )  # fmt: skip
+
+
+REPEATED = [window(0, 0.0), *(window(i, DEPTH) for i in range(1, 5))]
+
+
+def test_depth_and_number_of_an_effect_are_recovered_from_what_the_twin_itself_predicts():
+    trial = started(TRIALS["tooth_friction"], np.array([0.5]), 0.0)
+    effect = trial.make(np.array([0.6]))
+    block = block_of([window(0, 0.0, (effect,)), window(1, DEPTH, (effect,)), window(2, DEPTH, (effect,))])
+    found = fit(block.problem((trial,), block.wear()), None, 0.0, block.depth)
+    assert found.numbers(found.trials[0])[0] == pytest.approx(0.6, abs=0.02)
+    np.testing.assert_allclose(found.depth[1:], worn(TEN, DEPTH).max_depth, rtol=2e-3)
+    assert abs(found.phase) < 1e-3 and found.misfit < 0.01
+
+
+def test_windows_that_repeat_exactly_are_fitted_and_no_evidence_for_an_effect_between_them():
+    """The depth at the onset, rounded, used to lie above that of the windows, and their depths dropped out of sight."""
+    block = block_of(REPEATED)
+    base = block.plain().fit
+    trial = started(TRIALS["misalignment"], np.array([0.5]), 2500.0)
+    found = block.fitted((trial,), base, 2).fit
+    assert np.isfinite(found.covariance).all()
+    assert found.log_evidence - base.log_evidence < 1
+    assert found.numbers(found.trials[0])[0] < 0.1
+
+
+def test_window_without_any_line_leaves_its_depth_unknown_and_the_others_as_they_are():
+    """Used to raise LinAlgError: H is singular."""
+    with_it, without = block_of([*REPEATED[:3], unseen(REPEATED[3])]), block_of(REPEATED[:3])
+    found, plain = with_it.plain().fit, without.plain().fit
+    assert np.isinf(found.covariance[-1, -1]) and np.isfinite(found.covariance.diagonal()[:-1]).all()
+    np.testing.assert_allclose(found.depth[:3], plain.depth, rtol=1e-6)
+    assert found.log_evidence == pytest.approx(plain.log_evidence, abs=1e-3)
+
+
+def test_covariance_is_the_inverse_where_everything_is_determined():
+    rng = np.random.default_rng(1)
+    J = rng.normal(size=(40, 7)) * 3
+    H = J.T @ J + np.diag([1, 1, 1, 1, 0, 0, 0])
+    covariance, log_det = inverse(H, 4)
+    np.testing.assert_allclose(covariance @ H, np.eye(7), atol=1e-10)
+    assert log_det == pytest.approx(np.linalg.slogdet(H)[1])
+
+
+def test_undetermined_sum_of_two_depths_leaves_their_difference_and_the_rest_known():
+    J = np.random.default_rng(2).normal(size=(40, 5)) * 3
+    J[:, 4] = -J[:, 3]
+    H = J.T @ J + np.diag([1, 1, 1, 0, 0])
+    covariance, log_det = inverse(H, 3)
+    assert np.isinf(covariance[3, 3]) and np.isinf(covariance[4, 4])
+    without_sum = inverse(H[:4, :4], 3)[0]
+    np.testing.assert_allclose(covariance[:3, :3], without_sum[:3, :3], atol=1e-9)
+    assert np.isfinite(log_det)
+
+
+def test_problem_knows_which_trial_a_number_belongs_to():
+    trials = (TRIALS["misalignment"], TRIALS["profile_error"])
+    problem = Problem(model=model(), windows=REPEATED[:2], profiles=lambda *_: model().unworn, trials=trials)
+    owners = [problem.acting_on(j) for j in range(problem.shared)]
+    assert owners == [None] * 3 + [trials[0]] + [trials[1]] * 4
+    assert problem.numbers_of(trials[1]) == slice(4, 8)
