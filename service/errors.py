@@ -2,8 +2,10 @@
 
 ServiceError
 ├── InputError   something handed in that cannot be used: what, where, what would be right (exit status 2)
-│   └── FrameError   one frame that breaks the contract: topic, field, value, allowed range
+│   ├── FrameError   one frame that breaks the contract: topic, field, value, allowed range
+│   └── StoreError   a database, or a state in it, that cannot be used: which, and why
 └── DeliveryError    a stream that could not be delivered or joined in time
+    └── NotReachable     the other side does not answer yet; it may later
 """
 
 
@@ -19,9 +21,17 @@ class FrameError(InputError):
     """A frame outside the contract's limits."""
 
 
+class StoreError(InputError):
+    """Stored results that cannot be used."""
+
+
 class DeliveryError(ServiceError):
     """Frames that could not be handed over."""
 
 
-FAULT = "a fault of the program"
+class NotReachable(DeliveryError):
+    """No one answers at the other end; trying again later may succeed."""
+
+
+FAULT = "internal error"
 """How the reason begins where not the input was wrong but the program."""

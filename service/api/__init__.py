@@ -11,14 +11,14 @@ from fastapi import FastAPI
 from service.api import assets, effects, events, metrics, models, pages, problems
 from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
-from service.results.store import Store
+from service.results.store import ResultStore
 
 DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered as waiting [s]
 
 
 def create_app(
     board: Board,
-    store: Store,
+    store: ResultStore,
     desk: DecisionQueue | None = None,
     *,
     not_ready: Callable[[], str | None] = lambda: None,

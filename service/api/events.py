@@ -13,7 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from service.api.assets import snapshot_of
 from service.api.problems import responses
 from service.results.board import Board
-from service.results.store import Store
+from service.results.store import ResultStore
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"])
 
@@ -55,7 +55,7 @@ async def events(
     return EventSourceResponse(stream, ping=PING_S, headers={"Cache-Control": "no-store"})
 
 
-async def _stream(board: Board, store: Store, asset: str, after: int) -> AsyncIterator[ServerSentEvent]:
+async def _stream(board: Board, store: ResultStore, asset: str, after: int) -> AsyncIterator[ServerSentEvent]:
     with board.changes() as changed:
         yield ServerSentEvent(comment=f"events of {asset} after {after}", retry=RETRY_MS)
         while not board.closed:

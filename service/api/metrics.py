@@ -14,7 +14,7 @@ from prometheus_client.registry import Collector
 from service.api import models
 from service.api.problems import problem, responses
 from service.results.board import Board, Snapshot
-from service.results.store import Store
+from service.results.store import ResultStore
 
 router = APIRouter(tags=["operation"])
 
@@ -44,7 +44,7 @@ async def metrics(request: Request) -> Response:
     return Response(generate_latest(request.app.state.registry), media_type=CONTENT_TYPE_LATEST)
 
 
-def registry(board: Board, store: Store, gauges: Callable[[], Mapping[str, float]]) -> CollectorRegistry:
+def registry(board: Board, store: ResultStore, gauges: Callable[[], Mapping[str, float]]) -> CollectorRegistry:
     """A registry of this app alone, that reads board and store when it is scraped."""
     own = CollectorRegistry()
     own.register(BoardCollector(board, store, gauges))
@@ -54,7 +54,7 @@ def registry(board: Board, store: Store, gauges: Callable[[], Mapping[str, float
 class BoardCollector(Collector):
     """The board as Prometheus metrics."""
 
-    def __init__(self, board: Board, store: Store, gauges: Callable[[], Mapping[str, float]]) -> None:
+    def __init__(self, board: Board, store: ResultStore, gauges: Callable[[], Mapping[str, float]]) -> None:
         self._board, self._store, self._gauges = board, store, gauges
 
     def collect(self) -> Iterator[Metric]:

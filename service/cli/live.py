@@ -11,7 +11,7 @@ from service.cli.show import progress_bar
 from service.errors import InputError
 from service.runtime.record import record
 from service.stream.inbox import Inbox
-from service.stream.sources.zenoh import ZenohSource, open_session
+from service.transport.zenoh import open_zenoh
 
 
 def record_live(
@@ -35,11 +35,11 @@ def record_live(
     inbox = Inbox(prefix=prefix)
     try:
         with (
-            open_session(listen or (), connect or (), wait=30.0) as session,
+            open_zenoh(listen or (), connect or (), prefix, wait=30.0) as transport,
             progress_bar("recording") as bar,
         ):
             return record(
-                ZenohSource(session, prefix),
+                transport,
                 inbox,
                 out,
                 stop=stop,

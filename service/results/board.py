@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from service.contract.answer import assemble
-from service.results.store import Store, StoredWindow
+from service.results.store import ResultStore, StoredWindow
 
 Totals = Mapping[tuple[str, str, str], tuple[int, int]]
 """(kind, channel, action) → (frames, samples or edges concerned; windows concerned)."""
@@ -91,7 +91,7 @@ class Board:
         self.closed = False
 
     @classmethod
-    def from_store(cls, store: Store) -> Board:
+    def from_store(cls, store: ResultStore) -> Board:
         """The board as it was when the last window was committed."""
         board = cls()
         for name in store.assets():

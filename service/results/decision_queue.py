@@ -12,13 +12,13 @@ from __future__ import annotations
 import threading
 import time
 
-from service.results.store import Store, StoredDecision
+from service.results.store import ResultStore, StoredDecision
 
 
 class DecisionQueue:
     """Where decisions are handed in, and waited for."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: ResultStore) -> None:
         self._store = store
         self._changed = threading.Condition()
         self._closed = False

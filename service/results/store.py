@@ -1,77 +1,13 @@
-"""What the service remembers: one SQLite file in WAL mode under the data directory.
+"""What the service remembers, whatever keeps it: the records, and what a store must do.
 
-One window is one transaction: its record, the twin's state, its report, the place to resume the stream
-from, the data quality and the events are there together or not at all. The window's start is its name: a
-window that is committed already is not committed again, so nothing is counted twice. `synchronous=FULL`
-makes a committed window outlive the process and the machine's power.
+A store is added by one file in this folder that implements `ResultStore`, and is handed to `service.runtime.serve.run`.
 """
 
 from __future__ import annotations
 
-import json
-import sqlite3
-import threading
-import time
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
-
-from service.contract.trend import figures
-from service.errors import InputError
-from service.json_text import plain
-
-MIGRATIONS = (
-    """
-    CREATE TABLE assets (
-        asset TEXT PRIMARY KEY,
-        rig TEXT,
-        state TEXT,
-        report TEXT,
-        assembly TEXT,
-        quality TEXT
-    );
-    CREATE TABLE windows (
-        asset TEXT NOT NULL REFERENCES assets(asset),
-        start_ns INTEGER NOT NULL,
-        record TEXT NOT NULL,
-        figures TEXT NOT NULL,
-        PRIMARY KEY (asset, start_ns)
-    ) WITHOUT ROWID;
-    CREATE TABLE events (
-        id INTEGER PRIMARY KEY AUTOINCREMENT,
-        asset TEXT NOT NULL REFERENCES assets(asset),
-        kind TEXT NOT NULL,
-        data TEXT NOT NULL
-    );
-    CREATE INDEX events_of_asset ON events (asset, id);
-    CREATE TABLE inspections (
-        id INTEGER PRIMARY KEY AUTOINCREMENT,
-        asset TEXT NOT NULL REFERENCES assets(asset),
-        received_ns INTEGER NOT NULL,
-        inspection TEXT NOT NULL,
-        answer TEXT NOT NULL
-    );
-    """,
-    """
-    CREATE TABLE decisions (
-        id INTEGER PRIMARY KEY AUTOINCREMENT,
-        asset TEXT NOT NULL REFERENCES assets(asset),
-        received_ns INTEGER NOT NULL,
-        name TEXT NOT NULL,
-        verb TEXT NOT NULL,
-        done INTEGER NOT NULL DEFAULT 0,
-        refused TEXT
-    );
-    CREATE INDEX decisions_waiting ON decisions (done, id);
-    """,
-)
-"""The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""
-
-
-class StoreError(InputError):
-    """The database cannot be used: which file, and why."""
+from typing import Any, Protocol
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,31 +54,8 @@ class StoredAsset:
     quality: Mapping[str, Any] | None = None
 
 
-class Store:
-    """The database of one data directory. Safe to use from several threads of one process."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = Path(path)
-        self._lock = threading.RLock()
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._db = sqlite3.connect(self.path, isolation_level=None, check_same_thread=False, timeout=10)
-            self._db.execute("PRAGMA journal_mode = WAL")
-            self._db.execute("PRAGMA synchronous = FULL")
-            self._db.execute("PRAGMA foreign_keys = ON")
-            self._migrate()
-        except (sqlite3.Error, OSError) as error:
-            raise StoreError(f"{self.path} cannot be used as the service's database: {error}") from error
-
-    def close(self) -> None:
-        with self._lock:
-            self._db.close()
-
-    def __enter__(self) -> Store:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+class ResultStore(Protocol):
+    """Results of all assets, for several threads of one process."""
 
     # -- writing -------------------------------------------------------------------------------------
 
@@ -162,52 +75,23 @@ class Store:
 
         A `report` of None, before the twin's first, leaves what is committed.
         """
-        told = report is not None and record.get("quality") != "refused"
-        shown = plain(figures(report)) if told and report is not None else {}
-        with self._transaction() as db:
-            self._ensure(db, asset)
-            inserted = db.execute(
-                "INSERT OR IGNORE INTO windows VALUES (?, ?, ?, ?)",
-                (asset, start_ns, _dump(record), _dump(shown)),
-            )
-            if inserted.rowcount == 0:
-                return None
-            self._keep(db, asset, state=state, report=report, assembly=assembly, quality=quality)
-            self._add_events(db, asset, events)
-        return StoredWindow(start_ns=start_ns, record=plain(record), figures=shown)
+        ...
 
     def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
         """Takes in what happened outside a window."""
-        with self._transaction() as db:
-            self._ensure(db, asset)
-            self._add_events(db, asset, events)
+        ...
 
     def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:
         """Keeps the rig file's mapping for the asset, in place of an earlier one."""
-        with self._transaction() as db:
-            self._ensure(db, asset)
-            self._keep(db, asset, rig=rig)
+        ...
 
     def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
         """Keeps one measured depth with the twin's answer; both, the inspection with its id and time."""
-        received = time.time_ns()
-        with self._transaction() as db:
-            row = db.execute(
-                "INSERT INTO inspections (asset, received_ns, inspection, answer) VALUES (?, ?, ?, ?)",
-                (asset, received, _dump(inspection), _dump(answer)),
-            )
-            return {"inspection": {"id": row.lastrowid, "received_ns": received, **inspection}, **answer}
+        ...
 
     def add_decision(self, asset: str, name: str, verb: str) -> int:
         """Keeps a decision that waits to be carried out; its id."""
-        with self._transaction() as db:
-            self._ensure(db, asset)
-            row = db.execute(
-                "INSERT INTO decisions (asset, received_ns, name, verb) VALUES (?, ?, ?, ?)",
-                (asset, time.time_ns(), name, verb),
-            )
-            assert row.lastrowid is not None
-            return row.lastrowid
+        ...
 
     def carry_out(
         self,
@@ -218,132 +102,42 @@ class Store:
         events: Iterable[tuple[str, Mapping[str, Any]]],
     ) -> bool:
         """Takes in a decision with all that it changes, whole; False (and nothing changed) where it was done before."""
-        with self._transaction() as db:
-            if not db.execute("UPDATE decisions SET done = 1 WHERE id = ? AND done = 0", (decision.id,)).rowcount:
-                return False
-            self._keep(db, decision.asset, state=state, report=report)
-            self._add_events(db, decision.asset, events)
-            return True
+        ...
 
     def refuse(self, decision: StoredDecision, reason: str) -> None:
         """Ends a decision that cannot be carried out."""
-        with self._transaction() as db:
-            db.execute("UPDATE decisions SET done = 1, refused = ? WHERE id = ? AND done = 0", (reason, decision.id))
+        ...
 
     # -- reading -------------------------------------------------------------------------------------
 
-    def assets(self) -> tuple[str, ...]:
-        return tuple(row[0] for row in self._rows("SELECT asset FROM assets ORDER BY asset"))
+    def assets(self) -> tuple[str, ...]: ...
 
     def asset(self, asset: str) -> StoredAsset:
         """What is committed of the asset; empty where it has never been seen."""
-        columns = "rig, state, report, assembly, quality"
-        rows = self._rows(f"SELECT {columns} FROM assets WHERE asset = ?", (asset,))
-        if not rows:
-            return StoredAsset(asset=asset)
-        rig, state, report, assembly, quality = (_load(text) for text in rows[0])
-        return StoredAsset(asset=asset, rig=rig, state=state, report=report, assembly=assembly, quality=quality)
+        ...
 
     def windows(self, asset: str) -> tuple[StoredWindow, ...]:
         """Every window of the asset in time order."""
-        rows = self._rows("SELECT start_ns, record, figures FROM windows WHERE asset = ? ORDER BY start_ns", (asset,))
-        return tuple(
-            StoredWindow(start_ns=start, record=_load(record), figures=_load(shown)) for start, record, shown in rows
-        )
+        ...
 
     def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:
         """The asset's events with an id above `after`, oldest first."""
-        rows = self._rows(
-            "SELECT id, kind, data FROM events WHERE asset = ? AND id > ? ORDER BY id LIMIT ?",
-            (asset, after, limit),
-        )
-        return tuple(Event(id=i, asset=asset, kind=kind, data=_load(data)) for i, kind, data in rows)
+        ...
 
-    def last_event_id(self, asset: str) -> int:
-        return self._rows("SELECT COALESCE(MAX(id), 0) FROM events WHERE asset = ?", (asset,))[0][0]
+    def last_event_id(self, asset: str) -> int: ...
 
-    def inspections(self, asset: str) -> tuple[Mapping[str, Any], ...]:
-        rows = self._rows(
-            "SELECT id, received_ns, inspection, answer FROM inspections WHERE asset = ? ORDER BY id",
-            (asset,),
-        )
-        return tuple(
-            {"inspection": {"id": i, "received_ns": received, **_load(given)}, **_load(answer)}
-            for i, received, given, answer in rows
-        )
+    def inspections(self, asset: str) -> tuple[Mapping[str, Any], ...]: ...
 
-    def decision(self, number: int) -> StoredDecision:
-        (found,) = self._decisions("WHERE id = ?", (number,))
-        return found
+    def decision(self, number: int) -> StoredDecision: ...
 
     def decisions(self, asset: str) -> tuple[StoredDecision, ...]:
         """All decisions on the asset's effects, oldest first."""
-        return self._decisions("WHERE asset = ? ORDER BY id", (asset,))
+        ...
 
     def decision_counts(self, asset: str) -> dict[str, int]:
         """How many decisions on the asset's effects were carried out, by verb."""
-        query = "SELECT verb, COUNT(*) FROM decisions WHERE asset = ? AND done = 1 AND refused IS NULL GROUP BY verb"
-        return dict(self._rows(query, (asset,)))
+        ...
 
     def pending_decisions(self) -> tuple[StoredDecision, ...]:
         """Those that wait to be carried out, oldest first."""
-        return self._decisions("WHERE done = 0 ORDER BY id")
-
-    # -- within --------------------------------------------------------------------------------------
-
-    def _migrate(self) -> None:
-        (version,) = self._db.execute("PRAGMA user_version").fetchone()
-        if version > len(MIGRATIONS):
-            raise StoreError(
-                f"{self.path} has schema version {version}, this program knows up to {len(MIGRATIONS)}: "
-                "it was written by a newer gear-twin"
-            )
-        for number, script in enumerate(MIGRATIONS[version:], start=version + 1):
-            self._db.executescript(f"BEGIN IMMEDIATE; {script} PRAGMA user_version = {number}; COMMIT;")
-
-    @contextmanager
-    def _transaction(self):
-        with self._lock:
-            self._db.execute("BEGIN IMMEDIATE")
-            try:
-                yield self._db
-            except BaseException:
-                self._db.execute("ROLLBACK")
-                raise
-            self._db.execute("COMMIT")
-
-    def _rows(self, query: str, values: Sequence[Any] = ()) -> list[tuple]:
-        with self._lock:
-            return self._db.execute(query, values).fetchall()
-
-    def _decisions(self, which: str, values: Sequence[Any] = ()) -> tuple[StoredDecision, ...]:
-        rows = self._rows(f"SELECT id, asset, received_ns, name, verb, done, refused FROM decisions {which}", values)
-        return tuple(
-            StoredDecision(id=i, asset=asset, received_ns=ns, name=name, verb=verb, done=bool(done), refused=refused)
-            for i, asset, ns, name, verb, done, refused in rows
-        )
-
-    @staticmethod
-    def _ensure(db: sqlite3.Connection, asset: str) -> None:
-        db.execute("INSERT OR IGNORE INTO assets (asset) VALUES (?)", (asset,))
-
-    @staticmethod
-    def _keep(db: sqlite3.Connection, asset: str, **columns: Mapping[str, Any] | None) -> None:
-        for column, value in columns.items():
-            if value is not None:
-                db.execute(f"UPDATE assets SET {column} = ? WHERE asset = ?", (_dump(value), asset))
-
-    @staticmethod
-    def _add_events(db: sqlite3.Connection, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
-        db.executemany(
-            "INSERT INTO events (asset, kind, data) VALUES (?, ?, ?)",
-            [(asset, kind, _dump(data)) for kind, data in events],
-        )
-
-
-def _dump(value: Any) -> str | None:
-    return None if value is None else json.dumps(plain(value), allow_nan=False, separators=(",", ":"))
-
-
-def _load(text: str | None) -> Any:
-    return None if text is None else json.loads(text)
+        ...

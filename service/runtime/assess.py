@@ -10,6 +10,7 @@ from service.contract.answer import assemble
 from service.errors import FrameError, InputError
 from service.files.rig import checked_rig, load_rig
 from service.runtime.pipeline import Pipeline, WindowOutcome
+from service.runtime.twin_port import Twin, gear_twin
 from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.sources.mcap import Recording
 from service.stream.wire.topics import PREFIX, Channel, topic_of
@@ -27,29 +28,20 @@ def assess(
     asset: str | None = None,
     prefix: str = PREFIX,
     assembly: AssemblySettings = DEFAULT,
-    step: Callable[..., tuple[Any, Any]] | None = None,
+    twin: Twin | None = None,
     enough: Callable[[Sequence[Mapping[str, Any]]], bool] = lambda records: False,
 ) -> dict[str, Any]:
     """The answer of section 4 about a recording's asset; InputError where it cannot be used, or not assessed.
 
-    `enough` ends the reading early, once it holds for the window records so far.
+    twin    its functions; None for the twin itself, with `options`
+    enough  ends the reading early, once it holds for the window records so far
     """
-    if options is None:
-        from twin.step import Options
-
-        options = Options()
     with Recording(path, prefix) as recording:
         asset = choose_asset(recording, asset)
         rig = rig_of(recording, rig_path)
-        records: list[Mapping[str, Any]] = []
-        report: Mapping[str, Any] | None = None
-
-        def keep(outcome: WindowOutcome) -> None:
-            nonlocal report
-            records.append(outcome.record)
-            report = outcome.report
-
-        pipeline = Pipeline(lambda name: rig, options, keep, assembly=assembly, step=step)
+        results = _Results()
+        records = results.records
+        pipeline = Pipeline(lambda name: rig, twin or gear_twin(options), results, assembly=assembly)
 
         def reject(channel: Channel, error: FrameError) -> None:
             if channel.asset == asset:
@@ -65,9 +57,25 @@ def assess(
             pipeline.flush(asset)
         progress(1.0, len(records))
         quality = pipeline.quality(asset) | {"recording": list(recording.faults)}
-        answer = assemble(asset, records, report, quality)
+        answer = assemble(asset, records, results.report, quality)
         _demand_assessment(recording.path, answer)
         return answer
+
+
+class _Results:
+    """A `ResultSink` that keeps the records and the newest report."""
+
+    def __init__(self) -> None:
+        self.records: list[Mapping[str, Any]] = []
+        self.report: Mapping[str, Any] | None = None
+
+    def commit(self, outcome: WindowOutcome) -> bool:
+        self.records.append(outcome.record)
+        self.report = outcome.report
+        return True
+
+    def publish(self, outcome: WindowOutcome) -> None:
+        """Nobody watches."""
 
 
 def choose_asset(recording: Recording, asset: str | None) -> str:

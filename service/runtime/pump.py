@@ -1,17 +1,19 @@
-"""From the inbox through the pipeline: decoding, streams just joined, windows that end in silence."""
+"""From the inbox to the pipeline: decoding, streams just joined, windows that end in silence."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Protocol
 
 from service.errors import FrameError
-from service.runtime.pipeline import Pipeline
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import NS, Frame
 from service.stream.inbox import Arrival, Inbox
 from service.stream.wire.codec import decode
+from service.stream.wire.topics import Channel
 
 _POLL = 0.1  # how often the loop looks whether it should end [s]
 _IDLE_FACTOR = 2.5  # silence, in frames, that cannot be mere jitter
@@ -59,17 +61,40 @@ class _Rhythm:
         return [label for label, (_, when, _) in self._ends.items() if now - max(when, held_until) <= self.limit]
 
 
-class Pump:
-    """Takes arrivals through a pipeline; silence of an asset ends its window."""
+class FrameConsumer(Protocol):
+    """Whom the pump drives: a `Pipeline`, or the service's `Intake` before one."""
 
-    def __init__(self, inbox: Inbox, pipeline: Pipeline, idle_timeout: float = 3.0):
-        self._inbox, self._pipeline, self._idle_timeout = inbox, pipeline, idle_timeout
+    def feed(self, frame: Frame) -> None: ...
+
+    def reject(self, channel: Channel, error: FrameError) -> None: ...
+
+    def flush(self, asset: str) -> None: ...
+
+    def waiting(self, asset: str) -> bool: ...
+
+    def wait_only_for(self, asset: str, labels: Iterable[str]) -> None: ...
+
+
+class Pump:
+    """Takes arrivals to a consumer; silence of an asset ends its window.
+
+    between  called between frames, at least every tenth of a second while no window is in work
+    """
+
+    def __init__(
+        self,
+        inbox: Inbox,
+        consumer: FrameConsumer,
+        idle_timeout: float = 3.0,
+        between: Callable[[], None] = lambda: None,
+    ):
+        self._inbox, self._consumer, self._idle_timeout, self._between = inbox, consumer, idle_timeout, between
         self._rhythms: dict[str, _Rhythm] = {}
 
     def run(self, stop: threading.Event) -> None:
         """Works until told to stop, and then on what has arrived by then.
 
-        An exception of the pipeline ends it; called again, it goes on where it was.
+        An exception of the consumer ends it; called again, it goes on where it was.
         """
         looked = time.monotonic()
         while not stop.is_set() or self._inbox.depth:
@@ -77,7 +102,7 @@ class Pump:
             if arrival is not None:
                 self._take(arrival)
             self._feed_joined(time.monotonic())
-            self._pipeline.attend()
+            self._between()
             if time.monotonic() - looked >= _POLL and not self._inbox.depth and not self._inbox.holding:
                 looked = time.monotonic()
                 for asset, rhythm in self._rhythms.items():
@@ -88,7 +113,7 @@ class Pump:
         try:
             frame = decode(arrival.channel, arrival.payload)
         except FrameError as error:
-            self._pipeline.reject(arrival.channel, error)
+            self._consumer.reject(arrival.channel, error)
             return
         asset = frame.channel.asset
         rhythm = self._rhythms.setdefault(asset, _Rhythm(self._idle_timeout, arrival.received))
@@ -100,19 +125,25 @@ class Pump:
         for rhythm in self._rhythms.values():
             rhythm.joined |= now - rhythm.first >= _JOIN or len(rhythm.held) > _JOIN_FRAMES
             while rhythm.joined and rhythm.held:
-                self._pipeline.feed(rhythm.held.popleft())
+                self._consumer.feed(rhythm.held.popleft())
 
     def _close_silent(self, asset: str, rhythm: _Rhythm, now: float) -> None:
         """Ends the window of a stream that has fallen silent; goes on without keys that have."""
-        if rhythm.held or not self._pipeline.waiting(asset):
+        if rhythm.held or not self._consumer.waiting(asset):
             return
         held_until = self._inbox.held_until
         if now - max(rhythm.newest, held_until) > rhythm.limit:
-            self._pipeline.flush(asset)
+            self._consumer.flush(asset)
         elif now - rhythm.first > rhythm.limit:
-            self._pipeline.wait_only_for(asset, rhythm.heard(now, held_until))
+            self._consumer.wait_only_for(asset, rhythm.heard(now, held_until))
 
 
-def pump(inbox: Inbox, pipeline: Pipeline, stop: threading.Event, idle_timeout: float = 3.0) -> None:
-    """Takes arrivals through the pipeline until told to stop."""
-    Pump(inbox, pipeline, idle_timeout).run(stop)
+def pump(
+    inbox: Inbox,
+    consumer: FrameConsumer,
+    stop: threading.Event,
+    idle_timeout: float = 3.0,
+    between: Callable[[], None] = lambda: None,
+) -> None:
+    """Takes arrivals to a consumer until told to stop."""
+    Pump(inbox, consumer, idle_timeout, between).run(stop)

@@ -12,12 +12,12 @@ import uvicorn
 
 from service.api import create_app
 from service.results.board import Board
-from service.results.store import Store
+from service.results.sqlite_store import SqliteStore
 
 
 @pytest.fixture
 def store(tmp_path):
-    with Store(tmp_path / "twin.sqlite") as opened:
+    with SqliteStore(tmp_path / "twin.sqlite") as opened:
         yield opened
 
 

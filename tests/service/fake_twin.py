@@ -13,6 +13,7 @@ import numpy as np
 
 from service.__main__ import leave
 from service.runtime.serve import run
+from service.runtime.twin_port import Twin
 from service.settings import Settings
 from twin.errors import NotAvailable
 from twin.step import Estimate
@@ -92,7 +93,7 @@ def decide(rig, state, decision, options):
     return state, Estimate(record={}, report={"effects": effects(state.decided)}, events=(event,))
 
 
-TWIN = (step, FakeState, decide)
+TWIN = Twin(step=step, new_state=FakeState, load_state=FakeState.from_dict, decide=decide)
 
 if __name__ == "__main__":
     leave(run(Settings(), twin=TWIN))

@@ -9,7 +9,7 @@ import math
 from datetime import UTC, datetime
 
 from service.results.board import Board
-from service.results.store import Store
+from service.results.sqlite_store import SqliteStore
 
 START_NS = 1_700_000_000_000_000_000
 SHARE = {"combined": 1.0, "pinion": 0.7324, "gear": 0.2676}
@@ -173,7 +173,7 @@ def traced_report(revolutions: float, windows: int) -> dict:
 FAULT = {"kind": "gap", "channel": "accel/y6", "count": 3, "action": "degraded", "detail": "frames 12 to 14"}
 
 
-def quality_of(store: Store, asset: str, grade: str, index: int) -> dict:
+def quality_of(store: SqliteStore, asset: str, grade: str, index: int) -> dict:
     """The section `data_quality` with one more window of a grade."""
     stored = store.asset(asset).quality or {"windows": dict.fromkeys(("good", "degraded", "refused"), 0)}
     windows = {**stored["windows"], grade: stored["windows"][grade] + 1}
@@ -181,7 +181,7 @@ def quality_of(store: Store, asset: str, grade: str, index: int) -> dict:
     return {"windows": windows, "channels": channels, "missing_channels": [], "faults": []}
 
 
-def take(store: Store, board: Board | None, asset: str, index: int, revolutions: float, **changes) -> bool:
+def take(store: SqliteStore, board: Board | None, asset: str, index: int, revolutions: float, **changes) -> bool:
     """One window into store and board, as the service does; False where it was there already."""
     grade, faults = changes.pop("quality", "good"), list(changes.pop("faults", ()))
     given = changes.pop("report", None) or report(revolutions, index + 1)
@@ -207,7 +207,7 @@ def take(store: Store, board: Board | None, asset: str, index: int, revolutions:
     return True
 
 
-def campaign(store: Store, board: Board | None, asset: str = "unsw", windows: int = 14) -> None:
+def campaign(store: SqliteStore, board: Board | None, asset: str = "unsw", windows: int = 14) -> None:
     """A campaign of calibration and measurement windows with one update and one degraded window."""
     rig = {
         "schema": "gear-rig/1",

@@ -75,6 +75,22 @@ def free_port() -> int:
     return first_free(_PORTS)
 
 
+class Sink:
+    """Where a pipeline's outcomes are listed; windows that start at a time in `known` are there already."""
+
+    def __init__(self, outcomes: list, published: list | None = None, known: tuple = ()) -> None:
+        self.outcomes, self.published, self.known = outcomes, [] if published is None else published, known
+
+    def commit(self, outcome) -> bool:
+        if outcome.window.start_time_ns in self.known:
+            return False
+        self.outcomes.append(outcome)
+        return True
+
+    def publish(self, outcome) -> None:
+        self.published.append(outcome)
+
+
 class Service:
     """A service process with the fake twin, and its addresses."""
 

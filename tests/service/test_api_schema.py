@@ -11,7 +11,7 @@ from schemathesis.generation import GenerationMode
 
 from service.api import create_app
 from service.results.board import Board
-from service.results.store import Store
+from service.results.sqlite_store import SqliteStore
 
 EXAMPLES = 20
 BASE = "/v1/assets/{asset}"
@@ -29,7 +29,7 @@ OPERATIONS = [
 
 @pytest.fixture(scope="module")
 def described(tmp_path_factory):
-    board, store = Board(), Store(tmp_path_factory.mktemp("schema") / "twin.sqlite")
+    board, store = Board(), SqliteStore(tmp_path_factory.mktemp("schema") / "twin.sqlite")
     fakes.campaign(store, board, asset="unsw", windows=6)
     fakes.take(store, board, "0", 0, 1.0, report=fakes.little_known_report())
     yield schemathesis.openapi.from_asgi("/openapi.json", create_app(board, store))

@@ -18,7 +18,7 @@ from service_streams import Service, service, wait_until, write_recording
 
 from service.cli import run
 from service.results.decision_queue import DecisionQueue
-from service.results.store import Store
+from service.results.sqlite_store import SqliteStore
 from service.runtime.replay import replay
 
 WINDOWS = 3
@@ -58,7 +58,7 @@ def test_decision_is_done_when_it_is_answered_and_its_event_follows(tmp_path, re
         assert [d["decision"] for d in running.get("/v1/assets/unsw/decisions")] == ["pin"]
         post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "reject"})
         assert running.get("/v1/assets/unsw/effects") == []
-    with Store(tmp_path / "gear-twin.sqlite") as store:
+    with SqliteStore(tmp_path / "gear-twin.sqlite") as store:
         told = [e.data["action"] for e in store.events("unsw", 0) if e.kind == "effect"]
         assert told == ["pin", "reject"]
 
@@ -70,7 +70,7 @@ def test_what_cannot_be_decided_is_refused_with_its_reason(tmp_path, recording):
         status, answer = post(running, "/v1/assets/unsw/effects/tooth_friction", {"decision": "pin"})
         assert status == 409 and "tooth_friction is not in the twin" in answer["detail"]
         status, answer = post(running, "/v1/assets/unsw/effects/tooth_crack", {"decision": "pin"})
-        assert status == 500 and answer["detail"] == "a fault of the program: ZeroDivisionError: a fault"
+        assert status == 500 and answer["detail"] == "internal error: ZeroDivisionError: a fault"
         status, answer = post(running, "/v1/assets/unsw/effects/rust", {"decision": "pin"})
         assert status == 404 and "misalignment" in answer["detail"]
         status, answer = post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "ignore"})
@@ -85,14 +85,14 @@ def test_decision_that_was_kept_before_a_kill_is_carried_out_once_by_the_next_st
         replay(recording, [running.endpoint], 0)
         running.wait_for_windows(WINDOWS)
         running.end(signal.SIGKILL)
-        with Store(tmp_path / "gear-twin.sqlite") as store:
+        with SqliteStore(tmp_path / "gear-twin.sqlite") as store:
             number = DecisionQueue(store).submit("unsw", "misalignment", "pin")
         for _ in range(2):
             running.start()
             wait_until(lambda: counted(running) > 0.5)
             assert counted(running) == pytest.approx(1)
             running.end(signal.SIGKILL)
-        with Store(tmp_path / "gear-twin.sqlite") as store:
+        with SqliteStore(tmp_path / "gear-twin.sqlite") as store:
             assert store.decision(number).done and not store.pending_decisions()
     finally:
         running.end(signal.SIGKILL)

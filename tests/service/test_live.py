@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from service_streams import RIG, free_port, wait_until
 
-from service.runtime.live import Guard, OfferedRigs
-from service.stream.sources.zenoh import open_session
+from service.runtime.rigs import OfferedRigs
+from service.transport.guard import Guard
+from service.transport.zenoh import ZenohTransport, open_session
 
 
 def test_fault_of_a_callback_is_counted_and_goes_no_further(caplog):
@@ -23,7 +24,7 @@ def session():
 
 
 def test_rig_file_is_taken_from_who_publishes_and_from_who_answers(session):
-    with OfferedRigs(session, "gearbox", Guard()) as offered:
+    with OfferedRigs(ZenohTransport(session)).watching() as offered:
         assert offered.find("a") is None
         session.put("gearbox/a/rig", RIG.read_bytes())
         wait_until(lambda: offered.find("a"))
@@ -41,7 +42,7 @@ def test_rig_file_is_taken_from_who_publishes_and_from_who_answers(session):
     [(b"[gears", "not TOML"), (b"[gears]\nmodul = 2", "gears.modul"), (b"\xff", "not TOML")],
 )
 def test_rig_file_that_cannot_be_used_is_told_and_left(session, caplog, text, told):
-    with OfferedRigs(session, "gearbox", Guard()) as offered:
+    with OfferedRigs(ZenohTransport(session)).watching() as offered:
         session.put("gearbox/a/rig", text)
         wait_until(lambda: told in caplog.text)
         assert offered.find("a") is None

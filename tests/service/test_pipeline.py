@@ -8,11 +8,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from service_streams import Sink
 from streams import ACCEL, ASSET, CHANNELS, TORQUE, bursts
 
 from service.contract.answer import RECORD_FIELDS, assemble, iso_time, not_available, refused_record
 from service.errors import FrameError
 from service.runtime.pipeline import Checkpoint, Pipeline
+from service.runtime.twin_port import Twin
 from twin.errors import NotConverged, WindowError
 from twin.rig import Rig
 
@@ -32,16 +34,14 @@ class Count:
         return {"n": state["n"] + 1}, estimate
 
 
+def counting(step):
+    return Twin(step=step, new_state=lambda: {"n": 0}, load_state=dict)
+
+
 def run(frames, step, rig=None, flush=True):
     outcomes, published = [], []
-    pipeline = Pipeline(
-        lambda asset: Rig.from_mapping(rig or {}),
-        None,
-        outcomes.append,
-        published.append,
-        step=step,
-        new_state=lambda: {"n": 0},
-    )
+    sink = Sink(outcomes, published)
+    pipeline = Pipeline(lambda asset: Rig.from_mapping(rig or {}), counting(step), sink)
     for frame in frames:
         pipeline.feed(frame)
     if flush:
@@ -139,9 +139,7 @@ def test_a_run_goes_on_from_its_checkpoint_as_if_never_stopped():
     first, _ = run(frames[:80], Count(), flush=False)
     last = first[-1]
     outcomes = list(first)
-    second = Pipeline(
-        lambda asset: Rig.from_mapping({}), None, outcomes.append, step=Count(), new_state=lambda: {"n": 0}
-    )
+    second = Pipeline(lambda asset: Rig.from_mapping({}), counting(Count()), Sink(outcomes))
     second.restore(
         ASSET,
         Checkpoint(
@@ -155,6 +153,31 @@ def test_a_run_goes_on_from_its_checkpoint_as_if_never_stopped():
     assert [o.record for o in outcomes] == [o.record for o in whole]
     assert [o.report for o in outcomes] == [o.report for o in whole]
     assert second.quality(ASSET)["windows"] == whole_pipeline.quality(ASSET)["windows"]
+
+
+def test_a_window_that_was_committed_before_leaves_state_number_and_quality_alone():
+    first, _ = run(bursts(1), Count())
+    outcomes, published = [], []
+    sink = Sink(outcomes, published, known=(first[0].window.start_time_ns,))
+    pipeline = Pipeline(lambda asset: Rig.from_mapping({}), counting(Count()), sink)
+    for frame in bursts(3):
+        pipeline.feed(frame)
+    pipeline.flush()
+    assert [o.state for o in outcomes] == [{"n": 1}, {"n": 2}]
+    assert [o.index for o in outcomes] == [0, 1] and published == outcomes
+    assert pipeline.quality(ASSET)["windows"]["good"] == 2
+
+
+def test_a_window_that_cannot_be_committed_leaves_the_state_alone():
+    class Full(Sink):
+        def commit(self, outcome):
+            raise OSError("no space left on device")
+
+    pipeline = Pipeline(lambda asset: Rig.from_mapping({}), counting(Count()), Full([]))
+    with pytest.raises(OSError):
+        for frame in bursts(8):
+            pipeline.feed(frame)
+    assert pipeline.quality(ASSET)["windows"]["good"] == 0
 
 
 def test_the_answer_has_every_part_even_before_the_first_window():

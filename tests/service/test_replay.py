@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
-from service_streams import free_port
+from service_streams import Sink, free_port
 from streams import ASSET, bursts, content
 
 from service.errors import DeliveryError, InputError
@@ -17,13 +17,14 @@ from service.runtime.pipeline import Checkpoint, Pipeline
 from service.runtime.pump import pump
 from service.runtime.record import record
 from service.runtime.replay import paced, replay, shuffled, twice
+from service.runtime.twin_port import Twin
 from service.stream.assembly import Assembler
 from service.stream.inbox import Inbox
 from service.stream.sources.mcap import RawFrame, read_windows
 from service.stream.sources.mcap_write import RecordingWriter
-from service.stream.sources.zenoh import ZenohSource, open_session
 from service.stream.wire.codec import encode, encoding_of
 from service.stream.wire.topics import topic_of
+from service.transport.zenoh import ZenohTransport, open_session
 from twin.rig import Rig
 
 IDLE = 1.5  # [s]
@@ -57,20 +58,15 @@ MACHINE = {
 
 def make_pipeline(outcomes):
     """A pipeline that knows the machine's channels: keys of a stream may arrive one after the other."""
-    return Pipeline(
-        lambda asset: Rig.from_mapping(MACHINE),
-        None,
-        outcomes.append,
-        step=count_windows,
-        new_state=lambda: {"n": 0},
-    )
+    twin = Twin(step=count_windows, new_state=lambda: {"n": 0}, load_state=dict)
+    return Pipeline(lambda asset: Rig.from_mapping(MACHINE), twin, Sink(outcomes))
 
 
 @contextmanager
 def receiving(endpoint, pipeline):
     """A router with a pipeline behind it, in this process."""
     inbox, stop = Inbox(), threading.Event()
-    with open_session(listen=[endpoint]) as session, ZenohSource(session).subscribe(inbox):
+    with open_session(listen=[endpoint]) as session, ZenohTransport(session).subscribe(inbox):
         thread = threading.Thread(target=pump, args=(inbox, pipeline, stop, IDLE))
         thread.start()
         try:
@@ -182,7 +178,9 @@ def test_a_recorded_stream_has_the_windows_of_what_was_replayed(recording, endpo
     with open_session(listen=[endpoint]) as session:
         written = []
         thread = threading.Thread(
-            target=lambda: written.append(record(ZenohSource(session), inbox, out, stop=stop, rig_text=b"name = 'a'\n"))
+            target=lambda: written.append(
+                record(ZenohTransport(session), inbox, out, stop=stop, rig_text=b"name = 'a'\n")
+            )
         )
         thread.start()
         replay(recording, [endpoint], 0)

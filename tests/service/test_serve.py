@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from functools import partial
 
 import fake_twin
@@ -21,7 +22,7 @@ from service.runtime.assess import assess
 from service.runtime.replay import replay, shuffled, twice
 from service.runtime.serve import run
 from service.settings import Settings
-from service.stream.sources.zenoh import open_session
+from service.transport.zenoh import open_session
 
 WINDOWS = 6
 
@@ -33,7 +34,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def assessed(recording):
-    return plain(assess(recording, step=fake_twin.step))
+    return plain(assess(recording, twin=fake_twin.TWIN))
 
 
 @pytest.mark.parametrize(
@@ -244,7 +245,7 @@ def test_fault_of_the_program_costs_its_window_and_ends_nothing_else(tmp_path, r
     failed, stop, addresses = [], threading.Event(), []
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     settings = Settings(http="127.0.0.1:0", listen=[endpoint], data=tmp_path, idle_timeout=0.7)
-    given = {"twin": (failing, fake_twin.FakeState), "stop": stop, "announce": addresses.append}
+    given = {"twin": replace(fake_twin.TWIN, step=failing), "stop": stop, "announce": addresses.append}
     serving = threading.Thread(target=run, args=(settings,), kwargs=given)
     serving.start()
     try:
@@ -257,4 +258,4 @@ def test_fault_of_the_program_costs_its_window_and_ends_nothing_else(tmp_path, r
         stop.set()
         serving.join(15)
     assert [w["quality"] for w in windows].count("refused") == 1
-    assert "a fault of the program: ZeroDivisionError: a defect" in windows[2]["reason"]
+    assert "internal error: ZeroDivisionError: a defect" in windows[2]["reason"]

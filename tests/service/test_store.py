@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 import service_fakes as fakes
 
+from service.errors import StoreError
 from service.results.board import Board
-from service.results.store import MIGRATIONS, Store, StoreError
+from service.results.sqlite_store import MIGRATIONS, SqliteStore
 
 ROOT = Path(__file__).parents[2]
 
@@ -90,19 +91,19 @@ def test_database_is_in_wal_mode_and_carries_its_schema_version(store):
 
 def test_database_of_a_newer_program_is_refused(tmp_path):
     path = tmp_path / "twin.sqlite"
-    Store(path).close()
+    SqliteStore(path).close()
     with sqlite3.connect(path) as peek:
         peek.execute(f"PRAGMA user_version = {len(MIGRATIONS) + 5}")
     peek.close()
     with pytest.raises(StoreError, match=f"schema version {len(MIGRATIONS) + 5}.*newer"):
-        Store(path)
+        SqliteStore(path)
 
 
 def test_file_that_is_no_database_is_refused_by_name(tmp_path):
     path = tmp_path / "twin.sqlite"
     path.write_bytes(b"not a database at all, but long enough to be read as one" * 40)
     with pytest.raises(StoreError, match=r"twin\.sqlite cannot be used.*not a database"):
-        Store(path)
+        SqliteStore(path)
 
 
 def test_board_from_the_store_equals_the_board_that_was_published(store):
@@ -118,8 +119,8 @@ import sys
 from pathlib import Path
 sys.path[:0] = sys.argv[2:4]
 import service_fakes as fakes
-from service.results.store import Store
-store = Store(Path(sys.argv[1]))
+from service.results.sqlite_store import SqliteStore
+store = SqliteStore(Path(sys.argv[1]))
 index = len(store.windows("unsw"))
 while True:
     assert fakes.take(store, None, "unsw", index, 100.0 * index)
@@ -141,7 +142,7 @@ def test_killed_process_loses_no_acknowledged_window_and_counts_none_twice(tmp_p
             os.kill(writer.pid, signal.SIGKILL)  # between commits or within one
             acknowledged = int([str(acknowledged), *writer.stdout.read().split()][-1])
         assert writer.returncode == -signal.SIGKILL
-        with Store(path) as store:
+        with SqliteStore(path) as store:
             indices = [w.record["index"] for w in store.windows("unsw")]
             assert indices == list(range(len(indices)))
             assert len(indices) in (acknowledged + 1, acknowledged + 2)  # the last may be in, not yet said

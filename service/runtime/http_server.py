@@ -1,0 +1,94 @@
+"""HTTP in the main thread: a bound socket, and a server that ends on a signal with open event streams."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import uvicorn
+
+from service.errors import InputError
+
+HTTP_WAIT = 2  # how long open requests are waited for at the end [s]
+
+
+class HttpServer(uvicorn.Server):
+    """Uvicorn that ends on SIGINT and SIGTERM without raising them again, open event streams included.
+
+    started  called once the server accepts requests
+    ending   called at the end, before open requests are waited for
+    stop     ends the server when set; None where only signals end it
+    """
+
+    def __init__(
+        self,
+        app: Any,
+        *,
+        started: Callable[[], None],
+        ending: Callable[[], None],
+        stop: threading.Event | None = None,
+    ) -> None:
+        config = uvicorn.Config(
+            app, log_level="warning", access_log=False, timeout_graceful_shutdown=HTTP_WAIT, lifespan="off"
+        )
+        super().__init__(config)
+        self._started, self._ending, self._stop = started, ending, stop
+
+    def end(self) -> None:
+        """Ends the server, from any thread."""
+        self.should_exit = True
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Starts to accept requests."""
+        await super().startup(sockets)
+        if not self.should_exit:
+            self._started()
+
+    async def on_tick(self, counter: int) -> bool:
+        """Whether the server should end."""
+        if self._stop is not None and self._stop.is_set():
+            self.should_exit = True
+        return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Ends event streams, then waits for open requests."""
+        self._ending()
+        await super().shutdown(sockets)
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Ends the server on SIGINT and SIGTERM while inside."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {s: signal.signal(s, self.handle_exit) for s in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+@contextmanager
+def listening_at(host: str, port: int) -> Iterator[socket.socket]:
+    """A bound socket; InputError where the address cannot be had. Port 0 takes any that is free."""
+    listening = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((host, port))
+    except (OSError, OverflowError) as error:
+        listening.close()
+        what = (getattr(error, "strerror", None) or str(error)).lower()
+        raise InputError(f"HTTP cannot be served at {host}:{port}: {what}") from None
+    with listening:
+        yield listening
+
+
+def address_of(listening: socket.socket) -> str:
+    """The page's address at a bound socket."""
+    host, port = listening.getsockname()[:2]
+    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"

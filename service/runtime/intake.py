@@ -1,0 +1,81 @@
+"""What the service does with frames between the pump and the pipeline: learning, and counters that are shown."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+
+from service.errors import FrameError
+from service.runtime.learning_phase import LearningPhase
+from service.runtime.pipeline import Pipeline
+from service.stream.frames import Frame
+from service.stream.wire.topics import Channel
+
+SHOW_EVERY = 1.0  # how often counters are shown while frames come [s]
+
+
+class Intake:
+    """Hands frames to the pipeline, and shows each asset's counters once a second while frames come."""
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        show_quality: Callable[[str], None],
+        *,
+        learning: LearningPhase | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._pipeline, self._show_quality, self._clock = pipeline, show_quality, clock
+        self._learning = learning or LearningPhase()
+        self._known = set(pipeline.assets)
+        self._shown: dict[str, float] = {}  # when an asset's counters were shown; absent where they are up to date
+
+    def feed(self, frame: Frame) -> None:
+        """Takes one frame in."""
+        asset, now = frame.channel.asset, self._clock()
+        if asset not in self._known:
+            self._pipeline.open(asset)  # looks for the rig file now: who offers it may be gone later
+            self._known.add(asset)
+            self._learning.begin(asset, now)
+        if not self._learning.holds(asset):
+            self._pipeline.feed(frame)
+        elif not self._feed_all(self._learning.add(frame, now)):
+            return
+        if self._clock() - self._shown.get(asset, float("-inf")) > SHOW_EVERY:
+            self._show(asset)
+
+    def reject(self, channel: Channel, error: FrameError) -> None:
+        """Counts a frame that breaks the contract."""
+        self._pipeline.reject(channel, error)
+        self._known.add(channel.asset)
+        self._show(channel.asset)
+
+    def flush(self, asset: str) -> None:
+        """Closes the asset's window in progress, after silence."""
+        self._feed_all(self._learning.end(asset))
+        self._pipeline.flush(asset)
+
+    def waiting(self, asset: str) -> bool:
+        """Whether frames of the asset wait. Asked in silence: the counters of the last frames are shown now."""
+        if self._learning.holds(asset) or self._pipeline.waiting(asset):
+            return True
+        if asset in self._shown:
+            self._show(asset)
+            del self._shown[asset]
+        return False
+
+    def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
+        """Lets the asset's windows close without the channels that have fallen silent."""
+        self._pipeline.wait_only_for(asset, labels)
+
+    def _feed_all(self, frames: Iterable[Frame]) -> bool:
+        """Whether there were any."""
+        fed = False
+        for frame in frames:
+            self._pipeline.feed(frame)
+            fed = True
+        return fed
+
+    def _show(self, asset: str) -> None:
+        self._shown[asset] = self._clock()
+        self._show_quality(asset)

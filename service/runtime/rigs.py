@@ -1,0 +1,159 @@
+"""Which rig file an asset has, and what happens where it is not the one that the asset's state was learned with.
+
+The rig file of the settings goes before the stored one, and that before one offered on the network. A state that was
+learned with other gears says nothing about these: the service refuses to go on. Any other change is adopted, and an
+event tells what has changed.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from service.errors import InputError
+from service.files.rig import checked_rig
+from service.results.board import Board
+from service.results.store import ResultStore, StoredAsset
+from service.transport.protocol import Transport
+from twin.rig import Rig
+
+log = logging.getLogger(__name__)
+
+RIG_WAIT = 1.0  # how long a rig file is asked for [s]
+IDENTITY = "gears."  # keys that make a machine another one
+MOST_NAMED = 6  # changed keys that a message names
+_ABSENT = object()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigChange:
+    """How a rig file differs from an earlier one: lines such as `gears.pinion.teeth = 23 (was 19)`."""
+
+    identity: tuple[str, ...] = ()  # given before, and given otherwise or not at all now
+    other: tuple[str, ...] = ()
+
+
+def rig_change(before: Mapping[str, Any], now: Mapping[str, Any]) -> RigChange:
+    """What differs between two rig files; a key that only adds what was not known before changes no identity."""
+    old, new = dict(_flat(before)), dict(_flat(now))
+    identity: list[str] = []
+    other: list[str] = []
+    for key in sorted(old.keys() | new.keys()):
+        was, value = old.get(key, _ABSENT), new.get(key, _ABSENT)
+        if was != value:
+            line = f"{key} {_said(value)} (was {_said(was)})"
+            (identity if key.startswith(IDENTITY) and was is not _ABSENT else other).append(line)
+    return RigChange(identity=tuple(identity), other=tuple(other))
+
+
+def demand_same_gears(stored: StoredAsset, rig: Mapping[str, Any], where: str) -> None:
+    """InputError where an asset's state was learned with other gears than a rig file describes."""
+    if stored.rig is None or stored.state is None:
+        return
+    lines = rig_change(stored.rig, rig).identity
+    if lines:
+        raise InputError(
+            f"{where}: {_named(lines)}, but the stored state of {stored.asset} was learned with the earlier value: "
+            "give the earlier rig file, or another --data directory for other gears"
+        )
+
+
+class Rigs:
+    """The rig files of all assets."""
+
+    def __init__(self, store: ResultStore, board: Board, given: Mapping[str, Any] | None, where: str = "rig") -> None:
+        """given  the rig file of the settings, read from `where`"""
+        self._store, self._board, self._given, self._where = store, board, given, where
+
+    def check(self) -> None:
+        """InputError where the rig file of the settings does not fit a stored state."""
+        if self._given is not None:
+            for asset in self._store.assets():
+                demand_same_gears(self._store.asset(asset), self._given, self._where)
+
+    def of(self, asset: str, offered: OfferedRigs) -> Rig:
+        """The rig of an asset; one of which nothing is known where there is none."""
+        stored = self._store.asset(asset)
+        rig = self._given or stored.rig or offered.find(asset)
+        if rig is None:
+            log.warning("no rig file is known for %s: only what needs none will be available", asset)
+            return Rig.from_mapping({})
+        checked = checked_rig(rig, f"rig of {asset}")
+        if rig != stored.rig:
+            demand_same_gears(stored, rig, self._where)
+            self._adopt(stored, rig)
+        self._board.update(asset, rig=rig)
+        return checked
+
+    def _adopt(self, stored: StoredAsset, rig: Mapping[str, Any]) -> None:
+        """Keeps a rig file, with an event where it replaces the one that a state was learned with."""
+        if stored.rig is not None and stored.state is not None:
+            lines = rig_change(stored.rig, rig).other
+            detail = f"the rig file has changed since the stored state was learned: {_named(lines)}"
+            log.warning("%s: %s", stored.asset, detail)
+            fault = {
+                "window": None, "kind": "rig_changed", "channel": "rig", "count": len(lines), "action": "none",
+                "detail": detail,
+            }  # fmt: skip
+            self._store.note(stored.asset, [("data_fault", fault)])
+            self._board.update(stored.asset, last_event_id=self._store.last_event_id(stored.asset))
+        self._store.keep_rig(stored.asset, rig)
+
+
+class OfferedRigs:
+    """Rig files that others offer on the network: a replay offers its recording's there."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._offered: dict[str, dict[str, Any]] = {}
+        self._lock = threading.Lock()
+
+    @contextmanager
+    def watching(self) -> Iterator[OfferedRigs]:
+        """Remembers what is published until left."""
+        with self._transport.watch_rigs(self._received):
+            yield self
+
+    def find(self, asset: str) -> Mapping[str, Any] | None:
+        """The rig file offered for the asset, asked for where none has come; None where there is none."""
+        with self._lock:
+            if asset in self._offered:
+                return self._offered[asset]
+        for text in self._transport.ask_rig(asset, RIG_WAIT):
+            self._received(asset, text)
+        with self._lock:
+            return self._offered.get(asset)
+
+    def _received(self, asset: str, text: bytes) -> None:
+        try:
+            mapping = tomllib.loads(text.decode("utf-8"))
+            checked_rig(mapping, f"rig of {asset}")
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            log.error("the rig file offered for %s is not TOML: %s", asset, error)
+        except InputError as error:
+            log.error("the rig file offered for %s cannot be used: %s", asset, error)
+        else:
+            with self._lock:
+                self._offered[asset] = mapping
+
+
+def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in mapping.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _said(value: Any) -> str:
+    return "absent" if value is _ABSENT else f"= {value}"
+
+
+def _named(lines: tuple[str, ...]) -> str:
+    more = f" and {len(lines) - MOST_NAMED} more" if len(lines) > MOST_NAMED else ""
+    return ", ".join(lines[:MOST_NAMED]) + more

@@ -1,0 +1,48 @@
+"""Where the service's outcomes go: into the store, then onto the board and the network."""
+
+from __future__ import annotations
+
+import logging
+
+from service.results.board import Board
+from service.results.store import ResultStore, StoredWindow
+from service.runtime.pipeline import WindowOutcome
+from service.runtime.state_publication import StatePublication
+
+log = logging.getLogger(__name__)
+
+
+class ServiceSink:
+    """A `ResultSink` over store, board and network."""
+
+    def __init__(self, store: ResultStore, board: Board, publication: StatePublication) -> None:
+        self._store, self._board, self._publication = store, board, publication
+        self._committed: StoredWindow | None = None
+
+    def commit(self, outcome: WindowOutcome) -> bool:
+        """Keeps a window with everything that a restart needs, in one transaction."""
+        self._committed = self._store.commit(
+            outcome.asset,
+            outcome.window.start_time_ns,
+            record=outcome.record,
+            state=outcome.state.to_dict(),
+            report=outcome.report,
+            assembly=outcome.assembly,
+            quality=outcome.quality,
+            events=outcome.events,
+        )
+        if self._committed is None:
+            log.error("%s: window %s had been committed before", outcome.asset, outcome.record["start_time"])
+        return self._committed is not None
+
+    def publish(self, outcome: WindowOutcome) -> None:
+        """Shows the window that was committed last."""
+        assert self._committed is not None
+        self._board.add_window(
+            outcome.asset,
+            self._committed,
+            report=outcome.report,
+            quality=outcome.quality,
+            last_event_id=self._store.last_event_id(outcome.asset),
+        )
+        self._publication.publish(outcome.asset)

@@ -1,0 +1,33 @@
+"""The board's assets on a network: each state is published at each change and answers queries."""
+
+from __future__ import annotations
+
+import json
+
+from service.results.board import Board
+from service.transport.protocol import Transport
+
+
+class StatePublication:
+    """States of the board as texts for a transport; a `StateSource`."""
+
+    def __init__(self, transport: Transport, board: Board) -> None:
+        self._transport, self._board = transport, board
+        for asset in board.assets():
+            transport.announce(asset)
+
+    def assets(self) -> tuple[str, ...]:
+        """The assets that have a state."""
+        return self._board.assets()
+
+    def state_text(self, asset: str) -> str | None:
+        """The asset's state as the board has it."""
+        snapshot = self._board.get(asset)
+        return None if snapshot is None else json.dumps(snapshot.whole, allow_nan=False)
+
+    def publish(self, asset: str) -> None:
+        """Publishes the asset's state as the board has it."""
+        text = self.state_text(asset)
+        if text is not None:
+            self._transport.announce(asset)
+            self._transport.publish_state(asset, text)

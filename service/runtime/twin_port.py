@@ -1,0 +1,92 @@
+"""The twin as the loop sees it: it takes a window or a decision, and gives a new state and an answer for people.
+
+`Twin` holds the functions of `twin.step`; the tests put others in their place. What the core computes becomes names
+and units of the contract here, on its way out of the core, and nowhere later.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from service.errors import FAULT
+from service.json_text import plain
+from twin.errors import NotAvailable, TwinError
+from twin.rig import Rig
+from twin.tracing.decisions import Decision
+from twin.windows import Window
+
+log = logging.getLogger(__name__)
+
+Events = tuple[tuple[str, Mapping[str, Any]], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What the twin says after a window or a decision; JSON-safe."""
+
+    record: Mapping[str, Any]  # of the window; empty after a decision
+    report: Mapping[str, Any]  # the parts of the answer
+    events: Events  # kind and data
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Twin:
+    """The functions of one twin and the options that they are called with."""
+
+    step: Callable[..., tuple[Any, Any]]  # (rig, state, window, options) → state, estimate
+    new_state: Callable[[], Any]
+    load_state: Callable[[Mapping[str, Any]], Any]  # from what `state.to_dict()` gave, of this or an earlier version
+    decide: Callable[..., tuple[Any, Any]] | None = None  # (rig, state, decision, options) → state, estimate
+    options: Any = None
+
+    def process(self, rig: Rig, state: Any, window: Window) -> tuple[Any, Answer]:
+        """One window; TwinError where it cannot be used."""
+        state, estimate = self.step(rig, state, window, self.options)
+        return state, _answer(estimate)
+
+    def apply(self, rig: Rig, state: Any, decision: Decision) -> tuple[Any, Answer]:
+        """An engineer's decision on an effect; TwinError where it cannot be followed."""
+        if self.decide is None:
+            raise NotAvailable("this twin accepts no decisions")
+        state, estimate = self.decide(rig, state, decision, self.options)
+        return state, _answer(estimate)
+
+
+def gear_twin(options: Any = None) -> Twin:
+    """The twin itself, imported where it is first needed."""
+    from twin.step import Options, State, decide, step
+
+    return Twin(step=step, new_state=State, load_state=State.from_dict, decide=decide, options=options or Options())
+
+
+def guarded(twin: Twin, on_fault: Callable[[], None]) -> Twin:
+    """The twin, with an internal error costing only the window or decision in which it occurred.
+
+    on_fault  called for each
+    """
+
+    def barrier(call: Callable[..., tuple[Any, Any]]) -> Callable[..., tuple[Any, Any]]:
+        def called(*given: Any) -> tuple[Any, Any]:
+            try:
+                return call(*given)
+            except TwinError:
+                raise
+            except Exception as error:
+                on_fault()
+                log.exception("a window or decision was refused because of an internal error")
+                raise TwinError(f"{FAULT}: {type(error).__name__}: {error}") from error
+
+        return called
+
+    return replace(twin, step=barrier(twin.step), decide=None if twin.decide is None else barrier(twin.decide))
+
+
+def _answer(estimate: Any) -> Answer:
+    return Answer(
+        record=plain(estimate.record),
+        report=plain(estimate.report),
+        events=tuple((kind, plain(data)) for kind, data in estimate.events),
+    )

@@ -1,0 +1,167 @@
+"""The thread that owns the network's connection and the pipeline."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+
+from service.errors import NotReachable, StoreError
+from service.results.board import Board
+from service.results.decision_queue import DecisionQueue
+from service.results.store import ResultStore
+from service.runtime.decisions import DecisionWorker, Ended
+from service.runtime.intake import Intake
+from service.runtime.pipeline import Checkpoint, Pipeline, assembly_settings
+from service.runtime.pump import pump
+from service.runtime.rigs import OfferedRigs, Rigs
+from service.runtime.service_sink import ServiceSink
+from service.runtime.state_publication import StatePublication
+from service.runtime.twin_port import Twin, guarded
+from service.settings import Settings
+from service.stream.inbox import Inbox
+from service.transport.protocol import OpenTransport, Transport
+from twin.errors import TwinError
+
+STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
+
+
+class Worker(threading.Thread):
+    """From the connection to the results, until stopped.
+
+    on_end   called when the thread ends, for whatever reason
+    failure  the exception that ended it; None where it was stopped
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        store: ResultStore,
+        board: Board,
+        queue: DecisionQueue,
+        rigs: Rigs,
+        twin: Twin,
+        open_transport: OpenTransport,
+    ) -> None:
+        super().__init__(name="twin", daemon=True)
+        self._settings, self._store, self._board, self._queue = settings, store, board, queue
+        self._rigs, self._twin, self._open_transport = rigs, guarded(twin, self._count_fault), open_transport
+        self._inbox = Inbox(
+            frames=settings.queue_frames,
+            max_bytes=settings.queue_bytes,
+            wait=settings.queue_wait,
+            prefix=settings.prefix,
+        )
+        self._stopping = threading.Event()
+        self._reason: str | None = "not yet subscribed to the stream"
+        self._transport: Transport | None = None
+        self._faults = 0
+        self.on_end: Callable[[], None] = lambda: None
+        self.failure: Exception | None = None
+
+    def run(self) -> None:
+        """Works until stopped."""
+        try:
+            with self._connection() as transport:
+                self._transport = transport
+                self._serve(transport)
+        except Ended:
+            pass
+        except Exception as error:
+            self.failure = error
+        finally:
+            self._reason = "the subscription to the stream has ended"
+            self._queue.close()
+            self.on_end()
+
+    def stop(self) -> None:
+        """Tells the thread to end after the current window."""
+        self._stopping.set()
+        self._inbox.close()
+        self._queue.close()
+
+    def end(self) -> None:
+        """Ends the thread; a window that takes longer than a few seconds is left to the next start.
+
+        The thread's connection is then still open, and only ends with the process: see `service.__main__.leave`.
+        """
+        self.stop()
+        self.join(STOP_WAIT)
+
+    def not_ready(self) -> str | None:
+        """Why no frames are accepted, or None."""
+        return self._reason
+
+    def gauges(self) -> dict[str, float]:
+        """Figures of the process for /metrics."""
+        network = self._transport.counters() if self._transport else {}
+        return {
+            "queue_frames": self._inbox.depth,
+            "received_frames": self._inbox.received,
+            "dropped_frames": self._inbox.dropped_frames,
+            "missed_frames": network.get("missed_frames", 0),
+            "callback_errors": self._inbox.errors + network.get("callback_errors", 0),
+            "program_faults": self._faults,
+        }
+
+    @contextmanager
+    def _connection(self) -> Iterator[Transport]:
+        """An open connection; one that is not reachable yet is tried again as long as it takes."""
+        with ExitStack() as stack:
+            while True:
+                try:
+                    transport = stack.enter_context(self._open_transport())
+                    break
+                except NotReachable as error:
+                    self._reason = str(error)
+                if self._stopping.is_set():
+                    raise Ended
+            yield transport
+
+    def _serve(self, transport: Transport) -> None:
+        publication = StatePublication(transport, self._board)
+        with OfferedRigs(transport).watching() as offered, transport.answer_states(publication):
+            pipeline = Pipeline(
+                lambda asset: self._rigs.of(asset, offered),
+                self._twin,
+                ServiceSink(self._store, self._board, publication),
+                assembly=assembly_settings(self._settings),
+            )
+            restore(pipeline, self._store, self._twin)
+            intake = Intake(pipeline, lambda asset: self._show_quality(pipeline, asset))
+            decisions = DecisionWorker(self._queue, pipeline, self._store, self._board, publication, self._stopping)
+            with transport.subscribe(self._inbox):
+                self._reason = None
+                pump(self._inbox, intake, self._stopping, self._settings.idle_timeout, between=decisions)
+
+    def _show_quality(self, pipeline: Pipeline, asset: str) -> None:
+        self._board.update(asset, quality=pipeline.quality(asset))
+
+    def _count_fault(self) -> None:
+        self._faults += 1
+
+
+def restore(pipeline: Pipeline, store: ResultStore, twin: Twin) -> None:
+    """Goes on where the store's assets ended; StoreError where a state cannot be read."""
+    for asset in store.assets():
+        stored = store.asset(asset)
+        if stored.state is None or stored.assembly is None or stored.quality is None:
+            continue
+        try:
+            state = twin.load_state(stored.state)
+        except (TwinError, LookupError, TypeError, ValueError) as error:
+            raise StoreError(
+                f"the stored state of {asset} cannot be read ({type(error).__name__}: {error}): it was written by "
+                "another version of gear-twin; use that version, or another --data directory"
+            ) from error
+        last = store.windows(asset)[-1].record
+        pipeline.restore(
+            asset,
+            Checkpoint(
+                index=last["index"],
+                state=state,
+                report=stored.report,
+                assembly=stored.assembly,
+                quality=stored.quality,
+            ),
+        )

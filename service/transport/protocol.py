@@ -1,0 +1,83 @@
+"""What the service and the replay ask of a network, whatever its kind.
+
+A network is added by one file in this folder that implements `Transport` (and `FramePublisher`, where recordings are
+to be replayed over it), and is handed to `service.runtime.serve.run`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
+from typing import Protocol
+
+from service.stream.inbox import Inbox
+from service.stream.sources.mcap import RawFrame
+from service.stream.wire.topics import Channel
+
+
+class StateSource(Protocol):
+    """Whose states are answered to queries."""
+
+    def assets(self) -> tuple[str, ...]: ...
+
+    def state_text(self, asset: str) -> str | None:
+        """The asset's state as JSON text; None where the asset is not known."""
+        ...
+
+
+class Transport(Protocol):
+    """One open connection to a network. Callbacks may run in threads of the network."""
+
+    def subscribe(self, inbox: Inbox) -> AbstractContextManager[object]:
+        """Puts every frame of every asset into the inbox until left."""
+        ...
+
+    def answer_states(self, source: StateSource) -> AbstractContextManager[object]:
+        """Answers queries for states until left."""
+        ...
+
+    def publish_state(self, asset: str, text: str) -> None:
+        """Publishes an asset's state, JSON text."""
+        ...
+
+    def announce(self, asset: str) -> None:
+        """Shows that this service serves the asset, until the connection is closed; repeated calls change nothing."""
+        ...
+
+    def watch_rigs(self, received: Callable[[str, bytes], None]) -> AbstractContextManager[object]:
+        """Passes on each rig file that somebody publishes, as asset and TOML text, until left."""
+        ...
+
+    def ask_rig(self, asset: str, seconds: float) -> Iterable[bytes]:
+        """The rig files that somebody offers for the asset within a time [s], TOML text."""
+        ...
+
+    def counters(self) -> Mapping[str, int]:
+        """`missed_frames` that the network knows of, and `callback_errors`."""
+        ...
+
+
+OpenTransport = Callable[[], AbstractContextManager[Transport]]
+"""Opens a connection. Raises NotReachable where the other side may answer later, DeliveryError where it never will."""
+
+
+class FramePublisher(Protocol):
+    """Publishes frames of any channels and knows when they have arrived."""
+
+    delivered: int  # frames confirmed so far
+
+    def offer_rig(self, asset: str, text: bytes) -> None:
+        """Answers requests for the asset's rig file while this is open, and publishes it once."""
+        ...
+
+    def declare(self, channels: Iterable[Channel]) -> None:
+        """Announces channels and waits until each has a subscriber."""
+        ...
+
+    def publish(self, frame: RawFrame) -> None:
+        """Sends one frame; may block while subscribers are busy."""
+        ...
+
+    def confirm(self) -> None:
+        """Returns once everything sent has reached the subscribers; DeliveryError where it cannot."""
+        ...

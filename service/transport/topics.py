@@ -1,0 +1,26 @@
+"""Topics of what is not a measurement: the same names on every network."""
+
+from __future__ import annotations
+
+from service.stream.wire.topics import NAME
+
+
+def state_topic(asset: str, prefix: str) -> str:
+    """Where an asset's state is published and asked for."""
+    return f"{prefix}/{asset}/twin/state"
+
+
+def alive_topic(asset: str, prefix: str) -> str:
+    """Where a service shows that it serves the asset."""
+    return f"{prefix}/{asset}/twin/alive"
+
+
+def rig_topic(asset: str, prefix: str) -> str:
+    """Where an asset's rig file is published and asked for."""
+    return f"{prefix}/{asset}/rig"
+
+
+def asset_of_rig_topic(topic: str, prefix: str) -> str | None:
+    """The asset of a rig file's topic; None where the topic names none."""
+    asset = topic.removeprefix(f"{prefix}/").removesuffix("/rig")
+    return asset if NAME.fullmatch(asset) and topic == rig_topic(asset, prefix) else None

@@ -1,0 +1,320 @@
+"""Zenoh: sessions, the transport of the service, and the publisher of a replay. No other file imports Zenoh.
+
+- `{prefix}/{asset}/{kind}/{name}` carries frames. The subscriber recovers what an advanced publisher still holds, and
+  accepts plain publishers as they are.
+- `{prefix}/{asset}/twin/state` is published at each change and answers `get`.
+- `{prefix}/{asset}/twin/alive` is a liveliness token, held while the service runs.
+- `{prefix}/{asset}/rig` may carry the machine's rig file (`application/toml`), published or answering `get`.
+
+The session is an embedded router by default, so that nothing else need run, or a client of an external router.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import zenoh
+import zenoh.ext
+
+from service.errors import DeliveryError, InputError, NotReachable
+from service.stream.channels import CHANNEL_KINDS
+from service.stream.inbox import Inbox
+from service.stream.sources.mcap import RawFrame
+from service.stream.wire.codec import encoding_of
+from service.stream.wire.topics import PREFIX, Channel, topic_of
+from service.transport.guard import Guard
+from service.transport.protocol import StateSource
+from service.transport.topics import alive_topic, asset_of_rig_topic, rig_topic, state_topic
+
+JSON = zenoh.Encoding.APPLICATION_JSON
+TOML = "application/toml"
+_RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+_WAIT_BEFORE_CLOSE_US = 300_000_000  # a subscriber may stall this long before its link is given up
+_HISTORY = 4096  # frames a key that a late subscriber asks a publisher's cache for
+_CONFIRM_EVERY = 256  # frames
+_ANSWER = 300.0  # time for the subscribers to process what was sent [s]
+_CACHE = 512  # frames a key kept for subscribers that join late or were away
+_HEARTBEAT = 0.5  # [s]
+
+
+# -- sessions ------------------------------------------------------------------------------------------
+
+
+def session_config(listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None) -> zenoh.Config:
+    """A client of `connect` where given, waiting up to `wait` [s] for it, else a router at `listen`."""
+    config = zenoh.Config()
+    config.insert_json5("mode", json.dumps("client" if connect else "router"))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("timestamping/enabled", "true")
+    block = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+    config.insert_json5(block, json.dumps(_WAIT_BEFORE_CLOSE_US))
+    if connect:
+        config.insert_json5("connect/endpoints", json.dumps(list(connect)))
+        config.insert_json5("connect/timeout_ms", json.dumps(-1 if wait is None else round(wait * 1000)))
+        config.insert_json5("connect/retry", json.dumps(_RETRY))
+    else:
+        config.insert_json5("listen/endpoints", json.dumps(list(listen)))
+    return config
+
+
+@contextmanager
+def open_session(
+    listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None
+) -> Iterator[zenoh.Session]:
+    """An open session, closed in any case: an unclosed one would hang the process at its end.
+
+    Raises NotReachable where no router answers at `connect`, DeliveryError where `listen` cannot be had.
+    """
+    where = ", ".join(connect or listen)
+    try:
+        config = session_config(listen, connect, wait)
+    except zenoh.ZError:
+        raise InputError(f"endpoint {where} is not one; an endpoint reads like tcp/127.0.0.1:7447") from None
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        if connect:
+            raise NotReachable(
+                f"no router answers at {where} within {wait or 0:g} s; is the service running?"
+            ) from None
+        raise DeliveryError(f"cannot listen at {where}: {str(error).splitlines()[0]}; is the port taken?") from None
+    with session:
+        yield session
+
+
+# -- the service's side --------------------------------------------------------------------------------
+
+
+@contextmanager
+def open_zenoh(
+    listen: Sequence[str] = (), connect: Sequence[str] = (), prefix: str = PREFIX, wait: float | None = None
+) -> Iterator[ZenohTransport]:
+    """The service's connection: a router at `listen`, or a client of `connect`."""
+    with open_session(listen, connect, wait) as session, ZenohTransport(session, prefix) as transport:
+        yield transport
+
+
+class ZenohTransport:
+    """A `Transport` over an open session."""
+
+    def __init__(self, session: zenoh.Session, prefix: str = PREFIX):
+        self._session, self._prefix = session, prefix
+        self._guard = Guard()
+        self._missed = 0  # samples that a publisher's cache no longer held
+        self._tokens: dict[str, zenoh.LivelinessToken] = {}
+
+    def __enter__(self) -> ZenohTransport:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        while self._tokens:
+            self._tokens.popitem()[1].undeclare()
+
+    @contextmanager
+    def subscribe(self, inbox: Inbox) -> Iterator[ZenohTransport]:
+        """Fills the inbox until left."""
+
+        def received(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                inbox.guarded(lambda: str(sample.key_expr), sample.payload.to_bytes)
+
+        def missed(miss: zenoh.ext.Miss) -> None:
+            self._missed += miss.nb
+
+        with ExitStack() as stack:
+            for kind in CHANNEL_KINDS:
+                subscriber = zenoh.ext.declare_advanced_subscriber(
+                    self._session,
+                    f"{self._prefix}/*/{kind}/*",
+                    received,
+                    history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=_HISTORY),
+                    recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+                )
+                stack.callback(subscriber.undeclare)
+                listener = subscriber.sample_miss_listener(missed)
+                stack.callback(listener.undeclare)
+            stack.callback(inbox.close)
+            yield self
+
+    @contextmanager
+    def answer_states(self, source: StateSource) -> Iterator[None]:
+        """Answers `get` on the assets' states until left."""
+
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                for asset in source.assets():
+                    key = zenoh.KeyExpr(state_topic(asset, self._prefix))
+                    if query.key_expr.intersects(key) and (text := source.state_text(asset)) is not None:
+                        query.reply(key, text, encoding=JSON)
+
+        queryable = self._session.declare_queryable(state_topic("*", self._prefix), self._guard(answer))
+        try:
+            yield
+        finally:
+            queryable.undeclare()
+
+    def publish_state(self, asset: str, text: str) -> None:
+        """Publishes an asset's state."""
+        self._session.put(state_topic(asset, self._prefix), text, encoding=JSON)
+
+    def announce(self, asset: str) -> None:
+        """Holds a liveliness token for the asset."""
+        if asset not in self._tokens:
+            self._tokens[asset] = self._session.liveliness().declare_token(alive_topic(asset, self._prefix))
+
+    @contextmanager
+    def watch_rigs(self, received: Callable[[str, bytes], None]) -> Iterator[None]:
+        """Passes published rig files on until left."""
+
+        def put(sample: zenoh.Sample) -> None:
+            asset = asset_of_rig_topic(str(sample.key_expr), self._prefix)
+            if asset is not None and sample.kind == zenoh.SampleKind.PUT:
+                received(asset, sample.payload.to_bytes())
+
+        subscriber = self._session.declare_subscriber(rig_topic("*", self._prefix), self._guard(put))
+        try:
+            yield
+        finally:
+            subscriber.undeclare()
+
+    def ask_rig(self, asset: str, seconds: float) -> Iterator[bytes]:
+        """The rig files that answer `get` within a time [s]."""
+        for reply in self._session.get(rig_topic(asset, self._prefix), timeout=seconds):
+            if reply.ok is not None:
+                yield reply.ok.payload.to_bytes()
+
+    def counters(self) -> Mapping[str, int]:
+        """Frames that were missed, and callbacks that failed."""
+        return {"missed_frames": self._missed, "callback_errors": self._guard.errors}
+
+
+# -- the replay's side ---------------------------------------------------------------------------------
+
+
+@contextmanager
+def open_publisher(connect: Sequence[str], prefix: str = PREFIX, wait: float = 30.0) -> Iterator[ZenohPublisher]:
+    """The replay's connection, as a client of `connect`; subscribers are awaited for `wait` [s]."""
+    with open_session(connect=connect, wait=wait) as session, ZenohPublisher(session, prefix, wait) as publisher:
+        yield publisher
+
+
+class ZenohPublisher:
+    """A `FramePublisher` on an open session."""
+
+    def __init__(self, session: zenoh.Session, prefix: str = PREFIX, wait: float = 30.0):
+        self._session, self._prefix, self._wait = session, prefix, wait
+        self._stack = ExitStack()
+        self._keys: dict[Channel, tuple[zenoh.ext.AdvancedPublisher, zenoh.Publisher]] = {}
+        self._unconfirmed: list[RawFrame] = []
+        self._routers = self._session.info.routers_zid()
+        self._rigs: dict[str, bytes] = {}
+        self.delivered = 0
+
+    def __enter__(self) -> ZenohPublisher:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def declare(self, channels: Iterable[Channel]) -> None:
+        """Announces keys and waits until each has a subscriber."""
+        for channel in channels:
+            topic = topic_of(channel, self._prefix)
+            publisher = zenoh.ext.declare_advanced_publisher(
+                self._session,
+                topic,
+                encoding=encoding_of(channel),
+                reliability=zenoh.Reliability.RELIABLE,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                cache=zenoh.ext.CacheConfig(max_samples=_CACHE),
+                sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=_HEARTBEAT, sporadic_heartbeat=None),
+                publisher_detection=True,
+            )
+            probe = self._session.declare_publisher(topic)  # only this kind tells whether anyone listens
+            self._stack.callback(publisher.undeclare)
+            self._stack.callback(probe.undeclare)
+            self._keys[channel] = (publisher, probe)
+        for channel in self._keys:
+            self._await_subscriber(channel)
+        for key, text in self._rigs.items():
+            self._session.put(key, text, encoding=TOML, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def offer_rig(self, asset: str, text: bytes) -> None:
+        """Answers whoever asks for the asset's rig file while this publisher is open, and publishes it once.
+
+        Published after `declare` has found the subscribers: who is busy now may ask when this has ended.
+        """
+        key = rig_topic(asset, self._prefix)
+
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                query.reply(key, text, encoding=TOML)
+
+        self._rigs[key] = text
+        queryable = self._session.declare_queryable(key, answer)
+        self._stack.callback(queryable.undeclare)
+
+    def publish(self, frame: RawFrame) -> None:
+        """Sends one frame; may block while subscribers are busy."""
+        if not _matching(self._keys[frame.channel][1]):
+            self._resend()
+        self._put(frame)
+        self._unconfirmed.append(frame)
+        if len(self._unconfirmed) >= _CONFIRM_EVERY:
+            self.confirm()
+
+    def confirm(self) -> None:
+        """Returns once everything sent has reached the subscribers; DeliveryError where it cannot."""
+        while self._unconfirmed:
+            channel = self._unconfirmed[-1].channel
+            self._barrier(channel.asset)
+            if self._link_held():
+                self.delivered += len(self._unconfirmed)
+                self._unconfirmed.clear()
+            else:
+                self._resend()
+
+    def _put(self, frame: RawFrame) -> None:
+        self._keys[frame.channel][0].put(frame.payload, encoding=encoding_of(frame.channel))
+
+    def _barrier(self, asset: str) -> None:
+        """A query travels behind the frames: once it is answered, or has no answer, they have arrived."""
+        asked = time.monotonic()
+        key = state_topic(asset, self._prefix)
+        list(self._session.get(key, timeout=_ANSWER, congestion_control=zenoh.CongestionControl.BLOCK))
+        if time.monotonic() - asked >= _ANSWER:
+            raise DeliveryError(f"frames sent {_ANSWER:g} s ago have not been taken; is the service stuck?")
+
+    def _link_held(self) -> bool:
+        """Whether subscribers and router are the same as when the first unconfirmed frame was sent."""
+        matching = all(_matching(probe) for _, probe in self._keys.values())
+        return matching and self._session.info.routers_zid() == self._routers
+
+    def _resend(self) -> None:
+        """Waits for the subscribers to come back, then repeats what may not have reached them."""
+        for each in self._keys:
+            self._await_subscriber(each)
+        self._routers = self._session.info.routers_zid()
+        for frame in self._unconfirmed:
+            self._put(frame)
+
+    def _await_subscriber(self, channel: Channel) -> None:
+        deadline = time.monotonic() + self._wait
+        probe = self._keys[channel][1]
+        while not _matching(probe):
+            if time.monotonic() > deadline:
+                raise DeliveryError(
+                    f"no subscriber for {topic_of(channel, self._prefix)} within {self._wait:g} s; "
+                    "is the service running, and is the prefix the same?"
+                )
+            time.sleep(0.01)
+
+
+def _matching(publisher: zenoh.Publisher) -> bool:
+    """Whether any subscriber listens to a publisher's key."""
+    status: Any = publisher.matching_status
+    return status.matching
