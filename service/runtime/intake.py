@@ -39,7 +39,7 @@ class Intake:
             self._learning.begin(asset, now)
         if not self._learning.holds(asset):
             self._pipeline.feed(frame)
-        elif not self._feed_all(self._learning.add(frame, now)):
+        elif not self._feed_learned(asset, self._learning.add(frame, now)):
             return
         if self._clock() - self._shown.get(asset, float("-inf")) > SHOW_EVERY:
             self._show(asset)
@@ -52,7 +52,7 @@ class Intake:
 
     def flush(self, asset: str) -> None:
         """Closes the asset's window in progress, after silence."""
-        self._feed_all(self._learning.end(asset))
+        self._feed_learned(asset, self._learning.end(asset))
         self._pipeline.flush(asset)
 
     def waiting(self, asset: str) -> bool:
@@ -68,13 +68,13 @@ class Intake:
         """Lets the asset's windows close without the channels that have fallen silent."""
         self._pipeline.wait_only_for(asset, labels)
 
-    def _feed_all(self, frames: Iterable[Frame]) -> bool:
-        """Whether there were any."""
-        fed = False
+    def _feed_learned(self, asset: str, frames: list[Frame]) -> bool:
+        """Hands on the frames of a learning phase that has ended, whose channels are known now; whether it has."""
+        if frames:
+            self._pipeline.expect(asset, {frame.channel.label for frame in frames})
         for frame in frames:
             self._pipeline.feed(frame)
-            fed = True
-        return fed
+        return bool(frames)
 
     def _show(self, asset: str) -> None:
         self._shown[asset] = self._clock()

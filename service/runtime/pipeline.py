@@ -93,7 +93,10 @@ class _Progress:
 
 
 class Pipeline:
-    """Takes frames of any number of assets to committed and published outcomes."""
+    """Takes frames of any number of assets to committed and published outcomes.
+
+    before_window  called before each window is processed; an exception of it leaves the window unprocessed
+    """
 
     def __init__(
         self,
@@ -102,8 +105,10 @@ class Pipeline:
         sink: ResultSink,
         *,
         assembly: AssemblySettings = DEFAULT,
+        before_window: Callable[[], None] = lambda: None,
     ):
         self._rig_of, self._twin, self._sink, self._assembly = rig_of, twin, sink, assembly
+        self._before_window = before_window
         self._assets: dict[str, _Progress] = {}
 
     @property
@@ -134,6 +139,10 @@ class Pipeline:
         progress = self._progress(channel.asset)
         progress.assembler.count(channel.label, "invalid")
         progress.quality.note("invalid", channel.label, 1, "refused", str(error))
+
+    def expect(self, asset: str, labels: Iterable[str]) -> None:
+        """Waits for these channels too before the asset's first window."""
+        self._progress(asset).assembler.expect(labels)
 
     def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
         """Lets an asset's windows close without the channels that have fallen silent."""
@@ -179,6 +188,7 @@ class Pipeline:
 
     def _process(self, asset: str, progress: _Progress, window: Window, assembly: Mapping[str, Any]) -> None:
         """One window through the twin to the sink."""
+        self._before_window()
         state, report, told = progress.state, progress.report, Events()
         grade = window.quality
         if grade == "refused":

@@ -126,6 +126,7 @@ class Worker(threading.Thread):
                 self._twin,
                 ServiceSink(self._store, self._board, publication),
                 assembly=assembly_settings(self._settings),
+                before_window=self._end_if_stopping,
             )
             restore(pipeline, self._store, self._twin)
             intake = Intake(pipeline, lambda asset: self._show_quality(pipeline, asset))
@@ -133,6 +134,10 @@ class Worker(threading.Thread):
             with transport.subscribe(self._inbox):
                 self._reason = None
                 pump(self._inbox, intake, self._stopping, self._settings.idle_timeout, between=decisions)
+
+    def _end_if_stopping(self) -> None:
+        if self._stopping.is_set():
+            raise Ended
 
     def _show_quality(self, pipeline: Pipeline, asset: str) -> None:
         self._board.update(asset, quality=pipeline.quality(asset))

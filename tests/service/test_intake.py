@@ -1,0 +1,75 @@
+"""Between pump and pipeline: a new asset's channels are learned before its first window."""
+
+from __future__ import annotations
+
+from service_streams import Sink
+from streams import ACCEL, ASSET, CHANNELS, bursts
+
+from service.errors import FrameError
+from service.runtime.intake import Intake
+from service.runtime.learning_phase import LearningPhase
+from service.runtime.pipeline import Pipeline
+from service.runtime.twin_port import Answer, Twin
+from twin.rig import Rig
+
+
+def numbered(rig, state, window, options):
+    return state, Answer(record={}, report={}, events=())
+
+
+def make(outcomes, shown, now, **learning):
+    twin = Twin(step=numbered, new_state=dict, load_state=dict)
+    pipeline = Pipeline(lambda asset: Rig.from_mapping({}), twin, Sink(outcomes))
+    return Intake(pipeline, shown.append, learning=LearningPhase(**learning), clock=lambda: now[0])
+
+
+def by_channel(frames):
+    """The channels of a machine one after the other: the last begins when the first has ended."""
+    return [f for channel in CHANNELS for f in frames if f.channel == channel]
+
+
+def test_first_window_has_the_channels_that_begin_last():
+    outcomes, shown, now = [], [], [0.0]
+    intake = make(outcomes, shown, now)
+    frames = bursts(2)
+    for frame in by_channel(frames[: len(frames) // 2]):
+        intake.feed(frame)
+    assert outcomes == [] and intake.waiting(ASSET)
+    now[0] = 1.0
+    for frame in frames[len(frames) // 2 :]:
+        intake.feed(frame)
+    intake.flush(ASSET)
+    assert len(outcomes) == 2
+    assert set(outcomes[0].window.encoders) == {"pinion", "gear"} and outcomes[0].window.torques
+
+
+def test_held_frames_of_an_asset_are_bounded():
+    outcomes, shown = [], []
+    intake = make(outcomes, shown, [0.0], wait=3600.0, most_bytes=20_000)
+    for frame in bursts(8):
+        intake.feed(frame)
+    assert outcomes
+
+
+def test_silence_ends_the_learning_phase_with_the_window():
+    outcomes, shown = [], []
+    intake = make(outcomes, shown, [0.0])
+    for frame in bursts(1):
+        intake.feed(frame)
+    intake.flush(ASSET)
+    assert len(outcomes) == 1
+
+
+def test_counters_are_shown_once_a_second_while_frames_come_and_once_more_in_silence():
+    outcomes, shown, now = [], [], [0.0]
+    intake = make(outcomes, shown, now, wait=0.0)
+    frames = bursts(1)
+    for n, frame in enumerate(frames):
+        now[0] = 0.125 * n
+        intake.feed(frame)
+    assert len(shown) == 3  # at 0, 1.125 and 2.25 s
+    intake.flush(ASSET)
+    assert not intake.waiting(ASSET) and not intake.waiting(ASSET)
+    assert len(shown) == 4
+    intake.reject(ACCEL, FrameError("values = nothing"))
+    assert len(shown) == 5
