@@ -18,9 +18,9 @@ from service.stream.frames import NS, SampleFrame
 from service.stream.inbox import Inbox
 from service.stream.sources.mcap import Recording, read_windows
 from service.stream.sources.mcap_write import RecordingWriter
-from service.stream.sources.zenoh import ZenohSource, open_session
 from service.stream.wire.codec import encode
 from service.stream.wire.topics import Channel
+from service.transport.zenoh import ZenohTransport, open_session
 from tests.service import fake_twin
 
 WINDOWS = 4
@@ -58,7 +58,7 @@ def expected():
 
 
 def test_assess_shows_the_temperatures_of_each_window(recording):
-    answer = assess(recording, step=fake_twin.step)
+    answer = assess(recording, twin=fake_twin.TWIN)
     assert temperatures(answer["windows"]) == expected()
     assert answer["data_quality"]["channels"]["temperature/oil"] == {"frames": 19}
 
@@ -75,7 +75,7 @@ def test_a_live_temperature_is_recorded(recording, tmp_path):
     endpoint, out = f"tcp/127.0.0.1:{free_port()}", tmp_path / "out.mcap"
     stop, inbox = threading.Event(), Inbox()
     with open_session(listen=[endpoint]) as session:
-        thread = threading.Thread(target=lambda: record(ZenohSource(session), inbox, out, stop=stop))
+        thread = threading.Thread(target=lambda: record(ZenohTransport(session), inbox, out, stop=stop))
         thread.start()
         replay(recording, [endpoint], 0)
         stop.set()
