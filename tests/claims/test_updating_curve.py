@@ -7,7 +7,7 @@ from tests.dynamics_cases import FOURTEEN, RIG
 from tests.updating_cases import TEN, curve, model
 from twin.errors import NotConverged, ParameterError
 from twin.updating.memory import Memory, Segment
-from twin.updating.model_cache import curve_of
+from twin.updating.model_cache import curve_of, with_profiles
 from twin.updating.update import reference_rate
 from twin.wear.curve import MasterCurve
 
@@ -65,8 +65,8 @@ def test_depth_before_the_start_is_refused_with_both_depths():
 def test_new_segment_continues_from_the_present_profile():
     first = Segment(speed_hz=10.0, torque=10.0, start_depth=0.0, start_work=0.0)
     then = Segment(speed_hz=14.0, torque=9.0, start_depth=12e-6, start_work=CURVE.work_at(12e-6))
-    one = curve_of(RIG, Memory(segments=(first,)), 15e-6)
-    two = curve_of(RIG, Memory(segments=(first, then)), 15e-6)
+    one = curve_of(RIG, Memory(segments=(first,)))
+    two = curve_of(RIG, with_profiles(RIG, Memory(segments=(first, then))))
     assert two.condition == FOURTEEN
     assert two.depth[0] == pytest.approx(12e-6, rel=2e-3)
     assert two.work[0] == 0.0
@@ -92,7 +92,8 @@ def test_deeper_curve_of_the_same_machine_begins_with_the_shallower_one():
 def test_curve_without_a_steady_state_to_start_from_is_refused(monkeypatch):
     def none(*arguments, **options):
         raise NotConverged("no steady state")
+        yield
 
-    monkeypatch.setattr("twin.wear.curve.evolve", none)
+    monkeypatch.setattr("twin.wear.path.evolve", none)
     with pytest.raises(NotConverged, match="no steady state at the start of wear"):
         MasterCurve.build(model(), TEN, model().unworn, 1e-6)

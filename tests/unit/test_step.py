@@ -282,7 +282,12 @@ def test_accelerometer_that_reads_nothing_is_said_not_divided_by():
 def test_calibration_in_mid_campaign_carries_the_depth_on_with_its_uncertainty():
     rig, windows = recorded()
     state = uninterrupted()[4][0]
-    after, estimate = step(rig, state, windows[0])
+    turns = 2000  # both encoders count on
+    later = {
+        shaft: replace(edges, first_index=edges.first_index + round(turns * edges.per_rev * ratio))
+        for (shaft, edges), ratio in zip(sorted(windows[0].encoders.items(), reverse=True), (1, 19 / 52), strict=True)
+    }
+    after, estimate = step(rig, state, replace(windows[0], encoders=later))
     record = estimate.record
     assert record["kind"] == "calibration"
     assert record["wear_depth_um"] == pytest.approx(state.memory.depth * 1e6, rel=0.01)

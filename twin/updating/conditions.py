@@ -4,12 +4,46 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twin.errors import NotAvailable
+from twin.errors import NotAvailable, WindowError
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition
 from twin.rig import Rig
+from twin.thresholds import deciding
 
-CALIBRATION_MATCH = 0.15  # relative, of speed and torque, of a calibration point
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConditionMatch:
+    """Which windows are calibration tests, and which are of new flanks."""
+
+    calibration_point: float = deciding(
+        0.15,
+        of="speed and torque of a calibration point",
+        meaning="relative difference up to which a window is a test at that point",
+        source="not derived: chosen so that a drive which holds its set point within some per cent is recognised",
+    )
+    unworn_revolutions: float = deciding(
+        150.0,
+        unit="turns of the pinion",
+        meaning="a window before so many turns since new is one of unworn flanks",
+        source="not derived: chosen so that the first windows of a campaign count; at the reference rig's wear "
+        "coefficient the depth is then 4 µm",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RevolutionCount:
+    """When a falling revolution count is no longer the same machine's."""
+
+    most_fall: float = deciding(
+        150.0,
+        unit="turns of the pinion",
+        meaning="fall of the revolution count below that of an earlier window, from which the window is refused",
+        source="not derived: chosen so that overlapping windows and windows that arrive late (10 s at 10 Hz are 100 "
+        "turns) are used",
+    )
+
+
+MATCH, COUNT = ConditionMatch(), RevolutionCount()
 
 
 def condition_of(features: WindowFeatures, rig: Rig) -> Condition:
@@ -30,11 +64,25 @@ def kind_of(features: WindowFeatures, rig: Rig) -> str:
     if features.speed_hz is None or nominal is None:
         return "measurement"
     for speed, torque in rig.get("operating.calibration_points", ()):
-        near = abs(features.speed_hz / speed - 1) < CALIBRATION_MATCH
-        loaded = features.torque_nm is None or abs(features.torque_nm / torque - 1) < CALIBRATION_MATCH
-        if near and loaded and abs(speed / nominal - 1) > CALIBRATION_MATCH:
+        near = abs(features.speed_hz / speed - 1) < MATCH.calibration_point
+        loaded = features.torque_nm is None or abs(features.torque_nm / torque - 1) < MATCH.calibration_point
+        if near and loaded and abs(speed / nominal - 1) > MATCH.calibration_point:
             return "calibration"
     return "measurement"
+
+
+def refuse_falling_count(revolutions: float, seen: float, most_fall: float = COUNT.most_fall) -> None:
+    """Raises WindowError where the revolution count has fallen far below what was seen of the machine before.
+
+    revolutions  of the pinion since new, of the window
+    seen         of the latest window that the twin has taken in
+    """
+    if revolutions < seen - most_fall:
+        raise WindowError(
+            f"the pinion has made {revolutions:.0f} revolutions since new by this window, {seen:.0f} by an earlier one "
+            "of this asset: have the gears been replaced, has the encoder's count been reset, or is this another "
+            "machine? The window is not used; record another machine, or new gears, under another asset name"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,7 +34,7 @@ def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Cond
     def misfit(half_width: float) -> float:
         calibration = replace(fit.calibration, contact_half_width=half_width)
         trial = replace(memory, fit=replace(fit, calibration=calibration), offset=None)
-        model, curve = model_of(rig, trial, features.revolutions or 0.0), curve_of(rig, trial, 1.2 * depth)
+        model, curve = model_of(rig, trial, features.revolutions or 0.0), curve_of(rig, trial)
         gauge = encoders.gauge_of(features, trial, model, condition)
         if gauge is None:
             raise NotAvailable("the contact half-width is not available: the window has no encoder lines")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
+
+import numpy as np
 
 from twin.effects.addition import Addition
 from twin.effects.response import Effect
@@ -13,9 +16,36 @@ from twin.model import Calibration
 from twin.updating.calibration import Fit
 from twin.updating.rms_update import RmsTrack
 from twin.updating.tracker import WearTrack
+from twin.wear.profile import WornProfile
 
 Line = tuple[float, float, complex, float]  # window, frequency [Hz], factor, std
 MOST_LINES = 200  # of each learned factor: some sixteen windows
+KEPT_SEGMENTS = 4  # the present one, and those before it that recent windows may lie in
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredProfile:
+    """A worn profile's depths, exact and hashable."""
+
+    shape: tuple[int, ...]  # (p,) or (slices, p)
+    data: bytes  # combined depths, little-endian doubles in C order [m]
+
+    @classmethod
+    def of(cls, profile: WornProfile) -> StoredProfile:
+        return cls(shape=profile.depth.shape, data=profile.depth.astype("<f8").tobytes())
+
+    def on(self, unworn: WornProfile) -> WornProfile:
+        """The profile on the grid of new flanks of the same pair."""
+        depth = np.frombuffer(self.data, dtype="<f8").reshape(self.shape).astype(float)
+        return WornProfile(positions=unworn.positions, depth=depth, active=unworn.active)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-safe and exact."""
+        return {"shape": list(self.shape), "data": b64encode(self.data).decode("ascii")}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> StoredProfile:
+        return cls(shape=tuple(data["shape"]), data=b64decode(data["data"]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,9 +54,27 @@ class Segment:
 
     speed_hz: float
     torque: float
-    start_depth: float  # on the curve of the segment before [m]
+    start_depth: float  # largest combined depth at its start [m]
     start_work: float  # x at its start [rad/N]
     start_revolutions: float = 0.0  # pinion turns at its start
+    start_profile: StoredProfile | None = None  # None: new flanks, or to be computed from the segment before
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-safe and exact."""
+        profile = self.start_profile
+        return {
+            "speed_hz": self.speed_hz,
+            "torque": self.torque,
+            "start_depth": self.start_depth,
+            "start_work": self.start_work,
+            "start_revolutions": self.start_revolutions,
+            "start_profile": None if profile is None else profile.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Segment:
+        profile = data["start_profile"]
+        return cls(**{**data, "start_profile": None if profile is None else StoredProfile.from_dict(profile)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,10 +93,10 @@ class Memory:
     fit: Fit | None = None
     compliance_scale: float = 1.0  # measured over predicted mean transmission error per torque
     unworn: tuple[WindowFeatures, ...] = ()  # windows that the calibration rests on
-    depth: float = 0.0  # of the latest measurement window, by the way in use [m]
+    depth: float = 0.0  # of the latest measurement window, by the method in use [m]
     half_width_from: float = 0.0  # depth at which the half-width was fitted [m], 0 before
     segments: tuple[Segment, ...] = ()
-    track: WearTrack = field(default_factory=lambda: WearTrack.unworn(0.0))  # by the fused way
+    track: WearTrack = field(default_factory=lambda: WearTrack.unworn(0.0))  # from the encoders
     rms_track: RmsTrack = field(default_factory=RmsTrack)
     phase: float | None = None  # mesh phase against the encoder's zero [rad]
     phase_std: float = 3.0
@@ -57,7 +105,7 @@ class Memory:
     path: tuple[Line, ...] = ()
     mesh: tuple[Line, ...] = ()
     updates: int = 0
-    effects: tuple[Addition, ...] = ()  # what the twin has beside wear
+    effects: tuple[Addition, ...] = ()  # effects that the twin has in addition to wear
 
     def active(self, revolutions: float) -> tuple[Effect, ...]:
         """The effects that are there after so many turns of the pinion."""
@@ -71,7 +119,7 @@ class Memory:
             "unworn": [w.to_dict() for w in self.unworn],
             "depth": self.depth,
             "half_width_from": self.half_width_from,
-            "segments": [asdict(s) for s in self.segments],
+            "segments": [s.to_dict() for s in self.segments],
             "track": self.track.to_dict(),
             "rms_track": self.rms_track.to_dict(),
             "phase": self.phase,
@@ -97,7 +145,7 @@ class Memory:
             unworn=tuple(WindowFeatures.from_dict(w) for w in data["unworn"]),
             depth=data["depth"],
             half_width_from=data["half_width_from"],
-            segments=tuple(Segment(**s) for s in data["segments"]),
+            segments=tuple(Segment.from_dict(s) for s in data["segments"]),
             track=WearTrack.from_dict(data["track"]),
             rms_track=RmsTrack.from_dict(data["rms_track"]),
             phase=data["phase"],

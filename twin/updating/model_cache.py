@@ -1,23 +1,32 @@
 """Models and master curves by what they are made from, kept so that they are computed once.
 
-Pure functions of their arguments: what is kept is only ever what would be computed again.
+Pure functions of their arguments: what is kept is only ever what would be computed again. A curve is keyed by the
+rig's values, the calibration, the effects that shape wear, the condition and the profile at its start, so that machines
+of one kind share curves, and a change of the operating condition needs the present profile only, whatever came before.
 """
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import lru_cache
 
-from twin.effects.addition import Addition
 from twin.effects.extended import extend
 from twin.effects.response import Effect
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
-from twin.updating.memory import Memory, Segment
+from twin.updating.memory import KEPT_SEGMENTS, Memory, Segment, StoredProfile
+from twin.updating.path_cache import PathCache
 from twin.wear.curve import MasterCurve
+from twin.wear.path import WearPath
 from twin.wear.profile import WornProfile
 
 DEEPEST = 5e-4  # depth to which curves are made where the rig file gives no end of life [m]
+BEYOND = 1.25  # a machine run past its end of life is still measured: curves then go on to this much of it
+NEAR_END = 0.8
+KEPT_MODELS = 256  # some 50 kB each; the tables of a pair of gears are shared
+
+PATHS = PathCache()
 
 
 class _Key:
@@ -36,36 +45,38 @@ class _Key:
         return isinstance(other, _Key) and self.text == other.text
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=KEPT_MODELS)
 def _model(key: _Key, calibration: Calibration) -> Model:
     return Model.of(key.rig, calibration)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=KEPT_MODELS)
 def _extended(key: _Key, calibration: Calibration, effects: tuple[Effect, ...]) -> Model:
     return extend(_model(key, calibration), effects)
 
 
-@lru_cache(maxsize=10)  # of a sliced face some 30 MB each
-def _curve(
-    key: _Key, calibration: Calibration, segments: tuple[Segment, ...], effects: tuple[Addition, ...], until: float
-) -> MasterCurve:
-    last = segments[-1]
-    there = tuple(a.effect for a in effects if a.onset_revolutions <= last.start_revolutions)
-    model = _extended(key, calibration, tuple(e for e in there if e.period == "mesh" and e.facts.acts_on != "sensor"))
-    start = model.unworn
-    if len(segments) > 1 and last.start_depth > 0:
-        before = _curve(key, calibration, segments[:-1], effects, until)
-        start = before.profile(last.start_depth)
-    return MasterCurve.build(model, Condition(speed_hz=last.speed_hz, torque=last.torque), start, until)
+def _calibration(rig: Rig, memory: Memory) -> Calibration:
+    return Calibration.prior(rig) if memory.fit is None else memory.fit.calibration
 
 
-BEYOND = 1.25  # a machine run past its end of life is still measured: curves then go on to this much of it
-NEAR_END = 0.8
+def _path(rig: Rig, memory: Memory, segment: Segment, furthest: float | None = None) -> WearPath:
+    """The wear from a segment's start on, under its condition and with the effects that are there at its start."""
+    key, calibration = _Key(rig), _calibration(rig, memory)
+    there = memory.active(segment.start_revolutions)
+    effects = tuple(e for e in there if e.period == "mesh" and e.facts.acts_on != "sensor")
+    furthest = BEYOND * rig.get("end_of_life.max_depth", DEEPEST) if furthest is None else furthest
+    condition, stored = Condition(speed_hz=segment.speed_hz, torque=segment.torque), segment.start_profile
+
+    def make() -> WearPath:
+        model = _extended(key, calibration, effects)
+        start = model.unworn if stored is None else stored.on(WornProfile.unworn(model.mesh.pair))
+        return WearPath(model, condition, start, furthest)
+
+    return PATHS.get((key, calibration, effects, condition, stored, furthest), make)
 
 
 def deepest(rig: Rig, depth: float) -> float:
-    """Depth to which the curve of a machine worn to `depth` [m] is made [m]."""
+    """Depth to which the curve of a machine worn to `depth` [m] is searched [m]."""
     end = rig.get("end_of_life.max_depth", DEEPEST)
     return end if depth < NEAR_END * end else BEYOND * end
 
@@ -75,23 +86,48 @@ def model_of(rig: Rig, memory: Memory, revolutions: float = 0.0) -> Model:
 
     NotAvailable where the rig file does not suffice.
     """
-    calibration = Calibration.prior(rig) if memory.fit is None else memory.fit.calibration
-    return _extended(_Key(rig), calibration, memory.active(revolutions))
+    return _extended(_Key(rig), _calibration(rig, memory), memory.active(revolutions))
 
 
-def curve_of(rig: Rig, memory: Memory, until: float | None = None) -> MasterCurve:
-    """The master curve of the present segment, to the rig's end of life and beyond, or to a lesser depth [m]."""
-    calibration = model_of(rig, memory).calibration
-    until = deepest(rig, memory.depth) if until is None else until
-    return _curve(_Key(rig), calibration, memory.segments, memory.effects, until)
+def curve_of(rig: Rig, memory: Memory) -> MasterCurve:
+    """The master curve of the present segment, searched to the rig's end of life, or beyond where that is near."""
+    return MasterCurve(path=_path(rig, memory, memory.segments[-1]), limit=deepest(rig, memory.depth))
+
+
+def start_of_curve(rig: Rig, memory: Memory) -> MasterCurve:
+    """The first point of the present segment's curve alone: its lines are held at any depth."""
+    return MasterCurve(path=_path(rig, memory, memory.segments[-1], 0.0), limit=0.0)
+
+
+def with_profiles(rig: Rig, memory: Memory) -> Memory:
+    """The memory with the profile at the start of every segment, and with no more segments than are kept.
+
+    Segments of a memory of schema version 1 know the depth at their start alone: the profile is that of the segment
+    before at this depth, one after the other.
+    """
+    segments = list(memory.segments)
+    for i in range(1, len(segments)):
+        if segments[i].start_profile is None and segments[i].start_depth > 0:
+            before = MasterCurve(path=_path(rig, memory, segments[i - 1]), limit=segments[i].start_depth)
+            profile = before.profile(max(segments[i].start_depth, before.start_depth))
+            segments[i] = replace(segments[i], start_profile=StoredProfile.of(profile))
+    kept = tuple(segments[-KEPT_SEGMENTS:])
+    return memory if kept == memory.segments else replace(memory, segments=kept)
 
 
 def profile_of(rig: Rig, memory: Memory, revolutions: float, depth: float) -> WornProfile:
-    """The flanks at a depth [m] as they had worn after so many turns of the pinion: of that time's segment."""
-    calibration = model_of(rig, memory).calibration
+    """The flanks at a depth [m] as they had worn after so many turns of the pinion: of that time's segment.
+
+    Where the time lies before the segments that are kept, or the depth before the segment's start, the profile at that
+    start is scaled to the depth.
+    """
     passed = [s for s in memory.segments if s.start_revolutions <= revolutions] or list(memory.segments[:1])
-    curve = _curve(_Key(rig), calibration, tuple(passed), memory.effects, deepest(rig, memory.depth))
-    return curve.profile(max(depth, float(curve.depth[0])))
+    curve = MasterCurve(path=_path(rig, memory, passed[-1]), limit=deepest(rig, memory.depth))
+    start = curve.start_depth
+    if depth >= start or start == 0.0 or passed[-1] is not memory.segments[0]:
+        return curve.profile(max(depth, start))
+    whole = curve.profile(start)
+    return WornProfile(positions=whole.positions, depth=whole.depth * (depth / start), active=whole.active)
 
 
 def nominal_model_of(rig: Rig) -> Model:
@@ -101,5 +137,4 @@ def nominal_model_of(rig: Rig) -> Model:
 
 def healthy_model_of(rig: Rig, memory: Memory) -> Model:
     """The calibrated model without any effect."""
-    calibration = Calibration.prior(rig) if memory.fit is None else memory.fit.calibration
-    return _model(_Key(rig), calibration)
+    return _model(_Key(rig), _calibration(rig, memory))

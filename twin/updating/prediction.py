@@ -49,7 +49,7 @@ class Expectation:
 
         new  the model of the time when the flanks were new, with the effects of then; None where it had none
         """
-        depth = max(depth, float(curve.depth[0]))
+        depth = max(depth, curve.start_depth)
         beyond, loss, solved = np.empty(0, dtype=complex), float("nan"), True
         try:
             found = window_lines(model, curve.profile(depth), condition)

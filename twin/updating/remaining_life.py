@@ -63,7 +63,10 @@ def remaining_life(
     added, unsure = _through_contact_loss(curve, curve.depth_at(track.work - base_work), end_depth)
     to_go += added
     median = to_go / track.rate
-    beyond = max(0.0, end - max(track.work, base_work + float(curve.work[-1]))) / to_go
+    beyond = (
+        max(0.0, end - max(track.work, base_work + curve.work_at(min(curve.valid_within(end_depth), end_depth))))
+        / to_go
+    )
     relative = np.sqrt(
         track.var_rate / track.rate**2
         + track.var_work / to_go**2

@@ -19,17 +19,16 @@ from twin.model import Condition, Model
 from twin.rig import Rig
 from twin.updating import encoders, half_width, rms_update
 from twin.updating.calibration import calibrate, compliance_scale
-from twin.updating.conditions import Measured
+from twin.updating.conditions import MATCH, Measured, refuse_falling_count
 from twin.updating.depth import MODEL_SCATTER, SHAPE_SCATTER, DepthEstimate, estimate_depth
 from twin.updating.disc_remount import settled
-from twin.updating.memory import Memory, Segment, with_lines
-from twin.updating.model_cache import curve_of, model_of
+from twin.updating.memory import KEPT_SEGMENTS, Memory, Segment, StoredProfile, with_lines
+from twin.updating.model_cache import curve_of, model_of, start_of_curve, with_profiles
 from twin.updating.prediction import Expectation, band_rms, predicted_lines
 from twin.updating.rms_update import RmsResult, RmsTrack
 from twin.updating.tracker import WearTrack
 from twin.wear.curve import LINES, MasterCurve
 
-UNWORN_REVOLUTIONS = 150.0  # a window before this many pinion turns since new counts as unworn
 SPEED_STEP, TORQUE_STEP = 0.05, 0.10  # relative change of condition that starts a new segment
 MOST_UNWORN = 6
 DEPTH_SCATTER = 0.007  # of the depth from window to window, beyond noise: speed and torque off the mean
@@ -101,16 +100,27 @@ def _with_segment(rig: Rig, memory: Memory, condition: Condition, revolutions: f
     if nominal[1] and abs(torque / nominal[1] - 1) < TORQUE_STEP:
         torque = nominal[1]
     depth = work = 0.0
+    profile = None
     if last is not None and memory.track.windows:
         work = memory.track.work
         onsets = [a.onset_revolutions for a in memory.effects if a.onset_revolutions <= revolutions]
         if onsets and max(onsets) > max(memory.track.revolutions, last.start_revolutions):
             work = memory.track.predicted(max(onsets)).work
-        depth = curve_of(rig, memory).depth_at(work - last.start_work)
+        curve = curve_of(rig, memory)
+        depth = curve.depth_at(work - last.start_work)
+        if depth > 0:
+            profile = StoredProfile.of(curve.profile(max(depth, curve.start_depth)))
     if last is not None and _tilted(memory, last.start_revolutions, revolutions):
         memory = replace(memory, offset=None)
-    segment = Segment(speed_hz=speed, torque=torque, start_depth=depth, start_work=work, start_revolutions=revolutions)
-    return replace(memory, segments=(*memory.segments, segment) if depth > 0 else (segment,))
+    segment = Segment(
+        speed_hz=speed,
+        torque=torque,
+        start_depth=depth,
+        start_work=work,
+        start_revolutions=revolutions,
+        start_profile=profile,
+    )
+    return replace(memory, segments=(*memory.segments, segment)[-KEPT_SEGMENTS:] if depth > 0 else (segment,))
 
 
 def _tilted(memory: Memory, before: float, now: float) -> bool:
@@ -141,8 +151,9 @@ def update_twin(
     """Takes one window into the twin; NotAvailable where the rig file or the window does not suffice."""
     rig.require("wear", *NEEDED)
     window = Measured.of(features, rig, level_fault)
-    memory = _started(rig, memory)
-    unworn = window.kind == "calibration" or window.revolutions < UNWORN_REVOLUTIONS
+    refuse_falling_count(window.revolutions, memory.track.revolutions)
+    memory = with_profiles(rig, _started(rig, memory))
+    unworn = window.kind == "calibration" or window.revolutions < MATCH.unworn_revolutions
     known_load = window.kind == "measurement" or features.torque_nm is not None
     known = known_load and window.level_fault is None
     if unworn and known and memory.track.windows == 0 and len(memory.unworn) < MOST_UNWORN:
@@ -160,7 +171,7 @@ def _take_calibration(rig: Rig, memory: Memory, window: Measured, index: int) ->
         speed, torque = rig.require("the wear curve", "operating.pinion_speed_hz", "operating.input_torque")
         memory = _with_segment(rig, memory, Condition(speed_hz=speed, torque=torque))
     model = model_of(rig, memory, window.revolutions)
-    curve = curve_of(rig, memory, None if track.windows else 0.0)
+    curve = curve_of(rig, memory) if track.windows else start_of_curve(rig, memory)
     depth = curve.depth_at(track.work - memory.segments[-1].start_work)
     expectation = Expectation.at(model, curve, condition, depth, _when_new(rig, memory))
     lines, _ = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
@@ -169,7 +180,7 @@ def _take_calibration(rig: Rig, memory: Memory, window: Measured, index: int) ->
     estimate = None
     if gauge is not None:
         width = max(1e-6, 0.02 * depth)
-        low = max(depth - width, float(curve.depth[0]))
+        low = max(depth - width, curve.start_depth)
         pinion_only = features.transmission_error is None
         estimate = estimate_depth(
             replace(gauge, mean=None), lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), low, low + width
@@ -205,7 +216,7 @@ def _take_measurement(
     heard = window.level_fault is None
 
     track = memory.track.predicted(revolutions)
-    projected = max(curve.depth_at(track.work - base), float(curve.depth[0]))
+    projected = max(curve.depth_at(track.work - base), curve.start_depth)
     expectation = Expectation.at(model, curve, condition, projected, new)
     lines, frequencies = predicted_lines(memory, expectation, projected, index, teeth)
     rms_predicted = expectation.rms(lines, teeth, band, noise)
@@ -222,7 +233,7 @@ def _take_measurement(
         notes += found.notes
         memory = found.memory if allowed else memory
     level = _level(expectation, curve, base, teeth, band, noise)
-    telling = allowed and window.revolutions >= UNWORN_REVOLUTIONS  # unworn teeth tell nothing of the wear rate
+    telling = allowed and window.revolutions >= MATCH.unworn_revolutions  # unworn teeth tell nothing of the wear rate
     rms_result = None
     if window.rms is not None:
         rms_result = rms_update.update(
@@ -307,8 +318,9 @@ def _depth_from(gauge, model, curve, expectation, projected, pinion_only, new):
 
     Searched to four times what was expected; to the curve's end where that does not hold it.
     """
-    shallow = float(curve.depth[0])
-    deep = max(min(curve.valid_to, max(4 * projected, 40e-6)), shallow + 1e-6)
+    shallow = curve.start_depth
+    sought = max(4 * projected, 40e-6)
+    deep = max(min(curve.valid_within(min(sought, curve.limit)), sought), shallow + 1e-6)
 
     def found(near: Expectation) -> DepthEstimate:
         return estimate_depth(gauge, lambda d: near.gauge(d, pinion_only, gauge.from_unworn), shallow, deep)

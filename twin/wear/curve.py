@@ -2,8 +2,9 @@
 
     x = K·τ·ω1·N        profile(d), x(d) and the steady lines of the condition it was made for
 
-Beyond the depth at which no steady state was found the last wear rate is held and the curve is marked: what stands
-there is an extrapolation, and the response there is not known.
+Points are computed as far as a reading needs them (twin.wear.path). Beyond the depth at which no steady state was
+found, or at which the path ends, the last wear rate is held: values there are an extrapolation, and the response there
+is not known. `valid_to` says where that begins.
 """
 
 from __future__ import annotations
@@ -12,126 +13,137 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from twin.dynamics.harmonic_balance import SteadyState
 from twin.errors import NotConverged, ParameterError
 from twin.model import Condition, Model
-from twin.wear.archard import wear_per_revolution
-from twin.wear.evolution import WearPoint, evolve
+from twin.wear.path import LINES, MeshLines, WearPath
 from twin.wear.profile import WornProfile
 
-LINES = 12  # mesh harmonics kept of every response
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class MeshLines:
-    """Complex lines of mesh harmonics 1 … LINES of one steady state, (LINES,) each, and the mean."""
-
-    transmission_error: np.ndarray  # [m]
-    mean: float  # of the transmission error [m]
-    pinion_motion: np.ndarray  # r_b1·θ7 [m]
-    acceleration: np.ndarray  # [m/s²]
-
-    @classmethod
-    def of(cls, model: Model, steady: SteadyState, condition: Condition) -> MeshLines:
-        return cls(
-            transmission_error=model.transmission_error_lines(steady)[:LINES],
-            mean=model.mean_transmission_error(steady, condition),
-            pinion_motion=model.pinion_motion_lines(steady)[:LINES],
-            acceleration=model.acceleration_lines(steady)[:LINES],
-        )
+__all__ = ["LINES", "MasterCurve", "MeshLines"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MasterCurve:
     """Wear under one operating condition from a start profile, by depth."""
 
-    condition: Condition
-    start: WornProfile
-    depth: np.ndarray  # largest combined depth (m,) [m], strictly rising
-    work: np.ndarray  # x (m,) [rad/N], strictly rising
-    profiles: np.ndarray  # combined depth along the path (m, p), or of every slice (m, slices, p) [m]
-    transmission_error: np.ndarray  # complex lines of mesh harmonics 1 … LINES (m, LINES) [m]
-    mean_transmission_error: np.ndarray  # (m,) [m]
-    pinion_motion: np.ndarray  # complex lines of r_b1·θ7, the pinion's encoder alone (m, LINES) [m]
-    acceleration: np.ndarray  # complex lines (m, LINES) [m/s²]
-    final_rate: np.ndarray  # dh/dx at the deepest point (p,), or of every slice (slices, p) [m·N/rad]
-    loss_from: float | None  # depth from which the teeth part for some of the mesh [m]
-    complete: bool  # whether the requested depth was reached with a steady state
+    path: WearPath
+    limit: float  # depth to which steady states are sought for a search or a statement of validity [m]
+
+    @classmethod
+    def begin(cls, model: Model, condition: Condition, start: WornProfile, limit: float) -> MasterCurve:
+        """A curve with its first point; the others follow as readings need them, to `limit` [m] at most."""
+        return cls(path=WearPath(model, condition, start, limit), limit=limit)
 
     @classmethod
     def build(cls, model: Model, condition: Condition, start: WornProfile, until_depth: float) -> MasterCurve:
-        """Wears the profile on until `until_depth` [m] or until no steady state is found."""
-        half_width = model.calibration.contact_half_width
-        start = start.across(model.slices)
-        points: list[WearPoint] = []
-        complete = True
-        try:
-            for point in evolve(model.mesh, lambda p, s: model.steady(p, condition, s), start, half_width, until_depth):
-                if not points or point.profile.max_depth > points[-1].profile.max_depth:
-                    points.append(point)
-        except NotConverged:
-            complete = False
-        if not points:
-            raise NotConverged(
-                f"no steady state at the start of wear ({condition.speed_hz:g} Hz, {condition.torque:g} N·m)"
-            )
-        lines = [MeshLines.of(model, p.steady, condition) for p in points]
-        lost = [p.profile.max_depth for p in points if p.steady.contact_loss > 0]
-        return cls(
-            condition=condition,
-            start=start,
-            depth=np.array([p.profile.max_depth for p in points]),
-            work=np.array([p.work for p in points]),
-            profiles=np.array([p.profile.depth for p in points]),
-            transmission_error=np.array([line.transmission_error for line in lines]),
-            mean_transmission_error=np.array([line.mean for line in lines]),
-            pinion_motion=np.array([line.pinion_motion for line in lines]),
-            acceleration=np.array([line.acceleration for line in lines]),
-            final_rate=wear_per_revolution(model.mesh, points[-1].steady.contact_forces, half_width, model.slices),
-            loss_from=min(lost, default=None),
-            complete=complete,
-        )
+        """Wears the profile on until `until_depth` [m] or until no steady state is found, at once."""
+        curve = cls.begin(model, condition, start, until_depth)
+        curve.path.reach(until_depth)
+        return curve
+
+    @property
+    def condition(self) -> Condition:
+        return self.path.condition
+
+    @property
+    def start(self) -> WornProfile:
+        return self.path.start
+
+    @property
+    def start_depth(self) -> float:
+        """Largest depth of the start profile [m]."""
+        return float(self.path.points[0][0])
+
+    @property
+    def depth(self) -> np.ndarray:
+        """Largest combined depths of the points computed so far (m,) [m], strictly rising."""
+        return self.path.points[0]
+
+    @property
+    def work(self) -> np.ndarray:
+        """x of the points computed so far (m,) [rad/N], strictly rising."""
+        return self.path.points[1]
+
+    @property
+    def profiles(self) -> np.ndarray:
+        """Combined depth along the path of contact (m, p), or of every slice (m, slices, p) [m]; so far."""
+        return np.array(self.path.profiles)
+
+    @property
+    def transmission_error(self) -> np.ndarray:
+        """Complex lines of mesh harmonics 1 … LINES (m, LINES) [m]; so far."""
+        return np.array([line.transmission_error for line in self.path.lines])
+
+    @property
+    def mean_transmission_error(self) -> np.ndarray:
+        """(m,) [m]; so far."""
+        return np.array([line.mean for line in self.path.lines])
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Complex lines (m, LINES) [m/s²]; so far."""
+        return np.array([line.acceleration for line in self.path.lines])
+
+    def valid_within(self, depth: float) -> float:
+        """The first point [m] at or beyond a depth [m], or the deepest with a steady state where that is less."""
+        self.path.reach(depth)
+        known = self.depth
+        return float(known[min(int(np.searchsorted(known, depth)), known.size - 1)])
 
     @property
     def valid_to(self) -> float:
-        """Deepest wear with a steady state [m]."""
-        return float(self.depth[-1])
+        """Deepest wear with a steady state [m], to the limit of the curve; computes as far."""
+        return self.valid_within(self.limit)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the limit is reached with a steady state."""
+        return self.valid_to >= self.limit
+
+    @property
+    def loss_from(self) -> float | None:
+        """Depth from which the teeth part for some of the mesh [m], None if not within the limit."""
+        end = self.valid_to
+        return min((d for d in self.path.lost if d <= end), default=None)
 
     @cached_property
-    def _depth_rate(self) -> float:
-        """d(depth)/dx held beyond the last point [m·N/rad]."""
-        rate = self.final_rate if self.final_rate.ndim == 1 else self.final_rate.mean(axis=0)
-        return float(rate[self.start.on_active].max())
-
-    @cached_property
-    def _profile_spline(self) -> CubicSpline:
-        return CubicSpline(self.depth, self.profiles, axis=0)
+    def _end_rate(self) -> tuple[np.ndarray, float]:
+        """dh/dx held beyond the last point of the path, and d(depth)/dx there [m·N/rad]."""
+        rate = self.path.final_rate
+        face = rate if rate.ndim == 1 else rate.mean(axis=0)
+        return rate, float(face[self.start.on_active].max())
 
     def profile(self, depth: float) -> WornProfile:
         """The worn profile of a largest depth [m], at or beyond the start's; NotConverged where wear has ended."""
-        if depth < self.depth[0] - 1e-12:
+        if depth < self.start_depth - 1e-12:
             raise ParameterError(
-                f"depth = {depth * 1e6:.2f} µm lies before the curve's start at {self.depth[0] * 1e6:.2f} µm"
+                f"depth = {depth * 1e6:.2f} µm lies before the curve's start at {self.start_depth * 1e6:.2f} µm"
             )
-        if depth > self.valid_to or self.depth.size == 1:
-            if depth > self.valid_to and not self._depth_rate > 0:
-                raise NotConverged(f"no wear goes on beyond {self.valid_to * 1e6:.1f} µm: the teeth do not touch there")
-            worn = self.profiles[-1] + self.final_rate * (max(depth, self.valid_to) - self.valid_to) / self._depth_rate
-        elif self.profiles.ndim == 3:  # a spline of every slice would take four times the curve's memory
-            i = min(int(np.searchsorted(self.depth, depth, side="right")), self.depth.size - 1)
-            t = (max(depth, self.depth[0]) - self.depth[i - 1]) / (self.depth[i] - self.depth[i - 1])
-            worn = (1 - t) * self.profiles[i - 1] + t * self.profiles[i]
+        path, depth = self.path, max(depth, self.start_depth)
+        path.reach(depth)
+        known = self.depth
+        if depth > known[-1]:
+            rate, by_depth = self._end_rate
+            if not by_depth > 0:
+                raise NotConverged(f"no wear goes on beyond {known[-1] * 1e6:.1f} µm: the teeth do not touch there")
+            worn = path.profiles[-1] + rate * (depth - float(known[-1])) / by_depth
+        elif depth == self.start_depth:
+            worn = path.profiles[0]
+        elif path.profiles[0].ndim == 2:  # a spline of every slice would take four times the path's memory
+            i = min(int(np.searchsorted(known, depth, side="right")), known.size - 1)
+            t = (depth - known[i - 1]) / (known[i] - known[i - 1])
+            worn = (1 - t) * path.profiles[i - 1] + t * path.profiles[i]
         else:
-            worn = self._profile_spline(max(depth, self.depth[0]))
+            worn = path.profile_at(depth)
         return WornProfile(positions=self.start.positions, depth=worn, active=self.start.active)
 
     def work_at(self, depth: float) -> float:
         """x [rad/N] at which the largest depth is reached."""
-        if depth > self.valid_to:
-            return float(self.work[-1] + (depth - self.valid_to) / self._depth_rate)
-        return float(np.interp(depth, self.depth, self.work))
+        self.path.reach(depth)
+        known, work = self.path.points
+        if depth > known[-1]:
+            return float(work[-1] + (depth - known[-1]) / self._end_rate[1])
+        return float(np.interp(depth, known, work))
 
     def work_per_depth(self, depth: float) -> float:
         """dx/d(depth) [rad/(N·m)]."""
@@ -140,25 +152,24 @@ class MasterCurve:
 
     def depth_at(self, work: float) -> float:
         """Largest depth [m] after x [rad/N]."""
-        if work > self.work[-1]:
-            return float(self.valid_to + (work - self.work[-1]) * self._depth_rate)
-        return float(np.interp(work, self.work, self.depth))
+        self.path.reach_work(work)
+        known, x = self.path.points
+        if work > x[-1]:
+            return float(known[-1] + (work - x[-1]) * self._end_rate[1])
+        return float(np.interp(work, x, known))
 
     def lines_at(self, depth: float) -> MeshLines:
         """The condition's lines at a depth [m]; held beyond the end."""
-        if self.depth.size == 1:
-            i, j, t = 0, 0, 0.0
-        else:
-            i = min(max(int(np.searchsorted(self.depth, depth)) - 1, 0), self.depth.size - 2)
-            j = i + 1
-            t = min(max(float((depth - self.depth[i]) / (self.depth[j] - self.depth[i])), 0.0), 1.0)
-
-        def at(values: np.ndarray) -> np.ndarray:
-            return (1 - t) * values[i] + t * values[j]
-
+        self.path.reach(depth)
+        known, lines = self.depth, self.path.lines
+        if known.size == 1:
+            return lines[0]
+        i = min(max(int(np.searchsorted(known, depth)) - 1, 0), known.size - 2)
+        t = min(max(float((depth - known[i]) / (known[i + 1] - known[i])), 0.0), 1.0)
+        a, b = lines[i], lines[i + 1]
         return MeshLines(
-            transmission_error=at(self.transmission_error),
-            mean=float(at(self.mean_transmission_error)),
-            pinion_motion=at(self.pinion_motion),
-            acceleration=at(self.acceleration),
+            transmission_error=(1 - t) * a.transmission_error + t * b.transmission_error,
+            mean=(1 - t) * a.mean + t * b.mean,
+            pinion_motion=(1 - t) * a.pinion_motion + t * b.pinion_motion,
+            acceleration=(1 - t) * a.acceleration + t * b.acceleration,
         )

@@ -66,9 +66,17 @@ class WornProfile:
         return tuple(WornProfile(positions=self.positions, depth=h, active=self.active) for h in self.depth)
 
     def across(self, slices: int) -> WornProfile:
-        """The same wear, kept for so many slices across the face; itself where it is sliced already or need not be."""
-        if slices == 1 or self.depth.ndim == 2:
+        """The same wear, kept for so many slices across the face; of one slice the mean over the face.
+
+        Itself where it is sliced as asked already. ParameterError where it is sliced otherwise.
+        """
+        have = 1 if self.depth.ndim == 1 else len(self.depth)
+        if slices == have:
             return self
+        if slices == 1:
+            return WornProfile(positions=self.positions, depth=self.mean, active=self.active)
+        if have > 1:
+            raise ParameterError(f"a profile of {have} slices across the face cannot be kept for {slices} slices")
         return WornProfile(positions=self.positions, depth=np.tile(self.depth, (slices, 1)), active=self.active)
 
     def at(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,156 @@
+"""One wear history by depth, computed only as far as somebody asks.
+
+The points of a history depend on the model, the operating condition and the profile that it starts from, and on
+nothing else: computing ten more gives the same ten whoever asks for them and when. So a path is a growing cache of a
+pure function. It ends where no steady state is found, or at `furthest`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from twin.dynamics.harmonic_balance import SteadyState
+from twin.errors import NotConverged
+from twin.model import Condition, Model
+from twin.wear.archard import wear_per_revolution
+from twin.wear.evolution import WearPoint, evolve
+from twin.wear.profile import WornProfile
+
+LINES = 12  # mesh harmonics kept of every response
+BLOCK, MARGIN = 4, 10  # points of a stretch of the spline through the profiles, and beyond it on either side
+KEPT_SPLINES = 4  # stretches of the spline that are kept
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MeshLines:
+    """Complex lines of mesh harmonics 1 … LINES of one steady state, (LINES,) each, and the mean."""
+
+    transmission_error: np.ndarray  # [m]
+    mean: float  # of the transmission error [m]
+    pinion_motion: np.ndarray  # r_b1·θ7 [m]
+    acceleration: np.ndarray  # [m/s²]
+
+    @classmethod
+    def of(cls, model: Model, steady: SteadyState, condition: Condition) -> MeshLines:
+        return cls(
+            transmission_error=model.transmission_error_lines(steady)[:LINES],
+            mean=model.mean_transmission_error(steady, condition),
+            pinion_motion=model.pinion_motion_lines(steady)[:LINES],
+            acceleration=model.acceleration_lines(steady)[:LINES],
+        )
+
+
+class WearPath:
+    """Depth, work, profile and lines of one wear history, in order of depth."""
+
+    def __init__(self, model: Model, condition: Condition, start: WornProfile, furthest: float) -> None:
+        """Solves the first steady state.
+
+        furthest  largest combined depth [m] to which the history is computed at all
+        Raises NotConverged where the start profile has no steady state.
+        """
+        self.condition = condition
+        self.start = start.across(model.slices)
+        self.furthest = furthest
+        self.ended: bool = False  # whether nothing follows the last point
+        self.converged: bool = True  # False where the path ended because no steady state was found
+        self.lines: list[MeshLines] = []
+        self.profiles: list[np.ndarray] = []
+        self.lost: list[float] = []  # depths at which the teeth part for some of the mesh [m]
+        self._model = model
+        self._depth: list[float] = []
+        self._work: list[float] = []
+        self._arrays = np.empty(0), np.empty(0)
+        self._last: WearPoint | None = None
+        self._splines: dict[tuple[int, int], CubicSpline] = {}
+        self._source: Iterator[WearPoint] = evolve(
+            model.mesh,
+            lambda p, s: model.steady(p, condition, s),
+            self.start,
+            model.calibration.contact_half_width,
+            furthest,
+        )
+        self._advance()
+        if not self._depth:
+            raise NotConverged(
+                f"no steady state at the start of wear ({condition.speed_hz:g} Hz, {condition.torque:g} N·m)"
+            )
+
+    def _advance(self) -> None:
+        """Computes one more point, or ends the path."""
+        try:
+            point = next(self._source, None)
+        except NotConverged:
+            self.ended, self.converged = True, False
+            return
+        if point is None:
+            self.ended = True
+            return
+        depth = point.profile.max_depth
+        if self._depth and depth <= self._depth[-1]:
+            return
+        self._depth.append(depth)
+        self._work.append(point.work)
+        self.profiles.append(point.profile.depth)
+        self.lines.append(MeshLines.of(self._model, point.steady, self.condition))
+        if point.steady.contact_loss > 0:
+            self.lost.append(depth)
+        self._last = point
+
+    def reach(self, depth: float) -> None:
+        """Computes on until a depth [m] is passed or the path ends."""
+        while not self.ended and self._depth[-1] < depth:
+            self._advance()
+
+    def reach_work(self, work: float) -> None:
+        """Computes on until a work [rad/N] is passed or the path ends."""
+        while not self.ended and self._work[-1] < work:
+            self._advance()
+
+    def _reach_points(self, count: int) -> None:
+        while not self.ended and len(self._depth) < count:
+            self._advance()
+
+    @property
+    def points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Depth [m] and work [rad/N] of the points computed so far, (m,) each."""
+        if self._arrays[0].size != len(self._depth):
+            self._arrays = np.array(self._depth), np.array(self._work)
+        return self._arrays
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the points computed so far [bytes]."""
+        lines = 3 * LINES * 16
+        return len(self._depth) * (self.profiles[0].nbytes + lines + 16)
+
+    @property
+    def final_rate(self) -> np.ndarray:
+        """dh/dx at the last point (p,), or of every slice (slices, p) [m·N/rad]."""
+        assert self._last is not None
+        model = self._model
+        return wear_per_revolution(
+            model.mesh, self._last.steady.contact_forces, model.calibration.contact_half_width, model.slices
+        )
+
+    def profile_at(self, depth: float) -> np.ndarray:
+        """The profile of a depth [m] between two points, by a cubic spline over the points around them; (p,).
+
+        An influence on a cubic spline falls to about a quarter from one point to the next, so that the points beyond
+        MARGIN change it by about a millionth of what they change at their own place: the path need not be known there.
+        """
+        self.reach(depth)
+        i = max(int(np.searchsorted(self.points[0], depth, side="right")) - 1, 0)
+        block = i // BLOCK
+        low, high = max(block * BLOCK - MARGIN, 0), (block + 1) * BLOCK + MARGIN
+        self._reach_points(high)
+        high = min(high, len(self._depth))
+        if (low, high) not in self._splines:
+            while len(self._splines) >= KEPT_SPLINES:
+                self._splines.pop(next(iter(self._splines)))
+            self._splines[low, high] = CubicSpline(self.points[0][low:high], np.array(self.profiles[low:high]), axis=0)
+        return self._splines[low, high](depth)
