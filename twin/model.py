@@ -17,6 +17,8 @@ from twin.dynamics.harmonic_balance import SteadyState, solve_through_contact_lo
 from twin.dynamics.mesh import PairMesh
 from twin.dynamics.structure import Structure, direction
 from twin.errors import ParameterError
+from twin.geometry import GearPair
+from twin.mesh.stiffness import PairStiffness
 from twin.rig import Rig
 from twin.wear.profile import WornProfile
 
@@ -66,9 +68,17 @@ class Calibration:
         return cls(**values)
 
 
+Table = tuple[tuple[float, ...], tuple[float, ...]]
+
+
 @lru_cache(maxsize=16)
-def _mesh(pair, samples: int) -> PairMesh:
-    return PairMesh.of(pair, samples)
+def _mesh(pair: GearPair, samples: int, table: Table | None) -> PairMesh:
+    return PairMesh.of(pair, samples, None if table is None else PairStiffness.given(pair, *table))
+
+
+def mesh_of(rig: Rig, samples: int = SAMPLES) -> PairMesh:
+    """The mesh of a rig's pair; its stiffness is the rig file's table where `mesh.stiffness_source` selects it."""
+    return _mesh(rig.gear_pair(), samples, rig.given_pair_stiffness)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -84,7 +94,7 @@ class Model:
     def of(cls, rig: Rig, calibration: Calibration, samples: int = SAMPLES) -> Model:
         """Builds the model; NotAvailable where the rig file lacks what it needs."""
         structure = Structure.from_rig(rig, modal_damping=calibration.modal_damping)
-        return cls(rig=rig, calibration=calibration, structure=structure, mesh=_mesh(rig.gear_pair(), samples))
+        return cls(rig=rig, calibration=calibration, structure=structure, mesh=mesh_of(rig, samples))
 
     def calibrated(self, **changes: float) -> Model:
         """The same gearbox with other calibrated values."""
@@ -137,13 +147,12 @@ class Model:
         return steady.lines(self.structure, self.structure.transmission_error)
 
     def pinion_motion_lines(self, steady: SteadyState) -> np.ndarray:
-        """Complex amplitude of r_b1·θ7, what the pinion's encoder sees, at every mesh harmonic k ≥ 1 [m]."""
-        return steady.lines(self.structure, direction({"th7": self.mesh.pair.base_radius[0]}))
+        """Complex amplitude of r_b1·θ, what the pinion's encoder measures, at every mesh harmonic k ≥ 1 [m]."""
+        return steady.lines(self.structure, self.structure.pinion_motion)
 
     def torque_lines(self, steady: SteadyState) -> np.ndarray:
-        """Complex amplitude of the torque meter, k_2_3·(θ2 − θ3), at every mesh harmonic k ≥ 1 [N·m]."""
-        (k,) = self.rig.require("the torque meter", "torsional_stiffness.k_2_3")
-        return steady.lines(self.structure, direction({"th2": k, "th3": -k}))
+        """Complex amplitude of the torque meter at every mesh harmonic k ≥ 1 [N·m]."""
+        return steady.lines(self.structure, self.structure.torque_meter)
 
     @cached_property
     def compliance_outside_mesh(self) -> float:

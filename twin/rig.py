@@ -10,20 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import cos, radians
+from math import radians
 from typing import Any
 
-from twin.errors import NotAvailable, ParameterError
+from twin.errors import NotAvailable
 from twin.geometry.gear_pair import GearPair
+from twin.rig_consistency import refuse_contradictions, torque_meter_nodes
+from twin.rig_derived import DERIVED
 from twin.rig_schema import SCHEMA, checked
 from twin.rig_tolerances import Tolerances
 
 MOST_LISTED = 4  # missing keys that an error names one by one
-
-DEGREES_OF_FREEDOM = (
-    "th1", "th2", "th3", "th5", "th7", "th8", "th10", "th12", "th13",
-    "y4", "y5", "y6", "y9", "y10", "y11", "x4", "x5", "x6", "x9", "x10", "x11",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +33,7 @@ class Rig:
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Rig:
         """Checks a rig file's mapping; raises ParameterError with name, value, unit and range."""
         rig = cls(checked(mapping, SCHEMA))
-        rig._check_consistency()
+        refuse_contradictions(rig.get, rig.gear_pair)
         return rig
 
     @property
@@ -52,12 +49,19 @@ class Rig:
             node = node[key]
         return node
 
+    def value(self, path: str) -> Any:
+        """The value at a dotted path, else what other values of the file make of it, else None."""
+        given = self.get(path)
+        derive = DERIVED.get(path)
+        return derive(self.get) if given is None and derive is not None else given
+
     def require(self, what: str, *paths: str) -> tuple[Any, ...]:
         """The values at the dotted paths; NotAvailable names what cannot be computed and what is missing."""
-        missing = [p for p in paths if self.get(p) is None]
+        values = tuple(self.value(p) for p in paths)
+        missing = [p for p, value in zip(paths, values, strict=True) if value is None]
         if missing:
             raise NotAvailable(f"{what} is not available: the rig file does not give {self._listed(missing)}")
-        return tuple(self.get(p) for p in paths)
+        return values
 
     def _listed(self, missing: list[str]) -> str:
         """Missing keys in few words: where there are many, a table that is not there at all by its name."""
@@ -76,7 +80,8 @@ class Rig:
         return ", ".join(parts)
 
     def has(self, *paths: str) -> bool:
-        return all(self.get(p) is not None for p in paths)
+        """Whether the file gives, or lets derive, all values at the dotted paths."""
+        return all(self.value(p) is not None for p in paths)
 
     @property
     def teeth(self) -> tuple[int, int]:
@@ -94,6 +99,23 @@ class Rig:
         """The band of the RMS [Hz]; 0–2000 Hz where the file does not say (paper 3.3)."""
         low, high = self.get("sensors.band_hz", (0.0, 2000.0))
         return low, high
+
+    @property
+    def torque_meter(self) -> tuple[int, int]:
+        """Nodes of the torsional spring whose twist the torque meter measures, from motor to gears."""
+        return torque_meter_nodes(self.get("sensors.torque", "k_2_3*(th2-th3)"))
+
+    @property
+    def encoders(self) -> tuple[str, str]:
+        """Coordinates that the encoders of the pinion's and of the gear's shaft measure."""
+        return self.get("sensors.encoder_input", "th7"), self.get("sensors.encoder_output", "th8")
+
+    @property
+    def given_pair_stiffness(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+        """Path positions [m] and stiffness of one tooth pair [N/m] where the file's table is selected, else None."""
+        if self.get("mesh.stiffness_source", "energy") != "given":
+            return None
+        return self.get("mesh.pair_s"), self.get("mesh.pair_stiffness")
 
     @property
     def tolerances(self) -> Tolerances:
@@ -130,38 +152,3 @@ class Rig:
             poisson_ratio=ν,
             backlash=self.get("gears.backlash", 0.0),
         )
-
-    def _check_consistency(self) -> None:
-        """Derived values that the file repeats must agree with what they derive from."""
-        m, α = self.get("gears.module"), self.get("gears.pressure_angle_deg")
-        for wheel in ("pinion", "gear"):
-            z, r = self.get(f"gears.{wheel}.teeth"), self.get(f"gears.{wheel}.pitch_radius")
-            if None not in (m, z, r) and abs(r - m * z / 2) > 1e-3 * r:
-                raise ParameterError(
-                    f"gears.{wheel}.pitch_radius = {r:g} m contradicts module·teeth/2 = {m * z / 2:g} m; "
-                    "a diameter, or another tooth count?"
-                )
-            rb = self.get(f"gears.{wheel}.base_radius")
-            if None not in (m, α, z, rb) and abs(rb - m * z / 2 * cos(radians(α))) > 1e-3 * rb:
-                raise ParameterError(
-                    f"gears.{wheel}.base_radius = {rb:g} m contradicts module·teeth/2·cos α = "
-                    f"{m * z / 2 * cos(radians(α)):g} m; another pressure angle?"
-                )
-            bore, root = self.get(f"gears.{wheel}.bore_radius"), self.get("gears.dedendum")
-            if None not in (m, z, bore, root) and bore >= m * z / 2 - root:
-                raise ParameterError(
-                    f"gears.{wheel}.bore_radius = {bore:g} m must be below the root radius "
-                    f"{m * z / 2 - root:g} m; a diameter?"
-                )
-        dofs = self.get("layout.degrees_of_freedom")
-        if dofs is not None and tuple(dofs) != DEGREES_OF_FREEDOM:
-            raise ParameterError(
-                "layout.degrees_of_freedom must be the 21 coordinates of the paper's eq. 2 in its order: "
-                + ", ".join(DEGREES_OF_FREEDOM)
-            )
-        s, k = self.get("mesh.pair_s"), self.get("mesh.pair_stiffness")
-        if s is not None and k is not None and len(s) != len(k):
-            raise ParameterError(f"mesh.pair_s has {len(s)} values and mesh.pair_stiffness {len(k)}: one each")
-        low, high = self.band
-        if not low < high:
-            raise ParameterError(f"sensors.band_hz = [{low:g}, {high:g}] Hz must rise")

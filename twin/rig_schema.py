@@ -9,10 +9,21 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from math import inf
 from typing import Any
 
 from twin.errors import ParameterError
+
+DEGREES_OF_FREEDOM = (
+    "th1", "th2", "th3", "th5", "th7", "th8", "th10", "th12", "th13",
+    "y4", "y5", "y6", "y9", "y10", "y11", "x4", "x5", "x6", "x9", "x10", "x11",
+)  # fmt: skip
+TORSION_CHAINS = {
+    "input": (1, 2, 3, 5, 7),
+    "output": (8, 10, 12, 13),
+}  # nodes from motor to free end, free end to brake
+TORSION_LINKS = tuple((a, b) for chain in TORSION_CHAINS.values() for a, b in pairwise(chain))
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +146,7 @@ SCHEMA: dict[str, Any] = {
         },
     },
     "mesh": {
+        "stiffness_source": _Text(("energy", "given")),
         "pair_s": _Numbers(-1, 1),
         "pair_stiffness": _Numbers(0, 1e12),
         "stiffness_scale": _Number("", 0.05, 20),
@@ -162,9 +174,7 @@ SCHEMA: dict[str, Any] = {
         "bending_stiffness_input": _STIFFNESS,
         "bending_stiffness_output": _STIFFNESS,
     },
-    "torsional_stiffness": {
-        f"k_{a}_{b}": _TORSION for a, b in ((1, 2), (2, 3), (3, 5), (5, 7), (8, 10), (10, 12), (12, 13))
-    },
+    "torsional_stiffness": {f"k_{a}_{b}": _TORSION for a, b in TORSION_LINKS},
     "inertias": {f"J{i}": _INERTIA for i in (1, 2, 3, 5, 7, 8, 10, 12, 13)},
     "masses": {f"m{i}": _MASS for i in (4, 5, 6, 9, 10, 11)},
     "bearings": {f"k{a}_{b}": _STIFFNESS for a in "xy" for b in ("input", "output")},
@@ -208,7 +218,7 @@ SCHEMA: dict[str, Any] = {
         "dwell_time": _Number("s", 0, 1),
         "contact_half_width": _Number("m", 0, 0.01, "micrometres?"),
     },
-    "reference": {
+    "reference": {  # where the values come from: descriptive, not used by the model
         "natural_frequencies_hz": {
             key: _Numbers(0, 1e6) for key in ("measured", "paper_model", "this_model", "next_above")
         },

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from service.errors import InputError
 from service.files.documents import load_document
+from service.stream.faults import grade_of
 from twin.errors import ParameterError
 from twin.rig import Rig
+from twin.windows import Fault, Window
 
 
 def load_mapping(path: str | Path) -> dict[str, Any]:
@@ -38,3 +41,20 @@ def expected_channels(rig: Rig) -> tuple[str, ...]:
         labels.append("torque/pinion")
     labels += [f"temperature/{place}" for place in rig.get("sensors.temperature", ())]
     return tuple(labels)
+
+
+def window_of_rig(rig: Rig, window: Window) -> Window:
+    """The window with a fault for every encoder whose frames have another number of edges than the rig file."""
+    found = []
+    for shaft, edges in window.encoders.items():
+        key = f"encoders.{shaft}_edges_per_rev"
+        stated = rig.get(key)
+        if stated is not None and edges.per_rev != stated:
+            detail = f"frames with {edges.per_rev} edges a turn; the rig file's {key} is {stated:g}"
+            found.append(
+                Fault(kind="edges_per_rev", channel=f"encoder/{shaft}", count=1, action="degraded", detail=detail)
+            )
+    if not found:
+        return window
+    faults = (*window.faults, *found)
+    return replace(window, faults=faults, quality=grade_of(faults))

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 from service.contract.answer import iso_time, refused_record
 from service.contract.slow_channels import slow_channels
 from service.errors import FrameError
-from service.files.rig import expected_channels
+from service.files.rig import expected_channels, window_of_rig
 from service.runtime.twin_port import Events, Twin
 from service.settings import Settings
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
@@ -190,6 +190,7 @@ class Pipeline:
         """One window through the twin to the sink."""
         self._before_window()
         state, report, told = progress.state, progress.report, Events()
+        window = window_of_rig(progress.rig, window)
         grade = window.quality
         if grade == "refused":
             record = refused_record("; ".join(f.detail for f in window.faults if f.action == "refused"))

@@ -13,7 +13,7 @@ from twin.effects import EFFECTS, solve_with
 from twin.effects.setup import contacts_of, setup_of
 from twin.errors import ParameterError
 from twin.model import Condition
-from twin.rig import DEGREES_OF_FREEDOM
+from twin.rig_schema import DEGREES_OF_FREEDOM
 from twin.wear.profile import WornProfile
 
 Z1, Z2 = TEETH

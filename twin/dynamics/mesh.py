@@ -82,8 +82,10 @@ class PairMesh:
             raise ParameterError(f"samples = {self.samples} a mesh period must be even and at least 64")
 
     @classmethod
-    def of(cls, pair: GearPair, samples: int = 1024) -> PairMesh:
-        return cls(pair=pair, stiffness=PairStiffness.of(pair), corner=CornerContact.of(pair), samples=samples)
+    def of(cls, pair: GearPair, samples: int = 1024, stiffness: PairStiffness | None = None) -> PairMesh:
+        """The mesh of a pair, with its stiffness by the potential-energy method unless another is handed in."""
+        k = PairStiffness.of(pair) if stiffness is None else stiffness
+        return cls(pair=pair, stiffness=k, corner=CornerContact.of(pair), samples=samples)
 
     @cached_property
     def phase(self) -> np.ndarray:

@@ -13,6 +13,7 @@ C   modal damping M Φ diag(2ζω) Φᵀ M with the mass-normalised modes of the
 Source   K. Feng et al., Wear 426–427 (2019) 1410–1415, eqs 1–5 and Fig. 3; the signs, which are partly
          lost in print, are those with which the mesh force does equal and opposite work on both gears
 Holds    small motions about a steady rotation
+Ignores  the overhung shaft ends: a coupling's lateral stiffness acts at the bearing beside it
 """
 
 from __future__ import annotations
@@ -26,12 +27,14 @@ import numpy as np
 from scipy.linalg import eigh
 
 from twin.errors import ParameterError
-from twin.rig import DEGREES_OF_FREEDOM, Rig
+from twin.rig import Rig
+from twin.rig_schema import DEGREES_OF_FREEDOM, TORSION_LINKS
 
 INDEX = {name: i for i, name in enumerate(DEGREES_OF_FREEDOM)}
 TORSION_NODES = (1, 2, 3, 5, 7, 8, 10, 12, 13)
 LATERAL_NODES = (4, 5, 6, 9, 10, 11)
-TORSION_LINKS = ((1, 2), (2, 3), (3, 5), (5, 7), (8, 10), (10, 12), (12, 13))
+
+COUPLED_NODES = (4, 11)  # bearings beside the couplings to motor and brake, which stand on the ground
 
 RIGID_HZ = 1.0  # a mode below this is a rotation of the whole, not a vibration
 
@@ -73,7 +76,17 @@ def stiffness_matrix(rig: Rig) -> np.ndarray:
         for nodes, k in zip(((4, 6), (9, 11)), bearings, strict=True):
             for n in nodes:
                 _link(K, k, {f"{axis}{n}": 1.0})
+    for n in COUPLED_NODES:
+        for axis in "xy":
+            _link(K, rig.get("couplings.lateral_stiffness", 0.0), {f"{axis}{n}": 1.0})
     return K
+
+
+def torque_meter(rig: Rig) -> np.ndarray:
+    """From coordinates to the torque meter's reading, k_a_b·(θa − θb) (21,) [N·m]."""
+    a, b = rig.torque_meter
+    (k,) = rig.require("the torque meter", f"torsional_stiffness.k_{a}_{b}")
+    return direction({f"th{a}": k, f"th{b}": -k})
 
 
 def mesh_direction(rig: Rig) -> np.ndarray:
@@ -103,6 +116,8 @@ class Structure:
     mesh: np.ndarray  # g (21,)
     modal_damping: float  # ζ of every vibrating mode
     transmission_error: np.ndarray  # direction r_b1·θ7 − r_b2·θ8 of the encoders (21,) [m/rad]
+    pinion_motion: np.ndarray  # direction r_b1·θ7 of the pinion's encoder alone (21,) [m/rad]
+    torque_meter: np.ndarray  # direction of the torque meter (21,) [N·m/rad]
 
     @classmethod
     def from_rig(cls, rig: Rig, *, modal_damping: float | None = None) -> Structure:
@@ -113,12 +128,15 @@ class Structure:
         if not 0 <= ζ < 1:
             raise ParameterError(f"modal_damping = {ζ} is outside [0, 1); percent?")
         rb1, rb2 = rig.gear_pair().base_radius
+        pinion, gear = rig.encoders
         return cls(
             mass=mass_matrix(rig),
             stiffness=stiffness_matrix(rig),
             mesh=mesh_direction(rig),
             modal_damping=ζ,
-            transmission_error=direction({"th7": rb1, "th8": -rb2}),
+            transmission_error=direction({pinion: rb1, gear: -rb2}),
+            pinion_motion=direction({pinion: rb1}),
+            torque_meter=torque_meter(rig),
         )
 
     def damped(self, modal_damping: float) -> Structure:

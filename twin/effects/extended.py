@@ -23,7 +23,6 @@ from math import pi
 import numpy as np
 
 from twin.dynamics.harmonic_balance import SteadyState, solve_through_contact_loss
-from twin.dynamics.structure import direction
 from twin.effects.response import Effect, Response, solve_with
 from twin.effects.setup import SensorGain, contacts_of, sampled, setup_of
 from twin.errors import NotConverged
@@ -144,7 +143,7 @@ def window_lines(model: Model, profile: WornProfile, condition: Condition) -> Wi
     highest = int(response.orders[-1] / z1)
     orders = z1 * np.arange(1, highest + 1)
     step = round(z1 * float(response.setup.turns))
-    motion = response.steady.lines(response.setup.structure, direction({"th7": model.mesh.pair.base_radius[0]}))
+    motion = response.steady.lines(response.setup.structure, response.setup.structure.pinion_motion)
     heard = response.acceleration(orders)
     return WindowLines(
         lines=MeshLines(

@@ -73,9 +73,8 @@ class Response:
 
     @cached_property
     def torque_lines(self) -> np.ndarray:
-        """The torque meter, k_2_3·(θ2 − θ3), at every order (n//2,) [N·m]."""
-        (k,) = self.model.rig.require("the torque meter", "torsional_stiffness.k_2_3")
-        return self._lines(direction({"th2": k, "th3": -k}))
+        """The torque meter at every order (n//2,) [N·m]."""
+        return self._lines(self.setup.structure.torque_meter)
 
     def acceleration(self, orders: Sequence[float] | np.ndarray) -> np.ndarray:
         """At some orders (m,) → (m,) [m/s²]."""

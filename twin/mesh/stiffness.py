@@ -7,6 +7,8 @@ s  signed distance of the contact from the pitch point along the line of action 
 Outside the nominal path a tip corner still touches: the contact stays at that tip, so the stiffness
 levels off. s is replaced there by s_end ± l·tanh((s − s_end)/l), which joins with two derivatives.
 
+A curve from elsewhere (finite elements, say) may be given instead: `PairStiffness.given`.
+
 Source   mesh/tooth_compliance, mesh/foundation, mesh/hertz
 """
 
@@ -17,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from twin.errors import ParameterError
 from twin.geometry.gear_pair import GearPair
 from twin.mesh.foundation import DEFAULT_ROOT_SECTION, foundation_compliance
 from twin.mesh.hertz import hertz_compliance
@@ -90,6 +93,23 @@ class PairStiffness:
         levels = np.linspace(pair.path_start - beyond, pair.path_end + beyond, _KNOTS)
         compliance = _total(_compliance(pair, levels, root_section))
         return cls(pair=pair, s=levels, values=scale / compliance)
+
+    @classmethod
+    def given(cls, pair: GearPair, s, values) -> PairStiffness:
+        """The spline through given stiffness (m,) [N/m] at path positions s (m,) [m], from finite elements for example.
+
+        Beyond the table, as far as a tip corner touches, the spline's last piece goes on. Raises ParameterError where
+        that is not positive.
+        """
+        beyond = _LEVELLING * pair.base_pitch
+        levels = np.linspace(pair.path_start - beyond, pair.path_end + beyond, _KNOTS)
+        k = CubicSpline(np.asarray(s, float), np.asarray(values, float))(levels)
+        if not k.min() > 0:
+            raise ParameterError(
+                f"the given pair stiffness falls to {k.min():g} N/m at s = {levels[k.argmin()]:g} m, between or beyond "
+                "its points; it must stay positive: scattered values, or too few points?"
+            )
+        return cls(pair=pair, s=levels, values=k)
 
     def __call__(self, s):
         """k [N/m] at path positions s [m]; any shape → the same."""
