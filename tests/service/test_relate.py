@@ -72,6 +72,7 @@ def series(tmp_path):
     rig = {k: v for k, v in UNSW_RIG.items() if k not in ("reference", "schema", "name", "description", "mesh")}
     wheels = {wheel: {"teeth": z, "bore_radius": 0.007} for wheel, z in (("pinion", 20), ("gear", 40))}
     rig["gears"] = {k: v for k, v in rig["gears"].items() if k != "path_of_contact"} | wheels
+    rig["wear"] = {k: v for k, v in rig["wear"].items() if k != "pinion_share"}
     rig["mesh"] = {"stiffness_scale": 1.0, "relative_damping_time": 8e-6}
     (tmp_path / "series.toml").write_text(HEADER + toml(rig), encoding="utf-8")
     (tmp_path / "records.csv").write_text(records(), encoding="utf-8")
