@@ -21,7 +21,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import null_space
 
-from twin.dynamics.structure import direction
 from twin.effects import EFFECTS
 from twin.effects.facts import Facts
 from twin.effects.response import Effect, Nearby, Response, solve_with
@@ -121,7 +120,7 @@ def channel_lines(window: Observed, response: Response) -> Prediction:
     z1 = response.model.mesh.pair.teeth[0]
     orders = z1 * np.arange(1, max(HARMONICS.values()) + 1)
     if window.pinion_only:
-        motion = direction({"th7": response.model.mesh.pair.base_radius[0]})
+        motion = response.setup.structure.pinion_motion
         step = round(z1 * float(response.setup.turns))
         encoder = response.steady.lines(response.setup.structure, motion)[step - 1 :: step][: HARMONICS["encoder"]]
     else:
@@ -154,9 +153,7 @@ def _grouped(values: Sequence[float], tolerance: float) -> np.ndarray:
 def _transfer_per_error(model: Model, windows: Sequence[Observed]) -> dict[str, np.ndarray]:
     """Size of every channel's line per metre of transmission error at the mesh orders, (W, n)."""
     structure, z1 = model.structure, model.mesh.pair.teeth[0]
-    (k23,) = model.rig.require("the torque meter", "torsional_stiffness.k_2_3")
-    meter = direction({"th2": k23, "th3": -k23})
-    motion = direction({"th7": model.mesh.pair.base_radius[0]})
+    meter, motion = structure.torque_meter, structure.pinion_motion
     out: dict[str, list[np.ndarray]] = {channel: [] for channel in CHANNELS}
     for w in windows:
         ω = 2 * np.pi * w.condition.speed_hz * z1 * np.arange(1, max(HARMONICS.values()) + 1)
