@@ -103,7 +103,7 @@ def _counted(mapping: ImportMapping, columns: Mapping[str, np.ndarray]) -> dict[
             "edges": forward.times.size,
             "sense": forward.sense,
             "reversals": found.reversals,
-            "counts_taken_back": forward.taken_back,
+            "counts_taken_back": forward.reversed_counts,
             "illegal_transitions": found.illegal,
             "illegal_counted_as_two": found.filled,
         }

@@ -75,9 +75,9 @@ def test_missed_transition_between_two_of_one_sense_counts_two_and_one_at_a_reve
     assert (turned.illegal, turned.filled) == (1, 0) and np.array_equal(turned.counts, [0, 1, 1, 0])
 
 
-def test_edges_of_the_forward_sense_rise_and_what_is_taken_back_is_passed_once():
+def test_edges_of_the_forward_sense_rise_and_what_is_turned_back_is_passed_once():
     found = forward_edges(-np.array([0, 1, 2, 1, 0, 1, 2, 3, 5]), 10.0)
-    assert found.sense == -1 and found.taken_back == 2
+    assert found.sense == -1 and found.reversed_counts == 2
     assert found.times == pytest.approx([0.05, 0.15, 0.65, 0.725, 0.775])
     with pytest.raises(WindowError, match="no forward sense"):
         forward_edges(np.array([0, 1, 0]), 10.0)

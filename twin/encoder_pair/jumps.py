@@ -1,11 +1,11 @@
-"""Sharp steps in the transmission error of a pair: counts that were missed, or what a wheel brings round every turn.
+"""Sharp steps in the transmission error of a pair: missed counts, or features that a wheel repeats every turn.
 
-    D(θ) = mean of the rest over δ behind θ − mean over δ before it           δ = 0.01 turn of wheel 1
+    D(θ) = mean of the remainder over δ behind θ − mean over δ before it      δ = 0.01 turn of wheel 1
 
-A step stands out where |D| is above the largest of 99 in 100 rests that are drawn with the same spectrum, and above a
-count. One that comes again whenever a wheel stands at the same angle is that wheel's: a tooth, or a mark or joint of
-its encoder's disc. One that neither wheel repeats, though both pass its angle again, is a miscount. What a wheel passes
-once only is not told.
+A step is significant where |D| is above the largest of 99 in 100 remainders that are drawn with the same spectrum, and
+above one count. A step that recurs whenever a wheel is at the same angle belongs to that wheel: a tooth, or a mark or
+joint of its encoder's disc. A step that neither wheel repeats, although both pass its angle again, is a miscount. A
+step at an angle that a wheel passes only once remains unassigned.
 
 Holds    steps sharper than δ, at places more than 2·δ apart
 """
@@ -16,12 +16,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.thresholds import deciding
+
 SHARP = 0.01  # δ [turns of wheel 1]
 FEWEST = 4  # edges in δ
-LEVEL = 0.99  # share of drawn rests whose sharpest step is smaller
-SAME_PLACE = 0.012  # [turns of the wheel] within which a step comes again
-AS_LARGE = 0.5  # of a step's size, from which another one is the same again
-MOST = 12
+MOST = 12  # steps that are reported
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JumpThresholds:
+    """When a sharp step is significant, and when it recurs."""
+
+    level: float = deciding(
+        0.99, meaning="share of drawn remainders whose sharpest step is smaller", source="convention: one in a hundred",
+    )  # fmt: skip
+    same_place: float = deciding(
+        0.012, unit="turns of the wheel", meaning="distance within which a step recurs",
+        source="derivation: the width of δ on either side, 0.01 turn, and a count",
+    )  # fmt: skip
+    as_large: float = deciding(
+        0.5, of="step", meaning="size from which another step is the same one", source="not derived",
+    )  # fmt: skip
+
+
+DEFAULT = JumpThresholds()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,9 +55,14 @@ class Jump:
 
 
 def jumps_of(
-    rest: np.ndarray, rests: np.ndarray, angles: tuple[np.ndarray, np.ndarray], turns: float, count: float
+    rest: np.ndarray,
+    rests: np.ndarray,
+    angles: tuple[np.ndarray, np.ndarray],
+    turns: float,
+    count: float,
+    limits: JumpThresholds = DEFAULT,
 ) -> list[Jump]:
-    """Sharp steps of a rest (n,) that stand out of drawn ones (m, n), the largest first; a wheel's once for all turns.
+    """Significant steps of a remainder (n,) against drawn ones (m, n), largest first; those of a wheel once.
 
     angles  of either wheel at the edges (n,) [rad]
     turns   of wheel 1
@@ -50,14 +73,14 @@ def jumps_of(
     if n < 8 * width:
         return []
     size = _differences(rest, width)
-    limit = max(count, float(np.quantile(np.abs(_differences(rests, width)).max(axis=1), LEVEL)))
+    limit = max(count, float(np.quantile(np.abs(_differences(rests, width)).max(axis=1), limits.level)))
     left = np.abs(size)
     out: list[Jump] = []
     for _ in range(MOST):
         i = int(np.argmax(left))
         if left[i] <= limit:
             break
-        jump, places = _placed(size, i, width, angles)
+        jump, places = _placed(size, i, width, angles, limits)
         out.append(jump)
         for at in places:
             left[max(0, at - 2 * width) : at + 2 * width + 1] = 0.0
@@ -70,12 +93,14 @@ def _differences(rest: np.ndarray, width: int) -> np.ndarray:
     return (before[..., 2 * width :] - 2 * before[..., width:-width] + before[..., : -2 * width]) / width
 
 
-def _placed(size: np.ndarray, i: int, width: int, angles: tuple[np.ndarray, np.ndarray]) -> tuple[Jump, list[int]]:
-    """The step at a place of D, told by the other places where either wheel stands as there; with its own places."""
+def _placed(
+    size: np.ndarray, i: int, width: int, angles: tuple[np.ndarray, np.ndarray], limits: JumpThresholds
+) -> tuple[Jump, list[int]]:
+    """The step at a place of D with all of its places, by what follows where either wheel is at the same angle."""
     again = []
     for wheel, angle in enumerate(angles, start=1):
         θ = angle[width : width + size.size]
-        reach = SAME_PLACE * 2 * np.pi
+        reach = limits.same_place * 2 * np.pi
         passed, same = 0, [i]
         turn = 2 * np.pi
         for number in range(int(np.ceil((θ[0] - θ[i]) / turn)), int(np.floor((θ[-1] - θ[i]) / turn)) + 1):
@@ -85,7 +110,7 @@ def _placed(size: np.ndarray, i: int, width: int, angles: tuple[np.ndarray, np.n
             at = θ[i] + number * turn
             low, high = np.searchsorted(θ, (at - reach, at + reach))
             near = np.sign(size[i]) * size[low : max(high, low + 1)]
-            if near.max(initial=0.0) >= AS_LARGE * abs(size[i]):
+            if near.max(initial=0.0) >= limits.as_large * abs(size[i]):
                 same.append(int(low + np.argmax(near)))
         again.append(passed)
         if passed and len(same) == passed + 1:

@@ -4,16 +4,16 @@
 
 R    ratio, turns of wheel 1 for one of wheel 2
 θ_w  angle of wheel w at the edges of wheel 1, its own angle from the times of its edges                   [rad]
-a, b once and twice a turn of wheel w: run-out of wheel and disc, not told apart by encoders alone     [rad of wheel 1]
+a, b once and twice a turn of wheel w: run-out of wheel and disc, which encoders cannot separate       [rad of wheel 1]
 s_j  a step at t_j: counts that were missed                                                          [rad of wheel 1]
 
-The rest is no white noise: teeth and torsion leave it alike over a good part of a turn, and the fit has taken of it
-what comes at its own orders. So standard deviations come from rests drawn anew with its spectrum, at the fitted orders
-as strong as where it is strongest beside them. Steps are sought as `pair_jumps` says. Two terms that come as often
-within less than a turn are fitted together and said to be not told apart.
+The remainder is no white noise: teeth and torsion correlate it over a good part of a turn, and the fit has removed its
+components at the fitted orders. Standard deviations therefore come from remainders drawn with its spectrum, at the
+fitted orders as strong as where it is strongest near them. Steps are found by `jumps.py`. Two terms whose counts differ
+by less than one in the window are fitted together and reported as indistinguishable.
 
-Edges are those of the forward sense: one is passed where the wheel comes farther than ever, so that a stretch that is
-taken back and passed again counts once. Forward is the sense in which the wheel turns on the whole.
+Edges are those of the forward sense: an edge is passed where the wheel gets farther than ever before, so that a stretch
+that is turned back and passed again counts once. Forward is the sense of the net rotation.
 
     S(o) = |Σ_n w_n·rest_n·e^{−i·o·θ_n}|²/Σw²         o > o_f;        largest S of o_f … 2·o_f, smoothed, at and below
 
@@ -22,7 +22,7 @@ o    order of wheel 1, o_f the highest that is fitted; w Hann's window
 Source   S. Prichard, J. Theiler, Phys. Rev. Lett. 73 (1994) 951–954 (rests drawn with a given spectrum);
          G. Dalpiaz, A. Rivola, R. Rubini, Meccanica 31 (1996) 433–447 (transmission error from encoders)
 Holds    runs of a turn and more of either wheel, through run-up and stop; a wheel that swings gives its net angle. What
-         the rest does by itself more strongly below o_f than above is taken for run-out
+         the remainder has more strongly below o_f than above is attributed to run-out
 """
 
 from __future__ import annotations
@@ -35,20 +35,39 @@ import numpy as np
 
 from twin.encoder_pair.jumps import Jump, jumps_of
 from twin.errors import WindowError
+from twin.thresholds import deciding
 from twin.windows import Edges
 
 HARMONICS = 2
-LEAST_TURNS = 1.0  # of either wheel
-LEAST_EDGES = 16  # a turn of the faster wheel: two harmonics with room to spare
 MOST_EDGES = 4000  # that are fitted, unless fewer than KEPT_EDGES a turn would be left
 KEPT_EDGES = 32
 MOST_TURNS = 400.0  # of wheel 1 that are fitted, the first of a window; more say no more
-BESIDE = 2.0  # times the highest fitted order: up to there the rest tells how strong it is at the fitted ones
+NEAR_FITTED = 2.0  # times the highest fitted order: up to there the remainder shows its strength at the fitted ones
 SMOOTHED = 0.8  # orders that its spectrum is averaged over there
 DRAWS = 400
-LASTING = 0.5  # relative, by which a missed count may be smaller or larger in the long run than at its place
 TEETH = range(10, 61)  # tooth counts that are tried on the ratio
 SEED = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairThresholds:
+    """When two encoders determine the motion of a pair."""
+
+    least_turns: float = deciding(
+        1.0, unit="turns", meaning="rotation of either wheel from which a ratio is given",
+        source="derivation: run-out cannot be separated from the ratio on less than its own period",
+    )  # fmt: skip
+    least_edges: int = deciding(
+        16, unit="edges", meaning="edges in a turn of the faster wheel from which run-out is given",
+        source="derivation: two harmonics need four, with a factor of four to spare",
+    )  # fmt: skip
+    lasting: float = deciding(
+        0.5, of="sharp step", meaning="difference of a missed count's lasting size from its size at its place",
+        source="not derived",
+    )  # fmt: skip
+
+
+DEFAULT = PairThresholds()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -57,7 +76,7 @@ class Counts:
 
     counts: np.ndarray  # at every sample (n,)
     illegal: int  # transitions in which both levels changed: a count was missed, and its sense is not known
-    filled: int  # of those, taken for two counts in the sense of the counts before and behind; the others count nothing
+    filled: int  # of those, counted as two in the sense of the counts before and after; the others count nothing
     reversals: int  # changes of the sense of rotation
 
 
@@ -67,7 +86,7 @@ class Forward:
 
     times: np.ndarray  # of each edge after the first sample, rising (m,) [s]
     sense: int  # 1 where the counts rise, −1 where they fall
-    taken_back: int  # counts gone back
+    reversed_counts: int  # counts in the opposite sense
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +102,7 @@ class RunOut:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PairMotion:
-    """What two encoders tell of a pair."""
+    """The motion of a pair as its two encoders show it."""
 
     ratio: float  # turns of wheel 1 for one of wheel 2
     ratio_std: float
@@ -149,32 +168,32 @@ def forward_edges(counts: np.ndarray, rate: float) -> Forward:
     number = passed[at]
     within = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
     times = (np.repeat(at, number) + (within + 0.5) / np.repeat(number, number)) / rate
-    return Forward(times=times, sense=sense, taken_back=int(-np.minimum(np.diff(ahead), 0).sum()))
+    return Forward(times=times, sense=sense, reversed_counts=int(-np.minimum(np.diff(ahead), 0).sum()))
 
 
-def pair_motion(first: Edges, second: Edges) -> PairMotion:
-    """What two encoders tell, from the times of their edges; lost edges are NaN.
+def pair_motion(first: Edges, second: Edges, limits: PairThresholds = DEFAULT) -> PairMotion:
+    """The motion of a pair from the times of the edges of its encoders; lost edges are NaN.
 
     Raises WindowError where a wheel does not turn far enough, or has too few edges a turn.
     """
     (t1, φ1), (t2, φ2) = _passed(first), _passed(second)
     turns = tuple(float(np.ptp(φ)) / (2 * np.pi) if φ.size else 0.0 for φ in (φ1, φ2))
-    if min(turns) < LEAST_TURNS:
+    if min(turns) < limits.least_turns:
         raise WindowError(
-            f"wheels that turn {turns[0]:.2f} and {turns[1]:.2f} times tell no ratio: at least {LEAST_TURNS:g} turn "
-            "of either is needed"
+            f"wheels that turn {turns[0]:.2f} and {turns[1]:.2f} times do not determine a ratio: at least "
+            f"{limits.least_turns:g} turn of either is needed"
         )
     faster = first.per_rev * min(1.0, turns[0] / turns[1])  # edges of wheel 1 in a turn of the faster one
-    if min(faster, second.per_rev) < LEAST_EDGES:
+    if min(faster, second.per_rev) < limits.least_edges:
         raise WindowError(
-            f"{first.per_rev} and {second.per_rev} edges a turn tell no run-out: at least {LEAST_EDGES} in a turn of "
-            "the faster wheel are needed"
+            f"{first.per_rev} and {second.per_rev} edges a turn do not determine run-out: at least "
+            f"{limits.least_edges} in a turn of the faster wheel are needed"
         )
     both = np.flatnonzero((t1 >= t2[0]) & (t1 <= t2[-1]))
-    if both.size < 2 or np.ptp(φ1[both]) < 2 * np.pi * LEAST_TURNS:
+    if both.size < 2 or np.ptp(φ1[both]) < 2 * np.pi * limits.least_turns:
         raise WindowError(
-            f"the wheels do not turn at the same time for {LEAST_TURNS:g} turn: encoders of two machines, or clocks "
-            "apart?"
+            f"the wheels do not turn at the same time for {limits.least_turns:g} turn: encoders of two machines, or "
+            "clocks that differ?"
         )
     both = both[: round(MOST_TURNS * first.per_rev)]
     both = both[:: max(1, min(both.size // MOST_EDGES, int(faster / KEPT_EDGES)))]
@@ -187,21 +206,16 @@ def pair_motion(first: Edges, second: Edges) -> PairMotion:
     fitted, after, rests = _fitted(columns, θ1, turned, rng)
     jumps = jumps_of(after, rests, (θ1, θ2), turned, 2 * np.pi * max(1 / first.per_rev, fitted[1] / second.per_rev))
     steps = {j: (np.arange(t.size) >= j.index).astype(float) for j in jumps if j.missed}
-    steps = _lasting(columns, steps, θ1)
+    steps = _lasting(columns, steps, θ1, limits)
     if steps:
         columns = np.concatenate((columns, np.stack(list(steps.values()), axis=1)), axis=1)
         fitted, after, rests = _fitted(columns, θ1, turned, rng)
-    inverse = np.linalg.pinv(columns)
-    std = np.std(rests @ inverse.T, axis=0)
-    # what no draw has: higher harmonics; sharp steps not told from miscounts; and those of a wheel, were they miscounts
-    untold = [np.arange(t.size) >= j.index for j in jumps if j.wheel is None and j not in steps]
-    moved = (
-        fitted[1] - _solve(_columns(θ1, θ2, 1), θ1)[1],
-        fitted[1] - _solve(np.concatenate((columns, *(u[:, None] for u in untold)), axis=1), θ1)[1],
-        *(ratio_moved(fitted[1], j) for j in jumps if j.wheel is not None),
-    )
-    ends = sum((1 / (n.per_rev * turn)) ** 2 / 6 for n, turn in zip((first, second), turns, strict=True))  # of an edge
-    spread = std[1] ** 2 + fitted[1] ** 2 * ends + sum(m**2 for m in moved)
+    std = np.std(rests @ np.linalg.pinv(columns).T, axis=0)
+    unassigned = [j for j in jumps if j.wheel is None and j not in steps]
+    spread = std[1] ** 2 + _beyond_draws(columns, fitted[1], θ1, θ2, jumps, unassigned)
+    spread += fitted[1] ** 2 * sum(
+        (1 / (n.per_rev * turn)) ** 2 / 6 for n, turn in zip((first, second), turns, strict=True)
+    )  # of half an edge at either end
     return PairMotion(
         ratio=float(fitted[1]),
         ratio_std=float(np.sqrt(spread)),
@@ -227,21 +241,45 @@ def pair_motion(first: Edges, second: Edges) -> PairMotion:
     )
 
 
+def _beyond_draws(
+    columns: np.ndarray,
+    ratio: float,
+    θ1: np.ndarray,
+    θ2: np.ndarray,
+    jumps: Sequence[Jump],
+    unassigned: Sequence[Jump],
+) -> float:
+    """Variance of the ratio that drawn remainders do not contain.
+
+    Higher harmonics of the run-out, sharp steps that may be miscounts, and recurring steps of a wheel, were they
+    miscounts.
+    """
+    steps = [(np.arange(θ1.size) >= j.index)[:, None] for j in unassigned]
+    moved = (
+        ratio - _solve(_columns(θ1, θ2, 1), θ1)[1],
+        ratio - _solve(np.concatenate((columns, *steps), axis=1), θ1)[1],
+        *(ratio_moved(ratio, j) for j in jumps if j.wheel is not None),
+    )
+    return sum(m**2 for m in moved)
+
+
 def _fitted(
     columns: np.ndarray, θ1: np.ndarray, turns: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The fit (k,), its rest (n,), and rests drawn with the same spectrum (DRAWS, n)."""
+    """The fit (k,), its remainder (n,), and remainders drawn with the same spectrum (DRAWS, n)."""
     fitted = _solve(columns, θ1)
     after = θ1 - columns @ fitted
     return fitted, after, _drawn(after, turns, fitted[1], rng)
 
 
-def _lasting(columns: np.ndarray, steps: dict[Jump, np.ndarray], θ1: np.ndarray) -> dict[Jump, np.ndarray]:
-    """Of sharp steps those that last: fitted together they are as large as they are sharp."""
+def _lasting(
+    columns: np.ndarray, steps: dict[Jump, np.ndarray], θ1: np.ndarray, limits: PairThresholds
+) -> dict[Jump, np.ndarray]:
+    """The sharp steps that last: fitted together they are as large as they are sharp."""
     if not steps:
         return steps
     sizes = _solve(np.concatenate((columns, np.stack(list(steps.values()), axis=1)), axis=1), θ1)[columns.shape[1] :]
-    return {j: c for (j, c), size in zip(steps.items(), sizes, strict=True) if abs(size / j.size - 1) < LASTING}
+    return {j: c for (j, c), size in zip(steps.items(), sizes, strict=True) if abs(size / j.size - 1) < limits.lasting}
 
 
 def _passed(edges: Edges) -> tuple[np.ndarray, np.ndarray]:
@@ -276,17 +314,17 @@ def _solve(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _drawn(rest: np.ndarray, turns: float, ratio: float, rng: np.random.Generator) -> np.ndarray:
-    """Rests (DRAWS, n) with the spectrum of the given one (n,), at the fitted orders as strong as beside them."""
+    """Remainders (DRAWS, n) with the spectrum of the given one (n,), at the fitted orders as strong as near them."""
     n = rest.size
     weight = np.hanning(n)
     spectrum = np.abs(np.fft.rfft(weight * (rest - rest.mean()), 2 * n)) ** 2 / (weight @ weight)
     order = np.arange(spectrum.size) / (2 * turns)
     highest = HARMONICS * max(1.0, 1 / ratio) + 1 / turns
-    beside = (order > highest) & (order < BESIDE * highest)
+    near = (order > highest) & (order < NEAR_FITTED * highest)
     width = max(1, round(2 * turns * SMOOTHED))
     smooth = np.convolve(spectrum, np.ones(width) / width, "same")
-    spectrum[order <= highest] = smooth[beside].max() if beside.any() else smooth.max()  # none: most edges are lost
-    size = np.sqrt(n * spectrum)  # of the parts of a draw twice as long, of which one half is taken
+    spectrum[order <= highest] = smooth[near].max() if near.any() else smooth.max()  # none: most edges are lost
+    size = np.sqrt(n * spectrum)  # of the components of a draw twice as long, of which one half is used
     out = np.empty((DRAWS, n))
     for row in out:
         row[:] = np.fft.irfft(size * (rng.normal(size=size.size) + 1j * rng.normal(size=size.size)), 2 * n)[:n]
