@@ -133,7 +133,7 @@ def test_terms_that_come_as_often_within_less_than_a_turn_are_said_to_be_alike()
 @pytest.mark.parametrize(
     ("first", "second", "message"),
     [
-        (np.arange(2000.0), np.arange(1000.0), "tell no ratio"),
+        (np.arange(2000.0), np.arange(1000.0), "do not determine a ratio"),
         (np.arange(9000.0), 1e5 + np.arange(9000.0), "at the same time"),
     ],
 )

@@ -168,9 +168,9 @@ def test_a_wheel_that_hardly_turns_gives_no_ratio_and_says_why(tmp_path):
     turning = np.repeat(np.arange(16000), 2)
     path, _ = imported(tmp_path, turning, -turning // 16)
     answer = assess(path)
-    assert answer["pair"]["status"] == "not available" and "tell no ratio" in answer["pair"]["reason"]
+    assert answer["pair"]["status"] == "not available" and "do not determine a ratio" in answer["pair"]["reason"]
     path, _ = imported(tmp_path, turning[:16000], -turning[:16000] // 16)
-    with pytest.raises(InputError, match=r"no window of 1 can be used.* turn 2\.00 and 0\.12 times tell no ratio"):
+    with pytest.raises(InputError, match=r"no window of 1 can be used.* turn 2\.00 and 0\.12 times do not determine a ratio"):
         assess(path)
 
 
