@@ -12,6 +12,8 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from twin.wear.laws import LAWS
+
 MEANINGS = {
     "schema": "form of the file",
     "name": "name of the machine",
@@ -39,9 +41,10 @@ MEANINGS = {
     "wear.K": "wear coefficient, dh = K·τ·F·v per passage",
     "wear.dwell_time": "τ of K: time for which the contact stays on a point of the flank",
     "wear.contact_half_width": "half of the width over which the flanks touch",
+    "wear.law": "wear law, one of twin/wear/laws; archard where not stated",
     "end_of_life.criterion": "what ends the life",
     "end_of_life.max_depth": "largest wear depth of both flanks together",
-}
+} | {f"wear.{law.name}.{p.key}": p.meaning for law in LAWS.values() for p in law.parameters}
 
 
 def table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:

@@ -14,6 +14,7 @@ from math import inf
 from typing import Any
 
 from twin.errors import ParameterError
+from twin.wear.laws import LAWS
 
 DEGREES_OF_FREEDOM = (
     "th1", "th2", "th3", "th5", "th7", "th8", "th10", "th12", "th13",
@@ -217,6 +218,12 @@ SCHEMA: dict[str, Any] = {
         "pinion_share": _Number("", 0, 1, "percent?"),
         "dwell_time": _Number("s", 0, 1),
         "contact_half_width": _Number("m", 0, 0.01, "micrometres?"),
+        "law": _Text(tuple(LAWS)),
+        **{
+            law.name: {p.key: _Number(p.unit, p.low, p.high, p.hint) for p in law.parameters}
+            for law in LAWS.values()
+            if law.parameters
+        },
     },
     "reference": {  # where the values come from: descriptive, not used by the model
         "natural_frequencies_hz": {

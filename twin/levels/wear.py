@@ -1,6 +1,6 @@
 """How deep wear lies over the flank, by its largest depth, where only that depth was measured.
 
-    load sharing   Archard's law with the forces of the quasi-static mesh, from new flanks on (twin.wear)
+    load sharing   the rig's wear law with the forces of the quasi-static mesh, from new flanks on (twin.wear)
     sliding        h(s) ∝ sqrt(s² + a²): every pair carries the same force all the way, a the contact's half-width
     even part      h = q·depth everywhere + (1 − q) of another shape
 
@@ -22,6 +22,7 @@ from twin.dynamics.harmonic_balance import Contacts, SteadyState, quasi_static_d
 from twin.errors import ParameterError
 from twin.model import Condition, Model
 from twin.wear.evolution import evolve
+from twin.wear.laws import law_of
 from twin.wear.profile import WornProfile
 
 Wear = Callable[[float], WornProfile]  # largest combined depth [m] → worn flanks
@@ -74,7 +75,7 @@ def quasi_static_state(contacts: Contacts, mean_force: float) -> SteadyState:
 
 
 def by_load_sharing(model: Model, condition: Condition, until: float) -> WearHistory:
-    """Archard's law with quasi-static forces until a largest depth [m]."""
+    """The rig's wear law with quasi-static forces until a largest depth [m]."""
     coarse = Model.of(model.rig, model.calibration, samples=SAMPLES)
     force, c = coarse.mean_force(condition), coarse.calibration
 
@@ -83,7 +84,7 @@ def by_load_sharing(model: Model, condition: Condition, until: float) -> WearHis
         return quasi_static_state(contacts, force)
 
     depth, profiles = [0.0], [coarse.unworn.depth]
-    for point in evolve(coarse.mesh, solver, coarse.unworn, c.contact_half_width, until):
+    for point in evolve(coarse.mesh, solver, coarse.unworn, c.contact_half_width, until, law=law_of(model.rig)):
         worn = point.profile.max_depth
         if worn >= depth[-1] + KEPT or worn >= until:
             depth.append(worn)

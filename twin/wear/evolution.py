@@ -1,6 +1,8 @@
 """Wear and vibration driving each other: the master curve.
 
-    dh/dN = (K·τ·ω1)·(1 + z1/z2)²·smoothed(F·|s|)[h]
+    dh/dN = (K·τ·ω1)·law(w[h], h),        w = (1 + z1/z2)²·smoothed(F·|s|)
+
+law   one of twin.wear.laws; Archard's is law(w, h) = w
 
 At constant operating conditions only the product x = K·τ·ω1·N appears (N pinion revolutions), so one curve
 h(x) serves every wear coefficient: a change of K is a rescale of N. A change of the operating condition starts a
@@ -27,8 +29,11 @@ from twin.dynamics.harmonic_balance import SteadyState
 from twin.dynamics.mesh import PairMesh
 from twin.errors import ParameterError
 from twin.wear.archard import wear_per_revolution
+from twin.wear.laws.archard import Archard
+from twin.wear.laws.law import WearLaw
 from twin.wear.profile import WornProfile
 
+ARCHARD = Archard()
 Solver = Callable[[WornProfile, SteadyState | None], SteadyState]
 
 
@@ -63,11 +68,13 @@ def evolve(
     *,
     largest_step: float = 4e-6,
     step: Callable[[float, float], float] = step_size,
+    law: WearLaw = ARCHARD,
 ) -> Iterator[WearPoint]:
     """Points from the start profile until the largest combined depth reaches `until_depth` [m].
 
     solver        gives the steady state of a profile, starting from that of an earlier one
     start         worn flanks, across the face in slices where the solver's contacts are
+    law           by which the flanks wear
     largest_step  [m]; steps are never longer than `stable_step`, whatever it says; of the slice that wears fastest
     Raises NotConverged where a steady state does not exist; what was yielded before stays valid.
     """
@@ -80,9 +87,12 @@ def evolve(
         yield WearPoint(work=work, profile=profile, steady=steady)
         if profile.max_depth >= until_depth:
             return
-        rate = wear_per_revolution(mesh, steady.contact_forces, half_width, slices)
-        dx = min(step(profile.max_depth, largest), largest) / float(rate[..., profile.on_active].max())
-        halfway = solver(profile.worn_by(0.5 * dx * rate), steady).require_converged()
-        grown = dx * wear_per_revolution(mesh, halfway.contact_forces, half_width, slices)
+        rate = law.rate(wear_per_revolution(mesh, steady.contact_forces, half_width, slices), profile.depth)
+        longest = min(largest, law.longest_step(profile.max_depth))
+        dx = min(step(profile.max_depth, longest), longest) / float(rate[..., profile.on_active].max())
+        between = profile.worn_by(0.5 * dx * rate)
+        halfway = solver(between, steady).require_converged()
+        work_there = wear_per_revolution(mesh, halfway.contact_forces, half_width, slices)
+        grown = dx * law.rate(work_there, between.depth)
         work, profile = work + dx, profile.worn_by(grown)
         steady = solver(profile, halfway).require_converged()

@@ -18,6 +18,7 @@ from twin.errors import NotConverged
 from twin.model import Condition, Model
 from twin.wear.archard import wear_per_revolution
 from twin.wear.evolution import WearPoint, evolve
+from twin.wear.laws import law_of
 from twin.wear.profile import WornProfile
 
 LINES = 12  # mesh harmonics kept of every response
@@ -62,6 +63,7 @@ class WearPath:
         self.profiles: list[np.ndarray] = []
         self.lost: list[float] = []  # depths at which the teeth part for some of the mesh [m]
         self._model = model
+        self._law = law_of(model.rig)
         self._depth: list[float] = []
         self._work: list[float] = []
         self._arrays = np.empty(0), np.empty(0)
@@ -73,6 +75,7 @@ class WearPath:
             self.start,
             model.calibration.contact_half_width,
             furthest,
+            law=self._law,
         )
         self._advance()
         if not self._depth:
@@ -132,10 +135,10 @@ class WearPath:
     def final_rate(self) -> np.ndarray:
         """dh/dx at the last point (p,), or of every slice (slices, p) [m·N/rad]."""
         assert self._last is not None
-        model = self._model
-        return wear_per_revolution(
-            model.mesh, self._last.steady.contact_forces, model.calibration.contact_half_width, model.slices
-        )
+        model, last = self._model, self._last
+        half_width = model.calibration.contact_half_width
+        work = wear_per_revolution(model.mesh, last.steady.contact_forces, half_width, model.slices)
+        return self._law.rate(work, last.profile.depth)
 
     def profile_at(self, depth: float) -> np.ndarray:
         """The profile of a depth [m] between two points, by a cubic spline over the points around them; (p,).
