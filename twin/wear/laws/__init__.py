@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 from twin.errors import ParameterError
 from twin.wear.laws.archard import Archard
 from twin.wear.laws.law import WearLaw
+from twin.wear.laws.running_in import RunningIn
 
 if TYPE_CHECKING:
     from twin.rig import Rig
 
-LAWS: dict[str, type[WearLaw]] = {law.name: law for law in (Archard,)}
+LAWS: dict[str, type[WearLaw]] = {law.name: law for law in (Archard, RunningIn)}
 
 
 def law_of(rig: Rig) -> WearLaw:
