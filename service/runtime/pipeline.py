@@ -182,7 +182,7 @@ class Pipeline:
         if asset not in self._assets:
             rig = self._rig_of(asset)
             expected = expected_channels(rig)
-            assembler = Assembler(replace(self._assembly, expected=expected))
+            assembler = Assembler(replace(self._assembly, expected=expected, rig=rig))
             self._assets[asset] = _Progress(rig, expected, assembler, self._twin.new_state())
         return self._assets[asset]
 

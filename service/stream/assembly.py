@@ -25,6 +25,7 @@ from service.stream.pieces import Piece, size_of, split_index
 from service.stream.samples import Span
 from service.stream.slow import SlowChannels
 from service.stream.window import build_window
+from twin.rig import Rig
 from twin.windows import Fault, Window
 
 _SILENT_AFTER = 4  # times the patience: frames of other keys after which one that sends nothing is not waited for
@@ -40,6 +41,7 @@ class AssemblySettings:
     settle: int = 16  # frames in good order that prove a gap real
     max_bytes: int = 128 * 2**20  # held while waiting
     expected: tuple[str, ...] = ()  # channels that are waited for before the first window: accel/y6, ...
+    rig: Rig | None = None  # whose sensor ranges and operating points the values are held against
 
 
 DEFAULT = AssemblySettings()
@@ -240,7 +242,7 @@ class Assembler:
                     self._consumed[label] = (frame.sequence, frame.start_time_ns, frame.end_time_ns)
         span, faults = Span(current.start, end), list[Fault]()
         slow = self._slow.at(span, faults)
-        window = build_window(span, now, self._known, self._counted, slow, faults)
+        window = build_window(span, now, self._known, self._counted, slow, faults, self.settings.rig)
         for shaft, edges in window.encoders.items():
             self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
         for (label, kind), number in totals(window.faults).items():

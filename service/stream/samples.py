@@ -7,6 +7,7 @@ other.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,12 +16,31 @@ from service.stream.channels import ChannelKind
 from service.stream.faults import by_share
 from service.stream.frames import NS, SampleFrame
 from service.stream.pieces import Piece, of_one_rate
+from twin.features.despike import spikes
+from twin.rig import Rig
+from twin.thresholds import deciding
 from twin.windows import Fault, Samples
 
 _TIME_SLACK_NS = 20_000  # of a frame's start, beyond one sample [ns]
 _FLAT_RUN = 4  # equal extreme samples in a row that no vibration gives: clipped
 _PILE = 5  # samples at the extreme level, and times as many as at the level before it, that none gives either
 _MARGIN = 0.05  # [s] by which channels may start and end apart
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeThresholds:
+    """How far beyond its nominal range a sensor may be believed."""
+
+    over_range: float = deciding(
+        1.1,
+        of="full scale that the rig file states for the sensor",
+        meaning="largest value that is taken for a measured one",
+        source="not derived: chosen so that a converter whose full scale lies somewhat above the nominal range is left "
+        "to the check for clipping",
+    )
+
+
+RANGE = RangeThresholds()
 
 
 class Span(NamedTuple):
@@ -44,14 +64,22 @@ class _Placed(NamedTuple):
 
 
 def lay_samples(
-    label: str, kind: ChannelKind, parts: Sequence[Piece[SampleFrame]], span: Span, faults: list[Fault]
+    label: str,
+    kind: ChannelKind,
+    parts: Sequence[Piece[SampleFrame]],
+    span: Span,
+    faults: list[Fault],
+    rig: Rig | None = None,
 ) -> Samples | None:
-    """One evenly sampled channel, its faults added to `faults`; None where nothing of it is left."""
+    """One evenly sampled channel, its faults added to `faults`; None where nothing of it is left.
+
+    rig  whose sensor ranges hold in place of the kind's limits
+    """
     parts = [p for p in of_one_rate(label, parts, lambda p: p.frame.sample_rate, "Hz", faults) if p.size]
     if not parts:
         return None
-    rate, origin = parts[0].frame.sample_rate, parts[0].start_ns
-    placed = _placed(parts, rate, origin)
+    sampling, origin = parts[0].frame.sample_rate, parts[0].start_ns
+    placed = _placed(parts, sampling, origin)
     values = np.full(placed.size, np.nan)
     for index, part, skip in placed.places:
         values[index : index + part.size - skip] = part.frame.values[part.begin + skip : part.end]
@@ -59,15 +87,26 @@ def lay_samples(
     if placed.overlap:
         detail = "samples given twice by overlapping frames, the first kept"
         faults.append(Fault(kind="overlap", channel=label, count=placed.overlap, action="repaired", detail=detail))
-    bad = _drop_unusable(label, kind, values, holes, faults)
+    bad = _drop_unusable(label, values, holes, limits_of(kind, label, rig), kind.unit, faults)
     head = (origin - span.start_ns) / NS
-    tail = (span.end_ns - origin) / NS - placed.size / rate
-    _note_gaps(label, parts, holes / rate, (head, tail), span.length, faults)
-    if kind.vibration:
-        _note_clipping(label, values, faults)
+    tail = (span.end_ns - origin) / NS - placed.size / sampling
+    _note_gaps(label, parts, holes / sampling, (head, tail), span.length, faults)
+    _note_dead_or_clipped(label, kind, values, faults)
     if bad + holes == placed.size:
         return None
-    return Samples(rate=rate, start=head, values=values)
+    return Samples(rate=sampling, start=head, values=values)
+
+
+def limits_of(
+    kind: ChannelKind, label: str, rig: Rig | None, thresholds: RangeThresholds = RANGE
+) -> tuple[float, float]:
+    """Between which values a channel can measure, in its unit: by the rig file, else by its kind."""
+    low, high = kind.values
+    full_scale = None if rig is None else rig.sensor_range(kind.segment, label.partition("/")[2])
+    if full_scale is None:
+        return low, high
+    reach = thresholds.over_range * full_scale
+    return max(low, -reach), min(high, reach)
 
 
 def _placed(parts: Sequence[Piece[SampleFrame]], rate: float, origin: float) -> _Placed:
@@ -84,15 +123,27 @@ def _placed(parts: Sequence[Piece[SampleFrame]], rate: float, origin: float) -> 
     return _Placed(places, expected, overlap)
 
 
-def _drop_unusable(label: str, kind: ChannelKind, values: np.ndarray, holes: int, faults: list[Fault]) -> int:
-    """Makes NaN of what cannot be used; how many samples that concerns, beside the holes."""
+def _drop_unusable(
+    label: str, values: np.ndarray, holes: int, limits: tuple[float, float], unit: str, faults: list[Fault]
+) -> int:
+    """Makes NaN of what cannot have been measured; how many samples that concerns, beside the holes."""
     finite = np.isfinite(values)
+    low, high = limits
+    outside = finite & ((values < low) | (values > high))
+    values[~finite | outside] = np.nan
+    spiked = spikes(values)
+    values[spiked] = np.nan
     bad = int(np.count_nonzero(~finite)) - holes
-    values[~finite] = np.nan
-    if bad:
-        action = by_share(bad / values.size)
-        faults.append(Fault(kind="nan", channel=label, count=bad, action=action, detail="samples not finite"))
-    return bad
+    beyond, single = int(np.count_nonzero(outside)), int(np.count_nonzero(spiked))
+    for kind, count, detail in (
+        ("nan", bad, "samples not finite"),
+        ("out_of_range", beyond, f"samples outside [{low:g}, {high:g}] {unit}, which the sensor cannot measure"),
+        ("spike", single, "single samples far beyond all others, which no filtered signal has"),
+    ):
+        if count:
+            action = by_share(count / values.size)
+            faults.append(Fault(kind=kind, channel=label, count=count, action=action, detail=detail))
+    return bad + beyond + single
 
 
 def _note_gaps(
@@ -113,8 +164,8 @@ def _note_gaps(
         faults.append(Fault(kind="gap", channel=label, count=max(lost, 1), action=action, detail=detail))
 
 
-def _note_clipping(label: str, values: np.ndarray, faults: list[Fault]) -> None:
-    """Extreme values that repeat: the sensor or its converter was at its end."""
+def _note_dead_or_clipped(label: str, kind: ChannelKind, values: np.ndarray, faults: list[Fault]) -> None:
+    """A record without any variation, and extreme values that repeat: the sensor or its converter was at its end."""
     finite = values[np.isfinite(values)]
     if finite.size < 2 * _FLAT_RUN:
         return
@@ -123,7 +174,7 @@ def _note_clipping(label: str, values: np.ndarray, faults: list[Fault]) -> None:
         detail = f"every sample is {low:g}: cable or supply?"
         faults.append(Fault(kind="stuck", channel=label, count=finite.size, action="degraded", detail=detail))
         return
-    count = sum(samples_at_end_of_range(finite, sign) for sign in (-1, 1))
+    count = sum(samples_at_end_of_range(finite, sign) for sign in (-1, 1)) if kind.vibration else 0
     if count:
         detail = f"samples held at {low:g} or {high:g}: measuring range exceeded"
         faults.append(Fault(kind="clipping", channel=label, count=count, action="degraded", detail=detail))

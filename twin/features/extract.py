@@ -8,12 +8,14 @@ arbitrary.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack, angle_track
+from twin.features.despike import without_spikes
 from twin.features.level import band_level
 from twin.features.lines import mesh_keys, noise_rms, read_lines, shaft_keys
 from twin.features.mesh_speed import mesh_track
@@ -193,14 +195,14 @@ def _level(out: _Collector, rig: Rig, window: Window, share: dict[str, float]) -
 
 
 def _mean_torque(out: _Collector, window: Window) -> Samples | None:
-    """Mean and scatter of the pinion's torque; its samples, None where there are none."""
+    """Mean of the pinion's torque without single spikes; its samples, None where there are none."""
     samples = window.torques.get("pinion")
     if samples is None or not np.isfinite(samples.values).any():
         why = "is in this window" if samples is None else "has a valid sample"
-        out.missing("torque_nm torque_std_nm torque", f"no torque channel of the pinion {why}")
+        out.missing("torque_nm torque", f"no torque channel of the pinion {why}")
         return None
+    samples = replace(samples, values=without_spikes(samples.values))
     out.values["torque_nm"] = float(np.nanmean(samples.values))
-    out.values["torque_std_nm"] = float(np.nanstd(samples.values))
     return samples
 
 

@@ -102,7 +102,6 @@ class WindowFeatures:
     turns: float | None = None  # pinion turns covered
 
     torque_nm: float | None = None  # mean at the pinion's shaft
-    torque_std_nm: float | None = None  # over the window
 
     sensor: str | None = None  # the accelerometer that all of the following come from
     rms: float | None = None  # in `band`, without the mean [m/s²]
@@ -133,7 +132,7 @@ class WindowFeatures:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> WindowFeatures:
-        values = dict(data)
+        values = {name: value for name, value in data.items() if name != "torque_std_nm"}  # kept by version 1
         for name in ("acceleration", "transmission_error", "pinion_motion", "torque"):
             if values.get(name) is not None:
                 values[name] = MeasuredLines.from_dict(values[name])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from twin.errors import NotAvailable, WindowError
+from twin.features.plausible import torque_contradiction
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition
 from twin.rig import Rig
@@ -55,6 +56,9 @@ def condition_of(features: WindowFeatures, rig: Rig) -> Condition:
         (torque,) = rig.require("the torque", "operating.input_torque")
     if not torque > 0:
         raise NotAvailable(f"the twin is not available: torque = {torque:.3g} N·m does not drive the pinion forward")
+    contradiction = torque_contradiction(rig, torque)
+    if contradiction is not None:
+        raise NotAvailable(f"the twin is not available: {contradiction}")
     return Condition(speed_hz=features.speed_hz, torque=torque)
 
 
