@@ -65,10 +65,11 @@ def test_assess_shows_the_temperatures_of_each_window(recording):
 
 def test_a_replayed_temperature_is_in_the_window_records_that_the_store_keeps(recording, tmp_path):
     with service(tmp_path) as running:
-        replay(recording, [running.endpoint], 0)
-        assert temperatures(running.wait_for_windows(WINDOWS)) == expected()
+        replay(recording, [running.endpoint], 4, max_pause=0.5)  # slow channels are not waited for: at a live pace
+        kept = running.wait_for_windows(WINDOWS)
+        assert temperatures(kept[1:]) == expected()[1:]  # the first window may end before its key has been heard
     with service(tmp_path) as again:
-        assert temperatures(again.wait_for_windows(WINDOWS)) == expected()
+        assert again.wait_for_windows(WINDOWS) == kept
 
 
 def test_a_live_temperature_is_recorded(recording, tmp_path):
