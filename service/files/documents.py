@@ -24,10 +24,25 @@ def load_document(path: str | Path, what: str) -> dict[str, Any]:
         raise InputError(f"{path}: {what} is not TOML: {error}") from None
 
 
-def check_head(where: str, data: Mapping[str, Any], schema: str) -> str:
-    """The asset of a document of this schema."""
-    if data.get("schema") != schema:
-        raise InputError(f"{where}: schema = {data.get('schema')!r} must be {schema!r}")
+PURPOSES = {
+    "gear-import/1": "a mapping for `gear-twin import`",
+    "gear-series/1": "a series for `gear-twin relate`",
+    "gear-rig/1": "a rig file for --rig",
+}
+
+
+def check_schema(where: str, data: Mapping[str, Any], schema: str) -> None:
+    """That a document is of this schema; one of another purpose is named."""
+    found = data.get("schema")
+    if found == schema:
+        return
+    if found in PURPOSES:
+        raise InputError(f"{where}: this file is {PURPOSES[found]}, not {PURPOSES[schema]} (schema {schema!r})")
+    raise InputError(f"{where}: schema = {found!r} must be {schema!r}")
+
+
+def check_asset(where: str, data: Mapping[str, Any]) -> str:
+    """The asset of a document."""
     asset = data.get("asset")
     if not isinstance(asset, str) or not NAME.fullmatch(asset):
         raise InputError(f"{where}: asset = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")

@@ -37,7 +37,7 @@ from pathlib import Path
 from typing import Any
 
 from service.errors import InputError
-from service.files.documents import check_head, check_keys, load_document, number_of, table_of
+from service.files.documents import check_asset, check_keys, check_schema, load_document, number_of, table_of
 from service.files.rig import checked_rig
 from service.stream.channels import CHANNEL_KINDS, ChannelKind, Conversion, Layout
 from service.stream.wire.topics import NAME
@@ -105,8 +105,9 @@ def load_import_mapping(path: str | Path) -> ImportMapping:
 def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
     """The mapping of a TOML document read from `path`."""
     where = str(path)
+    check_schema(where, data, SCHEMA)
     check_keys(where, _KEYS, "", data)
-    asset = check_head(where, data, SCHEMA)
+    asset = check_asset(where, data)
     file = table_of(where, data, "file")
     check_keys(where, _KEYS, "file.", file)
     if not isinstance(file.get("path"), str):

@@ -1,4 +1,4 @@
-"""The relation of level and wear depth: made of a series of cases, kept in a file, and said in plain data.
+"""The relation of level and wear depth: fitted to a series of cases, kept in a file, and described as plain data.
 
 A relation file is JSON: the curve of every operating condition, gains, backgrounds and scatters, the depths that they
 hold for, and what they are of: asset, causes beside the twin, and sensor and band where the series states them.
@@ -28,9 +28,7 @@ DRAWN = 200  # points of a drawn curve
 
 
 def answer(series: Series, tried: Tried) -> dict[str, Any]:
-    """What was tried and what holds, as plain data."""
-    cases, relation = tried.cases, tried.relation
-    worn = cases.only(cases.worn)
+    """The causes that were tried, what was chosen, and the relation, as plain data."""
     return plain(
         {
             "asset": series.asset,
@@ -40,72 +38,83 @@ def answer(series: Series, tried: Tried) -> dict[str, Any]:
             "estimated": {k: {"value": series.rig.get(k), "factor": f} for k, f in series.estimated.items()},
             "conditions": {k: {"speed_hz": c.speed_hz, "torque_nm": c.torque} for k, c in series.conditions.items()},
             "sensor": {"name": series.sensor, "band_hz": series.band, "note": not_stated(_origin(series, tried))},
-            "cases": [
-                {
-                    "name": name,
-                    "depth_um": 1e6 * cases.depth[i],
-                    "level": {k: v[i] for k, v in cases.level.items()},
-                    "scatter": {k: v[i] for k, v in cases.scatter.items()},
-                    "error_percent": {k: None for k in cases.level},
-                }
-                | (
-                    {"error_percent": {k: 100 * e[int(cases.worn[:i].sum())] for k, e in tried.errors.relative.items()}}
-                    if cases.worn[i]
-                    else {}
-                )
-                for i, name in enumerate(cases.name)
-            ],
+            "cases": [_case(tried, i) for i in range(len(tried.cases.name))],
             "trials": [
                 {"name": t.name, "said": t.said, "log_evidence": t.gain, "cause": t.cause} | _errors(t.errors)
                 for t in tried.trials
             ],
-            "chosen": {
-                "causes": ["background", *tried.choice.causes],
-                "log_evidence": tried.gain,
-                "without_a_case": {
-                    "cases": len(tried.choices),
-                    "same": sum(c.causes == tried.choice.causes for c in tried.choices),
-                },
-            }
-            | _errors(tried.errors),
+            "chosen": _chosen(tried),
             "judged": {name: _errors(e) for name, e in tried.judged.items()},
             "few": {name: {k: 100 * v for k, v in e.items()} for name, e in tried.few.items()},
             "estimated_spread": {k: [100 * x for x in v] for k, v in tried.spread.items()},
             "draws": tried.draws,
-            "floor": {
-                k: {
-                    "within_case_percent": _within(worn.scatter[k] / worn.level[k]),
-                    "spline_through_all_percent": 100
-                    * float(
-                        np.mean(
-                            [
-                                abs(spline(worn.depth, worn.level[k], float(d)) / r - 1)
-                                for d, r in zip(worn.depth, worn.level[k], strict=True)
-                            ]
-                        )
-                    ),
-                    "unworn_days_percent": 100 * float(np.log(cases.level[k][~cases.worn]).std(ddof=1))
-                    if (~cases.worn).sum() > 1
-                    else None,
-                }
-                for k in cases.level
-            },
-            "relation": {
-                k: {
-                    "gain": relation.gain[k],
-                    "background": relation.background[k],
-                    "std_percent": 100 * relation.std(k),
-                    "told_to_um": 1e6 * relation.told_to(k),
-                    "curve_scatter_percent": 100 * float((curve.scatter / curve.level).max()),
-                    "not_rising": _falling(worn.depth, worn.level[k]),
-                }
-                for k, curve in relation.curves.items()
-            },
-            "assembly_std_percent": 100 * relation.assembly_std,
+            "floor": {k: _floor(tried, k) for k in tried.cases.level},
+            "relation": _relation(tried),
+            "assembly_std_percent": 100 * tried.relation.assembly_std,
             "depths": _depths(tried),
             "curves": _curves(tried),
         }
     )
+
+
+def _case(tried: Tried, i: int) -> dict[str, Any]:
+    """One assembly with its levels, and the error that the relation of all others makes where it is worn."""
+    cases = tried.cases
+    errors: dict[str, float | None] = dict.fromkeys(cases.level)
+    if cases.worn[i]:
+        place = int(cases.worn[:i].sum())
+        errors = {k: 100 * float(e[place]) for k, e in tried.errors.relative.items()}
+    return {
+        "name": cases.name[i],
+        "depth_um": 1e6 * cases.depth[i],
+        "level": {k: v[i] for k, v in cases.level.items()},
+        "scatter": {k: v[i] for k, v in cases.scatter.items()},
+        "error_percent": errors,
+    }
+
+
+def _chosen(tried: Tried) -> dict[str, Any]:
+    """The causes that were chosen, and how often they are chosen without one of the cases."""
+    return {
+        "causes": ["background", *tried.choice.causes],
+        "log_evidence": tried.gain,
+        "without_a_case": {
+            "cases": len(tried.choices),
+            "same": sum(c.causes == tried.choice.causes for c in tried.choices),
+        },
+    } | _errors(tried.errors)
+
+
+def _floor(tried: Tried, condition: str) -> dict[str, float | None]:
+    """The error that no relation can fall below at one operating condition [%]."""
+    cases = tried.cases
+    worn, level = cases.only(cases.worn), cases.level[condition]
+    off = [
+        abs(spline(worn.depth, worn.level[condition], float(d)) / r - 1)
+        for d, r in zip(worn.depth, worn.level[condition], strict=True)
+    ]
+    unworn = level[~cases.worn]
+    return {
+        "within_case_percent": _within(worn.scatter[condition] / worn.level[condition]),
+        "spline_through_all_percent": 100 * float(np.mean(off)),
+        "unworn_days_percent": 100 * float(np.log(unworn).std(ddof=1)) if unworn.size > 1 else None,
+    }
+
+
+def _relation(tried: Tried) -> dict[str, Any]:
+    """The relation at every operating condition."""
+    relation, worn = tried.relation, tried.cases.only(tried.cases.worn)
+    return {
+        k: {
+            "gain": relation.gain[k],
+            "background": relation.background[k],
+            "std_percent": 100 * relation.std(k),
+            "told_to_um": 1e6 * relation.told_to(k),
+            "curve_scatter_percent": 100 * float((curve.scatter / curve.level).max()),
+            "not_rising": _falling(worn.depth, worn.level[k]),
+        }
+        for k, curve in relation.curves.items()
+    }
 
 
 def _errors(errors: Errors) -> dict[str, Any]:

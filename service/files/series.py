@@ -43,7 +43,7 @@ from typing import Any
 import numpy as np
 
 from service.errors import InputError
-from service.files.documents import check_head, check_keys, load_document, number_of, table_of
+from service.files.documents import check_asset, check_keys, check_schema, load_document, number_of, table_of
 from service.files.rig import checked_rig
 from service.stream.channels import STANDARD_GRAVITY
 from twin.errors import ParameterError
@@ -92,8 +92,9 @@ class Series:
 def load_series(path: Path, source: Path | None = None) -> Series:
     """A series file with the records it names, or those of another file; InputError with what is wrong."""
     data, where = load_document(path, "series file"), str(path)
+    check_schema(where, data, SCHEMA)
     check_keys(where, _KEYS, "", data)
-    asset = check_head(where, data, SCHEMA)
+    asset = check_asset(where, data)
     file, levels = table_of(where, data, "file"), table_of(where, data, "levels")
     check_keys(where, _KEYS, "file.", file)
     if not levels:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from service.errors import InputError
+from service.files.import_mapping import load_import_mapping
 from service.files.import_recording import import_recording, to_toml
 from service.stream.sources.mcap import read_windows
 from twin.features import extract
@@ -223,3 +224,10 @@ def test_a_rig_written_as_toml_reads_back_the_same():
     }
     rig["operating"] = {"calibration_points": [[2.0, 10.0], [2.0, 20.0]]}
     assert tomllib.loads(to_toml(rig)) == rig
+
+
+def test_series_file_given_as_a_mapping_says_which_command_it_is_for(tmp_path):
+    path = tmp_path / "series.toml"
+    path.write_text('schema = "gear-series/1"\nasset = "a"\n[levels.fast]\ncolumn = "rms"\n')
+    with pytest.raises(InputError, match=r"this file is a series for `gear-twin relate`, not a mapping for"):
+        load_import_mapping(path)
