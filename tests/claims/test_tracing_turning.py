@@ -1,4 +1,4 @@
-"""What turns with a shaft is told from what teeth make: torque ripple from pitch errors, run-out from unbalance."""
+"""Shaft-synchronous forces are distinguished from tooth errors: ripple from pitch errors, run-out from unbalance."""
 
 from dataclasses import replace
 from math import pi
@@ -6,18 +6,21 @@ from math import pi
 import numpy as np
 import pytest
 
-from tests.dynamics_cases import FOURTEEN, model
+from tests.dynamics_cases import FOURTEEN, RIG, model
 from tests.dynamics_cases import TEN as CONDITION
 from twin.effects import EFFECTS
 from twin.effects.response import solve_with
 from twin.features.window_features import MeasuredLines, WindowFeatures
-from twin.tracing.shaft_forces import find_turning, run_out_of, swung_by
+from twin.scales import Scales
+from twin.tracing.detectors.rattle import find_rattle
+from twin.tracing.detectors.shaft_forces import find_shaft_forces, run_out_of, tooth_errors_explain
 
 PHASE = 0.7  # of the mesh against the encoder's zero [rad]
 RIPPLE = EFFECTS["torque_ripple"](amplitude=0.5, order=8.0, phase=0.4)
 PITCH = EFFECTS["pitch_error"](pinion=tuple(3e-6 * np.random.default_rng(5).normal(size=19)))
 SWAY = EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=0.5, order=1.0)
 NOISE = 1e-4  # [N·m]
+SCALES = Scales.of(RIG)
 
 
 def recorded(effect, count=6, torque_scale=1.0, condition=CONDITION):
@@ -48,17 +51,17 @@ def recorded(effect, count=6, torque_scale=1.0, condition=CONDITION):
 
 
 def test_ripple_is_found_with_its_order_size_and_phase():
-    (found,) = find_turning(model(), recorded(RIPPLE), [CONDITION] * 6, PHASE)
+    (found,) = find_shaft_forces(model(), recorded(RIPPLE), [CONDITION] * 6, PHASE, SCALES)
     assert found.effect.order == 8.0
     assert found.effect.amplitude == pytest.approx(0.5, rel=0.02)
     assert found.effect.phase == pytest.approx(0.4, abs=0.02)
-    assert not swung_by(model(), recorded(RIPPLE), CONDITION, (PITCH,), PHASE, 8)
+    assert not tooth_errors_explain(model(), recorded(RIPPLE), CONDITION, (PITCH,), PHASE, 8)
 
 
 @pytest.mark.parametrize("order", [3, 5, 6, 8])
 def test_torque_that_pitch_errors_make_is_theirs_and_three_times_as_much_is_not(order):
-    assert swung_by(model(), recorded(PITCH), CONDITION, (PITCH,), PHASE, order)
-    assert not swung_by(model(), recorded(PITCH, torque_scale=3.0), CONDITION, (PITCH,), PHASE, order)
+    assert tooth_errors_explain(model(), recorded(PITCH), CONDITION, (PITCH,), PHASE, order)
+    assert not tooth_errors_explain(model(), recorded(PITCH, torque_scale=3.0), CONDITION, (PITCH,), PHASE, order)
 
 
 @pytest.mark.parametrize("name", ["torque_ripple", "mass_unbalance"])
@@ -66,21 +69,20 @@ def test_what_turns_is_found_where_speed_and_load_change_from_window_to_window(n
     effect = RIPPLE if name == "torque_ripple" else EFFECTS["mass_unbalance"](pinion=0.02, pinion_heavy_point=1.0)
     conditions = [CONDITION, FOURTEEN] * 2
     windows = [recorded(effect, count=1, condition=c)[0] for c in conditions]
-    (found,) = find_turning(model(), windows, conditions, PHASE)
+    (found,) = find_shaft_forces(model(), windows, conditions, PHASE, SCALES)
     for parameter in effect.parameters:
         expected = getattr(effect, parameter.name)
         assert getattr(found.effect, parameter.name) == pytest.approx(expected, rel=0.02, abs=1e-9)
 
 
-@pytest.mark.parametrize(("share", "noise", "names"), [(0.7, 0.0, ["BacklashRattle"]), (0.3, 0.8, ["BacklashRattle"])])
-def test_load_that_swings_as_far_as_its_mean_rattles_and_less_where_noise_tells_of_blows(share, noise, names):
+@pytest.mark.parametrize(("share", "noise"), [(0.7, 0.0), (0.3, 0.8)])
+def test_load_that_swings_as_far_as_its_mean_rattles_and_less_where_noise_tells_of_blows(share, noise):
     scale = share * CONDITION.torque / abs(solve_with(model(), (SWAY,), model().unworn, CONDITION).torque([1.0])[0])
     windows = [replace(w, noise_rms=noise) for w in recorded(SWAY, torque_scale=scale)]
-    assert [type(t.effect).__name__ for t in find_turning(model(), windows, [CONDITION] * 6, PHASE)] == names
+    found = find_rattle(model(), windows, [CONDITION] * 6, SCALES)
+    assert found is not None and found.name == "backlash_rattle"
     steady = [replace(w, noise_rms=0.0) for w in recorded(SWAY, torque_scale=0.3 / share * scale)]
-    assert "BacklashRattle" not in [
-        type(t.effect).__name__ for t in find_turning(model(), steady, [CONDITION] * 6, PHASE)
-    ]
+    assert find_rattle(model(), steady, [CONDITION] * 6, SCALES) is None
 
 
 @pytest.mark.parametrize(("size", "scatter", "noise", "rattles"), [
@@ -94,15 +96,15 @@ def test_teeth_that_strike_rattle_without_a_torque_meter_where_the_transmission_
     for w in recorded(SWAY):
         sway = replace(w.acceleration, unit="m", amplitudes=(size * (1 + scatter * rng.normal()), *(1e-7,) * 9))
         windows.append(replace(w, torque=None, transmission_error=sway, noise_rms=noise))
-    found = find_turning(model(), windows, [CONDITION] * 6, PHASE)
-    assert ("BacklashRattle" in [type(t.effect).__name__ for t in found]) == rattles
-    if rattles:
-        assert found[0].parameters == {"order": (1.0, "", 0.0)}
+    found = find_rattle(model(), windows, [CONDITION] * 6, SCALES)
+    assert (found is not None) == rattles
+    if found is not None:
+        assert found.parameters == {"order": (1.0, "", 0.0)}
 
 
 def test_line_that_grows_from_window_to_window_is_no_ripple():
     windows = [recorded(RIPPLE, count=1, torque_scale=s)[0] for s in (0.1, 0.3, 0.6, 1.0, 1.5, 2.0)]
-    assert find_turning(model(), windows, [CONDITION] * 6, PHASE) == []
+    assert find_shaft_forces(model(), windows, [CONDITION] * 6, PHASE, SCALES) == []
 
 
 def test_run_out_of_an_unbalance_is_in_proportion_and_turns_with_the_heavy_point():

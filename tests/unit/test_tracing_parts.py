@@ -17,8 +17,8 @@ from twin.tracing.attribution import AttributedEffect
 from twin.tracing.attribution_loop import _same, listen
 from twin.tracing.change_detection import is_new, widened
 from twin.tracing.decisions import Decision
+from twin.tracing.detectors.non_gear import find_non_gear_content
 from twin.tracing.held_out_error import HeldOutComparison, by_band_and_order, figures
-from twin.tracing.non_gear import find_non_gear_content
 from twin.tracing.reporting import effects_report, tracing_report
 from twin.tracing.state import Tracing, TwinStage, relevant
 from twin.tracing.trace import held_out, trace
@@ -63,7 +63,7 @@ def beside(tones=(), lines=(), kurtosis=1.0, rates=(), swelling=()):
 
 
 def test_step_of_the_gain_is_found_with_its_size_and_time():
-    step = gain_step(quotients(np.log(0.8)))
+    step = gain_step(quotients(np.log(0.8)), 0.2)
     assert step is not None and step.log_evidence > 100
     assert step.gain == pytest.approx(0.8, abs=0.02)
     assert step.onset == pytest.approx(3150.0)  # between 2800 and 3500
@@ -71,12 +71,12 @@ def test_step_of_the_gain_is_found_with_its_size_and_time():
 
 @pytest.mark.parametrize("seed", range(8))
 def test_steady_gain_has_no_step_whatever_the_structure_makes_of_each_line(seed):
-    step = gain_step(quotients(0.0, seed=seed))
+    step = gain_step(quotients(0.0, seed=seed), 0.2)
     assert step is not None and step.log_evidence < 8
 
 
 def test_line_seen_in_one_window_only_tells_no_step():
-    assert gain_step([q for q in quotients(0.5) if q.revolutions == 700.0]) is None
+    assert gain_step([q for q in quotients(0.5) if q.revolutions == 700.0], 0.2) is None
 
 
 def test_tone_steady_in_hertz_is_a_stranger_and_no_bearing():
@@ -118,10 +118,10 @@ def test_rates_that_fall_anywhere_are_no_defect(seed):
 def test_noise_that_comes_and_goes_with_a_shaft_is_unknown_with_the_shaft_and_its_first_window():
     windows = [(1000.0 * n, beside(swelling=(("gear", 1.4),) if n > 2 else ())) for n in range(1, 6)]
     heard = find_non_gear_content(windows, False)
-    assert heard.swelling == "gear" and heard.unknown and heard.first == 3000.0
+    assert heard.modulated_by == "gear" and heard.unknown and heard.first == 3000.0
     assert "every turn of the gear" in heard.sentence()
-    assert find_non_gear_content(windows[:3], False).swelling is None  # one window is none
-    assert find_non_gear_content(windows, False, struck=True).swelling is None
+    assert find_non_gear_content(windows[:3], False).modulated_by is None  # one window is none
+    assert find_non_gear_content(windows, False, struck=True).modulated_by is None
     assert not find_non_gear_content(
         [(1000.0 * n, beside(swelling=(("pinion", 0.6),))) for n in range(5)], False
     ).unknown

@@ -32,7 +32,7 @@ class GearEccentricity(Eccentricity):
     signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("gear",))
     facts: ClassVar[Facts] = Facts(
         label="gear eccentricity",
-        acts_on="teeth",
+        acts_on="shaft",
         periods=("gear",),
         detector="eccentricity",
         changes_mesh_lines=False,  # by less than 0.1 % of worn teeth's lines: extended.py

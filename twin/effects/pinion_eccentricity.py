@@ -32,7 +32,7 @@ class PinionEccentricity(Eccentricity):
     signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("pinion",))
     facts: ClassVar[Facts] = Facts(
         label="pinion eccentricity",
-        acts_on="teeth",
+        acts_on="shaft",
         periods=("pinion",),
         detector="eccentricity",
         changes_mesh_lines=False,  # by less than 0.1 % of worn teeth's lines: extended.py

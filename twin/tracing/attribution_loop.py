@@ -22,12 +22,13 @@ import numpy as np
 from twin.errors import NotAvailable, NotConverged, TwinError
 from twin.report import rul_report
 from twin.rig import Rig
-from twin.tracing.attribution import AttributedEffect, of_defect
+from twin.tracing.attribution import AttributedEffect
 from twin.tracing.change_detection import change_indicators, is_new, widened
 from twin.tracing.decisions import Decision
+from twin.tracing.detectors import non_gear
+from twin.tracing.findings import NonGearContent
 from twin.tracing.held_out_error import HeldOutComparison, LearnedFactors, by_band_and_order, compare, figures
 from twin.tracing.mesh_windows import OnsetThresholds
-from twin.tracing.non_gear import NonGearContent, find_non_gear_content
 from twin.tracing.state import LEAST_WINDOWS, Tracing, TwinStage, parameters_of, relevant
 from twin.tracing.trace import Traced, held_out, trace
 from twin.updating.conditions import kind_of
@@ -161,10 +162,10 @@ def listen(rig: Rig, tracing: Tracing, taken: WindowInput) -> tuple[Tracing, tup
     tracing = replace(tracing, history=history, measured=tracing.measured + 1)
     if len(beside) < LEAST_WINDOWS or tracing.stages:
         return tracing, ()
-    heard = find_non_gear_content(beside, False)
+    heard = non_gear.find_non_gear_content(beside, False, noise_floor=rig.tolerances.acceleration_floor)
     found: tuple[AttributedEffect, ...] = ()
     if heard.defect is not None and "bearing_defect" not in tracing.rejected:
-        found = (of_defect(heard.defect),)
+        found = (non_gear.attributed(heard.defect),)
     old = {f.name: f for f in tracing.found}
     found = tuple(old[f.name] if f.name in old and _same(old[f.name], f) else f for f in found)
     now = {f.name for f in found}

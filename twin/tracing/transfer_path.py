@@ -1,4 +1,4 @@
-"""Sensor gain and sensor resonance, from the acceleration over the transmission error.
+"""The transfer path from the mesh to the accelerometer: acceleration over transmission error, and what a sensor adds.
 
     ln(y_k/TE_k) − ln(H_y/H_TE)(f_k) = ln g(f_k) + δ_k + noise
 
@@ -10,9 +10,8 @@ A machine whose structure is another than the rig file's (a casing with modes of
 half and more and turn in phase from line to line. Nothing can then be said of the sensor from levels alone; a *change*
 of the quotient between windows still can, for structures do not change (onset).
 
-Source   twin/effects/sensor_gain.py, sensor_resonance.py; tolerances as in the reference campaigns: stiffness 3 %,
-         mass 1 %, damping 20 %
-Holds    without friction, which acts beside the line of action: its share is taken out first
+Source   twin/effects/sensor_gain.py, sensor_resonance.py; the structure's tolerance: `[tolerances]` of the rig file
+Holds    without friction, which acts across the line of action: its share is taken out first
 """
 
 from __future__ import annotations
@@ -30,20 +29,63 @@ from twin.dynamics.structure import Structure, direction
 from twin.effects import EFFECTS
 from twin.effects.response import Effect
 from twin.rig import Rig
+from twin.rig_tolerances import Tolerances
+from twin.thresholds import deciding
 from twin.tracing.joint_fit import JointFit
 from twin.tracing.observed import Observed
 
-DRAWS = 160
-STIFFNESS, MASS, DAMPING = 0.03, 0.01, 0.2  # relative half-widths of what a rig file's values may be off
-OWN = 0.02  # of a quotient's logarithm beyond the draws
-LEAST_ERROR = 0.3e-6  # transmission error from which its line is more than graduation and noise [m]
-ERROR_NOISE = 0.05e-6  # [m]
-GAIN_PRIOR = 0.2  # of ln g
-OTHER = 0.7  # std of ln and of the phase where the structure is another one
-SEEN = 8.0  # line over its std
-MODELLED = 0.4  # of a quotient's logarithm where the twin's transmission error stands for the measured one
-RESONANCES = np.geomspace(500.0, 6000.0, 60)  # [Hz]
-RATIOS = (0.02, 0.05, 0.1)  # damping of the mount
+DRAWS = 160  # of structures within the rig file's tolerance
+RATIOS = (0.02, 0.05, 0.1)  # damping of the mount, that are tried
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransferPathThresholds:
+    """Which lines tell of the path, and how well."""
+
+    own_scatter: float = deciding(
+        0.02, meaning="of a quotient's logarithm beyond the structure's tolerance", source="not derived: chosen"
+    )
+    least_error: float = deciding(
+        0.148,
+        of="static mesh deflection",
+        meaning="line of the transmission error that is more than graduation and noise",
+        source="0.3 µm on the reference rig; tuned on D00–D13 and T01–T58; not derived",
+    )
+    error_noise: float = deciding(
+        0.0247,
+        of="static mesh deflection",
+        meaning="noise of a line of the transmission error",
+        source="measured: 0.05 µm on the reference rig",
+    )
+    clear_line: float = deciding(
+        8.0, of="standard deviation", meaning="acceleration line that is used", source="not derived: chosen"
+    )
+    modelled_scatter: float = deciding(
+        0.4,
+        meaning="of a quotient's logarithm where the model's transmission error is used instead of the measured one",
+        source="tuned on D00–D13 and T01–T58; not derived",
+    )
+    other_structure_scatter: float = deciding(
+        0.7,
+        meaning="standard deviation of ln and of the phase of a quotient where the structure is another one",
+        source="observed: quotients of a finite-element machine of the same frequencies differ by half and more",
+    )
+    same_frequency: float = deciding(
+        0.02, meaning="relative difference of frequency of lines that share the path", source="not derived: chosen"
+    )
+    least_step_lines: int = deciding(
+        4, meaning="lines beyond one a group that a change of gain is judged by", source="not derived: chosen"
+    )
+    resonance_band: tuple[float, float] = deciding(
+        (0.25, 3.0),
+        of="upper limit of the analysis band",
+        meaning="frequencies among which a resonance of the mount is sought",
+        source="not derived: below, the structure's own modes; above, the line of the band hardly moves",
+    )
+
+
+THRESHOLDS = TransferPathThresholds()
+FREQUENCIES = 60  # of the mount, that are tried
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +96,7 @@ class Quotient:
     log: complex  # ln (measured/predicted)
     std: float  # of the real and of the imaginary part
     order: int  # mesh harmonic
-    modelled: bool = False  # whether the twin's transmission error stands for the measured one
+    modelled: bool = False  # whether the model's transmission error is used instead of the measured one
     revolutions: float = 0.0  # of the pinion, when it was recorded
 
 
@@ -84,21 +126,22 @@ def _scaled(values, rng: np.random.Generator, spread: float):
 def _draws(text: str, damping: float) -> tuple[Structure, ...]:
     """Structures within the tolerance of a rig; the seed is fixed: a pure function."""
     values, rng = json.loads(text), np.random.default_rng(2019)
+    allowed = Tolerances.of(values)
     out = []
     for _ in range(DRAWS):
         changed = dict(values)
         for table, spread in (
-            ("torsional_stiffness", STIFFNESS),
-            ("bearings", STIFFNESS),
-            ("inertias", MASS),
-            ("masses", MASS),
+            ("torsional_stiffness", allowed.stiffness),
+            ("bearings", allowed.stiffness),
+            ("inertias", allowed.mass),
+            ("masses", allowed.mass),
         ):
             changed[table] = _scaled(values[table], rng, spread)
         shafts = dict(values["shafts"])
         for key in ("bending_stiffness_input", "bending_stiffness_output"):
-            shafts[key] *= float(1 + STIFFNESS * rng.uniform(-1, 1))
+            shafts[key] *= float(1 + allowed.stiffness * rng.uniform(-1, 1))
         changed["shafts"] = shafts
-        ζ = min(damping * float(1 + DAMPING * rng.uniform(-1, 1)), 0.9)
+        ζ = min(damping * float(1 + allowed.damping * rng.uniform(-1, 1)), 0.9)
         out.append(Structure.from_rig(Rig(changed), modal_damping=ζ))
     return tuple(out)
 
@@ -125,38 +168,48 @@ def path_covariance(rig: Rig, damping: float, frequencies: np.ndarray) -> tuple[
     return both.mean(axis=0), np.cov(both.T)
 
 
-def quotients(fit: JointFit, windows: Sequence[Observed], teeth: int) -> list[Quotient]:
-    """Quotients of all windows, against the twin's own lines.
+def quotients(
+    fit: JointFit,
+    windows: Sequence[Observed],
+    teeth: int,
+    deflection: float,
+    limits: TransferPathThresholds = THRESHOLDS,
+) -> list[Quotient]:
+    """Quotients of all windows, against the model's own lines.
 
-    Where the transmission error is too weak to be read, the twin's stands for it, with what its shape may be off.
+    Where the transmission error is too weak to be read, the model's is used, with what its shape may be off.
+
+    teeth       of the pinion
+    deflection  static mesh deflection at the rated torque [m]
     """
     out = []
+    least, noise = limits.least_error * deflection, limits.error_noise * deflection
     for window, predicted in zip(windows, fit.predictions, strict=True):
         error, heard = predicted.lines["encoder"], predicted.lines["acceleration"]
         for k in range(1, heard.size + 1):
             y, y_std = window.lines["acceleration"][k - 1], window.std["acceleration"][k - 1]
-            if not np.isfinite(y) or abs(y) < SEEN * y_std or not window.worn:
+            if not np.isfinite(y) or abs(y) < limits.clear_line * y_std or not window.worn:
                 continue
-            ratio, std = y * np.exp(-1j * k * fit.phase) / heard[k - 1], MODELLED
+            ratio, std = y * np.exp(-1j * k * fit.phase) / heard[k - 1], limits.modelled_scatter
             if k <= error.size:
                 e, e_std = window.lines["encoder"][k - 1], window.std["encoder"][k - 1]
-                if np.isfinite(e) and abs(e) > LEAST_ERROR:
+                if np.isfinite(e) and abs(e) > least:
                     ratio = ratio * error[k - 1] / (e * np.exp(-1j * k * fit.phase))
-                    std = float(np.hypot(ERROR_NOISE, e_std) / abs(e))
+                    std = float(np.hypot(noise, e_std) / abs(e))
             out.append(
                 Quotient(
                     frequency=k * teeth * window.condition.speed_hz,
                     log=complex(np.log(ratio)),
                     std=float(np.hypot(std, y_std / abs(y))),
                     order=k,
-                    modelled=std >= MODELLED,
+                    modelled=std >= limits.modelled_scatter,
                     revolutions=window.revolutions,
                 )
             )
     return out
 
 
-def merged(quotients: Sequence[Quotient]) -> list[Quotient]:
+def merged(quotients: Sequence[Quotient], limits: TransferPathThresholds = THRESHOLDS) -> list[Quotient]:
     """Quotients of one line at nearly one frequency, over windows, as one each."""
     out: list[Quotient] = []
     left = sorted(quotients, key=lambda q: (q.order, q.modelled, q.frequency))
@@ -165,7 +218,8 @@ def merged(quotients: Sequence[Quotient]) -> list[Quotient]:
         same = [
             q
             for q in left
-            if (q.order, q.modelled) == (first.order, first.modelled) and abs(q.frequency / first.frequency - 1) < 0.02
+            if (q.order, q.modelled) == (first.order, first.modelled)
+            and abs(q.frequency / first.frequency - 1) < limits.same_frequency
         ]
         left = [q for q in left if q not in same]
         weight = np.array([1 / q.std**2 for q in same])
@@ -176,7 +230,7 @@ def merged(quotients: Sequence[Quotient]) -> list[Quotient]:
             Quotient(
                 frequency=float((weight * [q.frequency for q in same]).sum() / weight.sum()),
                 log=complex((weight * turned.real).sum() / weight.sum(), phase),
-                std=MODELLED if first.modelled else float(1 / np.sqrt(weight.sum())),
+                std=limits.modelled_scatter if first.modelled else float(1 / np.sqrt(weight.sum())),
                 order=first.order,
                 modelled=first.modelled,
             )
@@ -194,8 +248,12 @@ class GainStep:
     log_evidence: float
 
 
-def gain_step(quotients: Sequence[Quotient]) -> GainStep | None:
+def gain_step(
+    quotients: Sequence[Quotient], gain_prior: float, limits: TransferPathThresholds = THRESHOLDS
+) -> GainStep | None:
     """The change of gain at one time that all measured lines share; None where there is none.
+
+    gain_prior  standard deviation of ln g
 
     ln|q| of line and condition: a_k before, a_k + ln g after. The structure is the same before and after and drops
     out, so this needs no rig file's tolerance.
@@ -205,7 +263,7 @@ def gain_step(quotients: Sequence[Quotient]) -> GainStep | None:
     groups: list[list[Quotient]] = []
     for q in sorted(lines, key=lambda q: (q.order, q.frequency)):
         last = groups[-1][0] if groups else None
-        if last is not None and last.order == q.order and abs(q.frequency / last.frequency - 1) < 0.02:
+        if last is not None and last.order == q.order and abs(q.frequency / last.frequency - 1) < limits.same_frequency:
             groups[-1].append(q)
         else:
             groups.append([q])
@@ -217,55 +275,73 @@ def gain_step(quotients: Sequence[Quotient]) -> GainStep | None:
         count = 0
         for group in groups:
             y = np.array([q.log.real for q in group])
-            weight = 1 / np.array([np.hypot(q.std, OWN) for q in group]) ** 2
+            weight = 1 / np.array([np.hypot(q.std, limits.own_scatter) for q in group]) ** 2
             late = np.array([q.revolutions > onset for q in group], dtype=float)
             y, late = y - np.average(y, weights=weight), late - np.average(late, weights=weight)
             information += float(weight @ late**2)
             total += float(weight @ (late * y))
             squares += float(weight @ y**2)
             count += len(group) - 1
-        if information == 0 or count < 4:
+        if information == 0 or count < limits.least_step_lines:
             continue
         step = total / information
         rest = max(squares - total**2 / information, 0.0) / (count - 1)
         widen = max(rest, 1.0)
-        evidence = 0.5 * total**2 / information / widen - 0.5 * np.log1p(GAIN_PRIOR**2 * information / widen)
+        evidence = 0.5 * total**2 / information / widen - 0.5 * np.log1p(gain_prior**2 * information / widen)
         if best is None or evidence > best.log_evidence:
             std = float(np.sqrt(widen / information))
             best = GainStep(gain=float(np.exp(step)), std=std, onset=onset, log_evidence=float(evidence))
     return best
 
 
-def fit_sensor(rig: Rig, damping: float, quotients: Sequence[Quotient]) -> list[PathFit]:
-    """Gain and resonance of the sensor by their evidence; empty where no line tells."""
-    lines = merged(quotients)
+def fit_sensor(
+    rig: Rig, damping: float, quotients: Sequence[Quotient], limits: TransferPathThresholds = THRESHOLDS
+) -> list[PathFit]:
+    """Gain and resonance of the sensor by their evidence; empty where fewer than two lines are clear."""
+    lines = merged(quotients, limits)
     if len(lines) < 2:
         return []
     f = np.array([q.frequency for q in lines])
     z = np.concatenate(([q.log.real for q in lines], [q.log.imag for q in lines]))
     mean, C = path_covariance(rig, damping, f)
-    C = C + np.diag(np.tile([q.std**2 + OWN**2 for q in lines], 2))
+    C = C + np.diag(np.tile([q.std**2 + limits.own_scatter**2 for q in lines], 2))
     rest = z - mean
-    n = len(lines)
-    plain = multivariate_normal.logpdf(rest, cov=C)
-    other = multivariate_normal.logpdf(rest, cov=C + OTHER**2 * np.eye(2 * n))
+    plain = float(multivariate_normal.logpdf(rest, cov=C))
+    scatter = limits.other_structure_scatter**2 * np.eye(rest.size)
+    other = float(multivariate_normal.logpdf(rest, cov=C + scatter))
+    gain = _fitted_gain(rest, C, rig.tolerances.accelerometer_gain, plain, other)
+    low, high = (share * rig.band[1] for share in limits.resonance_band)
+    resonance = _fitted_resonance(rest, C, f, np.geomspace(low, high, FREQUENCIES), plain, other)
+    return [gain, resonance]
+
+
+def _fitted_gain(rest: np.ndarray, C: np.ndarray, prior: float, plain: float, other: float) -> PathFit:
+    """A gain g that all lines share, ln g with the prior's standard deviation.
+
+    rest   ln of the quotients, real parts and phases (2n,), of covariance C
+    plain  ln likelihood with a sensor as it should be; `other` with another structure
+    """
+    n = rest.size // 2
     level = np.concatenate((np.ones(n), np.zeros(n)))
-    with_gain = multivariate_normal.logpdf(rest, cov=C + GAIN_PRIOR**2 * np.outer(level, level))
+    with_gain = float(multivariate_normal.logpdf(rest, cov=C + prior**2 * np.outer(level, level)))
     inverse = np.linalg.inv(C)
-    information = level @ inverse @ level + 1 / GAIN_PRIOR**2
+    information = level @ inverse @ level + 1 / prior**2
     ln_g = float(level @ inverse @ rest / information)
-    std = float(1 / np.sqrt(information))
-    out = [
-        PathFit(
-            name="sensor_gain",
-            effect=EFFECTS["sensor_gain"](gain=float(np.exp(ln_g))),
-            std=std,
-            log_evidence=float(with_gain - plain),
-            over_other=float(with_gain - other),
-        )
-    ]
+    return PathFit(
+        name="sensor_gain",
+        effect=EFFECTS["sensor_gain"](gain=float(np.exp(ln_g))),
+        std=float(1 / np.sqrt(information)),
+        log_evidence=with_gain - plain,
+        over_other=with_gain - other,
+    )
+
+
+def _fitted_resonance(
+    rest: np.ndarray, C: np.ndarray, f: np.ndarray, frequencies: np.ndarray, plain: float, other: float
+) -> PathFit:
+    """A resonance of the mount, every frequency and damping ratio of the grid as likely before; as `_fitted_gain`."""
     tried = []
-    for f0 in RESONANCES:
+    for f0 in frequencies:
         for ζ in RATIOS:
             effect = EFFECTS["sensor_resonance"](frequency=float(f0), damping_ratio=ζ)
             shape = np.log(effect.response(f))
@@ -278,15 +354,12 @@ def fit_sensor(rig: Rig, damping: float, quotients: Sequence[Quotient]) -> list[
     logs = np.log([t[1].frequency for t in tried])
     spread = float(np.sqrt((weight * (logs - (weight * logs).sum() / weight.sum()) ** 2).sum() / weight.sum()))
     ratios = np.array([t[1].damping_ratio for t in tried])
-    step = float(np.log(RESONANCES[1] / RESONANCES[0]))
-    out.append(
-        PathFit(
-            name="sensor_resonance",
-            effect=tried[best][1],
-            std=float(np.hypot(spread, step / np.sqrt(12))),
-            damping_std=float(np.sqrt(weight @ (ratios - tried[best][1].damping_ratio) ** 2 / weight.sum())),
-            log_evidence=evidence - float(plain),
-            over_other=evidence - float(other),
-        )
+    step = float(np.log(frequencies[1] / frequencies[0]))
+    return PathFit(
+        name="sensor_resonance",
+        effect=tried[best][1],
+        std=float(np.hypot(spread, step / np.sqrt(12))),
+        damping_std=float(np.sqrt(weight @ (ratios - tried[best][1].damping_ratio) ** 2 / weight.sum())),
+        log_evidence=evidence - plain,
+        over_other=evidence - other,
     )
-    return out

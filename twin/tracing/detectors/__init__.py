@@ -1,0 +1,48 @@
+"""The questions that a trace asks of a machine, in the order in which effects hide one another.
+
+Rattle comes first, since nothing else can be sought in it; then forces on the shafts (suspected), tooth errors and a
+crack, which fill the spectrum between the mesh lines; non-gear content; eccentricity, whose sidebands need the teeth
+known; the mesh, the sensor, and at last the forces that nothing found since explains. Each detector sees what those
+before it have found and gives back new findings; each also runs alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from twin.tracing.context import TracingContext
+from twin.tracing.detectors import (
+    crack,
+    eccentricity,
+    mesh,
+    non_gear,
+    rattle,
+    sensor,
+    shaft_forces,
+    tooth_errors,
+)
+from twin.tracing.findings import Findings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detector:
+    """One question; `name` is that which effects declare (twin/effects/facts.py), or names a step between detectors."""
+
+    name: str
+    detect: Callable[[TracingContext], Findings]
+    needs_phase: bool = True  # whether it needs the phase of the mesh against the encoder's zero
+
+
+DETECTORS = (
+    Detector(name="rattle", detect=rattle.detect),
+    Detector(name="shaft_forces", detect=shaft_forces.detect),
+    Detector(name="tooth_errors", detect=tooth_errors.detect),
+    Detector(name="crack", detect=crack.detect),
+    Detector(name="non_gear", detect=non_gear.detect, needs_phase=False),
+    Detector(name="eccentricity", detect=eccentricity.detect),
+    Detector(name="mesh", detect=mesh.detect),
+    Detector(name="tooth errors fitted anew with the effects on the mesh", detect=tooth_errors.refit),
+    Detector(name="sensor", detect=sensor.detect),
+    Detector(name="shaft forces that nothing else explains", detect=shaft_forces.confirm),
+)

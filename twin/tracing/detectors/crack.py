@@ -1,0 +1,303 @@
+"""Is a tooth cracked? One tooth softer than the others changes the lines of its gear at one place of the turn.
+
+    q̂ = argmin Σ_m |Δ_m − R_m(q)·e^{−2πi·m·k/z}|²/σ_m²       over the loss q and the tooth k
+
+Δ_m  change of the gear's lines from one window to the next, or the lines of the first windows     [m]
+R_m  response to tooth 0 that has lost the share q of its stiffness, by the harmonic balance       [m]
+
+The change must be sudden against those from window to window before it, larger than a floor, and have its energy within
+two tooth pitches, more than a change that is spread over the turn would have by chance. A local pattern in the first
+windows is a crack from the start; a single displaced tooth would look alike.
+
+Source   twin/effects/tooth_crack.py; P. D. McFadden, Mech. Syst. Signal Process. 1 (1987) 173–183
+Holds    one cracked tooth; both encoders; windows that resolve the orders (8 turns and more)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from twin.effects import EFFECTS
+from twin.effects.response import solve_with
+from twin.effects.tooth_crack import ToothCrack
+from twin.features.window_features import WindowFeatures
+from twin.model import Condition, Model
+from twin.scales import Scales
+from twin.thresholds import deciding
+from twin.tracing.attribution import AttributedEffect
+from twin.tracing.context import TracingContext
+from twin.tracing.findings import Findings
+from twin.tracing.scatter import MODELLED
+from twin.tracing.tooth_patterns import (
+    NAMES,
+    PATTERNS,
+    Pattern,
+    ToothFinding,
+    local_share,
+    patterns,
+    pinion_orders,
+    rms_of,
+    tooth_shifts,
+)
+from twin.wear.profile import WornProfile
+
+TUNED = "tuned on D00–D13 and T01–T58; not derived"
+LOSSES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of stiffness, that are tried; refined by a parabola
+NEIGHBOURS = 0.11  # of the grid above
+NEAR = 2  # windows on either side of a change that are averaged
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CrackThresholds:
+    """When a local change is a crack."""
+
+    healthy_local_pattern: tuple[float, float] = deciding(
+        (0.0593, 0.0494),
+        of="static mesh deflection",
+        meaning="rms of the lines of pinion and gear in the first windows that a local pattern from the start exceeds",
+        source="measured: 0.12 and 0.10 µm on healthy campaigns of the reference rig; not verified on another",
+    )
+    local_share: float = deciding(
+        0.6,
+        of="energy of the pattern",
+        meaning="share within two tooth pitches of a crack from the start",
+        source=TUNED,
+    )
+    least_change: float = deciding(
+        0.0395,
+        of="static mesh deflection",
+        meaning="rms of a change that a crack makes",
+        source="0.08 µm on the reference rig; " + TUNED,
+    )
+    suddenness: float = deciding(3.0, of="median change", meaning="change against those of other windows", source=TUNED)
+    least_quiet: float = deciding(
+        0.00494,
+        of="static mesh deflection",
+        meaning="change from window to window, and noise of a line's change, that is assumed at least",
+        source="0.01 µm on the reference rig; not derived: chosen",
+    )
+    response_scatter: float = deciding(
+        0.15, of="line of the change", meaning="what the response to a softer tooth may be off", source=TUNED
+    )
+    least_evidence: float = deciding(
+        12.0, unit="nat", meaning="half the squares of the change over its noise that the crack explains", source=TUNED
+    )
+    most_unexplained: float = deciding(
+        0.6, of="squares of the change over its noise", meaning="share that the crack may leave", source=TUNED
+    )
+
+
+THRESHOLDS = CrackThresholds()
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LocalChange:
+    """A change of one gear's lines at one place of its turn."""
+
+    window: int  # from which it is there; 0 from the start
+    lines: np.ndarray  # (n,) complex [m]
+    noise: float  # of a line [m]
+
+
+def detect(context: TracingContext, limits: CrackThresholds = THRESHOLDS) -> Findings:
+    """The findings with a cracked tooth; a local pattern from the start is the crack's own and not of pitch errors."""
+    findings = context.findings
+    if "tooth_crack" in context.rejected:
+        return findings
+    fitting = context.fitting_mounted
+    found = find_crack(
+        context.model,
+        context.tooth_features,
+        [w.condition for w in fitting],
+        [context.profiles[w.index] for w in fitting],
+        context.mesh_phase,
+        context.scales,
+        limits,
+    )
+    if found is None:
+        return findings
+    if found.onset == 0:
+        findings = findings.without("pitch_error")
+    return findings.adding(attributed(found))
+
+
+def attributed(finding: ToothFinding) -> AttributedEffect:
+    """A cracked tooth as an effect of the twin."""
+    effect = finding.effect
+    assert isinstance(effect, ToothCrack)
+    return AttributedEffect.of(
+        effect,
+        onset=finding.onset,
+        parameters={
+            "stiffness_loss": (float(effect.stiffness_loss), "", finding.std),
+            "tooth": (float(effect.tooth), "", finding.tooth_std),
+        },
+        log_evidence=finding.log_evidence,
+        runner_up="pitch_error" if finding.onset == 0 else None,
+        detail=f"one tooth of the {effect.on}" + (f"; {finding.detail}" if finding.detail else ""),
+    )
+
+
+def find_crack(
+    model: Model,
+    windows: Sequence[WindowFeatures],
+    conditions: Sequence[Condition],
+    profiles: Sequence[WornProfile],
+    phase: float,
+    scales: Scales,
+    limits: CrackThresholds = THRESHOLDS,
+) -> ToothFinding | None:
+    """A tooth that has become softer, or was from the start; None where no local change stands out.
+
+    windows, conditions, profiles  of measurement windows, (n,) each
+    """
+    teeth = model.mesh.pair.teeth
+    best: ToothFinding | None = None
+    for gear in (0, 1):
+        seen = patterns(windows, teeth, phase, gear)
+        if len(seen) < 2:
+            continue
+        change = local_change(seen, teeth[gear], gear, scales.deflection, limits)
+        if change is None:
+            continue
+        i = min(change.window + 1, len(windows) - 1)
+        at_fault = _Candidates(model, conditions[i], profiles[i], gear, seen[0].orders, limits)
+        found = at_fault.fitted(change)
+        if found is None or (best is not None and found.log_evidence <= best.log_evidence):
+            continue
+        at = change.window
+        onset = 0.0 if at == 0 else 0.5 * (seen[at - 1].revolutions + seen[at].revolutions)
+        best = ToothFinding(
+            effect=found.effect,
+            onset=onset,
+            log_evidence=found.log_evidence,
+            std=found.std,
+            tooth_std=found.tooth_std,
+            detail="a single displaced tooth would look alike" if at == 0 else "",
+        )
+    return best
+
+
+def local_change(
+    seen: Sequence[Pattern], z: int, gear: int, deflection: float, limits: CrackThresholds = THRESHOLDS
+) -> LocalChange | None:
+    """The window with a local change and the change that came with it; None where none stands out.
+
+    The noise is what a line changes by from window to window otherwise, wear included.
+    """
+    m = seen[0].orders
+    X = np.array([p.lines for p in seen])
+    steps = np.array([rms_of(b - a) for a, b in pairwise(X)])
+    least = limits.least_quiet * deflection
+    noise = max(float(np.median(steps)) * np.sqrt(2 / m.size), least)
+    candidates = []
+    for at in range(1, len(seen)):
+        change = X[at : at + NEAR].mean(axis=0) - X[max(at - NEAR, 0) : at].mean(axis=0)  # before wear adds its own
+        quiet = float(np.median(np.delete(steps, at - 1))) if steps.size > 1 else 0.0
+        share, spread = local_share(X[at] - X[at - 1], m, z)
+        sudden = steps[at - 1] > limits.suddenness * max(quiet, least)
+        if rms_of(change) > limits.least_change * deflection and sudden and share > spread:
+            candidates.append((steps[at - 1], at, change))
+    latest = max(candidates, key=lambda c: c[0]) if candidates else None
+    first = PATTERNS.first_windows
+    start = X[: first if latest is None else min(latest[1], first)].mean(axis=0)
+    share, spread = local_share(start, m, z)
+    floor = limits.healthy_local_pattern[gear] * deflection
+    # what was local before a change was there from the start: wear alone makes it change once more
+    if rms_of(start) > floor and share > spread and share > limits.local_share:
+        return LocalChange(window=0, lines=X[:first].mean(axis=0), noise=max(noise, floor * np.sqrt(2 / m.size)))
+    return None if latest is None else LocalChange(window=latest[1], lines=latest[2], noise=noise)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _FittedCrack:
+    effect: ToothCrack
+    log_evidence: float
+    std: float  # of the loss
+    tooth_std: float
+
+
+class _Candidates:
+    """Responses of one gear's lines to a cracked tooth, by loss of stiffness."""
+
+    def __init__(
+        self,
+        model: Model,
+        condition: Condition,
+        profile: WornProfile,
+        gear: int,
+        orders: np.ndarray,
+        limits: CrackThresholds,
+    ) -> None:
+        self.model, self.condition, self.profile = model, condition, profile
+        self.gear, self.orders, self.limits = gear, orders, limits
+        self.teeth = model.mesh.pair.teeth[gear]
+
+    def crack(self, loss: float, tooth: int) -> ToothCrack:
+        """The effect: one tooth of this gear."""
+        return EFFECTS["tooth_crack"](stiffness_loss=loss, tooth=tooth, on=NAMES[self.gear])
+
+    def lines(self, loss: float, tooth: int) -> np.ndarray | None:
+        """Lines at the gear's orders (n,) [m]; None where there is no steady state."""
+        response = solve_with(self.model, (self.crack(loss, tooth),), self.profile, self.condition)
+        if not response.steady.converged:
+            return None
+        return response.transmission_error(pinion_orders(self.orders, self.gear, self.model.mesh.pair.teeth))
+
+    def misfits(self, change: LocalChange, variance: np.ndarray) -> dict[float, np.ndarray]:
+        """Squares of what each tooth would leave of a change, over its variance (z,), by loss."""
+        shifts: np.ndarray | None = None
+        out = {}
+        for loss in LOSSES:
+            one = self.lines(loss, 0)
+            if one is None:
+                continue
+            if shifts is None:
+                following = self.lines(loss, 1)
+                if following is None:
+                    continue
+                shifts = tooth_shifts(self.teeth, self.orders, one, following)
+            rest = change.lines[:, None] - one[:, None] * shifts
+            out[loss] = (np.abs(rest) ** 2 / variance[:, None]).sum(axis=0)
+        return out
+
+    def fitted(self, change: LocalChange) -> _FittedCrack | None:
+        """The softer tooth whose response meets a change best; None where it explains too little of it."""
+        limits, lines = self.limits, self.orders.size
+        variance = change.noise**2 + (limits.response_scatter * np.abs(change.lines)) ** 2
+        by_loss = self.misfits(change, variance)
+        if not by_loss:
+            return None
+        loss = min(by_loss, key=lambda q: float(by_loss[q].min()))
+        misfits = by_loss[loss]
+        tooth = int(np.argmin(misfits))
+        misfit = float(misfits[tooth])
+        none = float((np.abs(change.lines) ** 2 / variance).sum())
+        evidence = 0.5 * (none - misfit)
+        if evidence < limits.least_evidence or misfit > limits.most_unexplained * none:
+            return None
+        widen = max(misfit / lines, 1.0)
+        same = {q: float(c[tooth]) for q, c in by_loss.items() if int(np.argmin(c)) == tooth}
+        refined, std = _refined(same, loss, widen)
+        likely = np.exp((misfit - misfits) / widen)
+        away = (np.arange(self.teeth) - tooth + self.teeth // 2) % self.teeth - self.teeth // 2
+        return _FittedCrack(
+            effect=self.crack(refined, tooth),
+            log_evidence=float(evidence),
+            std=float(np.hypot(std, MODELLED * refined)),
+            tooth_std=float(np.sqrt(likely @ away**2 / likely.sum())),
+        )
+
+
+def _refined(misfits: dict[float, float], best: float, widen: float) -> tuple[float, float]:
+    """The loss at the least of a parabola through the best and its neighbours, and its standard deviation."""
+    near = sorted((q, c) for q, c in misfits.items() if abs(q - best) < NEIGHBOURS)
+    if len(near) == 3:
+        a, b, _ = np.polyfit([q for q, _ in near], [c for _, c in near], 2)
+        if a > 0:
+            return float(np.clip(-b / (2 * a), near[0][0], near[-1][0])), float(np.sqrt(widen / (2 * a)))
+    return best, LOSSES[1] - LOSSES[0]  # no parabola

@@ -1,0 +1,101 @@
+"""Is the accelerometer wrong? Its gain or a resonance of its mount, from the acceleration over the transmission error.
+
+A change of gain between two windows is the sensor's whatever the structure; a gain or a resonance that was there from
+the start must stand out from the rig file's tolerance of the structure, and from a structure of another kind.
+
+Source   twin/tracing/transfer_path.py; twin/effects/sensor_gain.py, sensor_resonance.py
+Holds    both encoders; teeth that do not differ from one another, whose lines the quotient does not cancel
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.effects.sensor_gain import SensorGain
+from twin.effects.sensor_resonance import SensorResonance
+from twin.thresholds import deciding
+from twin.tracing.attribution import AttributedEffect
+from twin.tracing.context import TracingContext
+from twin.tracing.detectors.mesh import wear_alone
+from twin.tracing.findings import Findings
+from twin.tracing.transfer_path import GainStep, PathFit, fit_sensor, gain_step, quotients
+
+TUNED = "tuned on D00–D13 and T01–T58; not derived"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorThresholds:
+    """When the accelerometer is taken to be wrong."""
+
+    step_evidence: float = deciding(
+        15.0, unit="nat", meaning="evidence of a gain that changes between two windows", source=TUNED
+    )
+    least_evidence: float = deciding(
+        6.0, unit="nat", meaning="evidence of a wrong sensor against a good one", source=TUNED
+    )
+    over_other_structure: float = deciding(
+        2.0, unit="nat", meaning="evidence of a wrong sensor against a structure of another kind", source=TUNED
+    )
+    least_gain: float = deciding(
+        0.06, meaning="|ln gain| that is reported", source="not derived: 6 %, twice a good sensor's tolerance"
+    )
+
+
+THRESHOLDS = SensorThresholds()
+
+
+def detect(context: TracingContext, limits: SensorThresholds = THRESHOLDS) -> Findings:
+    """The findings with what is wrong with the accelerometer, and whether the structure is not the rig file's."""
+    findings = context.findings
+    if findings.other_structure or findings.has("pitch_error"):
+        return findings
+    mesh = wear_alone(context) if findings.mesh is None else findings.mesh
+    if any(o.pinion_only for o in mesh.windows):
+        return findings
+    seen = quotients(mesh.best, mesh.windows, context.model.mesh.pair.teeth[0], context.scales.deflection)
+    step = gain_step(seen, context.rig.tolerances.accelerometer_gain)
+    if step is not None and step.log_evidence > limits.step_evidence and abs(np.log(step.gain)) > limits.least_gain:
+        return findings.adding(_of_step(step), rejected=context.rejected)
+    fits = fit_sensor(context.rig, context.model.calibration.modal_damping, seen)
+    if not fits:
+        return findings
+    best = max(fits, key=lambda s: s.log_evidence)
+    size = abs(np.log(best.effect.gain)) if isinstance(best.effect, SensorGain) else np.inf
+    other = max(s.over_other for s in fits) < limits.over_other_structure
+    known = best.log_evidence > limits.least_evidence and best.over_other > limits.over_other_structure
+    if known and size > limits.least_gain:
+        findings = findings.adding(_of_fit(best, [s for s in fits if s is not best]), rejected=context.rejected)
+    return replace(findings, other_structure=other)
+
+
+def _of_fit(best: PathFit, others: Sequence[PathFit]) -> AttributedEffect:
+    effect = best.effect
+    if isinstance(effect, SensorGain):
+        parameters = {"gain": (float(effect.gain), "", float(effect.gain * best.std))}
+    else:
+        assert isinstance(effect, SensorResonance)
+        parameters = {
+            "frequency": (float(effect.frequency), "Hz", float(effect.frequency * best.std)),
+            "damping_ratio": (float(effect.damping_ratio), "", best.damping_std),
+        }
+    other = max(others, key=lambda s: s.log_evidence, default=None)
+    return AttributedEffect.of(
+        effect,
+        parameters=parameters,
+        log_evidence=best.log_evidence,
+        runner_up=None if other is None else other.name,
+        over_runner_up=None if other is None else best.log_evidence - other.log_evidence,
+    )
+
+
+def _of_step(step: GainStep) -> AttributedEffect:
+    return AttributedEffect.of(
+        SensorGain(gain=step.gain),
+        onset=step.onset,
+        parameters={"gain": (step.gain, "", step.gain * step.std)},
+        log_evidence=step.log_evidence,
+        detail="the gain has changed between two windows: no structure does that",
+    )

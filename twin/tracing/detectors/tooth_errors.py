@@ -1,0 +1,275 @@
+"""Pitch errors: do teeth differ from one another, from the first window on?
+
+The lines at whole orders of both gears in the first windows are compared with those of a healthy machine. Displacements
+of all teeth are fitted to them by linear least squares; the response is not linear once errors reach what the load
+deflects, so the fit goes on with the whole response. The lowest orders get the scatter of run-out and graduation.
+
+A torque ripple makes one such line, too: where pitch errors do not explain the torque's line, the transmission error's
+line at its order is left out.
+
+Source   twin/effects/pitch_error.py; patterns: twin/tracing/tooth_patterns.py
+Holds    both encoders; windows that resolve the orders (8 turns and more)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.effects import EFFECTS
+from twin.effects.addition import Addition
+from twin.effects.response import Effect, solve_with
+from twin.features.window_features import WindowFeatures
+from twin.model import Condition, Model
+from twin.rig_tolerances import Tolerances
+from twin.scales import Scales
+from twin.thresholds import deciding
+from twin.tracing.attribution import AttributedEffect
+from twin.tracing.context import TracingContext
+from twin.tracing.detectors.shaft_forces import tooth_errors_explain
+from twin.tracing.findings import Findings
+from twin.tracing.scatter import MODELLED
+from twin.tracing.tooth_patterns import (
+    NAMES,
+    PATTERNS,
+    Pattern,
+    ToothFinding,
+    patterns,
+    pinion_orders,
+    rms_of,
+    tooth_shifts,
+)
+from twin.wear.profile import WornProfile
+
+PRIOR = next(p.prior for p in EFFECTS["pitch_error"].parameters)  # of a tooth's displacement [m]
+STEPS = 3  # of the fit with the whole response
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ToothErrorThresholds:
+    """When lines at a gear's own orders are pitch errors, and how well they are known."""
+
+    healthy_pattern: tuple[float, float] = deciding(
+        (0.0593, 0.1086),
+        of="static mesh deflection",
+        meaning="rms of the pattern of a healthy machine's pinion and gear in its first windows",
+        source="measured: 0.12 and 0.22 µm on healthy campaigns of the reference rig; not verified on another",
+    )
+    energy_over_healthy: float = deciding(
+        5.0,
+        of="energy of a healthy machine's pattern",
+        meaning="energy beyond it from which pitch errors are reported",
+        source="tuned on D00–D13 and T01–T58; not derived",
+    )
+    line_noise: float = deciding(
+        0.0148, of="static mesh deflection", meaning="noise of a line", source="measured: 0.03 µm on the reference rig"
+    )
+    line_scatter: float = deciding(
+        0.05, of="line", meaning="what the modelled response may be off", source="not derived: chosen"
+    )
+
+
+THRESHOLDS = ToothErrorThresholds()
+
+
+def detect(context: TracingContext, limits: ToothErrorThresholds = THRESHOLDS) -> Findings:
+    """The findings with pitch errors, and without a torque ripple that they explain."""
+    findings = context.findings
+    if "pitch_error" in context.rejected:
+        return findings
+    found = _fitted(context, context.features, limits)
+    ripple = findings.force("torque_ripple")
+    if ripple is not None:
+        order = int(ripple.parameters["order"][0])
+        first = context.features[: PATTERNS.first_windows]
+        if found is not None and tooth_errors_explain(
+            context.model, first, context.fitting[0].condition, (found.effect,), context.mesh_phase, order
+        ):
+            findings = findings.without("torque_ripple")
+        elif found is not None:
+            found = _fitted(context, context.tooth_features, limits)
+    if found is None or found.over_healthy <= limits.energy_over_healthy:
+        return findings
+    return findings.adding(attributed(found), rejected=context.rejected)
+
+
+def refit(context: TracingContext) -> Findings:
+    """The findings with pitch errors fitted anew together with those effects of the mesh that act from the start."""
+    findings = context.findings
+    if findings.mesh is None or not findings.mesh.found or not findings.has("pitch_error"):
+        return findings
+    best = findings.mesh.best
+    early = tuple(e for t, e in zip(best.trials, best.effects(), strict=True) if t.onset == 0)
+    found = _fitted(context, context.tooth_features, THRESHOLDS, early)
+    if found is None:
+        return findings
+    again = attributed(found)
+    return replace(findings, effects=tuple(again if f.name == "pitch_error" else f for f in findings.effects))
+
+
+def tooth_additions(context: TracingContext, mesh_effects: Sequence[Addition]) -> list[Addition]:
+    """The teeth's effects found so far, pitch errors fitted anew together with effects of the mesh from the start."""
+    early = tuple(a.effect for a in mesh_effects if a.onset_revolutions == 0)
+    again = early and context.findings.has("pitch_error")
+    found = _fitted(context, context.tooth_features, THRESHOLDS, early) if again else None
+    return [
+        Addition(effect=found.effect) if f.name == "pitch_error" and found is not None else f.addition
+        for f in context.findings.tooth_errors
+    ]
+
+
+def _fitted(
+    context: TracingContext,
+    windows: Sequence[WindowFeatures],
+    limits: ToothErrorThresholds,
+    effects: Sequence[Effect] = (),
+) -> ToothFinding | None:
+    model, condition = context.model, context.fitting[0].condition
+    return find_pitch_errors(
+        model,
+        windows,
+        condition,
+        model.unworn,
+        context.mesh_phase,
+        context.scales,
+        context.rig.tolerances,
+        effects,
+        limits,
+    )
+
+
+def attributed(finding: ToothFinding) -> AttributedEffect:
+    """Pitch errors as an effect of the twin."""
+    parameters = {}
+    for gear in NAMES:
+        values = np.array(getattr(finding.effect, gear))
+        if values.size:
+            rms = float(np.sqrt(np.mean(values**2)))
+            std = float(np.hypot(finding.std / np.sqrt(2 * values.size), MODELLED * rms))
+            parameters[f"{gear}_rms"] = (rms, "m", std)
+    return AttributedEffect.of(
+        finding.effect, parameters=parameters, log_evidence=finding.log_evidence, detail=finding.detail
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _ToothFit:
+    """The linear least squares of one gear's teeth."""
+
+    gear: int
+    pattern: Pattern  # of the first windows, from order 1 on
+    matrix: np.ndarray  # whitened response and prior (2n + z, z)
+    std: np.ndarray  # of each line (n,) [m]
+
+    def correction(self, rest: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Change of the displacements (z,) that leaves the least of lines not yet explained (n,); its mean is none."""
+        r = rest / self.std
+        right = np.concatenate((r.real, r.imag, -values / PRIOR))
+        found = np.linalg.lstsq(self.matrix, right, rcond=None)[0]
+        return found - found.mean()
+
+
+def find_pitch_errors(
+    model: Model,
+    windows: Sequence[WindowFeatures],
+    condition: Condition,
+    profile: WornProfile,
+    phase: float,
+    scales: Scales,
+    tolerances: Tolerances,
+    effects: Sequence[Effect] = (),
+    limits: ToothErrorThresholds = THRESHOLDS,
+) -> ToothFinding | None:
+    """Pitch errors of both gears from the first windows; None where a healthy machine's lines explain them.
+
+    windows  measurement windows, the first first; only the first few are used
+    effects  of the mesh's period, that are in the twin already
+    """
+    first, teeth = list(windows)[: PATTERNS.first_windows], model.mesh.pair.teeth
+    strength, counts, measured = [], [], []
+    for gear in (0, 1):
+        lines = _mean_lines(patterns(first, teeth, phase, gear))
+        strength.append(rms_of(lines) / (limits.healthy_pattern[gear] * scales.deflection))
+        counts.append(lines.size)
+        measured.append(_with_low_orders(first, teeth, phase, gear))
+    if max(strength) < 1.0:
+        return None
+
+    def made_by(effect: Effect, gear: int, orders: np.ndarray) -> np.ndarray:
+        """Lines of a gear's own orders with an effect (n,) [m]."""
+        response = solve_with(model, (*effects, effect), profile, condition, NAMES[gear])
+        response.steady.require_converged()
+        return response.transmission_error(pinion_orders(orders, gear, teeth))
+
+    unit = 0.06 * PRIOR  # small against the deflection: the response is linear
+    graduation = (tolerances.pinion_graduation, tolerances.gear_graduation)
+    fits = []
+    for gear, pattern in enumerate(measured):
+        if strength[gear] <= 1.0 or pattern is None:
+            continue
+        m, z = pattern.orders, teeth[gear]
+        one, following = (made_by(_one_tooth(gear, z, k, unit), gear, m) for k in (0, 1))
+        response = (one / unit)[:, None] * tooth_shifts(z, m, one, following)
+        noise = limits.line_noise * scales.deflection
+        low = np.where(m < PATTERNS.lowest_order[gear], graduation[gear], 0.0)
+        std = np.hypot(noise, limits.line_scatter * np.abs(pattern.lines)) + low
+        whitened = (response.real / std[:, None], response.imag / std[:, None], np.eye(z) / PRIOR)
+        fits.append(_ToothFit(gear=gear, pattern=pattern, matrix=np.concatenate(whitened), std=std))
+    values = _displacements(fits, teeth, lambda effect: solve_with(model, (*effects, effect), profile, condition))
+    B = fits[0].matrix
+    # every line a circular Gaussian, of a healthy machine's variance or of its own
+    evidence = sum(n * (s**2 - 1 - 2 * np.log(s)) for s, n in zip(strength, counts, strict=True) if s > 1)
+    return ToothFinding(
+        effect=_pitch_error(values),
+        onset=0.0,
+        log_evidence=float(evidence),
+        std=float(np.sqrt(np.mean(np.diag(np.linalg.inv(B.T @ B))))),
+        detail=", ".join(f"{n} {1e6 * float(np.std(v)):.2g} µm rms" for n, v in values.items()),
+        over_healthy=float(sum(s**2 - 1 for s in strength if s > 1)),
+    )
+
+
+def _displacements(fits: Sequence[_ToothFit], teeth: tuple[int, int], solved) -> dict[str, np.ndarray]:
+    """Displacements of the teeth by gear, (z,) each [m]: a linear start, then corrected by the whole response.
+
+    solved  the response with pitch errors in the model
+    """
+    values = {NAMES[fit.gear]: np.zeros(teeth[fit.gear]) for fit in fits}
+    rest = {fit.gear: fit.pattern.lines for fit in fits}
+    for step in range(STEPS):
+        for fit in fits:
+            name = NAMES[fit.gear]
+            values[name] = values[name] + fit.correction(rest[fit.gear], values[name])
+        if step == STEPS - 1:
+            break
+        response = solved(_pitch_error(values))
+        if not response.steady.converged:
+            break
+        for fit in fits:
+            made = response.transmission_error(pinion_orders(fit.pattern.orders, fit.gear, teeth))
+            rest[fit.gear] = fit.pattern.lines - made
+    return values
+
+
+def _pitch_error(values: dict[str, np.ndarray]) -> Effect:
+    return EFFECTS["pitch_error"](**{n: tuple(v.tolist()) for n, v in values.items()})
+
+
+def _one_tooth(gear: int, z: int, tooth: int, value: float) -> Effect:
+    return EFFECTS["pitch_error"](**{NAMES[gear]: tuple(value if k == tooth else 0.0 for k in range(z))})
+
+
+def _mean_lines(seen: Sequence[Pattern]) -> np.ndarray:
+    return np.mean([p.lines for p in seen], axis=0) if seen else np.zeros(0)
+
+
+def _with_low_orders(
+    windows: Sequence[WindowFeatures], teeth: tuple[int, int], phase: float, gear: int
+) -> Pattern | None:
+    """The mean pattern of windows from order 1 on."""
+    seen = patterns(windows, teeth, phase, gear, lowest=1)
+    if not seen:
+        return None
+    return Pattern(revolutions=seen[0].revolutions, orders=seen[0].orders, lines=_mean_lines(seen))

@@ -1,0 +1,114 @@
+"""What the detectors have found so far: effects for the twin, and results that later detectors need.
+
+Frozen data; a detector gives back new findings with what it adds (twin/tracing/detectors/).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+from twin.effects.addition import name_of
+from twin.effects.bearing_defect import BearingDefect
+from twin.effects.response import Effect
+from twin.features.tones import ForeignTone
+from twin.tracing.attribution import AttributedEffect
+from twin.tracing.mesh_search import MeshFindings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShaftForce:
+    """A force that turns with the pinion: unbalance, torque ripple, or the load that makes the teeth rattle."""
+
+    effect: Effect
+    parameters: dict[str, tuple[float, str, float]]  # value, unit, std
+    log_evidence: float
+
+    @property
+    def name(self) -> str:
+        return name_of(self.effect)
+
+    def attributed(self) -> AttributedEffect:
+        """The force as an effect of the twin."""
+        return AttributedEffect.of(self.effect, parameters=dict(self.parameters), log_evidence=self.log_evidence)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BearingFinding:
+    """A bearing defect with what speaks for it."""
+
+    effect: BearingDefect
+    order_std: float
+    slip_std: float
+    onset: float  # revolutions
+    log_evidence: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NonGearContent:
+    """Vibration that no gear makes, over all windows."""
+
+    defect: BearingFinding | None = None
+    tones: tuple[ForeignTone, ...] = ()
+    orders: tuple[tuple[float, float], ...] = ()  # lines that belong to no shaft: order, amplitude [m/s²]
+    impacts: bool = False  # irregular ones
+    modulated_by: str | None = None  # the shaft whose turn modulates the broadband noise, though no tooth strikes
+    first: float | None = None  # revolutions of the first window with any of the unknown ones
+
+    @property
+    def unknown(self) -> bool:
+        return bool(self.tones or self.orders or self.impacts or self.modulated_by)
+
+    def sentence(self) -> str:
+        """What is unknown, in words."""
+        parts = []
+        if self.tones:
+            parts.append("tones of fixed frequency: " + ", ".join(f"{t.frequency:.2f} Hz" for t in self.tones))
+        if self.orders:
+            parts.append("lines at orders that belong to no shaft: " + ", ".join(f"{o:.3f}" for o, _ in self.orders))
+        if self.impacts:
+            parts.append("impacts that repeat with no shaft")
+        if self.modulated_by:
+            parts.append(f"broadband noise modulated by every turn of the {self.modulated_by}, as where something rubs")
+        return "; ".join(parts)
+
+
+QUIET = NonGearContent()
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Findings:
+    """What has been found, and what later detectors need to know of it."""
+
+    effects: tuple[AttributedEffect, ...] = ()  # in the order found
+    teeth_separate: bool = False  # rattle: no steady mesh, so nothing else can be sought
+    forces: tuple[ShaftForce, ...] = ()  # suspected; effects once nothing else is found to explain their lines
+    run_out_orders: frozenset[int] = frozenset()  # of the pinion, that an eccentricity explains
+    non_gear: NonGearContent = QUIET
+    mesh: MeshFindings | None = None
+    other_structure: bool = False  # whether the path to the housing is not the rig file's
+
+    def has(self, *names: str) -> bool:
+        """Whether any of these effects has been found."""
+        return any(effect.name in names for effect in self.effects)
+
+    @property
+    def tooth_errors(self) -> tuple[AttributedEffect, ...]:
+        """The effects found by which teeth differ from one another: their lines are at all orders of both shafts."""
+        return tuple(f for f in self.effects if f.addition.effect.facts.acts_on == "teeth")
+
+    def force(self, name: str) -> ShaftForce | None:
+        """The suspected force of this name."""
+        return next((force for force in self.forces if force.name == name), None)
+
+    def adding(self, *effects: AttributedEffect, rejected: Collection[str] = ()) -> Findings:
+        """With more effects, except those that an engineer has ruled out."""
+        return replace(self, effects=(*self.effects, *(e for e in effects if e.name not in rejected)))
+
+    def without(self, name: str) -> Findings:
+        """Without an effect, and without a suspected force, of this name."""
+        return replace(
+            self,
+            effects=tuple(effect for effect in self.effects if effect.name != name),
+            forces=tuple(force for force in self.forces if force.name != name),
+        )

@@ -1,0 +1,132 @@
+"""Lines at whole orders of one gear's turn, below the mesh: what differs from tooth to tooth.
+
+    X_m = R_m·Σ_k f_k·e^{−2πi·m·k/z}          lines of the transmission error at whole orders m of one gear's turn
+
+f_k  displacement of tooth k along the line of action, or whatever tooth k does to the response      [m]
+R_m  response to one tooth's unit displacement, by the harmonic balance
+
+Pitch errors are there from the first window, constant and spread over the turn. A crack is local: what it changes lies
+within two tooth pitches, at the passage of one tooth. Teeth that wear a little differently make lines that grow from
+nothing with depth. The lowest orders belong to run-out and the encoder's graduation.
+
+Source   P. D. McFadden, Mech. Syst. Signal Process. 1 (1987) 173–183
+Holds    both encoders; windows that resolve the orders (8 turns and more)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.effects.response import Effect
+from twin.features.teeth import SURROGATES, _shares
+from twin.features.window_features import WindowFeatures
+from twin.thresholds import deciding
+
+NAMES = ("pinion", "gear")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PatternThresholds:
+    """Which lines make a gear's pattern."""
+
+    lowest_order: tuple[int, int] = deciding(
+        (3, 4),
+        unit="order of the gear's own turn",
+        meaning="first order of pinion and gear that counts: eccentricity and graduation are below",
+        source="not derived: chosen; run-out is order 1, the graduation of the generator's discs orders 1 to 3",
+    )
+    highest_share: float = deciding(
+        0.8,
+        of="number of teeth",
+        meaning="last order that counts: those near the number of teeth are the mesh line's sidebands",
+        source="orders 15 and 41 of 19 and 52 teeth; not derived",
+    )
+    least_lines: int = deciding(5, meaning="orders that all windows must resolve", source="not derived: chosen")
+    first_windows: int = deciding(
+        3,
+        meaning="windows that count as the first, before teeth wear differently",
+        source="not derived: chosen",
+    )
+
+    def orders(self, gear: int, teeth: tuple[int, int], lowest: int | None = None) -> range:
+        """Orders of the pinion's (0) or the gear's (1) own turn."""
+        return range(self.lowest_order[gear] if lowest is None else lowest, int(self.highest_share * teeth[gear]) + 1)
+
+
+PATTERNS = PatternThresholds()
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Pattern:
+    """Lines of one gear's own orders in one window, in the model's angle."""
+
+    revolutions: float
+    orders: np.ndarray  # m (n,)
+    lines: np.ndarray  # X_m complex (n,) [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ToothFinding:
+    """Pitch errors or a crack."""
+
+    effect: Effect
+    onset: float  # revolutions
+    log_evidence: float
+    std: float  # of the teeth's displacement [m], or of the stiffness loss
+    tooth_std: float = 0.0  # of the cracked tooth's number
+    over_healthy: float = 0.0  # energy of pitch errors' lines beyond that of a healthy machine's, over it
+    detail: str
+
+
+def rms_of(lines: np.ndarray) -> float:
+    """RMS over a turn of lines (n,) complex."""
+    return float(np.sqrt(0.5 * np.sum(np.abs(lines) ** 2)))
+
+
+def pinion_orders(orders: np.ndarray, gear: int, teeth: tuple[int, int]) -> np.ndarray:
+    """Orders of a gear's own turn (n,) as orders of the pinion's (n,)."""
+    return orders * (1.0, teeth[0] / teeth[1])[gear]
+
+
+def patterns(
+    windows: Sequence[WindowFeatures],
+    teeth: tuple[int, int],
+    phase: float,
+    gear: int,
+    lowest: int | None = None,
+    limits: PatternThresholds = PATTERNS,
+) -> list[Pattern]:
+    """Lines of the pinion (0) or the gear (1) in every window, at the orders that all of them resolve."""
+    keys = [(0, m, 0) if gear == 0 else (0, 0, m) for m in limits.orders(gear, teeth, lowest)]
+    seen = [w for w in windows if w.transmission_error is not None and w.transmission_error.unit == "m"]
+    keys = [k for k in keys if all(w.transmission_error.get(*k) is not None for w in seen)]  # type: ignore[union-attr]
+    m = np.array([k[1 + gear] for k in keys], dtype=int)
+    turn = np.exp(-1j * pinion_orders(m, gear, teeth) * phase / teeth[0])
+    out = []
+    for w in seen:
+        assert w.transmission_error is not None
+        lines = np.array([w.transmission_error.at(*k) for k in keys], dtype=complex)
+        out.append(Pattern(revolutions=w.revolutions or 0.0, orders=m, lines=lines * turn))
+    return out if m.size >= limits.least_lines else []
+
+
+def tooth_shifts(z: int, m: np.ndarray, one: np.ndarray, next_one: np.ndarray) -> np.ndarray:
+    """e^{∓2πi·m·k/z} for all teeth (n, z), in the sense in which the passages count them.
+
+    one, next_one  lines (n,) of the same effect on tooth 0 and on tooth 1
+    """
+    forward = np.exp(-2j * np.pi * m / z)
+    against = np.abs(next_one - one * forward.conj()).sum() < np.abs(next_one - one * forward).sum()
+    base = forward.conj() if against else forward
+    return base[:, None] ** np.arange(z)[None, :]
+
+
+def local_share(change: np.ndarray, m: np.ndarray, z: int) -> tuple[float, float]:
+    """Share of a change's energy within two tooth pitches, and what one spread over the turn reaches in a hundred."""
+    _, _, (share,) = _shares(change[None, :], m, z)
+    rng = np.random.default_rng(z)
+    turned = np.abs(change) * np.exp(2j * np.pi * rng.random((SURROGATES, change.size)))
+    return float(share), float(np.quantile(_shares(turned, m, z)[2], 0.99))
