@@ -33,6 +33,7 @@ class Settings(BaseSettings):
     window_gap: float = Field(default=1.0, gt=0, le=600, description="pause that ends a burst [s]")
     patience: int = Field(default=256, ge=2, le=100_000, description="frames a key waits for a missing one")
     settle: int = Field(default=24, ge=1, le=100_000, description="frames in good order that prove a gap real")
+    window_bytes: int = Field(default=512 * 2**20, ge=2**20, description="one window with all its channels [bytes]")
     buffer_bytes: int = Field(default=128 * 2**20, ge=2**20, description="frames held while waiting, an asset [bytes]")
 
     # the twin

@@ -244,4 +244,5 @@ def assembly_settings(settings: Settings) -> AssemblySettings:
         patience=settings.patience,
         settle=settings.settle,
         max_bytes=settings.buffer_bytes,
+        window_bytes=settings.window_bytes,
     )

@@ -14,7 +14,7 @@ every key is known to be complete, and laid out as windows (assembly_window).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from service.stream import order
@@ -22,7 +22,7 @@ from service.stream.channels import CHANNEL_KINDS
 from service.stream.faults import totals
 from service.stream.frames import NS, Frame, SampleFrame
 from service.stream.pieces import Piece, size_of, split_index
-from service.stream.samples import Span
+from service.stream.samples import MOST_SAMPLES, Span
 from service.stream.slow import SlowChannels
 from service.stream.window import build_window
 from twin.rig import Rig
@@ -40,6 +40,7 @@ class AssemblySettings:
     patience: int = 256  # frames that a key lets pass while one is missing
     settle: int = 16  # frames in good order that prove a gap real
     max_bytes: int = 128 * 2**20  # held while waiting
+    window_bytes: int = 8 * MOST_SAMPLES  # of one window with all its channels, and of the frames that make it
     expected: tuple[str, ...] = ()  # channels that are waited for before the first window: accel/y6, ...
     rig: Rig | None = None  # whose sensor ranges and operating points the values are held against
 
@@ -54,6 +55,16 @@ class _Open:
     start: int  # [ns]
     end: int  # [ns]
     pieces: dict[str, list[Piece]]
+    bytes: int = 0  # of the frames of all pieces
+    refused: dict[str, int] = field(default_factory=dict)  # frames by channel for which the window had no room
+
+    def faults(self, most: int) -> list[Fault]:
+        """The frames for which there was no room."""
+        detail = f"frames left out: those of one window exceed {most} bytes; too many channels, or too high a rate?"
+        return [
+            Fault(kind="too_large", channel=label, count=count, action="degraded", detail=detail)
+            for label, count in sorted(self.refused.items())
+        ]
 
 
 class Assembler:
@@ -215,7 +226,11 @@ class Assembler:
         if current is None:
             current = self._open = _Open(start, start, {})
         current.end = max(current.end, frame.end_time_ns)
-        current.pieces.setdefault(label, []).append(Piece(frame, begin, size, lost))
+        if current.bytes + frame.nbytes > self.settings.window_bytes:
+            current.refused[label] = current.refused.get(label, 0) + 1
+        else:
+            current.bytes += frame.nbytes
+            current.pieces.setdefault(label, []).append(Piece(frame, begin, size, lost))
         length = round(self.settings.length * NS)
         while self._open is not None:
             cut = -(-(self._open.start + length) // length) * length
@@ -240,9 +255,10 @@ class Assembler:
                     rest.setdefault(label, []).append(Piece(frame, at, piece.end, piece.lost if after else 0))
                 else:
                     self._consumed[label] = (frame.sequence, frame.start_time_ns, frame.end_time_ns)
-        span, faults = Span(current.start, end), list[Fault]()
+        most = self.settings.window_bytes // 8
+        span, faults = Span(current.start, end), current.faults(self.settings.window_bytes)
         slow = self._slow.at(span, faults)
-        window = build_window(span, now, self._known, self._counted, slow, faults, self.settings.rig)
+        window = build_window(span, now, self._known, self._counted, slow, faults, self.settings.rig, most)
         for shaft, edges in window.encoders.items():
             self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
         for (label, kind), number in totals(window.faults).items():
@@ -250,5 +266,6 @@ class Assembler:
                 self.count(label, kind, number)
         self._known |= set(now)
         self._closed_until = end
-        self._open = _Open(end, current.end, rest) if cut else None
+        left = sum(piece.frame.nbytes for pieces in rest.values() for piece in pieces)
+        self._open = _Open(end, current.end, rest, left) if cut else None
         return window, self.to_dict()

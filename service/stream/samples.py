@@ -24,6 +24,7 @@ from twin.windows import Fault, Samples
 _TIME_SLACK_NS = 20_000  # of a frame's start, beyond one sample [ns]
 _FLAT_RUN = 4  # equal extreme samples in a row that no vibration gives: clipped
 _PILE = 5  # samples at the extreme level, and times as many as at the level before it, that none gives either
+MOST_SAMPLES = 2**26  # of all channels of one window: 512 MiB
 _MARGIN = 0.05  # [s] by which channels may start and end apart
 
 
@@ -70,16 +71,26 @@ def lay_samples(
     span: Span,
     faults: list[Fault],
     rig: Rig | None = None,
+    most: int = MOST_SAMPLES,
 ) -> Samples | None:
     """One evenly sampled channel, its faults added to `faults`; None where nothing of it is left.
 
-    rig  whose sensor ranges hold in place of the kind's limits
+    rig   whose sensor ranges hold in place of the kind's limits
+    most  samples that it may have, gaps included
     """
     parts = [p for p in of_one_rate(label, parts, lambda p: p.frame.sample_rate, "Hz", faults) if p.size]
     if not parts:
         return None
     sampling, origin = parts[0].frame.sample_rate, parts[0].start_ns
     placed = _placed(parts, sampling, origin)
+    if placed.size > most:
+        came = sum(p.size for p in parts)
+        detail = (
+            f"{placed.size:.3g} samples at {sampling:g} Hz, of which {came} have come, exceed the {most:.3g} that this "
+            "window has room for: channel left out; is sample_rate_hz right?"
+        )
+        faults.append(Fault(kind="too_large", channel=label, count=len(parts), action="degraded", detail=detail))
+        return None
     values = np.full(placed.size, np.nan)
     for index, part, skip in placed.places:
         values[index : index + part.size - skip] = part.frame.values[part.begin + skip : part.end]

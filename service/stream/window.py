@@ -11,7 +11,7 @@ from service.stream.channels import CHANNEL_KINDS, Layout, kind_of
 from service.stream.edges import lay_edges, note_reset
 from service.stream.faults import grade_of
 from service.stream.pieces import Piece
-from service.stream.samples import Span, lay_samples
+from service.stream.samples import MOST_SAMPLES, Span, lay_samples
 from twin.features.plausible import torque_contradiction
 from twin.rig import Rig
 from twin.windows import Fault, Samples, SlowValue, Window
@@ -27,6 +27,7 @@ def build_window(
     slow: Mapping[str, SlowValue] | None = None,
     faults: Sequence[Fault] = (),
     rig: Rig | None = None,
+    most: int = MOST_SAMPLES,
 ) -> Window:
     """The window of pieces by channel label.
 
@@ -35,6 +36,7 @@ def build_window(
     slow     values of the slow channels
     faults   found before the window was laid out
     rig      whose sensor ranges and operating points the values are held against
+    most     samples of all channels together
     """
     fields: dict[str, dict[str, Any]] = {k.window_field: {} for k in CHANNEL_KINDS.values() if not k.slow}
     found = list(faults)
@@ -48,7 +50,8 @@ def build_window(
             if channel is not None:
                 note_reset(label, channel.first_index, (counted or {}).get(label, 0), found)
         else:
-            channel = lay_samples(label, kind, parts, span, found, rig)
+            channel = lay_samples(label, kind, parts, span, found, rig, most)
+            most -= 0 if channel is None else channel.values.size
         if channel is not None:
             fields[kind.window_field][name] = channel
             usable |= kind.usable_alone
