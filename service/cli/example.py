@@ -1,4 +1,4 @@
-"""`gear-twin example`: published cases, computed again and set beside what their authors found."""
+"""`gear-twin example`: published cases computed again and compared with what their authors found."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from typing import Annotated
 
 import typer
 
-app = typer.Typer(no_args_is_help=True, help="Published cases computed again, beside what their authors found.")
+app = typer.Typer(
+    no_args_is_help=True, help="Published cases computed again and compared with what their authors found."
+)
 
 
 @app.callback()
 def examples() -> None:
-    """Published cases computed again, beside what their authors found."""
+    """Published cases computed again and compared with what their authors found."""
 
 
 @app.command()
@@ -28,19 +30,20 @@ def misalignment(
         ),
     ] = 20,
 ) -> None:
-    """Spur gears out of line by 1° as bodies on shafts (Dąbrowski et al. 2012): some 50 s, and the draws."""
-    from service.cli.misalignment_figures import page
-    from service.cli.misalignment_text import answered, text
+    """Spur gears misaligned by 1°, as bodies on shafts (Dąbrowski et al. 2012); takes some 50 s, and the draws."""
+    from service.cli.figure_style import STYLE
     from service.cli.show import progress_bar, say
     from service.json_text import json_text, write_text
+    from studies.misalignment.plots import page
+    from studies.misalignment.report import as_numbers, text
     from studies.misalignment.study import study
 
     with progress_bar("computing") as bar:
         found = study(bar, draws=draws)
     if json is not None:
-        write_text(json, json_text(answered(found)))
+        write_text(json, json_text(as_numbers(found)))
     if out is not None:
-        write_text(out, page(found))
+        write_text(out, page(found, STYLE))
     if str(json) != "-":
         print(text(found))
     if out is not None:

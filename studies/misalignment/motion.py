@@ -115,7 +115,7 @@ def _through_tooth(x, x_rate, k, bent_from, c_new, K, e, C, d):
 
 
 @njit(cache=True)
-def _contacts(q, v, t, geometry, tilt, law, rub, gap0, gap, places, c_new, want, force, jacobian, sums,
+def _contacts(q, v, t, geometry, tilt, law, rub, gap0, gap, places, c_new, want, force, jacobian, sums,  # noqa: C901, PLR0915 - one compiled loop
               bent_from, bent):  # fmt: skip
     """Adds the contacts' generalised forces (10,) and, where wanted, their −∂/∂v with q following (10, 10).
 
@@ -268,7 +268,7 @@ def _solve(A, b, n):
 
 
 @njit(cache=True)
-def _run(q, v, free, mass, damping, stiffness, load, scale, geometry, tilt, law, rub, gap0, gap, places,
+def _run(q, v, free, mass, damping, stiffness, load, scale, geometry, tilt, law, rub, gap0, gap, places,  # noqa: C901, PLR0915 - one compiled loop
          t0, h, steps, skip, out_q, out_v, out_f, out_sums):  # fmt: skip
     """Integrates from rest at (q, v); the number of steps that Newton did not solve."""
     n = free.size

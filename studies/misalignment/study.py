@@ -48,9 +48,9 @@ TILTS: dict[str, Tilt] = {
     "turning": Tilt(angle=TILT_ANGLE, turning=True),
     "turning_end": Tilt(angle=TILT_ANGLE, turning=True, pivot=-0.5),
 }
-RESIDUALS: dict[str, Tilt] = {  # of the state that is called correct
-    "out by 0.1°": Tilt(angle=0.1 * TILT_ANGLE),
-    "out by 0.2°": Tilt(angle=0.2 * TILT_ANGLE),
+RESIDUALS: dict[str, Tilt] = {  # of the reference state
+    "tilt 0.1°": Tilt(angle=0.1 * TILT_ANGLE),
+    "tilt 0.2°": Tilt(angle=0.2 * TILT_ANGLE),
 }
 POINTS = tuple((n, T) for n in SPEEDS_RPM for T in TORQUES)
 DRAWN = ("rigid", "bearings", "shafts", "both", "all")  # variants that are run with drawn estimates

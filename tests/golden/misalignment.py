@@ -27,7 +27,7 @@ def figures() -> dict[str, Any]:
             f"{v} {t}": _rises(rises_of(given, v, t, *COARSE)) for v in VARIANTS for t in ("normal", "in_plane")
         },
         "without_friction": {v: _rises(rises_of(smooth, v, "normal", *COARSE)) for v in ("rigid", "both")},
-        "over_a_state_out_of_line": {
+        "relative_to_a_misaligned_state": {
             f"{v} {state}": _rises(rises_of(given, v, "normal", *COARSE, against=state))
             for v in ("rigid", "both")
             for state in RESIDUALS

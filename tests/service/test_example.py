@@ -31,7 +31,7 @@ def test_the_example_prints_its_table_and_writes_page_and_numbers(capsys, coarse
     assert captured.err == f"gear-twin: figures written to {out}\n"
     for said in (
         "experiment, about",
-        "nothing (authors' model)",
+        "rigid (authors' model)",
         "sidebands",
         "estimated",
         "1 sets",
@@ -41,8 +41,8 @@ def test_the_example_prints_its_table_and_writes_page_and_numbers(capsys, coarse
     ):
         assert said in captured.out, said
     answer = json.loads(numbers.read_text())
-    assert {r["gives_way"] for r in answer["rises"]} == {"rigid", "bearings", "shafts", "both", "teeth", "all"}
-    assert len([r for r in answer["rises"] if (r["gives_way"], r["tilt"]) == ("rigid", "normal")]) == 4
+    assert {r["compliant"] for r in answer["rises"]} == {"rigid", "bearings", "shafts", "both", "teeth", "all"}
+    assert len([r for r in answer["rises"] if (r["compliant"], r["tilt"]) == ("rigid", "normal")]) == 4
     assert all(e["reason"] and e["low"] < e["high"] for e in answer["estimated"])
     assert len(answer["draws"]) == 1 and len(answer["sensitivities"]) == 6
     page = out.read_text()
@@ -63,7 +63,7 @@ def test_the_example_prints_its_numbers_alone_where_asked(capsys, coarse):
     assert run(["example", "misalignment", "--json", "-"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["experiment_rise_percent"] == {"400 rpm": 20.0, "800 rpm": 30.0}
-    assert {r["correct_state"] for r in answer["over_a_state_out_of_line"]} == {"out by 0.1°", "out by 0.2°"}
+    assert {r["reference_state"] for r in answer["relative_to_a_misaligned_state"]} == {"tilt 0.1°", "tilt 0.2°"}
 
 
 def test_without_draws_it_says_that_its_figures_are_those_of_the_nominal_estimates(capsys, monkeypatch, found):

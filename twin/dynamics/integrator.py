@@ -40,7 +40,7 @@ class Motion:
 
 
 @njit(cache=True, fastmath=False)
-def _run(omega2, damping, mesh, load, actions, responses, k, e, e_rate, side, weights, tau,
+def _run(omega2, damping, mesh, load, actions, responses, k, e, e_rate, side, weights, tau,  # noqa: C901, PLR0915 - one compiled loop
          first, speed, speed_rate, h, steps, keep, eta, rate, out_x, out_a, out_d, out_f):  # fmt: skip
     modes = omega2.size
     rows, n = k.shape

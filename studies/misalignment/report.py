@@ -1,4 +1,4 @@
-"""The misalignment study in plain words, beside what its authors found."""
+"""Tables, findings and numbers of the misalignment study, compared with what its authors measured."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from studies.misalignment.study import (
     mean_miss,
 )
 
-GIVES = {
-    "rigid": "nothing (authors' model)",
+COMPLIANT = {  # name of every variant
+    "rigid": "rigid (authors' model)",
     "bearings": "bearings",
     "shafts": "shafts",
     "both": "bearings and shafts",
@@ -36,18 +36,18 @@ TILTED = {
     "turning": "gear on shaft, about mid-face",
     "turning_end": "gear on shaft, about an end",
 }
-SHORT = {"rigid": "nothing", "bearings": "bearings", "shafts": "shafts", "both": "both", "all": "teeth, too"}
+SHORT = {"rigid": "rigid", "bearings": "bearings", "shafts": "shafts", "both": "both", "all": "with teeth"}
 WHAT = {  # of `SIGNALS`
     "acceleration": "acceleration of the support (second derivative of the force)",
     "force": "force between gear and shaft",
 }
 NAMED = f"{MOST_AT[0]}–{MOST_AT[-1]}"  # harmonics that rose most in the experiment, at the higher speed
-FAST = [i for i, (speed, _) in enumerate(POINTS) if speed == SPEEDS_RPM[1]]  # the points for which that is said
+FAST = [i for i, (speed, _) in enumerate(POINTS) if speed == SPEEDS_RPM[1]]  # the points at that speed
 NEAR = 10  # of "about 20 %" and "about 30 %" [%-points]
 WIDTH = 31
 
 
-def answered(study: Study) -> dict[str, Any]:
+def as_numbers(study: Study) -> dict[str, Any]:
     """The study as numbers."""
     return {
         "source": "Dąbrowski, Adamczyk, Plascencia Mora, Diagnostyka 2(62)/2012",
@@ -55,7 +55,7 @@ def answered(study: Study) -> dict[str, Any]:
         "rises": [_rise(r) for r in study.rises],
         "mean_distance_from_experiment": [
             {
-                "gives_way": variant,
+                "compliant": variant,
                 "tilt": tilt,
                 **{of: mean_miss(study.of(variant, tilt), of) for of in (*SIGNALS, *(f"{of}_along" for of in SIGNALS))},
             }
@@ -64,7 +64,7 @@ def answered(study: Study) -> dict[str, Any]:
         ],
         "runs": [
             {
-                "gives_way": r.variant,
+                "compliant": r.variant,
                 "tilt": r.tilt,
                 "speed_rpm": r.speed_rpm,
                 "torque_nm": r.torque,
@@ -89,8 +89,8 @@ def answered(study: Study) -> dict[str, Any]:
             }
             for s in study.sensitivities
         ],
-        "over_a_state_out_of_line": [
-            {"correct_state": state, **_rise(r)} for (_, state), rises in study.residuals.items() for r in rises
+        "relative_to_a_misaligned_state": [
+            {"reference_state": state, **_rise(r)} for (_, state), rises in study.residuals.items() for r in rises
         ],
         "without_friction": {v: [_rise(r) for r in rises] for v, rises in study.frictionless.items()},
         "draws": [{v: [_rise(r) for r in rises] for v, rises in draw.items()} for draw in study.draws],
@@ -99,7 +99,7 @@ def answered(study: Study) -> dict[str, Any]:
 
 def _rise(r: Rise) -> dict[str, Any]:
     return {
-        "gives_way": r.variant,
+        "compliant": r.variant,
         "tilt": r.tilt,
         "speed_rpm": r.speed_rpm,
         "torque_nm": r.torque,
@@ -112,9 +112,9 @@ def _rise(r: Rise) -> dict[str, Any]:
 
 
 def text(study: Study) -> str:
-    """What was found, as the command prints it: over the estimates drawn, then at the nominal ones."""
+    """The report as the command prints it: over the estimates drawn, then at the nominal ones."""
     said = [
-        "Dąbrowski et al., Diagnostyka 2(62)/2012: pair 29/29, one gear out by 1°\n"
+        "Dąbrowski et al., Diagnostyka 2(62)/2012: pair 29/29, one gear misaligned by 1°\n"
         "rise of the RMS in mesh bands 1–5 ± 2 orders, %\n"
         "from exp.: mean distance of the four rises from the experiment's, %-points",
         *tables(study),
@@ -123,7 +123,7 @@ def text(study: Study) -> str:
 
 
 def tables(study: Study) -> list[str]:
-    """Everything that is printed, in its order."""
+    """All parts of the report, in their order."""
     over_draws = [draw_table(study), draw_band_table(study), draw_findings(study)] if study.draws else []
     return [
         *over_draws,
@@ -140,20 +140,20 @@ def tables(study: Study) -> list[str]:
 
 
 def rise_table(study: Study, tilt: str) -> str:
-    """Rises of acceleration and force, and of the second band, by what gives way."""
+    """Rises of acceleration and force, and of the second band, for every variant of compliance."""
     lines = [f"nominal estimates; tilt: {TILTED[tilt]}"]
     for of in SIGNALS:
         lines.append(f"{WHAT[of]}")
-        lines.append(f"  {'gives way  (rpm/N·m)':<{WIDTH}}{_HEAD}   from exp.")
+        lines.append(f"  {'compliant  (rpm/N·m)':<{WIDTH}}{_HEAD}   from exp.")
         lines.append(f"  {'experiment, about':<{WIDTH}}" + _cells(EXPERIMENT_RISE[speed] for speed, _ in POINTS))
         for variant in VARIANTS:
             rises = study.of(variant, tilt)
             lines.append(
-                f"  {GIVES[variant]:<{WIDTH}}{_cells(getattr(r, of) for r in rises)}{mean_miss(rises, of):12.0f}"
+                f"  {COMPLIANT[variant]:<{WIDTH}}{_cells(getattr(r, of) for r in rises)}{mean_miss(rises, of):12.0f}"
             )
     lines.append("mesh harmonic 2")
     for variant in VARIANTS:
-        lines.append(f"  {GIVES[variant]:<{WIDTH}}{_cells(r.bands[1] for r in study.of(variant, tilt))}")
+        lines.append(f"  {COMPLIANT[variant]:<{WIDTH}}{_cells(r.bands[1] for r in study.of(variant, tilt))}")
     return "\n".join(lines)
 
 
@@ -162,37 +162,37 @@ _BANDS = "".join(f"{f'GMF{n}':>9}" for n in range(1, HARMONICS + 1))
 
 
 def band_table(study: Study) -> str:
-    """Each band's rise, which the sum over the bands hides, and what it adds to the RMS of the acceleration."""
+    """Rise of each band, which the sum over the bands hides, and its contribution to the RMS of the acceleration."""
     lines = [
         "nominal estimates, normal to the plane of the axes: rise of each band, of force and acceleration alike;",
-        "beside it what each adds to the acceleration's RMS, of the aligned RMS in all bands",
+        "then the contribution of each to the acceleration's RMS, relative to the aligned RMS in all bands",
         f"the experiment rose at {SPEEDS_RPM[1]:g} rpm especially at GMF{NAMED}",
-        f"  {'gives way  (rpm/N·m)':<{WIDTH}}{'':8}{_BANDS}{_BANDS}",
+        f"  {'compliant  (rpm/N·m)':<{WIDTH}}{'':8}{_BANDS}{_BANDS}",
     ]
     for variant in ("rigid", "bearings", "shafts", "both"):
         lines += [
-            f"  {GIVES[variant]:<{WIDTH}}{f'{r.speed_rpm:g}/{r.torque:g}':>8}{_cells(r.bands)}{_cells(r.gains)}"
+            f"  {COMPLIANT[variant]:<{WIDTH}}{f'{r.speed_rpm:g}/{r.torque:g}':>8}{_cells(r.bands)}{_cells(r.gains)}"
             for r in study.of(variant, "normal")
         ]
     return "\n".join(lines)
 
 
 def direction_table(study: Study) -> str:
-    """The same along the line of centres, were that the vertical."""
+    """The same along the line of centres, for the other reading of 'vertical'."""
     lines = [
         "reading of 'vertical': across the line of centres, as where the axes lie side by side; the paper does not "
         "say. Along it:"
     ]
     for of in SIGNALS:
         lines.append(WHAT[of])
-        lines.append(f"  {'gives way  (rpm/N·m)':<{WIDTH}}{_HEAD}   from exp.")
+        lines.append(f"  {'compliant  (rpm/N·m)':<{WIDTH}}{_HEAD}   from exp.")
         for variant in VARIANTS:
             rises, key = study.of(variant, "normal"), f"{of}_along"
             lines.append(
-                f"  {GIVES[variant]:<{WIDTH}}{_cells(getattr(r, key) for r in rises)}{mean_miss(rises, key):12.0f}"
+                f"  {COMPLIANT[variant]:<{WIDTH}}{_cells(getattr(r, key) for r in rises)}{mean_miss(rises, key):12.0f}"
             )
         if study.draws:
-            medians = (f"{GIVES[v]} {np.median(study.misses(v, f'{of}_along')):.0f}" for v in DRAWN)
+            medians = (f"{COMPLIANT[v]} {np.median(study.misses(v, f'{of}_along')):.0f}" for v in DRAWN)
             lines.append(f"  from exp., median over the {len(study.draws)} sets: {'; '.join(medians)}")
     return "\n".join(lines)
 
@@ -202,7 +202,7 @@ def _cells(values: Iterable[float]) -> str:
 
 
 def draw_findings(study: Study) -> str:
-    """What was asked for, and in how many sets of estimates it comes out."""
+    """In how many sets of estimates each finding of the experiment is reproduced."""
     draws = study.draws
     wanted = np.array([EXPERIMENT_RISE[speed] for speed, _ in POINTS])
     lines = [f"{f'of {len(draws)} sets of estimates those in which':<65}" + "".join(f"{SHORT[v]:>11}" for v in DRAWN)]
@@ -220,8 +220,8 @@ def draw_findings(study: Study) -> str:
         row("rises by more than the experiment in every case", {v: (x > wanted).all(1) for v, x in rises.items()})
         row("falls in a case", {v: (x < 0).any(1) for v, x in rises.items()})
         row(near, {v: (abs(x - wanted) <= NEAR).all(1) for v, x in rises.items()})
-        row("is nearer to the experiment than where nothing gives way", {v: miss[v] < miss["rigid"] for v in DRAWN[1:]})
-        row("is farther from it than with both", {v: miss[v] > miss["both"] for v in ("bearings", "shafts")})
+        row("is nearer to the experiment than the rigid model", {v: miss[v] < miss["rigid"] for v in DRAWN[1:]})
+        row("is farther from it than with both compliant", {v: miss[v] > miss["both"] for v in ("bearings", "shafts")})
     lines.append(f"at {SPEEDS_RPM[1]:g} rpm, in both cases")
     most = {v: np.array([[d[v][k].most_at for k in FAST] for d in draws]) for v in DRAWN}
     for i, other in enumerate((1, HARMONICS)):
@@ -234,16 +234,16 @@ def draw_findings(study: Study) -> str:
 
 
 def findings(study: Study) -> list[str]:
-    """Sentences that the numbers at the nominal estimates bear."""
+    """Findings at the nominal estimates, as sentences."""
     out = []
     for tilt in ("normal", "in_plane"):
         raised = {v: sum(r.bands[1] > 0 for r in study.of(v, tilt)) for v in VARIANTS}
-        less = [f"{GIVES[v]}, {n} of {len(POINTS)}" for v, n in raised.items() if n < len(POINTS)]
+        less = [f"{COMPLIANT[v]}, {n} of {len(POINTS)}" for v, n in raised.items() if n < len(POINTS)]
         every = "in every case" if not less else f"in all cases but of: {'; '.join(less)}"
         out.append(f"Mesh harmonic 2 rises {every} (tilt: {TILTED[tilt]}).")
     for i, other in enumerate((1, HARMONICS)):
         most = "; ".join(
-            f"{GIVES[v]} {sum(study.of(v, 'normal')[k].most_at[i] for k in FAST)} of {len(FAST)}"
+            f"{COMPLIANT[v]} {sum(study.of(v, 'normal')[k].most_at[i] for k in FAST)} of {len(FAST)}"
             for v in ("rigid", "both")
         )
         out.append(
@@ -252,15 +252,15 @@ def findings(study: Study) -> list[str]:
         )
     for variant in ("rigid", "both"):
         most = ", ".join(f"GMF{np.argmax(study.of(variant, 'normal')[k].gains) + 1}" for k in FAST)
-        out.append(f"The band that adds most to the acceleration's RMS there, {GIVES[variant]}: {most}.")
+        out.append(f"The band that adds most to the acceleration's RMS there, {COMPLIANT[variant]}: {most}.")
     for of in SIGNALS:
         miss = {v: mean_miss(study.of(v, "normal"), of) for v in VARIANTS}
         ends = [mean_miss(s.both, of) for s in study.sensitivities if s.value is not None]
         here = mean_miss(study.coarse["both"], of)
         out.append(
-            f"Distance from the experiment, {WHAT[of]}: {miss['rigid']:.0f} %-points where nothing gives way, "
+            f"Distance from the experiment, {WHAT[of]}: {miss['rigid']:.0f} %-points with everything rigid, "
             f"{miss['bearings']:.0f} with bearings alone, {miss['shafts']:.0f} with shafts alone, {miss['both']:.0f} "
-            f"with both; {miss['all']:.0f} where teeth bend, too."
+            f"with both; {miss['all']:.0f} with elastic teeth as well."
             + (
                 f" With both, on the coarser grid, {here:.0f}, and {min(ends):.0f} to {max(ends):.0f} with one "
                 f"estimate at an end of its range: further off in {sum(x > here for x in ends)} of {len(ends)}."
@@ -271,13 +271,13 @@ def findings(study: Study) -> list[str]:
     own = study.frictionless["rigid"][-1].bands
     apart = np.abs(study.frictionless["both"][-1].bands - own).max()
     out.append(
-        f"Without friction bearings and shafts leave the rise of every band within {apart:.0f} %-points of that where "
-        f"nothing gives way ({own.min():.0f} to {own.max():.0f} %; {SHOWN[0]:g} rpm, {SHOWN[1]:g} N·m). With it, "
-        "what friction excites as it reverses at the pitch point rings on the shafts, aligned or not."
+        f"Without friction compliant bearings and shafts change the rise of every band by at most {apart:.0f} %-points "
+        f"against the rigid model ({own.min():.0f} to {own.max():.0f} %; {SHOWN[0]:g} rpm, {SHOWN[1]:g} N·m). With it, "
+        "the reversal of friction at the pitch point excites vibration of the shafts, aligned or not."
     )
     out.append(
-        "An axis that is out of line makes no sidebands. A gear that sits crooked on its shaft makes them at twice the "
-        "shaft's speed, and at the shaft's speed itself where it is tilted about another place than mid-face."
+        "A misaligned axis produces no sidebands. A gear mounted at an angle on its shaft produces them at twice the "
+        "shaft speed, and at the shaft speed itself where it is tilted about another place than mid-face."
     )
     return out
 
@@ -288,7 +288,7 @@ def sideband_table(study: Study) -> str:
         f"sidebands at ± 1 and ± 2 times the shaft's speed, % of their mesh line (median of five), {SHOWN[0]:g} rpm, "
         f"{SHOWN[1]:g} N·m"
     ]
-    lines.append(f"  {'what is tilted; gives way':<{WIDTH}}{'nothing':>16}{'bearings, shafts':>20}{'teeth, too':>20}")
+    lines.append(f"  {'what is tilted; compliant':<{WIDTH}}{'rigid':>16}{'bearings, shafts':>20}{'with teeth':>20}")
     for tilt in ("aligned", *TILTED):
         cells = []
         for variant in CROOKED:
@@ -299,25 +299,30 @@ def sideband_table(study: Study) -> str:
 
 
 def friction_table(study: Study) -> str:
-    """The rise without friction, in every band: what supports leave of the excitation's own."""
+    """The rise without friction, in every band."""
     lines = ["without friction: rise of the force, then of its bands 1–5 at 800 rpm and 200 N·m, normal to the plane"]
     for variant, rises in study.frictionless.items():
-        lines.append(f"  {GIVES[variant]:<{WIDTH}}{_cells(r.force for r in rises)}   bands{_cells(rises[-1].bands)}")
+        lines.append(
+            f"  {COMPLIANT[variant]:<{WIDTH}}{_cells(r.force for r in rises)}   bands{_cells(rises[-1].bands)}"
+        )
     return "\n".join(lines)
 
 
 def residual_table(study: Study) -> str:
-    """The rise over a state that is called correct and is itself a little out."""
-    lines = ["rise where the state called correct is itself out, normal to the plane of the axes: acceleration; force"]
+    """The rise relative to a reference state that is itself slightly misaligned."""
+    lines = [
+        "rise relative to a reference state that is itself misaligned, normal to the plane of the axes: acceleration; "
+        "force"
+    ]
     for (variant, state), rises in study.residuals.items():
         cells = (_cells(getattr(r, of) for r in rises) for of in SIGNALS)
         miss = (f"{mean_miss(rises, of):.0f}" for of in SIGNALS)
-        lines.append(f"  {GIVES[variant]:<26}{state:<13}{';  '.join(cells)}   from exp. {'; '.join(miss)}")
+        lines.append(f"  {COMPLIANT[variant]:<26}{state:<13}{';  '.join(cells)}   from exp. {'; '.join(miss)}")
     return "\n".join(lines)
 
 
 def estimate_table(study: Study) -> str:
-    """What was estimated, and how far the rise is from the experiment where it is something else."""
+    """The estimated parameters, and the distance from the experiment at either end of their ranges."""
     lines = [
         "estimated, not in the paper; rise of the acceleration at either end of the range, normal to the plane of the "
         "axes; last: from exp.,",
@@ -364,25 +369,25 @@ def draw_table(study: Study) -> str:
     for of in SIGNALS:
         lines.append(WHAT[of])
         lines.append(
-            f"  {'gives way  (rpm/N·m)':<26}" + "".join(f"{f'{s:g}/{t:g}':>20}" for s, t in POINTS) + "   from exp."
+            f"  {'compliant  (rpm/N·m)':<26}" + "".join(f"{f'{s:g}/{t:g}':>20}" for s, t in POINTS) + "   from exp."
         )
         lines.append(f"  {'experiment, about':<26}" + "".join(f"{f'+{EXPERIMENT_RISE[s]:.0f}':>20}" for s, _ in POINTS))
         for variant in DRAWN:
             cells = _spread([[getattr(r, of) for r in draw[variant]] for draw in study.draws])
             miss = study.misses(variant, of)
             nearer = "" if variant == "rigid" else f"{(miss < study.misses('rigid', of)).sum():10d}"
-            lines.append(f"  {GIVES[variant]:<26}{cells}{np.median(miss):12.0f}{nearer}")
+            lines.append(f"  {COMPLIANT[variant]:<26}{cells}{np.median(miss):12.0f}{nearer}")
     return "\n".join(lines)
 
 
 def draw_band_table(study: Study) -> str:
     """Over all sets drawn: the rise of each band at the higher speed, which the sum over the bands hides."""
     lines = [f"the same by bands at {SPEEDS_RPM[1]:g} rpm (of force and acceleration alike)"]
-    lines.append(f"  {'gives way  (N·m)':<32}" + "".join(f"{f'GMF{n}':>20}" for n in range(1, HARMONICS + 1)))
+    lines.append(f"  {'compliant  (N·m)':<32}" + "".join(f"{f'GMF{n}':>20}" for n in range(1, HARMONICS + 1)))
     for variant in DRAWN:
         for k in FAST:
             cells = _spread([draw[variant][k].bands for draw in study.draws])
-            lines.append(f"  {GIVES[variant]:<26}{POINTS[k][1]:>6g}{cells}")
+            lines.append(f"  {COMPLIANT[variant]:<26}{POINTS[k][1]:>6g}{cells}")
     return "\n".join(lines)
 
 

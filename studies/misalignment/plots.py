@@ -1,4 +1,4 @@
-"""The misalignment study as one page with figures like the authors' (8 to 13) that needs nothing else."""
+"""The misalignment study as one self-contained page with figures like the authors' (8 to 13)."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from service.cli.diagnosis_figures import LOOK, STYLE
-from service.cli.misalignment_text import FAST, GIVES, NAMED, TILTED, tables
 from studies.misalignment.bands import HARMONICS, SIDEBANDS, shaft_lines
 from studies.misalignment.dabrowski_2012 import EXPERIMENT_RISE, SPEEDS_RPM, TEETH
+from studies.misalignment.report import COMPLIANT, FAST, NAMED, TILTED, tables
 from studies.misalignment.study import DRAWN, POINTS, SHOWN, SIGNALS, VARIANTS, Run, Study
 
 ALIGNED, OUT = "#1f77b4", "#d62728"
@@ -21,9 +20,9 @@ COLOURS = {
 FLOOR = 1e-2  # of a line's amplitude that is drawn [N]
 
 
-def page(study: Study) -> str:
-    """HTML with the figures and the tables."""
-    title = "Gears out of line by 1°, after Dąbrowski et al. (2012)"
+def page(study: Study, style: str) -> str:
+    """HTML with the figures and the tables, in a style sheet (CSS)."""
+    title = "Spur gears misaligned by 1°, after Dąbrowski et al. (2012)"
     drawn = [
         *((_drawn_rises(study), _drawn_bands(study)) if study.draws else ()),
         _rises(study),
@@ -40,7 +39,7 @@ def page(study: Study) -> str:
     )
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{STYLE}pre{{overflow-x:auto}}</style>'
+        f'<meta name="viewport" content="width=device-width"><style>{style}pre{{overflow-x:auto}}</style>'
         f"<h1>{title}</h1>{figures}<h2>Tables</h2>" + "".join(f"<pre>{escape(t)}</pre>" for t in tables(study))
     )
 
@@ -66,7 +65,7 @@ def _drawn_rises(study: Study) -> Any:
         _experiment(plot, points, shown=j == 0, row=1, col=j + 1)
     plot.update_yaxes(title="rise of RMS [%]", range=[-100, 400])
     sets = f"{len(study.draws)} sets of estimates"
-    shown = f"Rise of the RMS by what gives way, {sets}: median and 10 … 90 % (scale cut at 400 %)"
+    shown = f"Rise of the RMS by compliance, {sets}: median and 10 … 90 % (scale cut at 400 %)"
     plot.update_layout(**_look(shown, 520))
     return plot
 
@@ -93,7 +92,7 @@ def _spread_bars(plot: Any, x: list[str], rises: list[Any], variant: str, *, sho
     low, middle, high = np.quantile(np.array(rises), (0.1, 0.5, 0.9), axis=0)
     whiskers = {"type": "data", "array": high - middle, "arrayminus": middle - low, "thickness": 1, "width": 2}
     plot.add_bar(
-        x=x, y=middle, error_y=whiskers, name=GIVES[variant], marker_color=COLOURS[variant], legendgroup=variant,
+        x=x, y=middle, error_y=whiskers, name=COMPLIANT[variant], marker_color=COLOURS[variant], legendgroup=variant,
         showlegend=shown, row=row, col=col,
     )  # fmt: skip
 
@@ -115,7 +114,7 @@ def _rises(study: Study) -> Any:
         for j, of in enumerate(SIGNALS):
             for variant in (v for v in VARIANTS if v != "teeth"):
                 plot.add_bar(
-                    x=points, y=[getattr(r, of) for r in study.of(variant, tilt)], name=GIVES[variant],
+                    x=points, y=[getattr(r, of) for r in study.of(variant, tilt)], name=COMPLIANT[variant],
                     marker_color=COLOURS[variant], legendgroup=variant, showlegend=i == j == 0, row=i + 1, col=j + 1,
                 )  # fmt: skip
             _experiment(plot, points, shown=i == j == 0, row=i + 1, col=j + 1)
@@ -126,10 +125,16 @@ def _rises(study: Study) -> Any:
 
 
 def _look(title: str, height: int) -> dict[str, Any]:
-    """The house's layout with room for the legend between the figure's title and those of the panels."""
+    """Layout with room for the legend between the figure's title and those of the panels."""
     legend = {"orientation": "h", "y": 1 + 35 / (height - 200), "yanchor": "bottom"}
     shown = {"text": title, "y": 1 - 25 / height, "yanchor": "top"}
-    return LOOK | {"title": shown, "height": height, "margin": {"t": 120, "b": 80}, "legend": legend}
+    return {
+        "template": "plotly_white",
+        "title": shown,
+        "height": height,
+        "margin": {"t": 120, "b": 80},
+        "legend": legend,
+    }
 
 
 def _in_bands(run: Run) -> np.ndarray:
@@ -144,12 +149,12 @@ def _in_bands(run: Run) -> np.ndarray:
 def _pair(study: Study, variant: str) -> tuple[tuple[str, str, Run], ...]:
     return (
         ("aligned", ALIGNED, study.run(variant, "aligned", *SHOWN)),
-        ("out by 1°", OUT, study.run(variant, "normal", *SHOWN)),
+        ("misaligned by 1°", OUT, study.run(variant, "normal", *SHOWN)),
     )
 
 
 def _signals(study: Study, variant: str) -> Any:
-    plot = _panels(["aligned", "out by 1°"], 1, 2, shared_yaxes=True)
+    plot = _panels(["aligned", "misaligned by 1°"], 1, 2, shared_yaxes=True)
     for i, (name, colour, run) in enumerate(_pair(study, variant)):
         turn = _in_bands(run)[::4]
         time = np.arange(turn.size) / turn.size * 60 / SHOWN[0]
@@ -160,7 +165,9 @@ def _signals(study: Study, variant: str) -> Any:
         )  # fmt: skip
     plot.update_xaxes(title="time [ms]")
     plot.update_yaxes(title="force [N]", col=1)
-    plot.update_layout(**_look(f"Vertical force in the mesh bands, {_point(SHOWN)}; gives way: {GIVES[variant]}", 380))
+    plot.update_layout(
+        **_look(f"Vertical force in the mesh bands, {_point(SHOWN)}; compliant: {COMPLIANT[variant]}", 380)
+    )
     return plot
 
 
@@ -180,14 +187,14 @@ def _stems(plot: Any, run: Run, colour: str, name: str, lowest: int, highest: in
 
 
 def _spectra(study: Study, variant: str) -> Any:
-    plot = _panels(["aligned", "out by 1°"], 1, 2, shared_yaxes=True)
+    plot = _panels(["aligned", "misaligned by 1°"], 1, 2, shared_yaxes=True)
     for i, (name, colour, run) in enumerate(_pair(study, variant)):
         _stems(plot, run, colour, name, TEETH - 5, HARMONICS * TEETH + 5, 1, i + 1)
     ends = [o * SHOWN[0] / 60 for o in (TEETH - 15, HARMONICS * TEETH + 15)]
     plot.update_xaxes(title="frequency [Hz]", range=ends)
     plot.update_yaxes(type="log", dtick=2, exponentformat="power")
     plot.update_yaxes(title="power of the line [N²]", col=1)
-    plot.update_layout(**_look(f"Spectrum of the force, {_point(SHOWN)}; gives way: {GIVES[variant]}", 380))
+    plot.update_layout(**_look(f"Spectrum of the force, {_point(SHOWN)}; compliant: {COMPLIANT[variant]}", 380))
     return plot
 
 
@@ -196,18 +203,18 @@ def _bars(study: Study, variant: str) -> Any:
     plot = _panels(titles, 2, 2, vertical_spacing=0.18)
     harmonics = [f"GMF{n}" for n in range(1, HARMONICS + 1)]
     for i, point in enumerate(POINTS):
-        for tilt, name, colour in (("aligned", "C, aligned", ALIGNED), ("normal", "Mis, out by 1°", OUT)):
+        for tilt, name, colour in (("aligned", "C, aligned", ALIGNED), ("normal", "Mis, misaligned by 1°", OUT)):
             plot.add_bar(
                 x=harmonics, y=study.run(variant, tilt, *point).force_bands, name=name, marker_color=colour,
                 legendgroup=name, showlegend=i == 0, row=i // 2 + 1, col=i % 2 + 1,
             )  # fmt: skip
     plot.update_yaxes(title="RMS [N]")
-    plot.update_layout(**_look(f"RMS of the force in the mesh bands ± 2 orders; gives way: {GIVES[variant]}", 640))
+    plot.update_layout(**_look(f"RMS of the force in the mesh bands ± 2 orders; compliant: {COMPLIANT[variant]}", 640))
     return plot
 
 
 def _sidebands(study: Study) -> Any:
-    """Lines about the second mesh harmonic, by what is tilted."""
+    """Lines about the second mesh harmonic, for every kind of tilt."""
     tilts = list(TILTED)
     plot = _panels([TILTED[t] for t in tilts], 2, 2, shared_yaxes=True, vertical_spacing=0.27)
     for i, tilt in enumerate(tilts):
@@ -218,7 +225,7 @@ def _sidebands(study: Study) -> Any:
     plot.update_yaxes(type="log", dtick=2, exponentformat="power", title="power [N²]")
     plot.update_layout(
         **_look(
-            "Lines about the second mesh harmonic: an axis out of line makes none beside it, a crooked gear does", 600
+            "Lines about the second mesh harmonic: a misaligned axis produces no sidebands, a tilted gear does", 600
         )
     )
     return plot
