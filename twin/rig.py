@@ -15,7 +15,7 @@ from typing import Any
 
 from twin.errors import NotAvailable
 from twin.geometry.gear_pair import GearPair
-from twin.rig_consistency import refuse_contradictions, torque_meter_nodes
+from twin.rig_consistency import MEASURED, refuse_contradictions, torque_meter_nodes
 from twin.rig_derived import DERIVED
 from twin.rig_schema import SCHEMA, checked
 from twin.rig_tolerances import Tolerances
@@ -103,7 +103,7 @@ class Rig:
     @property
     def torque_meter(self) -> tuple[int, int]:
         """Nodes of the torsional spring whose twist the torque meter measures, from motor to gears."""
-        return torque_meter_nodes(self.get("sensors.torque", "k_2_3*(th2-th3)"))
+        return torque_meter_nodes(self.get("sensors.torque", MEASURED))
 
     @property
     def encoders(self) -> tuple[str, str]:

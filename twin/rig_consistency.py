@@ -21,6 +21,8 @@ from twin.rig_schema import DEGREES_OF_FREEDOM, TORSION_CHAINS, TORSION_LINKS
 ROUNDING = 1e-3  # relative difference that the rounding of a repeated value may make
 SPAN = 0.01  # of the base pitch by which a stiffness table may miss an end of the path of contact
 LEAST_POINTS = 4  # of a stiffness table: a cubic spline needs them
+MEASURED = "measured"  # a torque meter whose place in the chain the file does not say
+USUAL_METER = (2, 3)
 WHEELS = ("pinion", "gear")
 
 
@@ -40,14 +42,20 @@ def refuse_contradictions(get: Get, gear_pair: Callable[[], GearPair]) -> None:
 
 
 def torque_meter_nodes(expression: str) -> tuple[int, int]:
-    """The two nodes of a torque meter's expression such as `k_2_3*(th2-th3)`."""
+    """The two nodes of a torque meter's expression such as `k_2_3*(th2-th3)`; those between motor and pinion where the
+    file says only that torque is `measured`.
+    """
+    if expression.strip() == MEASURED:
+        return USUAL_METER
     found = re.fullmatch(r"k_(\d+)_(\d+)\s*\*\s*\(\s*th(\d+)\s*-\s*th(\d+)\s*\)", expression.strip())
     if found:
         a, b, c, d = (int(number) for number in found.groups())
         if (a, b) == (c, d) and (a, b) in TORSION_LINKS:
             return a, b
     known = ", ".join(f"k_{a}_{b}*(th{a}-th{b})" for a, b in TORSION_LINKS)
-    raise ParameterError(f"sensors.torque = {expression!r} must be the twist of a torsional spring: one of {known}")
+    raise ParameterError(
+        f"sensors.torque = {expression!r} must be '{MEASURED}' or the twist of a torsional spring: one of {known}"
+    )
 
 
 def _differ(a: float, b: float) -> bool:

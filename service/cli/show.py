@@ -107,6 +107,7 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
     if wear.get("k_wear_per_n") is not None:
         rate = number(wear.get("specific_wear_rate_m2_per_n"))
         lines.append(f"Wear coefficient K = {number(wear['k_wear_per_n'])} 1/N; specific wear rate k = {rate} m²/N")
+        lines.append(f"  mesh stiffness: {answer['rig']['mesh_stiffness']}")
     if isinstance(rul.get("hours"), Mapping):
         revolutions = spread(rul.get("revolutions"), "revolutions")
         lines.append(f"Remaining life: {spread(rul['hours'], 'h')}; {revolutions}")

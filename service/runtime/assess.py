@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from service.contract.answer import assemble
+from service.contract.rig import RigSummary
 from service.errors import FrameError, InputError
 from service.files.rig import checked_rig, load_rig
 from service.runtime.pipeline import Pipeline, WindowOutcome
@@ -58,6 +59,7 @@ def assess(
         progress(1.0, len(records))
         quality = pipeline.quality(asset) | {"recording": list(recording.faults)}
         answer = assemble(asset, records, results.report, quality)
+        answer["rig"] = RigSummary.of(rig).as_json()
         _demand_assessment(recording.path, answer)
         return answer
 
@@ -133,6 +135,7 @@ def warnings(recording: str | Path, answer: dict[str, Any]) -> list[str]:
     quality, lines = answer["data_quality"], []
     if quality.get("recording"):
         lines.append(f"{recording}: {'; '.join(quality['recording'])}")
+    lines += [f"rig file {answer['rig']['name']}: {note}" for note in answer["rig"]["notes"]]
     for label in quality["missing_channels"]:
         lines.append(f"{recording}: channel {label}, which the rig file names, is missing")
     grouped: dict[tuple[str, str], list[dict[str, Any]]] = {}

@@ -308,5 +308,10 @@ def test_repeated_values_and_names_that_the_model_cannot_hold_are_refused(path, 
 def test_torque_meter_that_is_no_torsional_spring_is_refused_with_those_that_are():
     message = message_of(rig_with("sensors.torque", "k_2_3*(th3-th2)"))
     assert message.startswith(
-        "sensors.torque = 'k_2_3*(th3-th2)' must be the twist of a torsional spring: one of k_1_2"
+        "sensors.torque = 'k_2_3*(th3-th2)' must be 'measured' or the twist of a torsional spring: one of k_1_2"
     )
+
+
+def test_torque_meter_without_a_place_is_between_motor_and_pinion():
+    assert Rig.from_mapping(rig_with("sensors.torque", "measured")).torque_meter == (2, 3)
+    assert Rig.from_mapping(rig_with("sensors.torque", "k_10_12*(th10-th12)")).torque_meter == (10, 12)
