@@ -19,14 +19,14 @@ DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered 
 def create_app(
     board: Board,
     store: ResultStore,
-    desk: DecisionQueue | None = None,
+    queue: DecisionQueue | None = None,
     *,
     not_ready: Callable[[], str | None] = lambda: None,
     gauges: Callable[[], Mapping[str, float]] = dict,
 ) -> FastAPI:
     """The app over a board and its store.
 
-    desk       where decisions on effects are handed in; None where nobody carries them out: they are kept
+    queue      where decisions on effects are submitted; None where nobody carries them out: they are kept
     not_ready  why the service takes no frames yet, or None
     gauges     figures of the process for /metrics, by name: `queue_frames`, …
     """
@@ -38,8 +38,8 @@ def create_app(
         redoc_url=None,
     )
     app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
-    app.state.desk = desk or DecisionQueue(store)
-    app.state.decision_wait = DECISION_WAIT if desk else 0.0
+    app.state.queue = queue or DecisionQueue(store)
+    app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.registry = metrics.registry(board, store, gauges)
     problems.install(app)
     for module in (assets, effects, events, metrics, pages):

@@ -6,16 +6,20 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
 
 from service.api import models
 from service.api.problems import UnknownAsset, responses
 from service.contract.answer import not_available
-from service.results.board import Snapshot
+from service.results.board import Snapshot, has_point, trend_point
 from service.results.inspections import compare
+from service.results.store import ResultStore, StoredWindow
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"])
 
 ERRORS = responses(404, 422)
+LARGEST = 2**53  # of a window's or an inspection's number
+PAGE = 2000  # windows read from the store at once
 
 
 def snapshot_of(request: Request, asset: str) -> Snapshot:
@@ -65,23 +69,40 @@ async def rig(request: Request, asset: str) -> Any:
     return JSONResponse(not_available("no rig file is known for this asset") if values is None else values)
 
 
+class HistoryQuery(BaseModel):
+    """Which part of an asset's history is asked for."""
+
+    after: int = Field(-1, ge=-1, le=LARGEST, description="only windows with an index above this one")
+    limit: int = Field(1000, ge=1, le=10_000, description="at most this many")
+    every: int = Field(1, ge=1, le=LARGEST, description="only each so-many-th window, and the newest")
+    resolution: int | None = Field(
+        None,
+        ge=1,
+        le=10_000,
+        description="in place of `every` and `limit`: about so many windows, evenly spread",
+    )
+
+
 @router.get("/{asset}/windows", response_model=list[models.WindowRecord], responses=ERRORS)
-async def windows(
-    request: Request,
-    asset: str,
-    after: Annotated[int | None, Query(description="only windows with an index above this one")] = None,
-    limit: Annotated[int, Query(ge=1, le=10_000, description="at most this many")] = 1000,
-) -> Any:
-    """Window records, oldest first."""
-    records = snapshot_of(request, asset).records
-    chosen = records if after is None else [r for r in records if r["index"] > after]
-    return JSONResponse(list(chosen[:limit]))
+def windows(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
+    """Window records, oldest first: a page by cursor, or a long history thinned."""
+    return JSONResponse([w.record for w in _history(request, asset, query)])
 
 
 @router.get("/{asset}/trend", response_model=list[models.TrendPoint], responses=ERRORS)
-async def trend(request: Request, asset: str) -> Any:
-    """Depth and remaining life with their bands as each window left them, oldest first."""
-    return JSONResponse(list(snapshot_of(request, asset).trend))
+def trend(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
+    """Depth and remaining life with their bands as each window left them, oldest first; refused windows left out."""
+    return JSONResponse([trend_point(w) for w in _history(request, asset, query) if has_point(w)])
+
+
+def _history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredWindow, ...]:
+    """Windows from the store."""
+    snapshot, store = snapshot_of(request, asset), request.app.state.store
+    every, limit = query.every, query.limit
+    if query.resolution is not None and snapshot.records:
+        span = snapshot.records[-1]["index"] - query.after
+        every, limit = max(1, -(-span // query.resolution)), query.resolution + 1
+    return store.windows(asset, query.after, limit, every)
 
 
 @router.get("/{asset}/quality", response_model=models.Quality, responses=ERRORS)
@@ -91,9 +112,15 @@ async def quality(request: Request, asset: str) -> Any:
 
 
 @router.get("/{asset}/inspections", response_model=list[models.InspectionAnswer], responses=ERRORS)
-async def inspections(request: Request, asset: str) -> Any:
+def inspections(
+    request: Request,
+    asset: str,
+    after: Annotated[int, Query(ge=0, le=LARGEST, description="only inspections with an id above this one")] = 0,
+    limit: Annotated[int, Query(ge=1, le=10_000, description="at most this many")] = 1000,
+) -> Any:
     """The inspections kept, each with the twin's figure at the time it was received."""
-    return JSONResponse(list(snapshot_of(request, asset).inspections))
+    snapshot_of(request, asset)
+    return JSONResponse(list(request.app.state.store.inspections(asset, after, limit)))
 
 
 @router.post(
@@ -104,8 +131,16 @@ async def inspections(request: Request, asset: str) -> Any:
 )
 def add_inspection(request: Request, asset: str, inspection: models.InspectionIn) -> Any:
     """Keeps a measured wear depth, and answers with the twin's own figure beside it."""
-    snapshot = snapshot_of(request, asset)
-    given = inspection.model_dump()
-    answer = request.app.state.store.add_inspection(asset, given, compare(given, snapshot.trend))
-    request.app.state.board.add_inspection(asset, answer)
-    return JSONResponse(answer, 201)
+    snapshot_of(request, asset)
+    store, given = request.app.state.store, inspection.model_dump()
+    return JSONResponse(store.add_inspection(asset, given, compare(given, trend_of(store, asset))), 201)
+
+
+def trend_of(store: ResultStore, asset: str) -> list[dict[str, Any]]:
+    """Every point of an asset's trend, read page by page."""
+    points: list[dict[str, Any]] = []
+    page = store.windows(asset, limit=PAGE)
+    while page:
+        points += [trend_point(window) for window in page if has_point(window)]
+        page = store.windows(asset, page[-1].record["index"], PAGE)
+    return points

@@ -6,6 +6,7 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
+from starlette.concurrency import run_in_threadpool
 
 from service.api import models
 from service.api.assets import ERRORS, snapshot_of
@@ -43,17 +44,17 @@ def decisions(request: Request, asset: str) -> Any:
     response_model=models.DecisionAnswer,
     responses=KEPT | responses(400, 404, 409, 422, 500),
 )
-def decide(request: Request, asset: str, name: str, given: models.DecisionIn) -> Any:
-    """Accepts, rejects, pins or releases an effect; 202 where it is kept but waits for a window in work."""
+async def decide(request: Request, asset: str, name: str, given: models.DecisionIn) -> Any:
+    """Accepts, rejects, pins or releases an effect; 202 where it is queued and applied after the current window."""
     snapshot_of(request, asset)
     if name not in EFFECTS or name == "none":
         known = ", ".join(n for n in EFFECTS if n != "none")
         return problem(request, 404, f"{name!r} is no effect; known are {known}")
-    desk = request.app.state.desk
-    number = desk.submit(asset, name, given.decision)
-    done = desk.wait(number, request.app.state.decision_wait)
+    queue, store = request.app.state.queue, request.app.state.store
+    number = await run_in_threadpool(queue.submit, asset, name, given.decision)
+    done = await queue.wait(number, request.app.state.decision_wait)
     if done is None:
-        return JSONResponse(_answer(request.app.state.store.decision(number)), 202)
+        return JSONResponse(_answer(await run_in_threadpool(store.decision, number)), 202)
     if done.refused is not None:
         return problem(request, 500 if done.refused.startswith(FAULT) else 409, done.refused)
     return JSONResponse(_answer(done))

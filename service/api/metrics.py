@@ -39,8 +39,8 @@ async def readyz(request: Request) -> Any:
 
 
 @router.get("/metrics", response_class=Response, responses=TEXT)
-async def metrics(request: Request) -> Response:
-    """Counters and gauges as Prometheus text."""
+def metrics(request: Request) -> Response:
+    """Counters and gauges as Prometheus text. Reads the store, so it runs in a thread of its own."""
     return Response(generate_latest(request.app.state.registry), media_type=CONTENT_TYPE_LATEST)
 
 
@@ -98,7 +98,7 @@ class BoardCollector(Collector):
             for (kind, channel), count in _fault_counts(snapshot).items():
                 faults.add_metric((name, kind, channel), count)
             updates.add_metric((name,), snapshot.updates)
-            latest = snapshot.trend[-1] if snapshot.trend else {}
+            latest = snapshot.latest
             for flank, band in (latest.get("depth_um") or {}).items():
                 for quantile, value in _quantiles(band):
                     depth.add_metric((name, flank, quantile), value)

@@ -173,7 +173,7 @@ class DecisionAnswer(BaseModel):
     name: str
     decision: str
     received_ns: int = Field(description="Unix time [ns]")
-    done: bool = Field(description="false while it waits for a window in work")
+    done: bool = Field(description="false while it is queued")
 
 
 class Unexplained(_Open):

@@ -85,7 +85,7 @@ def _decide(url: str, names: list[str], verb: str, as_json: bool) -> None:
     if as_json:
         print(json_text(answer))
     else:
-        when = "done" if answer["done"] else "kept; it is carried out after the window in work"
+        when = "done" if answer["done"] else "queued; applied after the current window"
         print(f"{verb} {name} of {asset}: {when}")
 
 

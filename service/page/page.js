@@ -6,6 +6,7 @@ import { drawCards, drawTables, tellDecision } from "./panels.js";
 const KINDS = ["window", "update", "effect", "rul", "data_fault"];
 const SETTLE_MS = 200; // events come in bursts; one fetch answers all of a burst
 const ASSETS_MS = 4000;
+const POINTS = 600; // of a history that is drawn, at most
 
 const chosen = document.getElementById("asset");
 let source = null;
@@ -41,21 +42,21 @@ async function refresh() {
   const asset = chosen.value;
   const base = `/v1/assets/${encodeURIComponent(asset)}`;
   try {
-    const [state, trend, quality, inspections, rig, assets] = await Promise.all([
-      get(base), get(`${base}/trend`), get(`${base}/quality`), get(`${base}/inspections`), get(`${base}/rig`),
-      get("/v1/assets"),
+    const [state, windows, trend, quality, inspections, rig, assets] = await Promise.all([
+      get(base), get(`${base}/windows?resolution=${POINTS}`), get(`${base}/trend?resolution=${POINTS}`),
+      get(`${base}/quality`), get(`${base}/inspections`), get(`${base}/rig`), get("/v1/assets"),
     ]);
     if (asset === chosen.value) {
       const limit = rig.end_of_life?.max_depth ? rig.end_of_life.max_depth * 1e6 : null;
       showStatus(assets.find((a) => a.asset === asset));
       drawCards(state);
-      drawRms(state);
-      drawDepth(state, trend, inspections, limit);
+      drawRms({ ...state, windows });
+      drawDepth({ ...state, windows }, trend, inspections, limit);
       drawProfile(state);
       drawRul(state, trend);
       drawTables(state, quality, inspections, decide);
       document.body.dataset.shown = asset;
-      document.body.dataset.windows = String(state.windows.length);
+      document.body.dataset.windows = String(state.windows_total);
     }
   } catch (error) {
     console.warn(error);
@@ -83,7 +84,7 @@ async function decide(name, verb) {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ decision: verb }),
     });
     const said = await answer.json();
-    const done = answer.status === 202 ? "kept; it is carried out after the window in work" : "done";
+    const done = answer.status === 202 ? "queued; applied after the current window" : "done";
     tellDecision(`${what}: ${answer.ok ? done : said.detail ?? `status ${answer.status}`}`, false);
   } catch (error) {
     console.warn(error);

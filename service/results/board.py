@@ -8,65 +8,99 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from service.contract.answer import assemble
-from service.results.store import ResultStore, StoredWindow
+from service.results.change_signal import ChangeSignal
+from service.results.store import FaultTotals, ResultStore, StoredWindow, faults_of
 
-Totals = Mapping[tuple[str, str, str], tuple[int, int]]
-"""(kind, channel, action) → (frames, samples or edges concerned; windows concerned)."""
-
+TAIL = 100  # windows that a snapshot carries, the newest
 REFUSED = "refused"
 NO_WINDOW = "no whole measurement window has been received yet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Stale:
+    """Why an asset's figures no longer say how the machine is now."""
+
+    since_ns: int  # Unix time of this machine [ns]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
-    """All that is shown of one asset, as of its last committed window."""
+    """All that is shown of one asset, as of its last committed window. Its size does not grow with time."""
 
     asset: str
-    status: str = "waiting"  # waiting, ok, degraded
-    reason: str = NO_WINDOW
-    records: tuple[Mapping[str, Any], ...] = ()
-    trend: tuple[Mapping[str, Any], ...] = ()  # one a window that was not refused: figures with their bands
+    records: tuple[Mapping[str, Any], ...] = ()  # of the newest windows, oldest first
+    latest: Mapping[str, Any] = field(default_factory=dict)  # the trend's point of the newest window that has one
+    windows_total: int = 0
+    updates: int = 0
+    fault_totals: FaultTotals = field(default_factory=dict)
     report: Mapping[str, Any] | None = None
     rig: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] = field(default_factory=dict)
-    fault_totals: Totals = field(default_factory=dict)
-    updates: int = 0
-    inspections: tuple[Mapping[str, Any], ...] = ()
     last_event_id: int = 0
+    received_ns: int | None = None  # when the newest window was committed, Unix time of this machine [ns]
+    stale: Stale | None = None
     whole: Mapping[str, Any] = field(default_factory=dict)  # the contract's section 4
 
-    def with_windows(self, windows: Iterable[StoredWindow]) -> Snapshot:
-        """The snapshot with more committed windows, their report apart."""
-        windows = tuple(windows)
-        if not windows:
-            return self
-        status, reason = _status(windows[-1].record)
+    @classmethod
+    def from_store(cls, store: ResultStore, asset: str) -> Snapshot:
+        """The snapshot as it was when the last window was committed; reads no more than the newest windows."""
+        stored, windows = store.asset(asset), store.latest_windows(asset, TAIL)
+        return cls(
+            asset=asset,
+            records=tuple(w.record for w in windows),
+            latest=next((trend_point(w) for w in reversed(windows) if has_point(w)), {}),
+            windows_total=stored.windows,
+            updates=stored.updates,
+            fault_totals=stored.fault_totals,
+            report=stored.report,
+            rig=stored.rig,
+            quality=stored.quality or {},
+            last_event_id=store.last_event_id(asset),
+            received_ns=stored.received_ns,
+        )
+
+    def with_window(self, window: StoredWindow) -> Snapshot:
+        """The snapshot with one more committed window, without its report."""
         return replace(
             self,
-            status=status,
-            reason=reason,
-            records=self.records + tuple(w.record for w in windows),
-            trend=self.trend + tuple(_point(w) for w in windows if w.record.get("quality") != REFUSED),
-            fault_totals=_totals(self.fault_totals, windows),
-            updates=self.updates + sum(1 for w in windows if w.record.get("updated")),
+            records=(*self.records, window.record)[-TAIL:],
+            latest=trend_point(window) if has_point(window) else self.latest,
+            windows_total=self.windows_total + 1,
+            updates=self.updates + bool(window.record.get("updated")),
+            fault_totals=_added(self.fault_totals, window.record),
+            stale=None,
         )
+
+    def status(self) -> tuple[str, str]:
+        """waiting, ok, degraded or stale, and the reason."""
+        if self.stale is not None:
+            return "stale", self.stale.reason
+        if not self.records:
+            return "waiting", NO_WINDOW
+        record = self.records[-1]
+        grade = record.get("quality", "good")
+        if grade in ("good", "repaired"):
+            return "ok", f"the latest window is {grade}"
+        found = dict.fromkeys(f"{f['kind']} in {f['channel']}" for f in record.get("faults", ()))
+        return "degraded", f"the latest window is {grade}: {record.get('reason') or ', '.join(found)}"
 
     def summary(self) -> dict[str, Any]:
         """The asset in the list of assets."""
-        last = self.trend[-1] if self.trend else {}
+        status, reason = self.status()
         return {
             "asset": self.asset,
-            "status": self.status,
-            "reason": self.reason,
-            "windows": len(self.records),
+            "status": status,
+            "reason": reason,
+            "windows": self.windows_total,
             "updates": self.updates,
-            "revolutions": last.get("revolutions"),
+            "revolutions": self.latest.get("revolutions"),
             "last_window": self.records[-1].get("start_time") if self.records else None,
             "rig": (self.rig or {}).get("name"),
             "last_event_id": self.last_event_id,
@@ -87,7 +121,7 @@ class Board:
     def __init__(self) -> None:
         self._snapshots: dict[str, Snapshot] = {}
         self._lock = threading.Lock()
-        self._waiting: dict[object, Callable[[], None]] = {}
+        self._signal = ChangeSignal()
         self.closed = False
 
     @classmethod
@@ -95,16 +129,7 @@ class Board:
         """The board as it was when the last window was committed."""
         board = cls()
         for name in store.assets():
-            stored = store.asset(name)
-            snapshot = Snapshot(
-                asset=name,
-                report=stored.report,
-                rig=stored.rig,
-                quality=stored.quality or {},
-                inspections=store.inspections(name),
-                last_event_id=store.last_event_id(name),
-            )
-            board._put(snapshot.with_windows(store.windows(name)))
+            board._put(Snapshot.from_store(store, name))
         return board
 
     # -- reading -------------------------------------------------------------------------------------
@@ -118,79 +143,53 @@ class Board:
     # -- publishing ----------------------------------------------------------------------------------
 
     def add_window(self, asset: str, window: StoredWindow, **changes: Any) -> Snapshot:
-        """Shows one committed window, and changed parts of the snapshot beside it."""
-        return self._change(asset, lambda s: replace(s.with_windows([window]), **changes))
+        """Shows one committed window, and other changed parts of the snapshot."""
+        return self._change(asset, lambda s: replace(s.with_window(window), **changes))
 
     def update(self, asset: str, **changes: Any) -> Snapshot:
-        """Shows changed parts of an asset's snapshot: rig, quality, last_event_id."""
+        """Shows changed parts of an asset's snapshot: rig, quality, last_event_id, stale."""
         return self._change(asset, lambda s: replace(s, **changes))
-
-    def add_inspection(self, asset: str, inspection: Mapping[str, Any]) -> Snapshot:
-        return self._change(asset, lambda s: replace(s, inspections=(*s.inspections, inspection)))
 
     def close(self) -> None:
         """Ends every wait: the service goes down."""
         self.closed = True
-        self._wake()
+        self._signal.wake()
 
-    @contextmanager
-    def changes(self) -> Iterator[asyncio.Event]:
+    def changes(self) -> AbstractContextManager[asyncio.Event]:
         """An event of the running loop that is set at each change; the reader clears it."""
-        loop, changed, key = asyncio.get_running_loop(), asyncio.Event(), object()
-
-        def wake() -> None:
-            if not loop.is_closed():  # a loop that has ended meanwhile has no one waiting
-                loop.call_soon_threadsafe(changed.set)
-
-        with self._lock:
-            self._waiting[key] = wake
-        try:
-            yield changed
-        finally:
-            with self._lock:
-                del self._waiting[key]
+        return self._signal.listening()
 
     # -- within --------------------------------------------------------------------------------------
 
     def _change(self, asset: str, change: Callable[[Snapshot], Snapshot]) -> Snapshot:
         with self._lock:
             snapshot = self._put(change(self._snapshots.get(asset) or Snapshot(asset=asset)))
-        self._wake()
+        self._signal.wake()
         return snapshot
 
     def _put(self, snapshot: Snapshot) -> Snapshot:
         whole = assemble(snapshot.asset, snapshot.records, snapshot.report, snapshot.quality)
+        whole["windows_total"] = snapshot.windows_total
         snapshot = replace(snapshot, whole=whole)
         self._snapshots[snapshot.asset] = snapshot
         return snapshot
 
-    def _wake(self) -> None:
-        with self._lock:
-            waiting = list(self._waiting.values())
-        for wake in waiting:
-            wake()
+
+def has_point(window: StoredWindow) -> bool:
+    """Whether a window has a place on the trend: a refused one has not."""
+    return window.record.get("quality") != REFUSED
 
 
-def _point(window: StoredWindow) -> dict[str, Any]:
+def trend_point(window: StoredWindow) -> dict[str, Any]:
     """One window's figures, to be drawn against revolutions."""
     names = ("index", "kind", "revolutions", "updated")
     return {**{name: window.record.get(name) for name in names}, **window.figures}
 
 
-def _totals(totals: Totals, windows: Iterable[StoredWindow]) -> Totals:
+def _added(totals: FaultTotals, record: Mapping[str, Any]) -> FaultTotals:
+    """The totals with one more window's faults."""
     out = dict(totals)
-    for window in windows:
-        for fault in window.record.get("faults", ()):
-            key = (fault["kind"], fault["channel"], fault["action"])
-            count, concerned = out.get(key, (0, 0))
-            out[key] = (count + fault["count"], concerned + 1)
+    for key, found in faults_of(record).items():
+        count, windows = out.get(key, (0, 0))
+        out[key] = (count + found, windows + 1)
     return out
-
-
-def _status(record: Mapping[str, Any]) -> tuple[str, str]:
-    """The asset's status and its reason, by its latest window."""
-    grade = record.get("quality", "good")
-    if grade in ("good", "repaired"):
-        return "ok", f"the latest window is {grade}"
-    found = dict.fromkeys(f"{f['kind']} in {f['channel']}" for f in record.get("faults", ()))
-    return "degraded", f"the latest window is {grade}: {record.get('reason') or ', '.join(found)}"

@@ -20,7 +20,7 @@ from typing import Any
 from service.contract.trend import figures
 from service.errors import StoreError
 from service.json_text import plain
-from service.results.store import Event, StoredAsset, StoredDecision, StoredWindow
+from service.results.store import Event, StoredAsset, StoredDecision, StoredWindow, faults_of
 
 MIGRATIONS = (
     """
@@ -66,6 +66,33 @@ MIGRATIONS = (
     );
     CREATE INDEX decisions_waiting ON decisions (done, id);
     """,
+    """
+    ALTER TABLE windows ADD COLUMN number INTEGER NOT NULL DEFAULT 0;
+    UPDATE windows SET number = json_extract(record, '$.index');
+    CREATE INDEX windows_by_number ON windows (asset, number);
+    ALTER TABLE assets ADD COLUMN windows INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE assets ADD COLUMN updates INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE assets ADD COLUMN received_ns INTEGER;
+    UPDATE assets SET
+        windows = (SELECT COUNT(*) FROM windows AS w WHERE w.asset = assets.asset),
+        updates = (
+            SELECT COUNT(*) FROM windows AS w WHERE w.asset = assets.asset AND json_extract(w.record, '$.updated')
+        );
+    CREATE TABLE fault_totals (
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        kind TEXT NOT NULL,
+        channel TEXT NOT NULL,
+        action TEXT NOT NULL,
+        count INTEGER NOT NULL,
+        windows INTEGER NOT NULL,
+        PRIMARY KEY (asset, kind, channel, action)
+    ) WITHOUT ROWID;
+    INSERT INTO fault_totals
+        SELECT w.asset, json_extract(f.value, '$.kind'), json_extract(f.value, '$.channel'),
+            json_extract(f.value, '$.action'), SUM(json_extract(f.value, '$.count')), COUNT(DISTINCT w.start_ns)
+        FROM windows AS w, json_each(w.record, '$.faults') AS f
+        GROUP BY 1, 2, 3, 4;
+    """,
 )
 """The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""
 
@@ -108,23 +135,30 @@ class SqliteStore:
         report: Mapping[str, Any] | None,
         assembly: Mapping[str, Any],
         quality: Mapping[str, Any],
+        received_ns: int,
         events: Iterable[tuple[str, Mapping[str, Any]]] = (),
     ) -> StoredWindow | None:
-        """Takes in one window, whole; None (and nothing changed) where it is there already.
-
-        A `report` of None, before the twin's first, leaves what is committed.
-        """
+        """One window, whole; None (and nothing changed) where it is there already."""
         told = report is not None and record.get("quality") != "refused"
         shown = plain(figures(report)) if told and report is not None else {}
         with self._transaction() as db:
             self._ensure(db, asset)
             inserted = db.execute(
-                "INSERT OR IGNORE INTO windows VALUES (?, ?, ?, ?)",
-                (asset, start_ns, _dump(record), _dump(shown)),
+                "INSERT OR IGNORE INTO windows (asset, start_ns, record, figures, number) VALUES (?, ?, ?, ?, ?)",
+                (asset, start_ns, _dump(record), _dump(shown), record["index"]),
             )
             if inserted.rowcount == 0:
                 return None
             self._keep(db, asset, state=state, report=report, assembly=assembly, quality=quality)
+            db.execute(
+                "UPDATE assets SET windows = windows + 1, updates = updates + ?, received_ns = ? WHERE asset = ?",
+                (bool(record.get("updated")), received_ns, asset),
+            )
+            db.executemany(
+                "INSERT INTO fault_totals VALUES (?, ?, ?, ?, ?, 1) ON CONFLICT (asset, kind, channel, action) "
+                "DO UPDATE SET count = count + excluded.count, windows = windows + 1",
+                [(asset, *key, count) for key, count in faults_of(record).items()],
+            )
             self._add_events(db, asset, events)
         return StoredWindow(start_ns=start_ns, record=plain(record), figures=shown)
 
@@ -144,6 +178,7 @@ class SqliteStore:
         """Keeps one measured depth with the twin's answer; both, the inspection with its id and time."""
         received = time.time_ns()
         with self._transaction() as db:
+            self._ensure(db, asset)
             row = db.execute(
                 "INSERT INTO inspections (asset, received_ns, inspection, answer) VALUES (?, ?, ?, ?)",
                 (asset, received, _dump(inspection), _dump(answer)),
@@ -189,19 +224,38 @@ class SqliteStore:
 
     def asset(self, asset: str) -> StoredAsset:
         """What is committed of the asset; empty where it has never been seen."""
-        columns = "rig, state, report, assembly, quality"
+        columns = "rig, state, report, assembly, quality, windows, updates, received_ns"
         rows = self._rows(f"SELECT {columns} FROM assets WHERE asset = ?", (asset,))
         if not rows:
             return StoredAsset(asset=asset)
-        rig, state, report, assembly, quality = (_load(text) for text in rows[0])
-        return StoredAsset(asset=asset, rig=rig, state=state, report=report, assembly=assembly, quality=quality)
-
-    def windows(self, asset: str) -> tuple[StoredWindow, ...]:
-        """Every window of the asset in time order."""
-        rows = self._rows("SELECT start_ns, record, figures FROM windows WHERE asset = ? ORDER BY start_ns", (asset,))
-        return tuple(
-            StoredWindow(start_ns=start, record=_load(record), figures=_load(shown)) for start, record, shown in rows
+        *texts, windows, updates, received_ns = rows[0]
+        rig, state, report, assembly, quality = (_load(text) for text in texts)
+        totals = self._rows("SELECT kind, channel, action, count, windows FROM fault_totals WHERE asset = ?", (asset,))
+        return StoredAsset(
+            asset=asset,
+            rig=rig,
+            state=state,
+            report=report,
+            assembly=assembly,
+            quality=quality,
+            windows=windows,
+            updates=updates,
+            fault_totals={(kind, channel, action): (count, found) for kind, channel, action, count, found in totals},
+            received_ns=received_ns,
         )
+
+    def windows(self, asset: str, after: int = -1, limit: int = 1000, every: int = 1) -> tuple[StoredWindow, ...]:
+        """Windows with an index above `after`, oldest first; every so many, and the newest."""
+        return self._windows(
+            "asset = :asset AND number > :after AND (number % :every = 0 "
+            "OR number = (SELECT MAX(number) FROM windows WHERE asset = :asset)) ORDER BY number LIMIT :limit",
+            {"asset": asset, "after": after, "every": every, "limit": limit},
+        )
+
+    def latest_windows(self, asset: str, limit: int) -> tuple[StoredWindow, ...]:
+        """The newest windows, oldest first."""
+        newest = "asset = :asset ORDER BY number DESC LIMIT :limit"
+        return self._windows(newest, {"asset": asset, "limit": limit})[::-1]
 
     def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:
         """The asset's events with an id above `after`, oldest first."""
@@ -214,10 +268,11 @@ class SqliteStore:
     def last_event_id(self, asset: str) -> int:
         return self._rows("SELECT COALESCE(MAX(id), 0) FROM events WHERE asset = ?", (asset,))[0][0]
 
-    def inspections(self, asset: str) -> tuple[Mapping[str, Any], ...]:
+    def inspections(self, asset: str, after: int = 0, limit: int = 1000) -> tuple[Mapping[str, Any], ...]:
         rows = self._rows(
-            "SELECT id, received_ns, inspection, answer FROM inspections WHERE asset = ? ORDER BY id",
-            (asset,),
+            "SELECT id, received_ns, inspection, answer FROM inspections "
+            "WHERE asset = ? AND id > ? ORDER BY id LIMIT ?",
+            (asset, after, limit),
         )
         return tuple(
             {"inspection": {"id": i, "received_ns": received, **_load(given)}, **_load(answer)}
@@ -264,7 +319,13 @@ class SqliteStore:
                 raise
             self._db.execute("COMMIT")
 
-    def _rows(self, query: str, values: Sequence[Any] = ()) -> list[tuple]:
+    def _windows(self, which: str, values: Mapping[str, Any]) -> tuple[StoredWindow, ...]:
+        rows = self._rows(f"SELECT start_ns, record, figures FROM windows WHERE {which}", values)
+        return tuple(
+            StoredWindow(start_ns=start, record=_load(record), figures=_load(shown)) for start, record, shown in rows
+        )
+
+    def _rows(self, query: str, values: Sequence[Any] | Mapping[str, Any] = ()) -> list[tuple]:
         with self._lock:
             return self._db.execute(query, values).fetchall()
 

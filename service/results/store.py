@@ -6,8 +6,11 @@ A store is added by one file in this folder that implements `ResultStore`, and i
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
+
+FaultTotals = Mapping[tuple[str, str, str], tuple[int, int]]
+"""(kind, channel, action) → (frames, samples or edges concerned; windows concerned)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +55,19 @@ class StoredAsset:
     report: Mapping[str, Any] | None = None
     assembly: Mapping[str, Any] | None = None  # where the stream's windows end
     quality: Mapping[str, Any] | None = None
+    windows: int = 0  # how many have been committed, refused ones too
+    updates: int = 0  # of them, that updated the twin
+    fault_totals: FaultTotals = field(default_factory=dict)  # of all windows
+    received_ns: int | None = None  # Unix time of this machine when the newest window was committed [ns]
+
+
+def faults_of(record: Mapping[str, Any]) -> dict[tuple[str, str, str], int]:
+    """The faults of one window's record added up: (kind, channel, action) → frames, samples or edges concerned."""
+    counts: dict[tuple[str, str, str], int] = {}
+    for fault in record.get("faults") or ():
+        key = (fault["kind"], fault["channel"], fault["action"])
+        counts[key] = counts.get(key, 0) + fault["count"]
+    return counts
 
 
 class ResultStore(Protocol):
@@ -69,11 +85,13 @@ class ResultStore(Protocol):
         report: Mapping[str, Any] | None,
         assembly: Mapping[str, Any],
         quality: Mapping[str, Any],
+        received_ns: int,
         events: Iterable[tuple[str, Mapping[str, Any]]] = (),
     ) -> StoredWindow | None:
         """Takes in one window, whole; None (and nothing changed) where it is there already.
 
-        A `report` of None, before the twin's first, leaves what is committed.
+        A `report` of None, before the twin's first, leaves what is committed. `received_ns` is this machine's Unix time
+        [ns]; the record's `index` is the window's number.
         """
         ...
 
@@ -116,8 +134,15 @@ class ResultStore(Protocol):
         """What is committed of the asset; empty where it has never been seen."""
         ...
 
-    def windows(self, asset: str) -> tuple[StoredWindow, ...]:
-        """Every window of the asset in time order."""
+    def windows(self, asset: str, after: int = -1, limit: int = 1000, every: int = 1) -> tuple[StoredWindow, ...]:
+        """At most `limit` windows with an index above `after`, oldest first.
+
+        Those whose index is a multiple of `every`, and the newest in any case.
+        """
+        ...
+
+    def latest_windows(self, asset: str, limit: int) -> tuple[StoredWindow, ...]:
+        """The newest windows, oldest first."""
         ...
 
     def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:
@@ -126,7 +151,9 @@ class ResultStore(Protocol):
 
     def last_event_id(self, asset: str) -> int: ...
 
-    def inspections(self, asset: str) -> tuple[Mapping[str, Any], ...]: ...
+    def inspections(self, asset: str, after: int = 0, limit: int = 1000) -> tuple[Mapping[str, Any], ...]:
+        """At most `limit` inspections with an id above `after`, oldest first."""
+        ...
 
     def decision(self, number: int) -> StoredDecision: ...
 

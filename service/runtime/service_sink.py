@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import time
+from collections.abc import Callable
 
 from service.results.board import Board
 from service.results.store import ResultStore, StoredWindow
@@ -15,12 +17,20 @@ log = logging.getLogger(__name__)
 class ServiceSink:
     """A `ResultSink` over store, board and network."""
 
-    def __init__(self, store: ResultStore, board: Board, publication: StatePublication) -> None:
-        self._store, self._board, self._publication = store, board, publication
+    def __init__(
+        self,
+        store: ResultStore,
+        board: Board,
+        publication: StatePublication,
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._store, self._board, self._publication, self._clock = store, board, publication, clock
+        self._received_ns = 0
         self._committed: StoredWindow | None = None
 
     def commit(self, outcome: WindowOutcome) -> bool:
         """Keeps a window with everything that a restart needs, in one transaction."""
+        self._received_ns = self._clock()
         self._committed = self._store.commit(
             outcome.asset,
             outcome.window.start_time_ns,
@@ -29,6 +39,7 @@ class ServiceSink:
             report=outcome.report,
             assembly=outcome.assembly,
             quality=outcome.quality,
+            received_ns=self._received_ns,
             events=outcome.events,
         )
         if self._committed is None:
@@ -43,6 +54,7 @@ class ServiceSink:
             self._committed,
             report=outcome.report,
             quality=outcome.quality,
+            received_ns=self._received_ns,
             last_event_id=self._store.last_event_id(outcome.asset),
         )
         self._publication.publish(outcome.asset)

@@ -21,9 +21,11 @@ class StatePublication:
         return self._board.assets()
 
     def state_text(self, asset: str) -> str | None:
-        """The asset's state as the board has it."""
+        """The asset's state as the board has it, without its list of windows."""
         snapshot = self._board.get(asset)
-        return None if snapshot is None else json.dumps(snapshot.whole, allow_nan=False)
+        if snapshot is None:
+            return None
+        return json.dumps({k: v for k, v in snapshot.whole.items() if k != "windows"}, allow_nan=False)
 
     def publish(self, asset: str) -> None:
         """Publishes the asset's state as the board has it."""

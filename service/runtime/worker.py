@@ -159,7 +159,7 @@ def restore(pipeline: Pipeline, store: ResultStore, twin: Twin) -> None:
                 f"the stored state of {asset} cannot be read ({type(error).__name__}: {error}): it was written by "
                 "another version of gear-twin; use that version, or another --data directory"
             ) from error
-        last = store.windows(asset)[-1].record
+        last = store.latest_windows(asset, 1)[-1].record
         pipeline.restore(
             asset,
             Checkpoint(

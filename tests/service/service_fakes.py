@@ -198,12 +198,13 @@ def take(store: SqliteStore, board: Board | None, asset: str, index: int, revolu
     window = store.commit(
         asset, start, record=entry, state={"windows_seen": index + 1, "memory": {}}, report=given,
         assembly={"closed_until_ns": start}, quality=quality, events=happened,
+        received_ns=start,
     )  # fmt: skip
     if window is None:
         return False
     if board is not None:
         last = store.last_event_id(asset)
-        board.add_window(asset, window, report=given, quality=quality, last_event_id=last)
+        board.add_window(asset, window, report=given, quality=quality, last_event_id=last, received_ns=start)
     return True
 
 

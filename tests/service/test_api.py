@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
+import time
 
 import httpx
 import jsonschema
@@ -11,6 +13,7 @@ import pytest
 import service_fakes as fakes
 
 from service.api import create_app
+from service.results.decision_queue import DecisionQueue
 
 PARTS = ("wear", "rul", "residual", "effects")
 
@@ -147,6 +150,65 @@ def test_inspection_of_a_machine_without_depths_is_kept_without_a_comparison(cli
     given = {"revolutions": 150, "max_depth_um": 3.0, "flank": "combined", "std_um": 1.0}
     said = client.call("POST", "/v1/assets/spectraquest/inspections", json=given).json()
     assert said["twin"]["status"] == "not available"
+
+
+def test_inspection_of_an_asset_without_a_committed_window_is_kept(store, board):
+    board.update("fresh", quality={"channels": {"accel/y6": {"frames": 3}}})
+    client = Client(create_app(board, store))
+    given = {"revolutions": 150, "max_depth_um": 3.0, "flank": "combined", "std_um": 1.0}
+    answer = client.call("POST", "/v1/assets/fresh/inspections", json=given)
+    assert answer.status_code == 201 and answer.json()["twin"]["status"] == "not available"
+    assert len(store.inspections("fresh")) == 1
+
+
+def test_metrics_that_wait_for_the_store_hold_no_other_request_up(client, store):
+    """The store is busy with a commit: liveness is answered all the same."""
+    held, release = threading.Event(), threading.Event()
+
+    def busy():
+        with store._lock:
+            held.set()
+            release.wait(20)
+
+    async def both():
+        transport = httpx.ASGITransport(app=client.app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://twin") as caller:
+            scraped = asyncio.ensure_future(caller.get("/metrics"))
+            await asyncio.sleep(0.2)
+            alive = await asyncio.wait_for(caller.get("/healthz"), 5)
+            waiting = not scraped.done()
+            release.set()
+            return alive.status_code, waiting, (await scraped).status_code
+
+    thread = threading.Thread(target=busy)
+    thread.start()
+    try:
+        assert held.wait(5)
+        assert asyncio.run(both()) == (200, True, 200)
+    finally:
+        release.set()
+        thread.join()
+
+
+def test_decisions_that_wait_hold_no_thread(store, board):
+    fakes.campaign(store, board)
+    app = create_app(board, store, DecisionQueue(store))
+    app.state.decision_wait = 3.0
+
+    async def crowd():
+        transport = httpx.ASGITransport(app=app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://twin", timeout=30) as caller:
+            path = "/v1/assets/unsw/effects/misalignment"
+            waiting = [asyncio.ensure_future(caller.post(path, json={"decision": "pin"})) for _ in range(60)]
+            await asyncio.sleep(0.5)  # more wait than there are threads for requests
+            begun = time.monotonic()
+            answer = await caller.get("/v1/assets/unsw/windows")
+            took = time.monotonic() - begun
+            return answer.status_code, took, [(await each).status_code for each in waiting]
+
+    status, took, answers = asyncio.run(crowd())
+    assert status == 200 and took < 2.0
+    assert answers == [202] * 60
 
 
 @pytest.mark.parametrize(

@@ -201,7 +201,7 @@ def test_asset_must_be_named_where_there_are_several(capsys, address, store, boa
     assert "no asset has sent a frame yet" in refused("pin", "misalignment")
     fakes.campaign(store, board)
     assert run(["effects", "pin", "misalignment", "--url", address]) == 0
-    assert capsys.readouterr().out.startswith("pin misalignment of unsw: kept")  # nobody carries it out here
+    assert capsys.readouterr().out.startswith("pin misalignment of unsw: queued")  # nobody carries it out here
     fakes.take(store, board, "another", 0, 10.0)
     assert "name one of its assets: another, unsw" in refused("pin", "misalignment")
     assert "no asset 'nobody'" in refused("list", "nobody")

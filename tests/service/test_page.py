@@ -170,7 +170,7 @@ def test_effects_are_shown_with_what_they_change_and_can_be_decided_on(open_page
         page.get_by_role("button", name="accept misalignment").click()
     assert answered.value.status == 202  # nobody carries it out here: it is kept
     assert [d.verb for d in store.decisions("unsw")] == ["accept"]
-    page.wait_for_function("document.querySelector('.told').textContent.includes('after the window in work')")
+    page.wait_for_function("document.querySelector('.told').textContent.includes('after the current window')")
 
 
 def test_effect_is_decided_on_by_the_keyboard_alone_and_the_focus_stays_with_it(open_page, store, board):

@@ -41,7 +41,7 @@ def test_window_committed_twice_counts_once_and_changes_nothing(store):
 
 
 def commit(store, start_ns, record, **changes):
-    given = {"state": {}, "report": {}, "assembly": {}, "quality": {}, **changes}
+    given = {"state": {}, "report": {}, "assembly": {}, "quality": {}, "received_ns": start_ns, **changes}
     return store.commit("unsw", start_ns, record=record, **given)
 
 

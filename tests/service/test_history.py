@@ -1,0 +1,139 @@
+"""A long history costs no more than a short one: what a board holds and reads is bounded, the rest is paged."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import service_fakes as fakes
+from test_api import Client
+
+from service.api import create_app
+from service.results.board import TAIL, Board
+from service.results.store import StoredWindow
+from service.runtime.pipeline import Pipeline
+from service.runtime.state_publication import StatePublication
+from service.runtime.twin_port import Twin
+from service.runtime.worker import restore
+from twin.rig import Rig
+
+LONG = 350
+
+
+class Counted(dict):
+    """A record that counts how often it is read or copied."""
+
+    reads = 0
+
+    def __getitem__(self, key):
+        Counted.reads += 1
+        return super().__getitem__(key)
+
+    def keys(self):
+        Counted.reads += 1
+        return super().keys()
+
+    def get(self, key, default=None):
+        Counted.reads += 1
+        return super().get(key, default)
+
+
+def window(index):
+    return StoredWindow(start_ns=index, record=Counted(fakes.record(index, 10.0 * index)), figures={})
+
+
+def reads_of_one_more(count):
+    """How many reads of records adding one window to `count` costs."""
+    board = Board()
+    for index in range(count):
+        board.add_window("unsw", window(index))
+    before = Counted.reads
+    board.add_window("unsw", window(count))
+    board.update("unsw", quality={})
+    return Counted.reads - before
+
+
+def test_adding_a_window_reads_as_many_records_after_a_thousand_windows_as_after_a_hundred():
+    assert reads_of_one_more(1000) == reads_of_one_more(TAIL)
+
+
+@pytest.fixture
+def long(store):
+    board = Board()
+    for index in range(LONG):
+        fakes.take(store, board, "unsw", index, 10.0 * index, updated=index % 7 == 3,
+                   faults=(fakes.FAULT,) if index % 5 == 0 else ())  # fmt: skip
+    return board
+
+
+def test_asset_carries_its_latest_windows_and_says_how_many_there_are(store, long):
+    whole = Client(create_app(long, store)).get("/v1/assets/unsw").json()
+    assert [w["index"] for w in whole["windows"]] == list(range(LONG - TAIL, LONG))
+    assert whole["windows_total"] == LONG
+    assert long.get("unsw").summary()["windows"] == LONG
+
+
+def test_every_window_is_read_by_cursor(store, long):
+    client, after, seen = Client(create_app(long, store)), -1, []
+    while page := client.get(f"/v1/assets/unsw/windows?after={after}&limit=64").json():
+        seen += [w["index"] for w in page]
+        after = seen[-1]
+    assert seen == list(range(LONG))
+
+
+@pytest.mark.parametrize("part", ["windows", "trend"])
+def test_a_long_history_is_thinned_evenly_and_ends_with_the_newest_window(store, long, part):
+    client = Client(create_app(long, store))
+
+    def indices(query):
+        return [w["index"] for w in client.get(f"/v1/assets/unsw/{part}?{query}").json()]
+
+    assert indices("every=100") == [0, 100, 200, 300, LONG - 1]
+    thinned = indices("resolution=50")
+    assert thinned == [*range(0, LONG, 7), LONG - 1]
+    assert indices(f"after={LONG - 11}&resolution=50") == list(range(LONG - 10, LONG))
+
+
+def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long):
+    read = []
+    trace = store._db.set_trace_callback
+    rows = store._windows
+    store._windows = lambda *given: read.append(len(found := rows(*given))) or found
+    trace(lambda sql: read.append(sql) if "COUNT(" in sql else None)
+    try:
+        again = Board.from_store(store)
+        pipeline = Pipeline(lambda asset: Rig.from_mapping({}), Twin(step=None, new_state=dict, load_state=dict), None)
+        assembly = {"closed_until_ns": 1, "channels": [], "edges_counted": {}, "last_frames": {}, "counters": {}}
+        asset = store.asset
+        store.asset = lambda name: _with(asset(name), assembly)
+        restore(pipeline, store, Twin(step=None, new_state=dict, load_state=dict))
+    finally:
+        trace(None)
+    assert read == [TAIL, 1]
+    assert again.get("unsw") == long.get("unsw")
+    assert pipeline.quality("unsw")["windows"]["good"] == LONG
+
+
+def _with(stored, assembly):
+    import dataclasses
+
+    return dataclasses.replace(stored, assembly=assembly)
+
+
+def test_the_state_on_the_network_carries_no_window_list(store, long):
+    class Silent:
+        def announce(self, asset):
+            pass
+
+    state = json.loads(StatePublication(Silent(), long).state_text("unsw"))
+    assert "windows" not in state and state["windows_total"] == LONG
+    assert state["wear"] == long.get("unsw").whole["wear"]
+
+
+def test_an_inspection_of_an_early_window_is_compared_with_the_twin_of_that_time(store, long):
+    client = Client(create_app(long, store))
+    given = {"revolutions": 105.0, "max_depth_um": 150.0, "flank": "combined", "std_um": 4.0}
+    twin = client.call("POST", "/v1/assets/unsw/inspections", json=given).json()["twin"]
+    expected = (fakes.depth_um(100.0) + fakes.depth_um(110.0)) / 2
+    assert twin["max_depth_um"]["median"] == pytest.approx(expected)
+    assert (twin["from_revolutions"], twin["to_revolutions"]) == (0.0, 10.0 * (LONG - 1))
