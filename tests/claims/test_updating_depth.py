@@ -7,7 +7,7 @@ import pytest
 
 from tests.updating_cases import TEN, curve, model, seen
 from twin.model import Condition
-from twin.updating.depth import HARMONICS, SHAPE_SCATTER, Gauge, estimate_depth
+from twin.updating.depth import DEPTH, HARMONICS, Gauge, estimate_depth
 from twin.updating.encoders import gauge_of
 from twin.updating.memory import MeanOffset, Memory, Segment
 from twin.updating.prediction import Expectation
@@ -108,7 +108,7 @@ def test_flanks_worn_by_static_forces_are_measured_within_the_standard_deviation
     static = MasterCurve.build(model(), Condition(speed_hz=0.05, torque=10.0), model().unworn, 55e-6)
     found = estimated(seen(static.profile(50e-6), revolutions=5000.0), near=50e-6)
     assert abs(found.depth - 50e-6) < found.std
-    assert found.std > SHAPE_SCATTER * found.depth**2
+    assert found.std > DEPTH.shape_scatter * found.depth**2
 
 
 def test_depth_at_the_end_of_the_search_says_so():

@@ -79,3 +79,18 @@ def test_end_that_is_only_just_reached_may_not_be():
     found = remaining_life(track(share=0.93), CURVE, 0.0, 55e-6, 0.03)
     assert found.reached and found.median == 0.0 and found.p05 == 0.0
     assert 0 < found.p95 < 100
+
+
+def test_a_machine_that_does_not_wear_has_no_upper_bound_of_its_life_but_a_lower_one():
+    """It was said to live 6.9e14 revolutions, 1.8e19 at most."""
+    idle = track(share=1e-6, rate=1e-9 * RATE, spread=0.0)
+    idle = replace(idle, var_work=(0.01 * RATE) ** 2, var_rate=(1e-3 * RATE) ** 2)
+    found = life(idle)
+    assert not found.measurable and not found.reached
+    assert found.median == found.p95 == float("inf")
+    fastest = idle.rate + 1.6449 * idle.rate_std
+    assert found.p05 == pytest.approx((CURVE.work_at(55e-6) - idle.work) / fastest)
+
+
+def test_a_life_is_stated_once_the_wear_rate_is_above_its_uncertainty():
+    assert life(track(spread=0.6)).measurable and not life(track(spread=0.62)).measurable

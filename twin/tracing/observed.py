@@ -14,11 +14,10 @@ from twin.errors import NotAvailable
 from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.model import Condition
 from twin.rig import Rig
-from twin.updating.conditions import condition_of, kind_of
+from twin.updating.conditions import MATCH, condition_of, kind_of
 
 CHANNELS = ("encoder", "torque", "acceleration")
 HARMONICS = {"encoder": 5, "torque": 3, "acceleration": 10}
-UNWORN_REVOLUTIONS = 150.0  # before so many turns of the pinion the flanks count as new
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -72,7 +71,7 @@ def observed(rig: Rig, features: WindowFeatures, index: int, level_fault: str | 
         index=index,
         condition=condition,
         revolutions=features.revolutions,
-        worn=kind_of(features, rig) == "measurement" and features.revolutions >= UNWORN_REVOLUTIONS,
+        worn=kind_of(features, rig) == "measurement" and features.revolutions >= MATCH.unworn_revolutions,
         pinion_only=pinion_only,
         lines={name: y for name, (y, _) in found.items()},
         std={name: σ for name, (_, σ) in found.items()},

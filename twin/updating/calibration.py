@@ -24,19 +24,90 @@ from twin.effects.extended import ExtendedModel, window_lines
 from twin.features.window_features import WindowFeatures
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
+from twin.thresholds import deciding
 from twin.updating.conditions import condition_of
 from twin.wear.curve import LINES, MeshLines
 
 NAMES = ("stiffness_scale", "modal_damping", "damping_time")
-PRIOR_SPREAD = np.array([0.10, 0.25, 0.5])  # of the logarithms
-DOUBTFUL = 2.0  # prior spreads beyond which a calibrated value is reported as doubtful
-WIDEST = 3.0  # prior spreads that a value may move: beyond, something else is at work
-LINE_SCATTER = 0.06  # relative, of unworn transmission error: real teeth deviate by a few hundredths of a micrometre
-LINE_FLOOR = 0.03e-6  # [m]
-LEVEL_SCATTER = 0.35  # of the logarithm of one acceleration line: structure within ±3 % near resonances
 HARMONICS = 3  # of transmission error
 LEVEL_HARMONICS = 10  # of acceleration
-HALF_WIDTH_SPREAD = 0.2  # of the logarithm of the contact half-width
+NOT_SOLVED = 10.0  # normalised difference of every line where a trial has no steady state
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigFilePrior:
+    """How far the values of a rig file may be from the machine's, as standard deviations of their logarithms.
+
+    The joint fit of attribution has a narrower prior of its own (JointFitThresholds.calibration_spread), that of
+    healthy machines: its calibration must not explain an effect away. Here a rig file of estimated values is fitted.
+    """
+
+    stiffness_scale: float = deciding(
+        0.10,
+        meaning="of the mesh stiffness",
+        source="not derived: an estimate of how far a computed mesh stiffness is off",
+    )
+    modal_damping: float = deciding(
+        0.25, meaning="of the modal damping ratio", source="not derived: damping of a rig file is an estimate"
+    )
+    damping_time: float = deciding(
+        0.5, meaning="of the mesh damping time", source="not derived: damping of a rig file is an estimate"
+    )
+    contact_half_width: float = deciding(
+        0.2, meaning="of the contact half-width", source="not derived: estimated in the reference rig's file"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationFit:
+    """What lines may be off by in a calibration, and when its result is doubted."""
+
+    doubtful: float = deciding(
+        2.0,
+        of="prior spread",
+        meaning="distance from the rig file beyond which a calibrated value is reported as doubtful",
+        source="not derived: two standard deviations of the prior",
+    )
+    widest: float = deciding(
+        3.0,
+        of="prior spread",
+        meaning="distance from the rig file that a value may move",
+        source="not derived: three standard deviations of the prior",
+    )
+    line_scatter: float = deciding(
+        0.06,
+        of="line of unworn transmission error",
+        meaning="scatter of the line by the deviations of real teeth",
+        source="not derived: real teeth deviate by a few hundredths of a micrometre",
+    )
+    line_floor: float = deciding(
+        0.03e-6,
+        unit="m",
+        meaning="scatter of a weak line of transmission error",
+        source="not derived: of the order of the noise of a mesh line",
+    )
+    level_scatter: float = deciding(
+        0.35,
+        meaning="scatter of the logarithm of one acceleration line",
+        source="structures within ±3 % of the rig file, lines near resonances",
+    )
+    least_signal: float = deciding(
+        10.0,
+        of="standard deviation of the line",
+        meaning="amplitude from which an acceleration line takes part",
+        source="not derived: the logarithm is then known to a tenth, less than level_scatter",
+    )
+    least_load_range: float = deciding(
+        0.3,
+        of="mean torque",
+        meaning="range of torques from which the compliance outside the mesh is measured",
+        source="not derived: loads that differ less hardly give a slope",
+    )
+
+
+PRIOR, FIT = RigFilePrior(), CalibrationFit()
+
+PRIOR_SPREAD = np.array([getattr(PRIOR, name) for name in NAMES])  # of the logarithms (3,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +121,7 @@ class Fit:
 
 
 def _beyond_the_mesh(model: Model, windows: Sequence[WindowFeatures]) -> list[tuple[np.ndarray, np.ndarray] | float]:
-    """What effects that need more than a mesh period do to each window: factors, 1 where there are none."""
+    """Factors on each window's lines by effects whose period is longer than a mesh period; 1 where there are none."""
     if not isinstance(model, ExtendedModel) or all(e.period == "mesh" for e in model.effects):
         return [1.0] * len(windows)
     out: list[tuple[np.ndarray, np.ndarray] | float] = []
@@ -76,20 +147,20 @@ def _residuals(model: Model, windows: Sequence[WindowFeatures], factors: Sequenc
         condition = condition_of(w, model.rig)
         steady = model.steady(model.unworn, condition)
         if not steady.converged:
-            out.append(np.full(HARMONICS, 10.0))
+            out.append(np.full(HARMONICS, NOT_SOLVED))
             continue
         if w.transmission_error is not None:
             _, y, std = w.transmission_error.mesh()
             n = min(HARMONICS, y.size)
             m = (model.transmission_error_lines(steady)[:LINES] * of_error)[:n]
-            σ = np.sqrt((LINE_SCATTER * np.abs(m)) ** 2 + LINE_FLOOR**2 + std[:n] ** 2)
+            σ = np.sqrt((FIT.line_scatter * np.abs(m)) ** 2 + FIT.line_floor**2 + std[:n] ** 2)
             out.append((np.abs(y[:n]) - np.abs(m)) / σ)
         if w.acceleration is not None and model.rig.band[1] > 0:
             _, y, std = w.acceleration.mesh()
             n = min(LEVEL_HARMONICS, y.size)
             m = np.abs((model.acceleration_lines(steady)[:LINES] * of_level)[:n])
-            heard = np.abs(y[:n]) > 10 * std[:n]
-            out.append((np.log(np.abs(y[:n]) / m) / LEVEL_SCATTER)[heard])
+            clear = np.abs(y[:n]) > FIT.least_signal * std[:n]
+            out.append((np.log(np.abs(y[:n]) / m) / FIT.level_scatter)[clear])
     return np.concatenate(out) if out else np.empty(0)
 
 
@@ -105,13 +176,13 @@ def calibrate(model: Model, windows: Sequence[WindowFeatures]) -> Fit:
     def residuals(θ: np.ndarray) -> np.ndarray:
         return np.concatenate((_residuals(at(θ), windows, factors), (θ - centre) / PRIOR_SPREAD))
 
-    limits = centre - WIDEST * PRIOR_SPREAD, centre + WIDEST * PRIOR_SPREAD
+    limits = centre - FIT.widest * PRIOR_SPREAD, centre + FIT.widest * PRIOR_SPREAD
     found = least_squares(
         residuals, centre, bounds=limits, x_scale=PRIOR_SPREAD, diff_step=1e-3, max_nfev=8, xtol=1e-3, ftol=1e-3
     )
     covariance = np.linalg.inv(found.jac.T @ found.jac)
     std = dict(zip(NAMES, np.sqrt(np.diag(covariance)).tolist(), strict=True))
-    std["contact_half_width"] = HALF_WIDTH_SPREAD
+    std["contact_half_width"] = PRIOR.contact_half_width
     return Fit(
         calibration=at(found.x).calibration,
         std=std,
@@ -121,15 +192,15 @@ def calibrate(model: Model, windows: Sequence[WindowFeatures]) -> Fit:
 
 
 def outliers(rig: Rig, fit: Fit) -> list[str]:
-    """What the calibration had to move farther than a rig file's values are wrong by, a sentence each.
+    """Values that the calibration moved farther than those of a rig file are usually wrong by, a sentence each.
 
-    The fit then stands for something else that the model lacks: a misaligned pair, for one, looks like a soft mesh.
+    The fit then absorbs something that the model lacks: a misaligned pair, for one, looks like a soft mesh.
     """
     prior, found = Calibration.prior(rig), fit.calibration
     out = []
     for name, spread in zip(NAMES, PRIOR_SPREAD, strict=True):
         given, value = getattr(prior, name), getattr(found, name)
-        if abs(np.log(value / given)) > DOUBTFUL * spread:
+        if abs(np.log(value / given)) > FIT.doubtful * spread:
             out.append(
                 f"{name} = {value:.3g} lies {abs(np.log(value / given)) / spread:.1f} spreads of its prior from the "
                 f"rig file's {given:.3g}: an effect that the model lacks may be at work, and the depth with it"
@@ -144,10 +215,10 @@ def fit_half_width(fit: Fit, misfit: Callable[[float], float], factors: Sequence
     """
     a0 = fit.calibration.contact_half_width
     u = np.log(factors)
-    cost = np.array([misfit(a0 * f) for f in factors]) + (u / HALF_WIDTH_SPREAD) ** 2
+    cost = np.array([misfit(a0 * f) for f in factors]) + (u / PRIOR.contact_half_width) ** 2
     curvature, slope, _ = np.polyfit(u, cost, 2)
     best = float(np.clip(-slope / (2 * curvature), u[0], u[-1])) if curvature > 0 else float(u[np.argmin(cost)])
-    std = float(np.sqrt(1 / max(curvature, 1 / HALF_WIDTH_SPREAD**2)))
+    std = float(np.sqrt(1 / max(curvature, 1 / PRIOR.contact_half_width**2)))
     values = {**fit.calibration.to_dict(), "contact_half_width": a0 * float(np.exp(best))}
     return Fit(
         calibration=Calibration.from_dict(values),
@@ -160,7 +231,7 @@ def fit_half_width(fit: Fit, misfit: Callable[[float], float], factors: Sequence
 def compliance_scale(model: Model, windows: Sequence[WindowFeatures]) -> float:
     """Measured over predicted mean transmission error per torque outside the mesh, from windows of different loads.
 
-    1 where the loads do not differ enough to tell.
+    1 where the loads do not differ enough.
     """
     seen = [
         (w.torque_nm, w.transmission_error.at(0).real)
@@ -171,7 +242,7 @@ def compliance_scale(model: Model, windows: Sequence[WindowFeatures]) -> float:
     if len(seen) < 2 or speed is None:
         return 1.0
     torque, mean = np.array(seen).T
-    if np.ptp(torque) < 0.3 * torque.mean():
+    if np.ptp(torque) < FIT.least_load_range * torque.mean():
         return 1.0
     slope = float(np.polyfit(torque, mean, 1)[0])
     low, high = (

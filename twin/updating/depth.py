@@ -11,7 +11,7 @@ m_k   the twin's line at a depth                                 [m]
 y_k⁰  the same line when the teeth were unworn, under the same condition: what graduation, pitch and friction
       make of it from the start drops out; where no such window is there, y_k⁰ and m_k(0) are left out  [m]
 y_0   measured mean, absolute because edge counts are            [m]
-c     where the two discs' zeros stand, learned from windows     [m]
+c     offset of the two discs' zeros, learned from windows       [m]
 ψ     mesh phase against the pinion encoder's zero, ψ̄ from earlier windows  [rad]
 σ_k   what a structure that differs from the rig file's by its tolerance does to line k, plus noise
 
@@ -33,18 +33,56 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from twin.thresholds import deciding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthModel:
+    """How well the twin's mesh lines are known, and from when a depth is at the end of its search."""
+
+    model_scatter: tuple[float, float, float] = deciding(
+        (0.02, 0.05, 0.12),
+        of="line of mesh harmonic 1, 2, 3",
+        meaning="standard deviation of the transmission error's lines by the structure's tolerance",
+        source="structures drawn within ±3 % of the stiffnesses of the reference rig",
+    )
+    pinion_scatter: tuple[float, float, float] = deciding(
+        (0.06, 0.08, 0.14),
+        of="line of mesh harmonic 1, 2, 3",
+        meaning="the same of the pinion's own motion",
+        source="as model_scatter, with 4–6 % for the pinion's inertias and shaft, which join in",
+    )
+    shape_scatter: float = deciding(
+        0.015 / 100e-6,
+        unit="1/m",
+        meaning="relative standard deviation of a depth by the shape of the profile, per depth",
+        source="flanks worn by static forces and measured with a curve of dynamic ones: 0.9, 2.7 and 5.9 % at 100, 200 "
+        "and 400 µm (reference rig, 10 Hz, 10 N·m)",
+    )
+    floor: float = deciding(
+        0.05e-6,
+        unit="m",
+        meaning="deviation of real unworn teeth, at one mesh line, that the twin does not know",
+        source="not derived: deviations of real unworn teeth, a few hundredths of a micrometre",
+    )
+    at_limit: float = deciding(
+        0.995,
+        of="the range searched",
+        meaning="share of the range from which a depth is said to be at its end",
+        source="not derived: half of the last step of the scan",
+    )
+
+
+DEPTH = DepthModel()
 HARMONICS = 3  # mesh harmonics that carry the depth
+SCANNED = 41  # depths of the scan
 PHASES = np.linspace(-np.pi, np.pi, 120, endpoint=False)  # of the mesh, where the scan looks first [rad]
 TURNS = np.exp(-1j * np.outer(PHASES, np.arange(1, HARMONICS + 1)))
-MODEL_SCATTER = np.array([0.02, 0.05, 0.12])  # σ_k/|m_k| of a structure within ±3 % of the rig file's
-PINION_SCATTER = np.array([0.06, 0.08, 0.14])  # the same of the pinion's motion: its inertias and shaft join in (4–6 %)
-SHAPE_SCATTER = 0.015 / 100e-6  # relative, per depth: what the profile's shape may do [1/m]
-FLOOR = 0.05e-6  # unworn deviations of real teeth that the twin does not know [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gauge:
-    """What a window says of the depth."""
+    """What the encoders of one window measure of the depth."""
 
     lines: np.ndarray  # y_k, less y_k⁰ where `from_unworn`, complex (HARMONICS,) [m]
     from_unworn: bool  # whether lines are what wear changed
@@ -58,12 +96,12 @@ class Gauge:
     @property
     def scatter(self) -> np.ndarray:
         """σ_k/|m_k| (HARMONICS,)."""
-        return PINION_SCATTER if self.pinion_only else MODEL_SCATTER
+        return np.array(DEPTH.pinion_scatter if self.pinion_only else DEPTH.model_scatter)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthEstimate:
-    """A depth with what it rests on."""
+    """A depth with its uncertainty and the mesh phase."""
 
     depth: float  # [m]
     std: float  # of this window alone, model scatter included [m]
@@ -106,7 +144,7 @@ def _wrap(angle):
 def _misfit(depth: float, gauge: Gauge, response: Response) -> tuple[float, float, float]:
     """2·J of the lines, what the mean adds to it, and the phase, at a depth [m]."""
     model, mean = response(depth)
-    σ2 = (gauge.scatter * np.abs(model)) ** 2 + gauge.lines_std**2 + FLOOR**2
+    σ2 = (gauge.scatter * np.abs(model)) ** 2 + gauge.lines_std**2 + DEPTH.floor**2
     ψ = _best_phase(model, gauge, 1 / σ2)
     k = np.arange(1, model.size + 1)
     J = float((np.abs(np.exp(1j * k * ψ) * model - gauge.lines) ** 2 / σ2).sum() + np.log(σ2).sum())
@@ -118,7 +156,7 @@ def _misfit(depth: float, gauge: Gauge, response: Response) -> tuple[float, floa
 
 def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest: float) -> DepthEstimate:
     """The depth between two bounds [m] that explains the gauge best, by a scan and Brent's method."""
-    grid = shallowest + (deepest - shallowest) * np.linspace(0, 1, 41) ** 1.5
+    grid = shallowest + (deepest - shallowest) * np.linspace(0, 1, SCANNED) ** 1.5
     scanned = np.array([_misfit(d, gauge, response)[:2] for d in grid])
 
     def best(mean_weight: float) -> float:
@@ -142,7 +180,7 @@ def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest:
     slope, mean_slope = (up - down) / width, (mean_up - mean_down) / width
     model, _ = response(depth)
     noise2 = gauge.lines_std**2
-    σ2 = (gauge.scatter * np.abs(model)) ** 2 + noise2 + FLOOR**2
+    σ2 = (gauge.scatter * np.abs(model)) ** 2 + noise2 + DEPTH.floor**2
     information = float((np.abs(slope) ** 2 / σ2).sum())
     noise = float((np.abs(slope) ** 2 * noise2 / σ2**2).sum())
     if gauge.mean is not None:
@@ -151,10 +189,10 @@ def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest:
     std = float(1 / np.sqrt(information)) if information > 0 else float("inf")
     return DepthEstimate(
         depth=depth,
-        std=float(np.hypot(std * np.sqrt(max(misfit, 1.0)), SHAPE_SCATTER * depth**2)),
+        std=float(np.hypot(std * np.sqrt(max(misfit, 1.0)), DEPTH.shape_scatter * depth**2)),
         noise_std=float(np.sqrt(noise) / information) if information > 0 else float("inf"),
         phase=ψ,
         from_lines=from_lines,
         misfit=misfit,
-        at_limit=depth > shallowest + 0.995 * (deepest - shallowest),
+        at_limit=depth > shallowest + DEPTH.at_limit * (deepest - shallowest),
     )

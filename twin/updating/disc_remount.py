@@ -4,7 +4,7 @@ A lost count, a re-mounted disc or a creeping shaft shifts the mean of the trans
 a hundred micrometres) and, on the pinion, turns all mesh lines by a phase. Both are remembered from earlier windows;
 where they contradict what the mesh lines say of the depth, the lines are believed and the memory starts anew.
 
-    2·J − 2·J without it > MOVED        five standard deviations, with one unknown more
+    2·J − 2·J without it > 25           five standard deviations, with one unknown more
 """
 
 from __future__ import annotations
@@ -16,21 +16,44 @@ import numpy as np
 
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
+from twin.thresholds import deciding
 from twin.updating import encoders
 from twin.updating.depth import HARMONICS, DepthEstimate, Gauge
 from twin.updating.memory import Memory
 from twin.updating.prediction import Expectation
 
-MOVED = 25.0
-LEAST_TURN = 0.05  # turns of the mesh phase below this are not a disc's [rad]: half an edge of 1024 is 0.06
-WORN_ENOUGH = 5e-6  # depth from which the lines know their own phase [m]
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiscRemount:
+    """When the remembered offset or phase is given up because a disc has moved."""
+
+    chi_square: float = deciding(
+        25.0,
+        meaning="fall of 2·J by one unknown more, from which the remembered value is given up",
+        source="derivation: five standard deviations of one unknown",
+    )
+    least_turn: float = deciding(
+        0.05,
+        unit="rad",
+        meaning="turn of the mesh phase below which no disc has moved",
+        source="derivation: half an edge of a disc of 1024, with 19 teeth, is 0.06",
+    )
+    worn_enough: float = deciding(
+        5e-6,
+        unit="m",
+        meaning="depth from which the mesh lines know their own phase",
+        source="not derived: the lines of mesh harmonics are then well above the unworn floor",
+    )
+
+
+REMOUNT = DiscRemount()
 
 Found = tuple[Expectation, DepthEstimate]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SettledDepth:
-    """A depth, and the memory without what it contradicts."""
+    """A depth, and the memory without what the depth contradicts."""
 
     memory: Memory
     gauge: Gauge
@@ -52,10 +75,10 @@ def settled(
         return None
     notes: list[str] = []
     expectation, estimate = search(gauge)
-    if gauge.mean is not None and _misfit(gauge, estimate) > MOVED:
+    if gauge.mean is not None and _misfit(gauge, estimate) > REMOUNT.chi_square:
         freed = replace(gauge, mean=None)
         found = search(freed)
-        if _misfit(gauge, estimate) - _misfit(freed, found[1]) > MOVED:
+        if _misfit(gauge, estimate) - _misfit(freed, found[1]) > REMOUNT.chi_square:
             off = gauge.mean - found[0].lines(found[1].depth).mean
             notes.append(
                 f"the mean of the transmission error is {off * 1e6:+.0f} µm off what its mesh lines say: a lost count, "
@@ -63,14 +86,14 @@ def settled(
             )
             gauge, (expectation, estimate) = freed, found
             memory = replace(memory, offset=None)
-    if gauge.phase is not None and _misfit(gauge, estimate) > MOVED:
+    if gauge.phase is not None and _misfit(gauge, estimate) > REMOUNT.chi_square:
         anew = replace(memory, phase=None, phase_std=Memory().phase_std, discs_since_ns=features.start_time_ns)
         again = encoders.gauge_of(features, anew, model, condition)
         freed = gauge if again is None else again
         found = search(freed)
         turn = float(np.angle(np.exp(1j * (found[1].phase - gauge.phase))))
-        better = _misfit(gauge, estimate) - _misfit(freed, found[1]) > MOVED
-        if better and abs(turn) > LEAST_TURN and found[1].depth > WORN_ENOUGH:
+        better = _misfit(gauge, estimate) - _misfit(freed, found[1]) > REMOUNT.chi_square
+        if better and abs(turn) > REMOUNT.least_turn and found[1].depth > REMOUNT.worn_enough:
             notes.append(f"the pinion's disc has turned by {turn:+.2f} rad of mesh phase since the last window")
             gauge, (expectation, estimate), memory = freed, found, anew
     return SettledDepth(memory=memory, gauge=gauge, expectation=expectation, estimate=estimate, notes=tuple(notes))

@@ -1,30 +1,102 @@
-"""What encoders teach the twin: depth gauge, mesh phase, the discs' offset, and the path to the accelerometer."""
+"""What is learned from the encoders: depth gauge, mesh phase, the discs' offset, the path to the accelerometer."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twin.errors import NotAvailable
 from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.model import Condition, Model
-from twin.updating.depth import FLOOR, HARMONICS, MODEL_SCATTER, DepthEstimate, Gauge
+from twin.thresholds import deciding
+from twin.updating.depth import DEPTH, HARMONICS, DepthEstimate, Gauge
 from twin.updating.memory import Line, MeanOffset, Memory
 from twin.updating.prediction import MESH, Expectation
 from twin.wear.curve import LINES
 
-OFFSET_DRIFT = 1.5e-6  # of the discs' zeros from window to window: heat, creep of a mounting [m]
-COMPLIANCE_TOLERANCE = 0.05  # of the mean transmission error per torque
-MEAN_NOISE = 0.3e-6  # [m]
 DEPTH_HARMONICS = range(1, HARMONICS + 1)
-SAME_SPEED, SAME_TORQUE = 0.05, 0.10  # relative: conditions whose lines may be compared directly
-UNWORN_PHASE_STD = 0.6  # of the mesh phase from unworn teeth: friction and pitch errors turn their lines [rad]
-PHASE_SCATTER = 0.015  # of the mesh phase, from window to window [rad]
-WORN_ENOUGH = 3e-6  # depth from which wear sets the phase of the mesh lines [m]
-GRADUATION = 0.03e-6  # of a disc's graduation and of real teeth at one mesh line [m]
-LEARN_SIGNAL = 8.0  # amplitude over its std from which a line is learned from
-LEARN_SCATTER = 0.02  # of a learned factor, beyond noise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderScatter:
+    """How far what encoders show changes without wear, and which lines are worth learning from."""
+
+    offset_drift: float = deciding(
+        1.5e-6,
+        unit="m",
+        meaning="drift of the discs' zeros from window to window, at the base radius",
+        source="not derived: heat, and creep of a mounting",
+    )
+    compliance: float = deciding(
+        0.05,
+        of="mean transmission error per torque",
+        meaning="relative uncertainty of the compliance outside the mesh",
+        source="not derived: shaft stiffnesses within the tolerance of a rig file",
+    )
+    mean_noise: float = deciding(
+        0.3e-6,
+        unit="m",
+        meaning="noise of the mean transmission error of one window",
+        source="not derived: as much as 0.04 N·m of torque wander on the reference rig",
+    )
+    same_speed: float = deciding(
+        0.05,
+        of="speed",
+        meaning="difference up to which lines of two windows may be subtracted from one another",
+        source="not derived: the change of speed that starts a new segment",
+    )
+    same_torque: float = deciding(
+        0.10,
+        of="torque",
+        meaning="difference up to which lines of two windows may be subtracted from one another",
+        source="not derived: the change of torque that starts a new segment",
+    )
+    unworn_phase: float = deciding(
+        0.6,
+        unit="rad",
+        meaning="standard deviation of the mesh phase from unworn teeth",
+        source="not derived: friction and pitch errors turn the lines of unworn teeth",
+    )
+    phase: float = deciding(
+        0.015,
+        unit="rad",
+        meaning="standard deviation of the mesh phase from window to window",
+        source="not derived: scatter of the phase of worn windows",
+    )
+    least_phase: float = deciding(
+        0.01,
+        unit="rad",
+        meaning="standard deviation of the mesh phase however many windows have been averaged",
+        source="not derived: keeps a phase that creeps followed",
+    )
+    worn_enough: float = deciding(
+        3e-6,
+        unit="m",
+        meaning="depth from which wear sets the phase of the mesh lines",
+        source="not derived: line 1 of the reference rig is then 1.1 µm, some twenty times the unworn floor",
+    )
+    graduation: float = deciding(
+        0.03e-6,
+        unit="m",
+        meaning="error of a disc's graduation and of real teeth at one mesh line",
+        source="not derived: noise at mesh lines of the reference campaigns is 0.017 µm; with room for real teeth",
+    )
+    learn_signal: float = deciding(
+        8.0,
+        of="standard deviation of the line",
+        meaning="amplitude from which a line of acceleration teaches the path",
+        source="not derived: the factor is then known to an eighth",
+    )
+    learn_scatter: float = deciding(
+        0.02,
+        of="the learned factor",
+        meaning="scatter of a learned factor from window to window, beyond noise",
+        source="clean reference campaigns: ratio to the model 1.007 ± 0.024 at mesh harmonics 2 and 3",
+    )
+
+
+ENCODERS = EncoderScatter()
 
 
 def encoder_lines(features: WindowFeatures) -> MeasuredLines | None:
@@ -42,7 +114,7 @@ def _lines_of(features: WindowFeatures) -> MeasuredLines:
 
 
 def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: Condition) -> Gauge | None:
-    """What the window's encoders say of the depth; None where there are none."""
+    """What the window's encoders measure of the depth; None where there are none."""
     seen = encoder_lines(features)
     if seen is None:
         return None
@@ -51,9 +123,9 @@ def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: 
     mean, mean_std = None, float("nan")
     raw = _mean_less_load(features, memory, model, condition)
     if memory.offset is not None and raw is not None:
-        strain = COMPLIANCE_TOLERANCE * model.compliance_outside_mesh * (condition.torque - memory.offset.torque)
+        strain = ENCODERS.compliance * model.compliance_outside_mesh * (condition.torque - memory.offset.torque)
         mean = raw - memory.offset.value
-        mean_std = float(np.sqrt(memory.offset.var + OFFSET_DRIFT**2 + MEAN_NOISE**2 + strain**2))
+        mean_std = float(np.sqrt(memory.offset.var + ENCODERS.offset_drift**2 + ENCODERS.mean_noise**2 + strain**2))
     lines = np.array([seen.at(k) for k in DEPTH_HARMONICS])
     std = np.array([seen.std_at(k) for k in DEPTH_HARMONICS])
     unworn = _unworn_like(features, memory)
@@ -92,8 +164,8 @@ def _unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | N
             continue
         if start is None or not _has_depth_lines(start):
             continue
-        same = _near(unworn.speed_hz, features.speed_hz, SAME_SPEED)
-        loaded = features.torque_nm is None or _near(unworn.torque_nm, features.torque_nm, SAME_TORQUE)
+        same = _near(unworn.speed_hz, features.speed_hz, ENCODERS.same_speed)
+        loaded = features.torque_nm is None or _near(unworn.torque_nm, features.torque_nm, ENCODERS.same_torque)
         if same and loaded:
             return unworn
     return None
@@ -117,27 +189,27 @@ def learn(
     depth_std: float | None,
 ) -> Memory:
     """Mesh phase and disc offset after a window whose depth [m] the lines gave, or which is known with a std [m]."""
-    std = UNWORN_PHASE_STD
-    if estimate.depth > WORN_ENOUGH:
-        std = float(np.hypot(PHASE_SCATTER, 2 * FLOOR / abs(_lines_of(features).at(1))))
+    std = ENCODERS.unworn_phase
+    if estimate.depth > ENCODERS.worn_enough:
+        std = float(np.hypot(ENCODERS.phase, 2 * DEPTH.floor / abs(_lines_of(features).at(1))))
     phase = estimate.phase
     if memory.phase is not None:
         w_old, w_new = 1 / memory.phase_std**2, 1 / std**2
         phase = (w_old * memory.phase + w_new * phase) / (w_old + w_new)
-        std = max(float(np.sqrt(1 / (w_old + w_new))), 0.01)
+        std = max(float(np.sqrt(1 / (w_old + w_new))), ENCODERS.least_phase)
     memory = replace(memory, phase=phase, phase_std=std)
     raw = _mean_less_load(features, memory, model, expectation.condition)
     if raw is None:
         return memory
     if depth_std is None:
-        depth_std = float(np.hypot(MODEL_SCATTER[0] * depth, 0.2e-6))
+        depth_std = float(np.hypot(DEPTH.model_scatter[0] * depth, 0.2e-6))
     step = 1e-6
     slope = (expectation.lines(depth + step).mean - expectation.lines(depth).mean) / step
-    seen, var = raw - expectation.lines(depth).mean, (slope * depth_std) ** 2 + MEAN_NOISE**2
+    seen, var = raw - expectation.lines(depth).mean, (slope * depth_std) ** 2 + ENCODERS.mean_noise**2
     torque = expectation.condition.torque
     if memory.offset is None:
         return replace(memory, offset=MeanOffset(value=seen, var=var, torque=torque))
-    before = memory.offset.var + OFFSET_DRIFT**2
+    before = memory.offset.var + ENCODERS.offset_drift**2
     gain = before / (before + var)
     return replace(
         memory,
@@ -161,7 +233,7 @@ def factors(
     lines = expectation.lines(depth)
     pinion_only = features.transmission_error is None
     model = lines.pinion_motion if pinion_only else lines.transmission_error
-    seen, heard = _lines_of(features), features.acceleration
+    seen, measured = _lines_of(features), features.acceleration
     path: list[Line] = []
     mesh: list[Line] = []
     for k in range(1, LINES + 1):
@@ -169,16 +241,16 @@ def factors(
         predicted = model[k - 1] * np.exp(1j * k * phase)
         x, var = predicted, (MESH.spread * abs(predicted)) ** 2
         if seen.get(k) is not None:
-            var_seen = GRADUATION**2 + seen.std_at(k) ** 2
+            var_seen = ENCODERS.graduation**2 + seen.std_at(k) ** 2
             x = (predicted / var + seen.at(k) / var_seen) / (1 / var + 1 / var_seen)
             var = 1 / (1 / var + 1 / var_seen)
-            scatter = float(np.hypot(np.sqrt(var) / abs(x), LEARN_SCATTER))
+            scatter = float(np.hypot(np.sqrt(var) / abs(x), ENCODERS.learn_scatter))
             mesh.append((float(index), f, complex(x / predicted), scatter))
-        if heard is None or heard.get(k) is None:
+        if measured is None or measured.get(k) is None:
             continue
-        y, y_std = heard.at(k), heard.std_at(k)
-        if abs(y) > LEARN_SIGNAL * y_std:
+        y, y_std = measured.at(k), measured.std_at(k)
+        if abs(y) > ENCODERS.learn_signal * y_std:
             ρ = complex((y / x) / (lines.acceleration[k - 1] / model[k - 1]))
-            noise = float(np.hypot(LEARN_SCATTER, y_std / abs(y)))
+            noise = float(np.hypot(ENCODERS.learn_scatter, y_std / abs(y)))
             path.append((float(index), f, ρ, noise * max(abs(ρ), 0.1)))
     return path, mesh

@@ -12,7 +12,9 @@ from twin.features.non_gear import NonGearFeatures
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.updating.memory import Memory
-from twin.updating.update import UpdateOutcome, update_twin
+from twin.updating.update import UpdateOptions, UpdateOutcome, update_twin
+
+__all__ = ["UpdateOptions", "WindowInput", "replay_history", "update_window"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,27 +45,9 @@ class WindowInput:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UpdateOptions:
-    """How windows update the twin; the fields are those of `twin.step.Options`."""
-
-    threshold: float
-    update: str
-    update_until: float
-
-
 def update_window(rig: Rig, memory: Memory, window: WindowInput, options: UpdateOptions) -> UpdateOutcome:
     """Updates the twin by one window; raises NotAvailable, NotConverged."""
-    return update_twin(
-        rig,
-        memory,
-        window.features,
-        window.index,
-        threshold=options.threshold,
-        update=options.update,
-        update_until=options.update_until,
-        level_fault=window.level_fault,
-    )
+    return update_twin(rig, memory, window.features, window.index, options, level_fault=window.level_fault)
 
 
 def replay_history(

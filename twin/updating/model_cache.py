@@ -8,22 +8,46 @@ of one kind share curves, and a change of the operating condition needs the pres
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from twin.effects.extended import extend
 from twin.effects.response import Effect
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
+from twin.thresholds import deciding
 from twin.updating.memory import KEPT_SEGMENTS, Memory, Segment, StoredProfile
 from twin.updating.path_cache import PathCache
 from twin.wear.curve import MasterCurve
 from twin.wear.path import WearPath
 from twin.wear.profile import WornProfile
 
-DEEPEST = 5e-4  # depth to which curves are made where the rig file gives no end of life [m]
-BEYOND = 1.25  # a machine run past its end of life is still measured: curves then go on to this much of it
-NEAR_END = 0.8
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurveDepths:
+    """How deep master curves are computed."""
+
+    deepest: float = deciding(
+        5e-4,
+        unit="m",
+        meaning="depth to which curves are searched where the rig file gives no end of life",
+        source="the reference rig's end of life",
+    )
+    beyond: float = deciding(
+        1.25,
+        of="end of life",
+        meaning="depth to which a machine run past its end of life is still measured",
+        source="not derived: room beyond the end of life",
+    )
+    near_end: float = deciding(
+        0.8,
+        of="end of life",
+        meaning="depth from which curves are searched beyond the end of life",
+        source="not derived: leaves room for the depth of the next window",
+    )
+
+
+CURVES = CurveDepths()
 KEPT_MODELS = 256  # some 50 kB each; the tables of a pair of gears are shared
 
 PATHS = PathCache()
@@ -64,7 +88,7 @@ def _path(rig: Rig, memory: Memory, segment: Segment, furthest: float | None = N
     key, calibration = _Key(rig), _calibration(rig, memory)
     there = memory.active(segment.start_revolutions)
     effects = tuple(e for e in there if e.period == "mesh" and e.facts.acts_on != "sensor")
-    furthest = BEYOND * rig.get("end_of_life.max_depth", DEEPEST) if furthest is None else furthest
+    furthest = CURVES.beyond * rig.get("end_of_life.max_depth", CURVES.deepest) if furthest is None else furthest
     condition, stored = Condition(speed_hz=segment.speed_hz, torque=segment.torque), segment.start_profile
 
     def make() -> WearPath:
@@ -77,8 +101,8 @@ def _path(rig: Rig, memory: Memory, segment: Segment, furthest: float | None = N
 
 def deepest(rig: Rig, depth: float) -> float:
     """Depth to which the curve of a machine worn to `depth` [m] is searched [m]."""
-    end = rig.get("end_of_life.max_depth", DEEPEST)
-    return end if depth < NEAR_END * end else BEYOND * end
+    end = rig.get("end_of_life.max_depth", CURVES.deepest)
+    return end if depth < CURVES.near_end * end else CURVES.beyond * end
 
 
 def model_of(rig: Rig, memory: Memory, revolutions: float = 0.0) -> Model:

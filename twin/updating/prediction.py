@@ -1,4 +1,4 @@
-"""What the twin expects a window to look like at a depth, and how that compares with what was measured.
+"""The response that the twin expects of a window at a depth.
 
 The steady state is solved once at the window's own speed and torque, at the expected depth; other depths follow the
 master curve, line by line, scaled by what the difference in condition did to each line.
@@ -20,13 +20,46 @@ import numpy as np
 from twin.effects.extended import window_lines
 from twin.errors import NotConverged
 from twin.model import Condition, Model
+from twin.thresholds import deciding
 from twin.updating.depth import HARMONICS
 from twin.updating.frequency_correction import FrequencyCorrection
 from twin.updating.memory import Memory
 from twin.wear.curve import LINES, MasterCurve, MeshLines
 
-PATH = FrequencyCorrection(spread=0.5, reach=0.03, memory=12.0)
-MESH = FrequencyCorrection(spread=0.15, reach=0.03, memory=12.0)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LearnedFactors:
+    """Priors of the factors of path and mesh."""
+
+    path_spread: float = deciding(
+        0.5,
+        of="the twin's path from mesh to accelerometer",
+        meaning="standard deviation of a factor's real and imaginary part before anything is learned",
+        source="not derived: machines with a casing (D10, D11) are 80–95 % off line by line",
+    )
+    mesh_spread: float = deciding(
+        0.15,
+        of="the twin's line of transmission error",
+        meaning="standard deviation of a factor's real and imaginary part before anything is learned",
+        source="not derived: machines with a casing (D10, D11) are 3–8 % off line by line",
+    )
+    reach: float = deciding(
+        0.03,
+        of="frequency",
+        meaning="relative frequency over which a factor is alike",
+        source="not derived: of the order of the width of a resonance",
+    )
+    memory: float = deciding(
+        12.0,
+        unit="windows",
+        meaning="windows after which what was learned counts by 1/e less",
+        source="not derived: what was learned a dozen windows ago counts little",
+    )
+
+
+FACTORS = LearnedFactors()
+PATH = FrequencyCorrection(spread=FACTORS.path_spread, reach=FACTORS.reach, memory=FACTORS.memory)
+MESH = FrequencyCorrection(spread=FACTORS.mesh_spread, reach=FACTORS.reach, memory=FACTORS.memory)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

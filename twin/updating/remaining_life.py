@@ -19,12 +19,43 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.updating.tracker import DRIFT, WearTrack
+from twin.quantiles import Z95
+from twin.thresholds import deciding
+from twin.updating.tracker import RATE, WearTrack
 from twin.wear.curve import MasterCurve
 
-Z95 = 1.6449
-CURVE_SCATTER = 0.05  # of the work still to go: structure and damping within their tolerance shape the curve
-EXTRAPOLATED_SCATTER = 0.15  # of the part beyond the last steady state
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LifeScatter:
+    """What a remaining life is uncertain by, beyond the track of wear, and when there is none to state."""
+
+    curve: float = deciding(
+        0.05,
+        of="work still to go",
+        meaning="standard deviation by the shape of the curve",
+        source="not derived: structure and damping within their tolerance shape the curve",
+    )
+    extrapolated: float = deciding(
+        0.15,
+        of="work beyond the last steady state",
+        meaning="standard deviation of the part of a life that is extrapolated",
+        source="not derived: three times that of the computed curve",
+    )
+    drifts: float = deciding(
+        2.0,
+        of="drift of the wear rate from window to window",
+        meaning="standard deviation of the rate over the life to come",
+        source="not derived: the rate goes on to wander as it did",
+    )
+    measurable: float = deciding(
+        Z95,
+        of="standard deviation of the wear rate",
+        meaning="wear rate from which wear is measurable: below it a life has no upper bound",
+        source="derivation: the 5 % quantile of the rate is then zero",
+    )
+
+
+LIFE = LifeScatter()
 
 
 def _through_contact_loss(curve: MasterCurve, depth: float, end_depth: float) -> tuple[float, float]:
@@ -46,12 +77,20 @@ class RemainingLife:
     p05: float
     p95: float
     reached: bool  # the depth is already beyond the criterion
+    measurable: bool = True  # False where no wear rate is measurable: then p05 alone holds, the others are infinite
 
 
 def remaining_life(
-    track: WearTrack, curve: MasterCurve, base_work: float, end_depth: float, common_scatter: float = 0.0
+    track: WearTrack,
+    curve: MasterCurve,
+    base_work: float,
+    end_depth: float,
+    common_scatter: float = 0.0,
+    scatter: LifeScatter = LIFE,
 ) -> RemainingLife:
     """Life of a track on a curve whose work starts at `base_work`, to a depth [m].
+
+    Where the wear rate cannot be told from zero, only the least life is stated: that at the rate's 95 % quantile.
 
     common_scatter  relative standard deviation of what all depths are off by together
     """
@@ -62,6 +101,9 @@ def remaining_life(
         return RemainingLife(median=0.0, p05=0.0, p95=max(0.0, perhaps / track.rate), reached=True)
     added, unsure = _through_contact_loss(curve, curve.depth_at(track.work - base_work), end_depth)
     to_go += added
+    if track.rate <= scatter.measurable * track.rate_std:
+        least = to_go / (track.rate + Z95 * track.rate_std)
+        return RemainingLife(median=float("inf"), p05=least, p95=float("inf"), reached=False, measurable=False)
     median = to_go / track.rate
     beyond = (
         max(0.0, end - max(track.work, base_work + curve.work_at(min(curve.valid_within(end_depth), end_depth))))
@@ -71,9 +113,9 @@ def remaining_life(
         track.var_rate / track.rate**2
         + track.var_work / to_go**2
         + (common_scatter * end / to_go) ** 2
-        + (2 * DRIFT) ** 2
-        + CURVE_SCATTER**2
-        + (EXTRAPOLATED_SCATTER * beyond) ** 2
+        + (scatter.drifts * RATE.drift) ** 2
+        + scatter.curve**2
+        + (scatter.extrapolated * beyond) ** 2
         + (unsure / to_go) ** 2
     )
     spread = float(np.exp(Z95 * np.sqrt(np.log1p(relative**2))))

@@ -15,13 +15,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-MAX_ITERATIONS = 30
-LARGEST_STEP = 3.0  # factor on K in one iteration
+MAX_ITERATIONS = 30  # each at most a factor LARGEST_STEP on K: far more than any coefficient is wrong by
+LARGEST_STEP = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RmsTrack:
-    """Where wear stands by the paper's way."""
+    """Wear so far and its rate by the RMS alone."""
 
     revolutions: float = 0.0
     work: float = 0.0  # x [rad/N]
@@ -38,7 +38,7 @@ class RmsTrack:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RmsResult:
-    """One window by the paper's way."""
+    """One window by the RMS alone."""
 
     track: RmsTrack
     rms_predicted: float
@@ -57,7 +57,7 @@ def update(
     *,
     allowed: bool = True,
 ) -> RmsResult:
-    """Takes one window's RMS [m/s²] into the track; level gives the twin's RMS at a work x [rad/N]."""
+    """Updates the track by one window's RMS [m/s²]; level gives the twin's RMS at a work x [rad/N]."""
     n = revolutions - track.revolutions
     rate = track.rate
     rms = predicted = level(track.work + rate * n)

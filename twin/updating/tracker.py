@@ -4,9 +4,9 @@ Depth becomes work x = x(d) of the master curve, which is linear in revolutions 
 
     x_{j+1} = x_j + κ_j·ΔN + w_x,      κ_{j+1} = κ_j·(1 + w_κ),      z_j = x_j + v_j,      κ = K·τ·ω1
 
-A Kalman filter over the windows gives κ with its uncertainty. It allows κ to wander by DRIFT from window to window;
-where a window lies beyond SURPRISE standard deviations of what that allows (running-in takes κ down by half within
-thousands of revolutions), the interval is taken again with RUNNING_IN instead.
+A Kalman filter over the windows gives κ with its uncertainty. It allows κ to wander by RATE.drift from window to
+window; where a window lies beyond RATE.surprise standard deviations of what that allows (running-in takes κ down by
+half within thousands of revolutions), the interval is computed again with RATE.running_in instead.
 
 Source   R. E. Kalman, J. Basic Eng. 82 (1960) 35–45
 """
@@ -19,15 +19,51 @@ from typing import Any
 
 import numpy as np
 
-DRIFT = 0.04  # relative change of κ from one window to the next, one standard deviation
-RUNNING_IN = 0.25  # the same where the wear rate is seen to change
-SURPRISE = 3.0
-PRIOR_SPREAD = 1.0  # of ln κ around the rig file's K
+from twin.thresholds import deciding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RateDrift:
+    """How the wear rate κ may change."""
+
+    drift: float = deciding(
+        0.04,
+        of="the wear rate κ",
+        meaning="change from one window to the next, one standard deviation",
+        source="not derived: how far a wear coefficient wanders while nothing is seen to change",
+    )
+    running_in: float = deciding(
+        0.25,
+        of="the wear rate κ",
+        meaning="the same where the rate is seen to change",
+        source="not derived: running-in takes the rate down by half within thousands of revolutions",
+    )
+    surprise: float = deciding(
+        3.0,
+        of="standard deviation of the expected work",
+        meaning="difference from which the rate is seen to change",
+        source="derivation: three standard deviations, one window in 370 by chance",
+    )
+    prior: float = deciding(
+        1.0,
+        of="the rig file's wear coefficient",
+        meaning="standard deviation of ln κ before the first worn window",
+        source="not derived: a wear coefficient is known within a factor of about three",
+    )
+    least: float = deciding(
+        1e-3,
+        of="the wear rate κ before",
+        meaning="smallest rate that one window may leave",
+        source="not derived: keeps the rate positive; the rate of a machine that does not wear is not reported",
+    )
+
+
+RATE = RateDrift()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WearTrack:
-    """Where wear stands and how fast it goes."""
+    """Wear so far and its rate."""
 
     revolutions: float  # N of the latest window
     work: float  # x [rad/N]
@@ -35,14 +71,14 @@ class WearTrack:
     var_work: float
     cov: float
     var_rate: float
-    windows: int  # worn windows taken in
+    windows: int  # worn windows used
 
     @classmethod
     def unworn(cls, rate: float) -> WearTrack:
         """Nothing worn at revolution zero; κ as the rig file says, within a factor of about three."""
         return cls(
             revolutions=0.0, work=0.0, rate=rate, var_work=0.0, cov=0.0,
-            var_rate=(PRIOR_SPREAD * rate) ** 2, windows=0,
+            var_rate=(RATE.prior * rate) ** 2, windows=0,
         )  # fmt: skip
 
     @property
@@ -53,7 +89,7 @@ class WearTrack:
     def work_std(self) -> float:
         return float(np.sqrt(self.var_work))
 
-    def predicted(self, revolutions: float, drift: float = DRIFT) -> WearTrack:
+    def predicted(self, revolutions: float, drift: float = RATE.drift) -> WearTrack:
         """The track carried on to a later revolution count; κ changes by `drift`, relative, on the way."""
         n = revolutions - self.revolutions
         wander = (drift * self.rate) ** 2 if self.windows else 0.0
@@ -76,7 +112,7 @@ class WearTrack:
         return replace(
             self,
             work=self.work + gain_x * surprise,
-            rate=max(rate, 1e-3 * self.rate),
+            rate=max(rate, RATE.least * self.rate),
             var_work=(1 - gain_x) * self.var_work,
             cov=(1 - gain_x) * self.cov,
             var_rate=self.var_rate - gain_κ * self.cov,
@@ -86,8 +122,8 @@ class WearTrack:
     def followed(self, revolutions: float, work: float, std: float) -> WearTrack:
         """The track after a window at which a work x [rad/N] was measured."""
         ahead = self.predicted(revolutions)
-        if self.windows and abs(work - ahead.work) > SURPRISE * float(np.hypot(ahead.work_std, std)):
-            ahead = self.predicted(revolutions, RUNNING_IN)
+        if self.windows and abs(work - ahead.work) > RATE.surprise * float(np.hypot(ahead.work_std, std)):
+            ahead = self.predicted(revolutions, RATE.running_in)
         return ahead.corrected(work, std)
 
     def rescaled(self, factor: float) -> WearTrack:

@@ -1,0 +1,311 @@
+"""A window of the campaign: predict, measure the depth, learn, and judge by the method in use.
+
+The two methods of updating are always computed. The fused method takes the depth from the encoders and the wear
+coefficient from the slope of depth over revolutions, then learns the path from the mesh to the accelerometer at that
+depth; the RMS method takes the wear coefficient from the RMS alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.errors import NotAvailable
+from twin.features.window_features import WindowFeatures
+from twin.model import Model
+from twin.rig import Rig
+from twin.thresholds import deciding
+from twin.updating import encoders, half_width, rms_update
+from twin.updating.conditions import MATCH, Measured
+from twin.updating.depth import DEPTH, DepthEstimate
+from twin.updating.depth_search import depth_from
+from twin.updating.disc_remount import settled
+from twin.updating.memory import Memory, with_lines
+from twin.updating.model_cache import curve_of, model_of
+from twin.updating.outcome import UpdateOptions, UpdateOutcome, depth_band
+from twin.updating.prediction import Expectation, band_rms, predicted_lines
+from twin.updating.rms_update import RmsResult
+from twin.updating.tracker import WearTrack
+from twin.wear.curve import LINES, MasterCurve
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthScatter:
+    """How a depth scatters from window to window beyond its noise, and how far the RMS alone leads astray."""
+
+    relative: float = deciding(
+        0.007,
+        of="the depth",
+        meaning="scatter from window to window, beyond noise",
+        source="not derived: speed and torque of a window off their mean",
+    )
+    floor: float = deciding(
+        0.15e-6,
+        unit="m",
+        meaning="scatter of a small depth from window to window",
+        source="not derived: the same of a depth near zero",
+    )
+    rms_low: float = deciding(
+        0.75,
+        of="the depth by the RMS alone",
+        meaning="5 % quantile of the true depth",
+        source="blind trials on D00, D01 and D09: the RMS gives a depth 24 % too small in the median, ± 35 %",
+    )
+    rms_high: float = deciding(
+        1.75, of="the depth by the RMS alone", meaning="95 % quantile of the true depth", source="as rms_low"
+    )
+
+
+SCATTER = DepthScatter()
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Prediction:
+    """What the twin expects of a window before it looks at it."""
+
+    model: Model
+    unworn: Model | None  # the model of the time when the flanks were new, None where it had no effects
+    curve: MasterCurve
+    base: float  # work at the start of the curve [rad/N]
+    revolutions: float  # of the window, never fewer than seen before
+    track: WearTrack  # carried on to the window
+    depth: float  # by the track [m]
+    expectation: Expectation
+    lines: np.ndarray  # acceleration lines (LINES,) [m/s²]
+    frequencies: np.ndarray  # of the lines [Hz]
+    rms: float  # in the rig's band [m/s²]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Verdict:
+    """What one method of updating says of a window."""
+
+    method: str
+    depth: float
+    depth_band: tuple[float, float]
+    rms_predicted: float
+    rms_after: float
+    updated: bool
+    lines: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def unworn_model(rig: Rig, memory: Memory) -> Model | None:
+    """The model of the time when the flanks were new; None where it had no effects."""
+    return model_of(rig, memory) if memory.active(0.0) else None
+
+
+def projected_std(track: WearTrack, depth: float) -> float:
+    """Standard deviation of a depth [m] carried on from earlier windows: the track's, and what all depths share."""
+    relative = track.work_std / track.work if track.work > 0 else 0.0
+    return depth * float(np.hypot(relative, np.hypot(DEPTH.model_scatter[0], DEPTH.shape_scatter * depth)))
+
+
+def predict(rig: Rig, memory: Memory, window: Measured, index: int) -> Prediction:
+    """What the twin expects of a window."""
+    model, curve = model_of(rig, memory, window.revolutions), curve_of(rig, memory)
+    unworn, base = unworn_model(rig, memory), memory.segments[-1].start_work
+    revolutions = max(window.revolutions, memory.track.revolutions)
+    track = memory.track.predicted(revolutions)
+    depth = max(curve.depth_at(track.work - base), curve.start_depth)
+    expectation = Expectation.at(model, curve, window.condition, depth, unworn)
+    lines, frequencies = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
+    return Prediction(
+        model=model, unworn=unworn, curve=curve, base=base, revolutions=revolutions, track=track, depth=depth,
+        expectation=expectation, lines=lines, frequencies=frequencies,
+        rms=expectation.rms(lines, rig.teeth[0], rig.band, window.noise),
+    )  # fmt: skip
+
+
+def measurement_window(
+    rig: Rig, memory: Memory, window: Measured, index: int, options: UpdateOptions, scatter: DepthScatter = SCATTER
+) -> UpdateOutcome:
+    """Updates the twin by a window of the campaign; NotAvailable where the method in use lacks what it needs."""
+    features, condition = window.features, window.condition
+    allowed = window.revolutions <= options.update_until
+    telling = allowed and window.revolutions >= MATCH.unworn_revolutions  # unworn teeth tell nothing of the wear rate
+    expected = predict(rig, memory, window, index)
+    found = settled(
+        memory, features, expected.model, condition,
+        lambda gauge: depth_from(gauge, expected.expectation, expected.model, expected.depth, expected.unworn),
+    )  # fmt: skip
+    estimate, expectation = None, expected.expectation
+    notes: tuple[str, ...] = ()
+    if found is not None:
+        expectation, estimate, notes = found.expectation, found.estimate, found.notes
+        memory = found.memory if allowed else memory
+    rms_result = _by_level(rig, memory, window, expected, expectation, options, telling)
+    memory = memory if rms_result is None else replace(memory, rms_track=rms_result.track)
+    rms_depth = expected.curve.depth_at(memory.rms_track.work - expected.base)
+    track = expected.track
+    if estimate is not None and allowed:
+        track = _followed(memory, expected, estimate, scatter) if telling else track
+        memory = _learned(rig, memory, window, expected.model, expectation, estimate, index)
+    memory = replace(memory, track=track)
+    if options.update == "fused" and estimate is not None:
+        verdict = _by_encoders(rig, memory, window, index, expected, expectation, estimate, allowed, options)
+    else:
+        verdict = _by_rms(window, expectation, rms_result, rms_depth, allowed, options, scatter)
+    memory = replace(memory, updates=memory.updates + verdict.updated, depth=verdict.depth)
+    if estimate is not None and allowed:
+        memory = half_width.refitted(rig, memory, features, condition, estimate.depth)
+    return UpdateOutcome(
+        memory=memory, model=expected.model, curve=expected.curve, condition=condition, kind="measurement",
+        rms_measured=window.rms, rms_predicted=verdict.rms_predicted, rms_after=verdict.rms_after,
+        updated=verdict.updated, depth=verdict.depth, depth_band=verdict.depth_band, method=verdict.method,
+        estimate=estimate, rms_result=rms_result, rms_depth=rms_depth, expectation=expectation, lines=verdict.lines,
+        notes=(*notes, *_notes_on(window), *verdict.notes, *_notes_on_depth(estimate, expectation)),
+    )  # fmt: skip
+
+
+def _by_level(
+    rig: Rig,
+    memory: Memory,
+    window: Measured,
+    expected: Prediction,
+    expectation: Expectation,
+    options: UpdateOptions,
+    telling: bool,
+) -> RmsResult | None:
+    """The update by the RMS alone; None where there is no level."""
+    if window.rms is None:
+        return None
+
+    def level(work: float) -> float:
+        """RMS [m/s²] at a work [rad/N] by the calibrated twin alone, without what encoders taught."""
+        lines = expectation.lines(expected.curve.depth_at(work - expected.base)).acceleration
+        return expectation.rms(lines, rig.teeth[0], rig.band, window.noise)
+
+    return rms_update.update(
+        memory.rms_track,
+        expected.revolutions,
+        window.rms,
+        level,
+        options.threshold,
+        allowed=telling and window.level_fault is None,
+    )
+
+
+def _followed(memory: Memory, expected: Prediction, estimate: DepthEstimate, scatter: DepthScatter) -> WearTrack:
+    """The track after a window whose depth the encoders gave."""
+    curve, depth = expected.curve, estimate.depth
+    std = float(np.hypot(estimate.noise_std, np.hypot(scatter.relative * depth, scatter.floor)))
+    work = expected.base + curve.work_at(depth)
+    return memory.track.followed(expected.revolutions, work, std * curve.work_per_depth(depth))
+
+
+def _learned(
+    rig: Rig,
+    memory: Memory,
+    window: Measured,
+    model: Model,
+    expectation: Expectation,
+    estimate: DepthEstimate,
+    index: int,
+) -> Memory:
+    """The memory with phase, disc offset and factors of path and mesh as the window shows them at its depth."""
+    features = window.features
+    memory = encoders.learn(memory, features, model, expectation, estimate, estimate.from_lines, None)
+    usable = features if window.level_fault is None else replace(features, acceleration=None)
+    path, mesh = encoders.factors(usable, expectation, estimate.depth, estimate.phase, index, rig.teeth[0])
+    return replace(memory, path=with_lines(memory.path, path), mesh=with_lines(memory.mesh, mesh))
+
+
+def _by_encoders(
+    rig: Rig,
+    memory: Memory,
+    window: Measured,
+    index: int,
+    expected: Prediction,
+    expectation: Expectation,
+    estimate: DepthEstimate,
+    allowed: bool,
+    options: UpdateOptions,
+) -> Verdict:
+    """The fused method: the depth of the encoders, the level with what was learned of path and mesh."""
+    error = 0.0 if window.rms is None else expected.rms / window.rms - 1
+    updated = allowed and window.level_fault is None and abs(error) > options.threshold
+    depth, std = estimate.depth, estimate.std
+    method = "pinion encoder" if window.features.transmission_error is None else "transmission error"
+    if not allowed:
+        depth, std, method = expected.depth, projected_std(expected.track, expected.depth), "projection"
+    lines, rms_after, notes = expected.lines, expected.rms, []
+    if updated and window.rms is not None:
+        lines, _ = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
+        rms_after = expectation.rms(lines, rig.teeth[0], rig.band, window.noise)
+        if abs(rms_after / window.rms - 1) > options.threshold:
+            notes.append(_remaining_difference(window.features, lines, expected.frequencies, rig.band))
+    return Verdict(
+        method=method,
+        depth=depth,
+        depth_band=depth_band(depth, std),
+        rms_predicted=expected.rms,
+        rms_after=rms_after,
+        updated=updated,
+        lines=lines,
+        notes=tuple(notes),
+    )
+
+
+def _by_rms(
+    window: Measured,
+    expectation: Expectation,
+    result: RmsResult | None,
+    depth: float,
+    allowed: bool,
+    options: UpdateOptions,
+    scatter: DepthScatter,
+) -> Verdict:
+    """The RMS method; NotAvailable where there is no level."""
+    if result is None:
+        raise NotAvailable(
+            f"the depth is not available: {window.level_fault}, and update = {options.update} needs the level"
+        )
+    notes: tuple[str, ...] = ()
+    if result.updated and not result.converged:
+        notes = ("no wear coefficient brings the predicted RMS within the threshold",)
+    return Verdict(
+        method="rms" if allowed else "projection",
+        depth=depth,
+        depth_band=(scatter.rms_low * depth, scatter.rms_high * depth),
+        rms_predicted=result.rms_predicted,
+        rms_after=result.rms_after,
+        updated=bool(result.updated),
+        lines=expectation.lines(depth).acceleration,
+        notes=notes,
+    )
+
+
+def _notes_on(window: Measured) -> list[str]:
+    """What the window lacks."""
+    notes = []
+    if window.level_fault is not None:
+        notes.append(f"the level was not compared: {window.level_fault}")
+    if window.features.torque_nm is None:
+        notes.append(f"no torque in this window: the rig file's nominal {window.condition.torque:g} N·m is used")
+    return notes
+
+
+def _notes_on_depth(estimate: DepthEstimate | None, expectation: Expectation) -> list[str]:
+    """Where the model ends."""
+    notes = []
+    if estimate is not None and estimate.at_limit:
+        notes.append("the depth is at the end of the master curve: no steady state is known beyond")
+    if not expectation.solved:
+        notes.append("no steady state was found at this window's condition: its response follows the master curve")
+    return notes
+
+
+def _remaining_difference(features: WindowFeatures, lines: np.ndarray, frequencies: np.ndarray, band) -> str:
+    """Why the RMS still differs after an update: which part of it the mesh lines make."""
+    mesh = band_rms(lines, frequencies, band, 0.0)
+    measured = float("nan")
+    if features.acceleration is not None:
+        k, y, _ = features.acceleration.mesh()
+        inside = (k <= LINES) & (frequencies[np.minimum(k, LINES) - 1] <= band[1])
+        measured = float(np.sqrt(0.5 * np.sum(np.abs(y[inside]) ** 2)))
+    return (
+        f"after the update the predicted mesh lines make {mesh:.3g} m/s², the measured ones {measured:.3g} m/s², "
+        f"of {features.rms:.3g} m/s² measured in the band"
+    )

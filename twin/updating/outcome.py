@@ -1,0 +1,53 @@
+"""What an update is asked to do, and what it returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.model import Condition, Model
+from twin.quantiles import Z95
+from twin.updating.depth import DepthEstimate
+from twin.updating.memory import Memory
+from twin.updating.prediction import Expectation
+from twin.updating.rms_update import RmsResult
+from twin.wear.curve import MasterCurve
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UpdateOptions:
+    """How windows update the twin; the fields are those of `twin.step.Options`."""
+
+    threshold: float  # relative error of the RMS above which a window updates the twin
+    update: str  # "fused" or "rms": which method sets the depth
+    update_until: float  # pinion revolutions after which the twin only predicts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UpdateOutcome:
+    """What a window did to the twin."""
+
+    memory: Memory
+    model: Model
+    curve: MasterCurve
+    condition: Condition
+    kind: str  # "measurement" or "calibration"
+    rms_measured: float | None  # [m/s²], None without a usable accelerometer
+    rms_predicted: float  # before any update [m/s²]
+    rms_after: float
+    updated: bool
+    depth: float  # combined, by the method in use [m]
+    depth_band: tuple[float, float]  # 5 and 95 % [m]
+    method: str  # what set the depth: "transmission error", "pinion encoder", "rms", "projection" or "unworn"
+    estimate: DepthEstimate | None  # by the encoders, where they were there
+    rms_result: RmsResult | None  # by the RMS, where a level was there
+    rms_depth: float  # by the RMS alone [m]
+    expectation: Expectation | None
+    lines: np.ndarray  # predicted acceleration lines after the update (LINES,) [m/s²]
+    notes: tuple[str, ...] = ()
+
+
+def depth_band(depth: float, std: float) -> tuple[float, float]:
+    """5 and 95 % of a depth [m] with its standard deviation [m]."""
+    return max(depth - Z95 * std, 0.0), depth + Z95 * std
