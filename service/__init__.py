@@ -10,3 +10,5 @@ import os
 
 for _library in ("OPENBLAS", "OMP", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+__version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""The command line: exit status 0 done, 2 input that cannot be used (one line says why), 1 a fault."""
+"""The command line: exit status 0 done, 2 input that cannot be used (one line says why), 1 an internal error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def run(arguments: Sequence[str]) -> int:
     from twin.errors import ParameterError
 
     try:
-        status = app(args=list(arguments), prog_name="gear-twin", standalone_mode=False)
+        status = app(args=list(arguments) or ["--help"], prog_name="gear-twin", standalone_mode=False)
         return status if isinstance(status, int) else 0
     except (InputError, ParameterError) as error:
         return _fail(str(error), 2)
@@ -24,6 +24,8 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         if type(error).__name__ == "Abort":
             return _fail("interrupted", 130)
+        if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command: its help was printed
+            return 0
         if not hasattr(error, "format_message"):  # what the argument parser raises has it
             raise
         return _fail(f"{error.format_message()} (see gear-twin --help)", 2)

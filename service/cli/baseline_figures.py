@@ -1,4 +1,4 @@
-"""What stands beside a baseline, as one page with figures that needs nothing else."""
+"""A comparison with a healthy baseline, as one page with figures that needs nothing else."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ LINES = ("Error on turns", "Mesh bands")  # of the text, from which the figures 
 
 def page(answer: Mapping[str, Any]) -> str:
     """HTML with the sentences and the figures."""
-    title = f"Diagnosis of {escape(answer['asset'])} beside its baseline"
-    said = text(answer).split("\n\n")[1:]
-    told = "".join(
-        f"<p>{escape(line)}</p>" for part in said if not part.startswith(LINES) for line in part.splitlines() if line
+    title = f"Diagnosis of {escape(answer['asset'])} compared with its healthy baseline"
+    parts = text(answer).split("\n\n")[1:]
+    shown = "".join(
+        f"<p>{escape(line)}</p>" for part in parts if not part.startswith(LINES) for line in part.splitlines() if line
     )
-    errors = next((part for part in said if part.startswith(LINES[0])), "")
+    errors = next((part for part in parts if part.startswith(LINES[0])), "")
     figures = as_html((_bands(answer), _paths(answer), _turns(answer), *strange.plots(answer["strange"])))
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'
-        f"<h1>{title}</h1>{told}<pre>{escape(errors)}</pre>{strange.tables(answer['strange'])}{figures}"
+        f"<h1>{title}</h1>{shown}<pre>{escape(errors)}</pre>{strange.tables(answer['strange'])}{figures}"
     )
 
 
@@ -44,7 +44,7 @@ def _bands(answer: Mapping[str, Any]) -> Any:
         for name, key, colour in (
             ("measured", "measured", MEASURED),
             ("baseline", "predicted_before", BEFORE),
-            ("with what was found", "predicted", AFTER),
+            ("with the effects found", "predicted", AFTER),
         ):
             plot.add_bar(
                 x=[b["harmonic"] for b in own], y=[b[key] for b in own], name=name, marker_color=colour,
@@ -52,7 +52,7 @@ def _bands(answer: Mapping[str, Any]) -> Any:
             )  # fmt: skip
     plot.update_xaxes(title="mesh harmonic ± 2 orders", dtick=1)
     plot.update_layout(
-        title="RMS of the mesh bands, turns that took no part in the fit",
+        title="RMS of the mesh bands, on turns that no fit used",
         **LOOK
         | {
             "height": 160 + 280 * rows,
@@ -64,7 +64,7 @@ def _bands(answer: Mapping[str, Any]) -> Any:
 
 
 def _paths(answer: Mapping[str, Any]) -> Any:
-    """Gain of every changed way to a sensor against frequency."""
+    """Gain of every changed transfer path against frequency."""
     import plotly.graph_objects as go
 
     changed = [e for e in answer["effects"] if "gain" in e["curves"]]
@@ -85,7 +85,7 @@ def _paths(answer: Mapping[str, Any]) -> Any:
             )  # fmt: skip
     plot.add_hline(y=1.0, line_dash="dot", line_color="#888888")
     plot.update_layout(
-        title="Ways to the sensors that have changed: gain against the baseline",
+        title="Changed transfer paths to the sensors: gain relative to the baseline",
         xaxis_title="frequency [Hz]",
         yaxis_title="gain",
         yaxis_type="log",
@@ -96,7 +96,7 @@ def _paths(answer: Mapping[str, Any]) -> Any:
 
 
 def _turns(answer: Mapping[str, Any]) -> Any:
-    """What shafts do more than before, over one turn."""
+    """What shafts add to the baseline, over one turn."""
     import plotly.graph_objects as go
 
     changed = [e for e in answer["effects"] if "turn" in e["curves"]]
@@ -110,7 +110,7 @@ def _turns(answer: Mapping[str, Any]) -> Any:
             name=f"{baseline_label(effect['name'])}, order {order:g}, {effect['channels'][0]}",
         )  # fmt: skip
     plot.update_layout(
-        title="What is new over one turn of the shaft, by its own lines",
+        title="Added to the baseline over one turn of the shaft",
         xaxis_title="angle of the shaft [turns]",
         yaxis_title="signal, in the channel's unit",
         showlegend=True,

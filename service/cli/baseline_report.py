@@ -47,30 +47,30 @@ def learned_text(described: Mapping[str, Any]) -> str:
 
 def text(answer: Mapping[str, Any]) -> str:
     """The diagnosis as plain text: sentences first, then errors by channel and band."""
-    lines = [f"Diagnosis of {answer['asset']} beside its baseline", ""]
+    lines = [f"Diagnosis of {answer['asset']} compared with its healthy baseline", ""]
     for effect in answer["effects"]:
         lines.append(_effect(effect))
     if not answer["effects"]:
-        lines.append("Nothing is found that the baseline does not have; no effect was added.")
+        lines.append("Nothing differs from the healthy baseline; no effect was added.")
     left = answer["unexplained"]
     if left["verdict"] == "unknown_effect":
-        lines.append(f"An effect that no name fits is left: {left['reason']}.")
+        lines.append(f"Unknown effect: {left['reason']}.")
     elif left["reason"]:
-        lines.append(f"To be borne in mind: {left['reason']}.")
+        lines.append(f"Note: {left['reason']}.")
     lines += strange.sentences(answer["strange"])
     outside = [w["name"] for w in answer["windows"] if not w["interpolated"]]
     if outside:
-        lines.append(f"Beyond the operating points learned, the nearest of them stands: {', '.join(outside)}.")
+        lines.append(f"Outside the learned operating points, compared with the nearest one: {', '.join(outside)}.")
     lines += [f"Not used: {reason}." for reason in answer["refused"]]
-    lines.append(f"Wear depth and life: not available; {answer['wear']['reason']}.")
+    lines.append(f"Wear depth and life: not available: {answer['wear']['reason']}.")
     if answer["residual"]["channels"]:
-        lines += ["", "Error on turns that took no part in the fit, before → after:"]
+        lines += ["", "Error on turns that no fit used, before → after:"]
         for channel, e in answer["residual"]["channels"].items():
             lines.append(
                 f"  {channel:<8} waveform {e['waveform_before']:6.1f} → {e['waveform_after']:5.1f} %   "
                 f"RMS {e['rms_before']:+7.1f} → {e['rms_after']:+6.1f} %"
             )
-        lines += ["", "Mesh bands, RMS: measured, baseline, with what was found:"]
+        lines += ["", "Mesh bands, RMS: measured, baseline, with the effects found:"]
         for b in answer["residual"]["bands"]:
             lines.append(
                 f"  {b['channel']:<8} {b['harmonic']} x mesh ({b['frequency_hz']:7.1f} Hz) {number(b['measured']):>9} "
@@ -90,9 +90,10 @@ def _effect(effect: Mapping[str, Any]) -> str:
     said = f"Found {name} ({', '.join(effect['channels'])}): {evidence['detail']}."
     if parameters:
         said += f" {parameters[0].upper()}{parameters[1:]}."
-    said += f" Evidence {evidence['log_evidence']:.0f} nat over the baseline"
+    said += f" Evidence {evidence['log_evidence']:.0f} nat over the baseline alone"
     if evidence["over_runner_up"] is not None:
         said += f", {evidence['over_runner_up']:.0f} over {evidence['runner_up']}"
-    if evidence["not_told_from"]:
-        said += f"; not told from {' or '.join(evidence['not_told_from'])}"
+    alike = evidence.get("indistinguishable_from", evidence.get("not_told_from"))
+    if alike:
+        said += f"; indistinguishable from {' or '.join(alike)}"
     return said + "."

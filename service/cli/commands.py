@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell
 from service.cli.effects import app as effects
 from service.cli.example import app as example
 
@@ -18,32 +19,50 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Digital twin of gear wear: vibration in, wear depth and remaining life out.",
 )
+START, ANSWER, MODEL, DATA = "Get started", "Assess a machine", "Learn and calibrate", "Recordings and data"
 
 
-app.add_typer(effects, name="effects")
-app.add_typer(example, name="example")
+def _version(wanted: bool) -> None:
+    if wanted:
+        from service import __version__
+
+        print(f"gear-twin {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def gear_twin(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = (
+        False
+    ),
+) -> None:
+    """Digital twin of gear wear: vibration in, wear depth and remaining life out."""
 
 
 class Update(StrEnum):
-    """What sets the wear depth."""
+    """The method that sets the wear depth."""
 
     fused = "fused"
     rms = "rms"
 
 
-Recording = Annotated[Path, typer.Argument(metavar="RECORDING", help="MCAP recording by the contract.")]
-RigFile = Annotated[Path | None, typer.Option("--rig", help="Rig file; without it, the recording's attachment.")]
-Asset = Annotated[str | None, typer.Option(help="The asset to look at, where a recording holds several.")]
+Recording = Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (MCAP).")]
+RigFile = Annotated[Path | None, typer.Option("--rig", help="Rig file; default: the one attached to the recording.")]
+Asset = Annotated[str | None, typer.Option(help="The asset, if a recording contains several.")]
 Prefix = Annotated[str, typer.Option(help="First part of all keys and topics.", envvar="GEAR_TWIN_PREFIX")]
-UpdateMethod = Annotated[Update, typer.Option(help="What sets the depth: transmission error (fused) or the RMS (rms).")]
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - prints it.")]
-NoTrace = Annotated[bool, typer.Option("--no-trace", help="Wear alone: seek no effects that the model lacks.")]
+UpdateMethod = Annotated[
+    Update, typer.Option(help="Method that sets the depth: transmission error (fused) or vibration level (rms).")
+]
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
+]
+NoTrace = Annotated[bool, typer.Option("--no-trace", help="Model wear alone: do not search for other effects.")]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")]
-Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of the service or router: tcp/127.0.0.1:7447.")]
-Listen = Annotated[list[str] | None, typer.Option(help="Endpoint at which to open a router of its own.")]
+Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a service or router, such as tcp/127.0.0.1:7447.")]
+Listen = Annotated[list[str] | None, typer.Option(help="Endpoint at which to open a Zenoh router.")]
 
 
-@app.command()
+@app.command(rich_help_panel=ANSWER)
 def assess(
     recording: Recording,
     rig: RigFile = None,
@@ -51,41 +70,45 @@ def assess(
     update: UpdateMethod = Update.fused,
     no_trace: NoTrace = False,
     relation: Annotated[
-        Path | None, typer.Option(help="Relation of level and wear depth, where the rig file gives no model.")
+        Path | None, typer.Option(help="Relation of level and depth (from `relate`), for machines without a model.")
     ] = None,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
 ) -> None:
-    """Run a whole recording through the twin, as the service would."""
+    """Evaluate a whole recording, as the service would: wear depth, remaining life, other effects."""
     from service.json_text import json_text, write_text
     from service.runtime.assess import Unassessable
 
     try:
-        answer = _assess(recording, rig, update, asset, prefix, trace=_tracing(no_trace), relation=relation)
+        answer = assessed(
+            recording, rig, update.value, asset, prefix, trace=searches_effects(no_trace), relation=relation
+        )
     except Unassessable as error:
         if json is not None:
             write_text(json, json_text(error.answer))
         raise
-    _give(answer, json)
+    give(answer, json)
 
 
-@app.command()
+@app.command(rich_help_panel=MODEL)
 def calibrate(
     recording: Recording,
     rig: RigFile = None,
     json: JsonFile = None,
-    unworn: Annotated[int, typer.Option(min=1, help="Measurement windows, from the first, used as unworn.")] = 3,
+    unworn: Annotated[
+        int, typer.Option(min=1, help="Number of measurement windows, from the first, that are taken as unworn.")
+    ] = 3,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
 ) -> None:
-    """Fit mesh stiffness, damping and contact width to low-speed and unworn windows."""
+    """Fit mesh stiffness, damping and contact width to low-speed and unworn windows; prints JSON."""
     from service.cli.show import say
     from service.json_text import json_text, write_text
 
     def enough(records: Any) -> bool:
         return sum(r["kind"] == "measurement" and r["quality"] != "refused" for r in records) >= unworn
 
-    answer = _assess(recording, rig, Update.fused, asset, prefix, enough, trace=False)
+    answer = assessed(recording, rig, Update.fused.value, asset, prefix, enough, trace=False)
     used = [r["index"] for r in answer["windows"] if r["quality"] != "refused"]
     found = {"asset": answer["asset"], "windows": used, "calibration": answer["calibration"]}
     write_text(json or "-", json_text(found))
@@ -93,28 +116,30 @@ def calibrate(
         say(f"calibration from {len(used)} windows written to {json}")
 
 
-@app.command()
+@app.command(rich_help_panel=DATA)
 def replay(
     recording: Recording,
     connect: Connect = None,
     speed: Annotated[
         float,
-        typer.Option(min=0.0, help="Times as fast as recorded; 0: as fast as it is taken, without pauses."),
+        typer.Option(
+            min=0.0, help="Factor on the recorded speed; 0: as fast as subscribers receive it, without pauses."
+        ),
     ] = 1.0,
     max_pause: Annotated[
-        float, typer.Option(min=0.0, help="Longest pause between frames that is kept [s of the recording].")
+        float, typer.Option(min=0.0, help="Longest pause between frames that is kept, in seconds of the recording.")
     ] = float("inf"),
-    wait: Annotated[float, typer.Option(min=0.1, help="How long to wait for a router and a subscriber [s].")] = 30.0,
+    wait: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for a router and a subscriber.")] = 30.0,
     prefix: Prefix = "gearbox",
     json: JsonFlag = False,
 ) -> None:
-    """Publish a recording as it was recorded; done when all of it has been delivered."""
+    """Publish a recording on Zenoh as it was recorded, or faster; ends when all of it has been delivered."""
     from service.cli.show import progress_bar
     from service.json_text import json_text
     from service.runtime.replay import replay as run
 
-    _finite("speed", speed)
-    settings = _settings()
+    demand_finite("speed", speed)
+    settings = settings_of()
     begun = time.monotonic()
     with progress_bar("replaying") as bar:
         delivered = run(
@@ -125,20 +150,22 @@ def replay(
             prefix=prefix,
             wait=wait,
             progress=lambda share, frames: bar(share, f"{frames} frames"),
-            on_fault=_tell,
+            on_fault=tell,
         )
-    taken = time.monotonic() - begun
+    seconds = time.monotonic() - begun
     print(
-        json_text({"frames": delivered, "seconds": taken}) if json else f"{delivered} frames delivered in {taken:.2f} s"
+        json_text({"frames": delivered, "seconds": seconds})
+        if json
+        else f"{delivered} frames delivered in {seconds:.2f} s"
     )
 
 
-@app.command()
+@app.command(rich_help_panel=DATA)
 def record(
     out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
     connect: Connect = None,
     listen: Listen = None,
-    duration: Annotated[float, typer.Option(min=0.0, help="Stop after this time [s]; else with Ctrl-C.")] = float(
+    duration: Annotated[float, typer.Option(min=0.0, help="Stop after this many seconds; default: at Ctrl-C.")] = float(
         "inf"
     ),
     rig: RigFile = None,
@@ -146,7 +173,7 @@ def record(
     prefix: Prefix = "gearbox",
     json: JsonFlag = False,
 ) -> None:
-    """Record a live stream."""
+    """Record a live stream into a file (MCAP)."""
     from service.cli.live import record_live
     from service.json_text import json_text
 
@@ -158,14 +185,14 @@ def record(
     )
 
 
-@app.command()
+@app.command(rich_help_panel=DATA)
 def simulate(
-    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="Campaign spec (TOML).")],
+    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="Specification of the campaign (TOML).")],
     out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
-    truth: Annotated[Path | None, typer.Option(help="File for the truth about the campaign (JSON).")] = None,
+    truth: Annotated[Path | None, typer.Option(help="File for the true wear and effects (JSON).")] = None,
     json: JsonFlag = False,
 ) -> None:
-    """Simulate a wear campaign into a recording."""
+    """Simulate a wear campaign into a recording, with an independent simulator."""
     from recordings import simulate_file
     from recordings.generator.errors import SpecError
     from service.cli.show import progress_bar
@@ -182,14 +209,18 @@ def simulate(
     print(json_text({"recording": str(out), "truth": str(truth) if truth else None}) if json else f"simulated: {out}")
 
 
-@app.command(name="import")
+@app.command(name="import", rich_help_panel=DATA)
 def import_(
-    mapping: Annotated[Path, typer.Argument(metavar="MAPPING", help="Mapping file (TOML) of columns to channels.")],
+    mapping: Annotated[
+        Path, typer.Argument(metavar="MAPPING", help="Mapping file (TOML): which column is which channel.")
+    ],
     out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
-    source: Annotated[Path | None, typer.Option(help="Data file (CSV, NPZ), instead of the mapping's.")] = None,
+    source: Annotated[
+        Path | None, typer.Option(help="Data file (CSV, CSV.gz, NPZ) instead of the one that the mapping names.")
+    ] = None,
     json: JsonFlag = False,
 ) -> None:
-    """Bring measured columns (CSV, NPZ) into a recording."""
+    """Convert measured columns (CSV, NPZ) into a recording."""
     from service.cli.show import progress_bar
     from service.files.import_recording import import_recording
     from service.json_text import json_text
@@ -199,62 +230,64 @@ def import_(
     print(json_text(found) if json else f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
     for label, counts in found["encoders"].items():
         if counts["illegal_transitions"] or counts["reversals"]:
-            _tell(f"{label}: {found['notes'][label]}")
+            tell(f"{label}: {found['notes'][label]}")
 
 
-@app.command()
+@app.command(rich_help_panel=START)
 def serve(
     listen: Listen = None,
     connect: Connect = None,
-    http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page.")] = None,
+    http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080.")] = None,
     rig: RigFile = None,
-    data: Annotated[Path | None, typer.Option(help="Directory of the database.")] = None,
-    update: Annotated[Update | None, typer.Option(help="What sets the depth: fused or rms.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Directory of the database; default: .gear-twin.")] = None,
+    update: Annotated[Update | None, typer.Option(help="Method that sets the depth; default: fused.")] = None,
     no_trace: NoTrace = False,
-    baseline: Annotated[Path | None, typer.Option(help="Baseline of machines whose rig file gives no model.")] = None,
+    baseline: Annotated[Path | None, typer.Option(help="Healthy baseline, for machines without a model.")] = None,
     relation: Annotated[
-        Path | None, typer.Option(help="Relation of level and wear depth, of machines whose rig file gives no model.")
+        Path | None, typer.Option(help="Relation of level and depth, for machines without a model.")
     ] = None,
-    prefix: Annotated[str | None, typer.Option(help="First part of all keys.")] = None,
+    prefix: Annotated[str | None, typer.Option(help="First part of all keys; default: gearbox.")] = None,
 ) -> int:
-    """Run the service: Zenoh in, REST, page and Zenoh out. Every setting also as GEAR_TWIN_... variable."""
+    """Run the service: streams in over Zenoh; REST, page and Zenoh out. Settings are also GEAR_TWIN_... variables."""
     from service.runtime.serve import run
 
     given = {"listen": listen, "connect": connect, "http": http, "rig": rig, "data": data, "update": update}
     given |= {"baseline": baseline, "relation": relation}
-    return run(_settings(**given, prefix=prefix, trace=False if no_trace else None))
+    return run(settings_of(**given, prefix=prefix, trace=False if no_trace else None))
 
 
-@app.command()
+@app.command(rich_help_panel=START)
 def demo(
     exit_after: Annotated[
-        bool, typer.Option("--exit", help="End after the summary; non-zero if anything failed.")
+        bool, typer.Option("--exit", help="End after the summary; the exit status is 1 if anything failed.")
     ] = False,
-    http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page.")] = None,
+    http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080.")] = None,
 ) -> int:
-    """Start the service, replay the bundled campaign into it, print what came out."""
+    """Start the service, replay a bundled campaign into it, and print the result."""
     from service.runtime.demo import run
 
-    return run(_settings(http=http), exit_after=exit_after)
+    return run(settings_of(http=http), exit_after=exit_after)
 
 
-@app.command()
+@app.command(rich_help_panel=ANSWER)
 def report(
-    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="Recording, or the JSON of an assess.")],
-    out: Annotated[Path | None, typer.Option(help="HTML page to write; else text is printed.")] = None,
+    source: Annotated[
+        Path, typer.Argument(metavar="SOURCE", help="Recording (MCAP), or the JSON that `assess` wrote.")
+    ],
+    out: Annotated[Path | None, typer.Option(help="HTML page to write; default: print text.")] = None,
     rig: RigFile = None,
     no_trace: NoTrace = False,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
     json: JsonFlag = False,
 ) -> None:
-    """Sum up an assessment as text or as one HTML page."""
+    """Summarise an assessment as text or as one HTML page."""
     from service.cli.report import html_report, load_answer, text_report
     from service.json_text import json_text, write_text
 
     answered = source.suffix == ".json"
-    trace = _tracing(no_trace)
-    answer = load_answer(source) if answered else _assess(source, rig, Update.fused, asset, prefix, trace=trace)
+    trace = searches_effects(no_trace)
+    answer = load_answer(source) if answered else assessed(source, rig, Update.fused.value, asset, prefix, trace=trace)
     if out is not None:
         write_text(out, html_report(answer))
     if json:
@@ -265,14 +298,14 @@ def report(
         print(f"report: {out}")
 
 
-@app.command()
+@app.command(rich_help_panel=MODEL)
 def baseline(
     recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING…", help="Recordings of the healthy machine.")],
     out: Annotated[Path, typer.Option(help="Baseline file to write.")],
     rig: RigFile = None,
     json: JsonFlag = False,
 ) -> None:
-    """Learn what a machine without a rig model does when it is well: every line against load and speed."""
+    """Learn a healthy baseline for a machine without a model: every spectral line against load and speed."""
     from service.cli.baseline_report import learned_text
     from service.files.baseline import learned, save
     from service.json_text import json_text
@@ -281,21 +314,23 @@ def baseline(
     found = learned(recordings, rig)
     save(found, out)
     print(json_text(described(found)) if json else learned_text(described(found)))
-    _tell(f"baseline written to {out}")
+    tell(f"baseline written to {out}")
 
 
-@app.command()
+@app.command(rich_help_panel=MODEL)
 def relate(
-    series: Annotated[Path, typer.Argument(metavar="SERIES", help="Series file (TOML): levels at known wear depths.")],
+    series: Annotated[
+        Path, typer.Argument(metavar="SERIES", help="Series file (TOML): levels at measured wear depths.")
+    ],
     source: Annotated[
-        Path | None, typer.Option(help="Table of the records (CSV), instead of the series file's.")
+        Path | None, typer.Option(help="Table of records (CSV) instead of the one that the series file names.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="HTML page with figures to write.")] = None,
     relation: Annotated[Path | None, typer.Option(help="Relation file to write, for `serve --relation`.")] = None,
-    draws: Annotated[int, typer.Option(min=0, max=200, help="Draws of what the rig file estimates.")] = 12,
+    draws: Annotated[int, typer.Option(min=0, max=200, help="Number of draws of the estimated values.")] = 12,
     json: JsonFile = None,
 ) -> None:
-    """Calibrate the relation of level and wear depth on measured depths, and try what could make what is missed."""
+    """Calibrate the relation of vibration level and wear depth on measured depths, and test causes of its error."""
     from service.cli import relation_report as shown
     from service.cli.show import progress_bar
     from service.errors import InputError
@@ -330,28 +365,29 @@ def relate(
         print(shown.text(answer))
     for path, what in ((out, "figures"), (relation, "relation")):
         if path is not None:
-            _tell(f"{what} written to {path}")
+            tell(f"{what} written to {path}")
 
 
-@app.command()
+@app.command(rich_help_panel=ANSWER)
 def diagnose(
-    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="Recording, or the JSON of an assess.")],
+    source: Annotated[
+        Path, typer.Argument(metavar="SOURCE", help="Recording (MCAP), or the JSON that `assess` wrote.")
+    ],
     out: Annotated[Path | None, typer.Option(help="HTML page with figures to write.")] = None,
     rig: RigFile = None,
     baseline: Annotated[
-        Path | None, typer.Option(help="Baseline file: what the machine does beyond it, where no rig model is known.")
+        Path | None, typer.Option(help="Healthy baseline to compare with, for machines without a model.")
     ] = None,
     base_radii_mm: Annotated[
         tuple[float, float] | None,
-        typer.Option(help="Assumed base radii of pinion and gear, for run-out in µm where the rig file has none."),
+        typer.Option(help="Assumed base radii of pinion and gear in mm, for run-out in µm if the rig file has none."),
     ] = None,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
     json: JsonFile = None,
 ) -> None:
-    """Say which effects the machine has beside wear, how sure that is, and what is left unexplained."""
-    from service.cli import baseline_figures as beside_figures
-    from service.cli import baseline_report as beside_baseline
+    """Attribute vibration that wear does not explain: effects, their evidence, and what remains unexplained."""
+    from service.cli import baseline_figures, baseline_report
     from service.cli.diagnosis import text
     from service.cli.diagnosis_figures import page
     from service.cli.encoder_pair import with_assumed_radii
@@ -360,11 +396,11 @@ def diagnose(
     from service.json_text import json_text, write_text
 
     if baseline is not None:
-        answer = beside_baseline.answered(source, baseline, rig)
+        answer = baseline_report.answered(source, baseline, rig)
     elif source.suffix == ".json":
         answer = load_answer(source)
     else:
-        answer = _assess(source, rig, Update.fused, asset, prefix)
+        answer = assessed(source, rig, Update.fused.value, asset, prefix)
         if answer.get("strange"):
             answer["energy_breakdown"] = energy_of(source, rig)
     if base_radii_mm is not None:
@@ -372,95 +408,12 @@ def diagnose(
     if json is not None:
         write_text(json, json_text(answer))
     if out is not None:
-        write_text(out, page(answer) if baseline is None else beside_figures.page(answer))
+        write_text(out, page(answer) if baseline is None else baseline_figures.page(answer))
     if str(json) != "-":
-        print(text(answer) if baseline is None else beside_baseline.text(answer))
+        print(text(answer) if baseline is None else baseline_report.text(answer))
     if out is not None:
-        _tell(f"figures written to {out}")
+        tell(f"figures written to {out}")
 
 
-def _tracing(no_trace: bool) -> bool:
-    """Whether effects are sought: not where the option or the environment says no."""
-    return _settings().trace and not no_trace
-
-
-def _assess(
-    recording: Path,
-    rig: Path | None,
-    update: Update,
-    asset: str | None,
-    prefix: str,
-    enough: Any = None,
-    trace: bool = True,
-    relation: Path | None = None,
-) -> dict[str, Any]:
-    """An assessment with progress shown and faults of the data told, one line each."""
-    from service.cli.show import progress_bar
-    from service.runtime.assess import assess as run
-    from service.runtime.assess import warnings
-    from service.runtime.pipeline import assembly_settings
-    from twin.step import Options
-
-    known = None
-    if relation is not None:
-        from service.files.relation import read_relation
-
-        known = read_relation(relation)
-    options = Options(update=update.value, trace=trace, relation=known)
-    with progress_bar("assessing") as bar:
-        answer = run(
-            recording,
-            rig,
-            options,
-            lambda share, windows: bar(share, f"{windows} windows"),
-            asset=asset,
-            prefix=prefix,
-            assembly=assembly_settings(_settings()),
-            **({"enough": enough} if enough else {}),
-        )
-    for line in warnings(recording, answer):
-        _tell(line)
-    return answer
-
-
-def _give(answer: dict[str, Any], json: Path | None) -> None:
-    from service.cli.show import print_answer
-    from service.json_text import json_text, write_text
-
-    if json is not None:
-        write_text(json, json_text(answer))
-    if str(json) != "-":
-        print_answer(answer)
-
-
-def _tell(line: str | None) -> None:
-    from service.cli.show import say
-
-    if line:
-        say(line)
-
-
-def _finite(name: str, value: float) -> None:
-    from service.errors import InputError
-
-    if not 0 <= value < float("inf"):
-        raise InputError(f"--{name} {value:g} must be a number from 0 up")
-
-
-def _settings(**given: Any) -> Any:
-    """Settings from the environment and what was given; InputError names the first wrong one."""
-    from pydantic import ValidationError
-    from pydantic_settings import SettingsError
-
-    from service.errors import InputError
-    from service.settings import Settings
-
-    values = {key: value for key, value in given.items() if value not in (None, [])}
-    try:
-        return Settings(**values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        name = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"setting {name} = {first['input']!r}: {first['msg']}") from None
-    except SettingsError as error:
-        raise InputError(f"environment: {error}") from None
+app.add_typer(effects, name="effects", rich_help_panel=ANSWER)
+app.add_typer(example, name="example", rich_help_panel=DATA)

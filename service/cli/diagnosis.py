@@ -1,4 +1,4 @@
-"""What the tracing found, in words and tables."""
+"""What the attribution found, in words and tables."""
 
 from __future__ import annotations
 
@@ -47,63 +47,70 @@ def text(answer: Mapping[str, Any]) -> str:
 def sentences(answer: Mapping[str, Any]) -> list[str]:
     """What an engineer may quote."""
     tracing, effects = answer["tracing"], answer["effects"]
-    beside = [*strange.sentences(answer.get("strange", ())), *pair.sentences(answer.get("pair"))]
-    if tracing.get("status") == "not available" or tracing.get("reason"):
-        return [f"No effect has been sought: {tracing['reason']}.", *beside]
-    out = [sentence(effect) for effect in effects]
+    others = [*strange.sentences(answer.get("strange", ())), *pair.sentences(answer.get("pair"))]
+    failed = tracing.get("status") == "not available" or tracing.get("reason")
+    if failed and not effects:
+        return [f"No effects were evaluated: {tracing['reason']}.", *others]
+    out = [f"The latest search for effects was not completed: {tracing['reason']}."] if failed else []
+    out += [sentence(effect) for effect in effects]
     if effects:
         out.append(_together(answer))
     left = answer["unexplained"]
     if not effects:
-        alone = (
-            "Wear alone explains this machine" if left.get("verdict") == "explained" else "Wear alone is in the twin"
-        )
-        if answer["wear"].get("status") == "not available" and not tracing.get("fitted"):
-            alone = "No twin stands behind this"
-        out.append(f"{alone}; no effect was added.")
+        out.append(_without_effects(answer))
     if left.get("verdict") == "unknown_effect":
-        out.append(f"An effect that no name fits is left: {left.get('reason')}.")
+        out.append(f"Unknown effect: {left.get('reason')}.")
     elif left.get("verdict") == "insufficient_data":
-        out.append(f"What is left could not be judged: {left.get('reason')}.")
+        out.append(f"The residual could not be judged: {left.get('reason')}.")
     if left.get("share_percent") is not None:
         out.append(f"Unexplained: {number(left['share_percent'], 2)} % of the measured energy above the noise.")
     if left.get("orders"):
         listed = ", ".join(f"{o['frequency_hz']:.2f} Hz (order {o['order']:.3f})" for o in left["orders"][:STRONGEST])
-        out.append(f"The strongest lines of it: {listed}.")
+        out.append(f"Its strongest lines: {listed}.")
     if tracing.get("other_structure"):
         out.append(
-            "The path from mesh to accelerometer is not the rig file's: another housing or mounting, so a gain or "
-            "resonance of the sensor cannot be told."
+            "The transfer path from the mesh to the accelerometer differs from that of the rig file (another housing "
+            "or mounting), so a changed gain or resonance of the sensor cannot be identified."
         )
     held = tracing.get("held_out") or []
     if held:
-        out.append(f"Held out of all fits, and what errors are computed on: windows {', '.join(map(str, held))}.")
-    return out + beside
+        out.append(f"Errors are computed on held-out windows, which no fit used: windows {', '.join(map(str, held))}.")
+    return out + others
+
+
+def _without_effects(answer: Mapping[str, Any]) -> str:
+    """What no effect in the answer means."""
+    if answer["wear"].get("status") == "not available" and not answer["tracing"].get("fitted"):
+        return "No model is available for this machine, so no effects were evaluated."
+    if answer["unexplained"].get("verdict") == "explained":
+        return "Wear alone explains this machine; no effect was added."
+    return "The model contains wear alone; no effect was added."
 
 
 def _together(answer: Mapping[str, Any]) -> str:
-    """Depth and life as they stand with all effects, beside what wear alone would say."""
+    """Depth and life with all effects, compared with wear alone."""
     depth = (answer["wear"].get("max_depth_um") or {}).get("combined")
     alone, life = answer["effects"][0]["wear_depth_um_before"], answer["rul"].get("revolutions")
-    line = f"Wear depth with all of them: {spread(depth, 'µm')}"
+    line = f"Wear depth with all effects: {spread(depth, 'µm')}"
     if alone is not None:
-        line += f"; wear alone would say {alone:.1f} µm"
+        line += f"; with wear alone {alone:.1f} µm"
     return f"{line}. Remaining life: {spread(life, 'revolutions')}."
 
 
 def sentence(effect: Mapping[str, Any]) -> str:
-    """One effect: what, how large, since when, how sure, what it changes."""
+    """One effect: what, how large, since when, how certain, what it changes."""
     onset = effect["onset_revolutions"]
     since = "from the start" if not onset else f"since {onset:.0f} revolutions"
     sizes = ", ".join(f"{name.replace('_', ' ')} {figure(value)}" for name, value in effect["parameters"].items())
     evidence = effect["evidence"]
-    sure = f"ln evidence {nats(evidence['log_evidence'])} over the twin without it"
+    sure = f"ln evidence {nats(evidence['log_evidence'])} over the model without it"
     if evidence.get("runner_up"):
         over = evidence.get("over_runner_up")
         rival = label(evidence["runner_up"])
-        sure += f"; next best {rival}" + ("" if over is None else f", {over:.0f} behind ({sureness(over)})")
-    if evidence.get("not_told_from"):
-        sure += "; not told from " + ", ".join(label(name) for name in evidence["not_told_from"])
+        sure += f"; next best {rival}" + ("" if over is None else f", {over:.0f} lower ({sureness(over)})")
+    alike = evidence.get("indistinguishable_from", evidence.get("not_told_from"))
+    if alike:
+        sure += "; indistinguishable from " + ", ".join(label(name) for name in alike)
     parts = [f"{label(effect['name']).capitalize()}, {since}: {sizes} ({sure})"]
     before, after = effect["error_before"], effect["error_after"]
     for what, key in (("waveform", "waveform_percent"), ("RMS", "rms_percent")):
@@ -123,10 +130,10 @@ def sentence(effect: Mapping[str, Any]) -> str:
 
 
 def sureness(over: float) -> str:
-    """How surely one explanation is told from the next."""
+    """How surely one explanation is distinguished from the next."""
     if over > CERTAIN:
         return "certain"
-    return "likely" if over > LIKELY else "hardly told apart"
+    return "likely" if over > LIKELY else "hardly distinguishable"
 
 
 def figure(value: Mapping[str, Any]) -> str:
@@ -184,7 +191,7 @@ def effect_table(effects: Sequence[Mapping[str, Any]], title: str) -> Any:
 def _bands(residual: Mapping[str, Any]) -> list[str]:
     out = [
         f"Window {residual['window']}, held out, by mesh harmonic (RMS m/s², ± 2 shaft orders):",
-        f"  {'harmonic':>8}{'Hz':>9}{'measured':>11}{'before':>10}{'after':>10}{'left before':>13}{'left after':>12}",
+        f"  {'harmonic':>8}{'Hz':>9}{'measured':>11}{'before':>10}{'after':>10}{'res. before':>13}{'res. after':>12}",
     ]
     for b in residual["bands"]:
         levels = f"{b['measured']:>11.3g}{b['before']:>10.3g}{b['after']:>10.3g}"

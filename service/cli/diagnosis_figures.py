@@ -8,9 +8,10 @@ from typing import Any
 
 from service.cli import encoder_pair as pair
 from service.cli import non_gear as strange
+from service.cli.answer import summary_lines
 from service.cli.diagnosis import change, figure, label, nats, sentences, turns
 from service.cli.figure_style import AFTER, BEFORE, LOOK, MEASURED, STYLE, as_html
-from service.cli.show import number, summary_lines
+from service.cli.show import number
 
 FLOOR = 1e-6  # amplitude below which nothing is drawn [m/s²]
 
@@ -18,13 +19,13 @@ FLOOR = 1e-6  # amplitude below which nothing is drawn [m/s²]
 def page(answer: Mapping[str, Any]) -> str:
     """HTML with the sentences, the evidence and the figures."""
     title = f"Diagnosis of {escape(answer['asset'])}"
-    told = "".join(f"<p>{escape(line)}</p>" for line in sentences(answer))
+    shown = "".join(f"<p>{escape(line)}</p>" for line in sentences(answer))
     summary = "".join(f"<li>{escape(line)}</li>" for line in summary_lines(answer))
     log = "".join(f"<li>{escape(change(e))}</li>" for e in answer["tracing"].get("log") or [])
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'
-        f"<h1>{title}</h1>{told}{effects_part(answer)}{strange.tables(answer.get('strange', ()))}{figures(answer)}"
+        f"<h1>{title}</h1>{shown}{effects_part(answer)}{strange.tables(answer.get('strange', ()))}{figures(answer)}"
         f"<h2>Wear and life</h2><ul>{summary}</ul>" + (f"<h2>Changes of the model</h2><ul>{log}</ul>" if log else "")
     )
 
@@ -50,7 +51,7 @@ def effects_part(answer: Mapping[str, Any]) -> str:
     if not rows:
         return ""
     head = (
-        "effect", "parameters", "since rev.", "ln evidence", "runner-up, behind", "waveform error %", "RMS error %",
+        "effect", "parameters", "since rev.", "ln evidence", "runner-up, lower by", "waveform error %", "RMS error %",
         "depth µm",
     )  # fmt: skip
     table = f"<table><tr>{''.join(f'<th>{h}</th>' for h in head)}</tr>{''.join(rows)}</table>"
@@ -75,8 +76,8 @@ def _by_band(answer: Mapping[str, Any]) -> Any:
     plot = go.Figure()
     for name, key, colour in (
         ("measured", "measured", MEASURED),
-        ("twin with wear alone", "before", BEFORE),
-        ("twin with the effects", "after", AFTER),
+        ("model with wear alone", "before", BEFORE),
+        ("model with the effects", "after", AFTER),
     ):
         plot.add_bar(x=harmonics, y=[b[key] for b in residual["bands"]], name=name, marker_color=colour)
     plot.update_layout(
@@ -106,8 +107,8 @@ def _by_order(answer: Mapping[str, Any]) -> Any:
     )  # fmt: skip
     for name, key, colour, symbol in (
         ("measured", "measured", MEASURED, "circle-open"),
-        ("left without the effects", "before", BEFORE, "triangle-up"),
-        ("left with the effects", "after", AFTER, "triangle-down"),
+        ("residual without the effects", "before", BEFORE, "triangle-up"),
+        ("residual with the effects", "after", AFTER, "triangle-down"),
     ):
         plot.add_scatter(
             x=[o["order"] for o in residual["orders"]],
@@ -117,7 +118,7 @@ def _by_order(answer: Mapping[str, Any]) -> Any:
             marker={"color": colour, "symbol": symbol, "size": 8},
         )
     plot.update_layout(
-        title="The same window by order: lines and what the twin leaves of them",
+        title="The same window by order: measured lines and their residuals",
         xaxis_title="order of the pinion's rotation",
         yaxis_title="amplitude [m/s²]",
         yaxis_type="log",
@@ -146,7 +147,7 @@ def _depths(answer: Mapping[str, Any]) -> Any:
         if effect["onset_revolutions"]:
             plot.add_vline(x=effect["onset_revolutions"], line_dash="dot", annotation_text=label(effect["name"]))
     plot.update_layout(
-        title="Wear depth, the whole history run again",
+        title="Wear depth, whole history re-evaluated",
         xaxis_title="pinion revolutions",
         yaxis_title="largest wear depth [µm]",
         **LOOK,

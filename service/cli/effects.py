@@ -1,4 +1,4 @@
-"""`gear-twin effects`: what a running service has added to its twins, and an engineer's decisions."""
+"""`gear-twin effects`: the effects that a running service has found, and an engineer's decisions on them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from urllib.request import Request, urlopen
 
 import typer
 
-app = typer.Typer(no_args_is_help=True, help="Effects in the twins of a running service: list them, decide on them.")
+app = typer.Typer(no_args_is_help=True, help="List the effects that a running service has found, and decide on them.")
 
 Url = Annotated[str, typer.Option(help="Address of the service.", envvar="GEAR_TWIN_URL")]
 Names = Annotated[
     list[str],
-    typer.Argument(metavar="[ASSET] NAME", help="The effect, such as misalignment; its asset before it where several."),
+    typer.Argument(
+        metavar="[ASSET] NAME",
+        help="The effect, such as misalignment; before it the asset, if the service has several.",
+    ),
 ]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
 LOCAL = "http://127.0.0.1:8080"
@@ -29,7 +32,7 @@ def list_(
     url: Url = LOCAL,
     json: JsonFlag = False,
 ) -> None:
-    """Show the effects with what speaks for them."""
+    """Show the effects with their evidence."""
     from rich.console import Console
 
     from service.cli.diagnosis import effect_table
@@ -44,26 +47,26 @@ def list_(
     console = console if console.is_terminal else Console(width=170)
     for name, effects in found.items():
         if not effects:
-            console.print(f"{name}: no effect beside wear")
+            console.print(f"{name}: no effect besides wear")
         else:
             console.print(effect_table(effects, title=f"Effects in the twin of {name}"))
 
 
 @app.command()
 def accept(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
-    """Confirm an effect: it stays, its numbers may be refined."""
+    """Confirm an effect: it stays, its size may still be refined."""
     _decide(url, names, "accept", json)
 
 
 @app.command()
 def reject(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
-    """Take an effect out of the twin; it is not added again until released."""
+    """Remove an effect from the model; it is not added again until released."""
     _decide(url, names, "reject", json)
 
 
 @app.command()
 def pin(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
-    """Keep an effect with these very numbers, whatever later windows say."""
+    """Keep an effect with exactly these numbers, whatever later windows show."""
     _decide(url, names, "pin", json)
 
 
@@ -117,4 +120,6 @@ def _call(url: str, path: str, body: Mapping[str, Any] | None = None) -> Any:
         raise InputError(f"{url}: {detail}") from None
     except (URLError, OSError, ValueError) as error:
         why = getattr(error, "reason", error)
-        raise InputError(f"{url}: no service answers there: {str(why).lower()}; --url sets its address") from None
+        raise InputError(
+            f"{url}: no service answers at this address: {str(why).lower()}; --url sets its address"
+        ) from None

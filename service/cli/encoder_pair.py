@@ -1,4 +1,4 @@
-"""What two encoders tell of a pair: the section `pair` in words and in figures."""
+"""What two encoders show of a gear pair: the section `pair` in words and in figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.encoder_pair.reporting import in_micrometres
 
 MOST_TEETH = 6  # ratios of tooth counts that are named
 RADII_MM = (0.5, 5000.0)  # of a wheel
-CERTAIN = 2.0  # standard deviations from which a run-out is told from none
+CERTAIN = 2.0  # standard deviations from which a run-out is distinguished from none
 TIMES = {1: "once", 2: "twice"}
 
 
@@ -44,13 +44,13 @@ def sentences(pair: Mapping[str, Any] | None) -> list[str]:
     if pair is None:
         return []
     if "ratio" not in pair:
-        return [f"Pair by its two encoders: {reason(pair)}."]
+        return [f"Gear pair from its two encoders: {reason(pair)}."]
     ratio, rest = pair["ratio"], pair["rest_urad"]
     share = 100 * ratio["std"] / ratio["value"]
     turns, speed = pair["turns"], pair["speed_hz"]
     out = [
-        f"Pair by its two encoders, window {pair['window']}: {ratio['value']:.4f} ± {ratio['std']:.4f} turns of the "
-        f"pinion for one of the gear ({share:.2f} %). {_teeth(pair['teeth_that_fit'])}",
+        f"Gear pair from its two encoders, window {pair['window']}: {ratio['value']:.4f} ± {ratio['std']:.4f} turns "
+        f"of the pinion for one of the gear ({share:.2f} %). {_teeth(pair['teeth_that_fit'])}",
         f"The pinion turned {turns['pinion']:.2f} times, the gear {turns['gear']:.2f}; pinion speed "
         f"{speed['mean']:.3f} Hz from the first edge to the last, {speed['highest']:.3f} Hz at most.",
     ]
@@ -63,8 +63,8 @@ def sentences(pair: Mapping[str, Any] | None) -> list[str]:
         )
     out += [_run_out(term, pair["base_radii"]) for term in pair["run_out"]]
     out.append(
-        f"Transmission error, rms as an angle of the pinion: {rest['before']:,.0f} µrad with the ratio alone, "
-        f"{rest['after']:,.0f} µrad without the run-out."
+        f"Transmission error, rms as an angle of the pinion: {rest['before']:,.0f} µrad, "
+        f"{rest['after']:,.0f} µrad after removal of the run-out."
     )
     out += [
         f"Counts were missed at {step['time_s']:.2f} s: {step['counts']:+.0f} of the pinion's encoder, or as much of "
@@ -73,21 +73,21 @@ def sentences(pair: Mapping[str, Any] | None) -> list[str]:
     ]
     out += [_sharp(step) for step in pair["sharp_steps"]]
     if not pair["missed_counts"]:
-        out.append("No counts are found missing.")
+        out.append("No missed counts were found.")
     return out
 
 
 def _sharp(step: Mapping[str, Any]) -> str:
-    """A sharp step that is not believed to be missed counts."""
+    """A sharp step that is not attributed to missed counts."""
     size = f"{step['counts']:+.0f} counts of the pinion's encoder"
     if step["shaft"] is None:
         return (
-            f"A sharp step of {size} at {step['time_s']:.2f} s: missed counts, or a mark on a wheel that was passed "
-            "there once only."
+            f"A sharp step of {size} at {step['time_s']:.2f} s: missed counts, or a mark on a wheel that was "
+            "passed only once."
         )
     return (
         f"A sharp step of {size} comes at {step['turn']:.3f} of the {step['shaft']}'s turn, in each of {step['times']} "
-        "turns: a tooth or a mark of its encoder's disc. Were they counts missed every time, the ratio would be "
+        "turns: a tooth, or a mark on its encoder's disc. If they were counts missed in every turn, the ratio would be "
         f"{step['ratio_if_missed']:.4f}."
     )
 
@@ -100,7 +100,7 @@ def _teeth(fit: Sequence[str]) -> str:
 
 
 def _run_out(term: Mapping[str, Any], radii: Mapping[str, Any] | None) -> str:
-    """One term: how large, on which radius, and what it is not told from."""
+    """One term: how large, on which radius, and what it is indistinguishable from."""
     often = TIMES.get(term["multiple"], f"{term['multiple']} times")
     said = (
         f"Run-out {often} a turn of the {term['shaft']}: {term['amplitude_urad']:,.0f} ± {term['std_urad']:,.0f} µrad "
@@ -110,8 +110,9 @@ def _run_out(term: Mapping[str, Any], radii: Mapping[str, Any] | None) -> str:
         kind = "an assumed base radius" if radii["assumed"] else "its base radius"
         radius = radii[f"{term['shaft']}_mm"]
         said += f", {term['amplitude_um']:.0f} ± {term['std_um']:.0f} µm on {kind} of {radius:g} mm"
-    none = "; not told from none" if term["amplitude_urad"] < CERTAIN * term["std_urad"] else ""
-    return f"{said}; of the wheel or of {' or '.join(term['not_told_from'])}, not told apart{none}."
+    none = "; not significant" if term["amplitude_urad"] < CERTAIN * term["std_urad"] else ""
+    alike = term.get("indistinguishable_from", term.get("not_told_from"))
+    return f"{said}; indistinguishable from that of {' or '.join(alike)}{none}."
 
 
 def plots(pair: Mapping[str, Any] | None) -> list[Any]:
@@ -127,8 +128,8 @@ def _transmission_error(pair: Mapping[str, Any]) -> Any:
     curve, rest = pair["transmission_error"], pair["rest_urad"]
     plot = go.Figure()
     for name, key, colour in (
-        (f"with the ratio alone, {rest['before']:,.0f} µrad rms", "before_urad", BEFORE),
-        (f"without the run-out of both wheels, {rest['after']:,.0f} µrad rms", "after_urad", AFTER),
+        (f"as measured, {rest['before']:,.0f} µrad rms", "before_urad", BEFORE),
+        (f"after removal of the run-out of both wheels, {rest['after']:,.0f} µrad rms", "after_urad", AFTER),
     ):
         plot.add_scatter(x=curve["pinion_turns"], y=curve[key], mode="lines", name=name, line_color=colour)
     for step in (*pair["missed_counts"], *pair["sharp_steps"]):
@@ -138,7 +139,7 @@ def _transmission_error(pair: Mapping[str, Any]) -> Any:
             annotation_text=f"{step['counts']:+.0f} counts{again}",
         )  # fmt: skip
     plot.update_layout(
-        title="Transmission error by the two encoders",
+        title="Transmission error from the two encoders",
         xaxis_title="pinion turns",
         yaxis_title="angle of the pinion [µrad]",
         yaxis_tickformat=",",
@@ -179,7 +180,7 @@ def _speed(pair: Mapping[str, Any]) -> Any:
     for shaft, colour in (("pinion", AFTER), ("gear", MEASURED)):
         plot.add_scatter(x=speed["time_s"], y=speed[f"{shaft}_hz"], mode="lines", name=shaft, line_color=colour)
     plot.update_layout(
-        title="Speed of either wheel, by its edges",
+        title="Speed of either wheel, from its encoder",
         xaxis_title="time after the window's start [s]",
         yaxis_title="speed [Hz]",
         **LOOK | {"height": 330},

@@ -30,7 +30,7 @@ def misalignment(
         ),
     ] = 20,
 ) -> None:
-    """Spur gears misaligned by 1°, as bodies on shafts (Dąbrowski et al. 2012); takes some 50 s, and the draws."""
+    """Spur gears misaligned by 1° as bodies on shafts (Dąbrowski et al. 2012); about 50 s plus the draws."""
     from service.cli.figure_style import STYLE
     from service.cli.show import progress_bar, say
     from service.json_text import json_text, write_text

@@ -22,7 +22,7 @@ def sentences(strange: Sequence[Mapping[str, Any]]) -> list[str]:
 def _sentence(found: Mapping[str, Any]) -> str:
     shown = ", ".join(
         f"{s['channel']} {s['multiple']}× "
-        + (f"round mesh {s['harmonic']}" if s["harmonic"] else "itself")
+        + (f"around mesh harmonic {s['harmonic']}" if s["harmonic"] else "itself")
         + f" {number(s['amplitude'], 3)}"
         + (f" ({100 * s['depth']:.0f} % of it)" if s["depth"] is not None else "")
         for s in found["sidebands"][:MOST_SIDEBANDS]
@@ -31,8 +31,8 @@ def _sentence(found: Mapping[str, Any]) -> str:
         ""
         if found["part"] == 1
         else (
-            f"Weaker lines stand at {found['frequency_hz'] / found['part']:.3f} Hz, too: what turns does so that "
-            f"slowly, and acts most {found['part']} times a turn. "
+            f"There are weaker lines at {found['frequency_hz'] / found['part']:.3f} Hz: the source turns at that "
+            f"frequency and acts mainly {found['part']} times per turn. "
         )
     )
     possible = [c["name"] for c in found["causes"] if c["possible"]]
@@ -42,19 +42,19 @@ def _sentence(found: Mapping[str, Any]) -> str:
         return f"Another shaft turns with the pinion as {found['geared']}: lines spaced by {place}, {shown}."
     return (
         f"Unknown effect: lines spaced by {place} belong to no known shaft: {shown}. {slower}"
-        f"Tried and failed: {'; '.join(failed) or 'none'}. Not ruled out: "
-        f"{'; '.join(possible) or 'none of those tried'}."
+        f"Ruled out: {'; '.join(failed) or 'none'}. Possible: "
+        f"{'; '.join(possible) or 'none of the tested causes'}."
     )
 
 
 def energies(breakdown: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What every channel's energy belongs to, as lines of a table; empty where it is not known."""
+    """The energy of every channel by its source, as lines of a table; empty where it is not known."""
     if not breakdown:
         return []
     families = list(dict.fromkeys(b["family"] for b in breakdown))
     lines = [
-        "Share of the energy, %; in brackets how much of it keeps its phase against the angle (1: all), and how much",
-        "tones of fixed frequency in its place would: where both are alike, the speed was too even to tell what turns.",
+        "Share of the energy, %; in brackets how much of it keeps its phase relative to the shaft angle (1: all), and",
+        "how much a tone of fixed frequency would keep; if both are equal, the speed was too steady to decide.",
     ]
     lines.append(f"{'':<10}" + "".join(f"{name:>28}" for name in families))
     for channel in dict.fromkeys(b["channel"] for b in breakdown):
@@ -80,7 +80,7 @@ def energy_plot(breakdown: Sequence[Mapping[str, Any]]) -> Any:
         if max(b["share_percent"] for b in own) >= LEAST_DRAWN:
             plot.add_bar(x=[b["channel"] for b in own], y=[b["share_percent"] for b in own], name=name)
     plot.update_layout(
-        title="What the energy belongs to (the rest is no line of any of these)",
+        title="Energy by source (the rest is in no line of these)",
         yaxis_title="share of the energy [%]", barmode="stack", **LOOK,
     )  # fmt: skip
     plot.update_yaxes(range=[0, 100])
@@ -99,12 +99,12 @@ def _causes(found: Mapping[str, Any]) -> str:
         f"<td>{escape(c['detail'])}</td></tr>"
         for c in sorted(found["causes"], key=lambda c: not c["possible"])
     )
-    head = "<tr><th>cause</th><th></th><th>on which ground</th></tr>"
-    return f"<h2>Causes tried on {at:.3f} Hz</h2><table>{head}{rows}</table>"
+    head = "<tr><th>cause</th><th></th><th>reason</th></tr>"
+    return f"<h2>Causes tested for {at:.3f} Hz</h2><table>{head}{rows}</table>"
 
 
 def plots(strange: Sequence[Mapping[str, Any]]) -> list[Any]:
-    """The spectrum round the mesh lines and the modulation's depth, for each spacing."""
+    """The spectrum around the mesh lines and the modulation's depth, for each spacing."""
     return [plot for found in strange for plot in (_spectrum(found), _depth(found))]
 
 
@@ -130,10 +130,10 @@ def _spectrum(found: Mapping[str, Any]) -> Any:
                 x=middle + m * spacing, line={"color": BEFORE, "width": 1, "dash": "dot"}, **near,
                 annotation={"text": f"{m:+d}×", "font": {"color": BEFORE, "size": 11}},
             )  # fmt: skip
-        plot.update_xaxes(title=f"round mesh {part['harmonic']} [Hz]", **near)
+        plot.update_xaxes(title=f"around mesh harmonic {part['harmonic']} [Hz]", **near)
         plot.update_yaxes(type="log", title="in the channel's unit", exponentformat="power", dtick=1, **near)
     plot.update_layout(
-        title=f"{parts[0]['channel']}: spectrum round the mesh lines, marked at mesh ± n·{spacing:.3f} Hz",
+        title=f"{parts[0]['channel']}: spectrum around the mesh lines, marked at mesh ± n·{spacing:.3f} Hz",
         **LOOK | {"height": 90 + 260 * len(parts), "margin": {"t": 90}},
     )
     return plot

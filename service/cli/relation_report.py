@@ -10,7 +10,7 @@ from service.cli.diagnosis_figures import AFTER, BEFORE, LOOK, MEASURED, STYLE
 from service.cli.show import number
 
 SPLINE = "#2ca02c"
-TABLE = "What was tried"
+TABLE = "What was tested"
 NAME = 26  # characters of a name
 
 
@@ -31,7 +31,7 @@ def text(answer: Mapping[str, Any]) -> str:
     for t in [*answer["trials"], chosen | {"name": "chosen", "said": said}]:
         gain = f"{t['log_evidence']:+8.1f} nat"
         lines.append(f"{t['name']:<{NAME}}{_cells(t, conditions)}{gain}   {t['said']}")
-    lines += ["", "Chosen and fitted on every other case, error on the rest, and the other way round:"]
+    lines += ["", "Chosen and fitted on every other case, error on the rest, and vice versa:"]
     for name, e in answer["judged"].items():
         lines.append(f"{name:<{NAME}}{_cells(e, conditions)}")
     few = answer["few"]
@@ -41,7 +41,7 @@ def text(answer: Mapping[str, Any]) -> str:
     if answer["estimated_spread"]:
         lines += [
             "",
-            f"What is estimated: mean error of the twin with its background over {answer['draws']} draws of it",
+            f"Estimated values: mean error of the model with its background over {answer['draws']} draws of them",
         ]
         lines.append(
             f"{'10, 50, 90 %':<{NAME}}"
@@ -80,29 +80,35 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
     earned = [t for t in answer["trials"] if t["cause"]]
     single = [t["name"] for t in earned if t["log_evidence"] >= 3]
     lines.append(
-        f"Beside the background, of {len(earned)} causes tried by themselves "
-        + (f"{', '.join(single)} better the cases left out by 3 nat and more." if single else "none earns 3 nat.")
+        f"Of {len(earned)} causes tested one at a time in addition to the background, "
+        + (
+            f"{', '.join(single)} improve the prediction of left-out cases by 3 nat or more."
+            if single
+            else "none improves the prediction of left-out cases by 3 nat."
+        )
     )
     causes = [c for c in answer["chosen"]["causes"] if c != "background"]
     lines.append(
         f"The best combination has {' and '.join(causes)}."
         if causes
-        else "No combination earns 3 nat a cause: the twin with its background stands."
+        else "No combination improves it by 3 nat per cause: the model with its background is kept."
     )
     for k, r in answer["relation"].items():
         falling = r["not_rising"]
         line = f"{k}: a level scatters by {number(r['std_percent'], 3)} % from assembly to assembly; "
-        line += f"it tells depths up to some {number(r['told_to_um'], 3)} µm from the deepest"
+        line += f"it distinguishes depths up to some {number(r['told_to_um'], 3)} µm from the deepest"
         if falling:
             line += f"; over the cases from {number(falling['from_um'], 3)} µm on it does not rise with depth "
             line += f"(Spearman {falling['spearman']:+.2f}, p = {number(falling['p'], 2)} of a rising level)"
         else:
-            line += "; that it stops rising is not shown"
+            line += "; a plateau is not shown"
         if r["curve_scatter_percent"] >= 1:
-            line += f"; where motion does not repeat, the twin's level scatters by {r['curve_scatter_percent']:.0f} %"
+            line += (
+                f"; where the motion does not repeat, the modelled level scatters by {r['curve_scatter_percent']:.0f} %"
+            )
         lines.append(line + ".")
     notes = [*answer["notes"], *([answer["sensor"]["note"]] if answer["sensor"]["note"] else [])]
-    lines += [f"To be borne in mind: {n}." for n in notes]
+    lines += [f"Note: {n}." for n in notes]
     return lines
 
 
@@ -142,12 +148,12 @@ def _levels(answer: Mapping[str, Any]) -> Any:
             **common,
         )  # fmt: skip
         plot.add_scatter(
-            x=curve["depth_um"], y=curve["level"], mode="lines", line_color=AFTER, name="with what was chosen",
+            x=curve["depth_um"], y=curve["level"], mode="lines", line_color=AFTER, name="chosen relation",
             showlegend=first, legendgroup="relation", **common,
         )  # fmt: skip
         plot.add_scatter(
             x=curve["depth_um"], y=curve["twin"], mode="lines", line={"color": BEFORE, "dash": "dash"},
-            name="twin with background", showlegend=first, legendgroup="twin", **common,
+            name="model with background", showlegend=first, legendgroup="twin", **common,
         )  # fmt: skip
         plot.add_scatter(
             x=curve["spline_depth_um"], y=curve["spline"], mode="lines", line={"color": SPLINE, "dash": "dot"},
@@ -178,7 +184,7 @@ def _causes(answer: Mapping[str, Any]) -> Any:
             x=[r["name"] for r in rows], y=[r["mean_error_percent"][k] for r in rows], name=k, marker_color=colour
         )
     plot.update_layout(
-        title="Error on worn cases left out (the twin with a gain alone is beyond the scale)",
+        title="Error on left-out worn cases (the model with a gain alone is beyond the scale)",
         yaxis_title="mean |error| [%]",
         **LOOK,
     )
@@ -196,7 +202,7 @@ def _apart(answer: Mapping[str, Any]) -> Any:
             x=apart["depth_um"], y=[100 * s for s in apart["share"]], mode="lines", name=k, line_color=colour
         )
     plot.update_layout(
-        title="Time without contact, by the twin as the rig file has it",
+        title="Time without contact, modelled with the values of the rig file",
         xaxis_title="largest wear depth [µm]",
         yaxis_title="share of the time [%]",
         **LOOK,

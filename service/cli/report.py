@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from service.cli import encoder_pair as pair
+from service.cli.answer import WINDOW_COLUMNS, answer_text, summary_lines, window_rows
 from service.cli.diagnosis import sentence
 from service.cli.diagnosis_figures import effects_part, figures
-from service.cli.show import WINDOW_COLUMNS, summary_lines, window_rows
 from service.contract.answer import not_available
 from service.errors import InputError
 
@@ -43,18 +43,13 @@ def load_answer(path: Path) -> dict[str, Any]:
 
 def text_report(answer: Mapping[str, Any]) -> str:
     """The answer as plain text."""
-    titles = [title for title, _ in WINDOW_COLUMNS]
-    rows = [titles, *window_rows(answer["windows"])]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(titles))]
-    table = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
     effects = [f"  {sentence(effect)}" for effect in answer["effects"]]
-    own = pair.sentences(answer.get("pair"))
-    return "\n".join([f"Asset {answer['asset']}", "", *summary_lines(answer), *own, *effects, "", *table])
+    return "\n".join([answer_text(answer), *(["", "Effects", *effects] if effects else [])])
 
 
 def html_report(answer: Mapping[str, Any]) -> str:
     """The answer as one self-contained page."""
-    head = "".join(f"<th>{escape(title)}</th>" for title, _ in WINDOW_COLUMNS)
+    head = "".join(f"<th>{escape(title)}</th>" for title, *_ in WINDOW_COLUMNS)
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in window_rows(answer["windows"])
     )

@@ -103,10 +103,10 @@ def test_modulation_of_an_unknown_shaft_is_said_without_a_baseline(folder, capsy
     line = np.argmax(part["amplitude"])  # of the mesh, in the middle
     assert part["from_hz"] + line * part["step_hz"] == pytest.approx(TEETH[0] * speed, abs=2 * part["step_hz"])
     html = (folder / "modulated.html").read_text()
-    assert html.count("plotly-graph-div") == 3 and "Causes tried on" in html
+    assert html.count("plotly-graph-div") == 3 and "Causes tested for" in html
     share = {b["family"]: b["share_percent"] for b in answer["energy_breakdown"] if b["channel"] == "a"}
     assert share["mesh"] > 50 and 90 < sum(share.values()) < 101
-    assert "spectrum round the mesh lines" in html and "Depth of the modulation" in html
+    assert "spectrum around the mesh lines" in html and "Depth of the modulation" in html
 
 
 @pytest.mark.parametrize(("teeth", "message"), [((21, 30), "21"), ((20, 33), "33")])

@@ -9,16 +9,20 @@ import re
 import resource
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import typer
 from streams import ACCEL, ASSET, CHANNELS, GEAR, PINION, bursts
 
 import service.runtime.assess
 import service.runtime.serve
 import twin.step
+from benchmarks.reference import _leaves
 from service.cli import run
+from service.cli.commands import app
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode
 from twin.errors import WindowError
@@ -132,6 +136,29 @@ def test_every_command_explains_itself(capsys, command):
     assert run([command, "--help"]) == 0
     plain = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out)
     assert f"gear-twin {command}" in plain
+
+
+def test_without_arguments_the_help_is_shown_and_nothing_has_failed(capsys):
+    for arguments in ([], ["effects"], ["example"]):
+        assert run(arguments) == 0
+        captured = capsys.readouterr()
+        assert "Usage: gear-twin" in captured.out + captured.err and "gear-twin:  (" not in captured.err
+
+
+def test_the_version_is_that_of_the_project(capsys):
+    assert run(["--version"]) == 0
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert capsys.readouterr().out.strip() == f"gear-twin {project['version']}"
+
+
+def test_no_help_text_has_brackets_that_the_terminal_would_take_for_markup():
+    for name, command in _leaves(typer.main.get_command(app), "gear-twin"):
+        for parameter in command.params:
+            assert "[" not in (getattr(parameter, "help", None) or ""), f"{name} {parameter.name}"
+
+
+def test_a_wrong_address_is_answered_with_a_right_one(capsys):
+    assert "must be HOST:PORT, such as 127.0.0.1:8080" in refusal(capsys, "serve", "--http", "99")
 
 
 def test_assess_prints_a_table_and_writes_the_json_of_the_contract(capsys, recording, tmp_path):

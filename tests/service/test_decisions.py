@@ -190,7 +190,7 @@ def test_effects_command_lists_and_decides(tmp_path, recording):
         wrong = call("pin", "unsw", "tooth_friction")
         assert wrong.returncode == 2 and wrong.stderr.count("\n") == 1 and "not in the twin" in wrong.stderr
     gone = call("list")
-    assert gone.returncode == 2 and "no service answers there" in gone.stderr
+    assert gone.returncode == 2 and "no service answers at this address" in gone.stderr
 
 
 def test_asset_must_be_named_where_there_are_several(capsys, address, store, board):

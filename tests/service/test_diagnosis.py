@@ -32,7 +32,7 @@ def test_sentences_tell_size_onset_evidence_rival_errors_and_depth(answer):
     line = told[1]
     for part in (
         "Misalignment of the shafts, since 4095 revolutions: lead gap 40.1 ± 4.3 µm",
-        "next best loss of mesh stiffness, 134 behind (certain)",
+        "next best loss of mesh stiffness, 134 lower (certain)",
         "waveform error on held-out windows 24.0 % without, 9.0 % with it",
         "wear depth 180.0 µm without, 152.0 µm with it",
         "RMS error on held-out windows 7.5 % without, 2.5 % with it",
@@ -40,7 +40,7 @@ def test_sentences_tell_size_onset_evidence_rival_errors_and_depth(answer):
         "pinned by an engineer",
     ):
         assert part in line
-    assert told[2].startswith("Wear depth with all of them: ") and "wear alone would say 180.0 µm" in told[2]
+    assert told[2].startswith("Wear depth with all effects: ") and "with wear alone 180.0 µm" in told[2]
     assert "windows 2, 5" in told[-1]
 
 
@@ -72,7 +72,7 @@ def test_unknown_effect_is_named_by_its_lines_and_by_no_effect(answer):
         "orders": [{"order": 5.0, "frequency_hz": 50.0, "share_percent": 7.0}],
     }
     told = " ".join(sentences(answer))
-    assert "no name fits" in told and "50.00 Hz (order 5.000)" in told
+    assert "Unknown effect: tones steady" in told and "50.00 Hz (order 5.000)" in told
 
 
 def test_healthy_machine_and_one_that_was_not_traced_are_told_apart(answer):
@@ -80,9 +80,16 @@ def test_healthy_machine_and_one_that_was_not_traced_are_told_apart(answer):
     healthy["effects"] = []
     assert sentences(healthy)[0] == "Wear alone explains this machine; no effect was added."
     healthy["unexplained"]["verdict"] = "unknown_effect"
-    assert sentences(healthy)[0] == "Wear alone is in the twin; no effect was added."
+    assert sentences(healthy)[0] == "The model contains wear alone; no effect was added."
     healthy["tracing"] = {"status": "not available", "reason": "effects have not been sought"}
-    assert sentences(healthy) == ["No effect has been sought: effects have not been sought."]
+    assert sentences(healthy) == ["No effects were evaluated: effects have not been sought."]
+
+
+def test_effects_in_the_model_are_named_although_the_latest_search_failed(answer):
+    answer["tracing"]["reason"] = "a steady state did not converge"
+    shown = sentences(answer)
+    assert shown[0] == "The latest search for effects was not completed: a steady state did not converge."
+    assert shown[1].startswith("Gear eccentricity") and not any("No effects were evaluated" in s for s in shown)
 
 
 def test_text_holds_candidates_bands_and_the_log(answer):
@@ -116,7 +123,7 @@ def test_answer_of_before_the_tracing_can_still_be_read(answer, tmp_path, capsys
     source = tmp_path / "old.json"
     source.write_text(json.dumps(answer))
     assert run(["report", str(source)]) == 0 and run(["diagnose", str(source)]) == 0
-    assert "No effect has been sought: the answer was written without it." in capsys.readouterr().out
+    assert "No effects were evaluated: the answer was written without it." in capsys.readouterr().out
 
 
 def test_table_has_a_row_an_effect(answer):

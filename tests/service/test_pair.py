@@ -136,9 +136,9 @@ def test_diagnose_tells_the_pair_in_words_figures_and_json(pair, tmp_path, capsy
     assert run(["diagnose", str(pair), *given]) == 0
     said = capsys.readouterr().out
     assert "turns of the pinion for one of the gear" in said and "µm on an assumed base radius of 30 mm" in said
-    assert "of the wheel or of its encoder's disc, not told apart" in said
+    assert "indistinguishable from that of its encoder's disc" in said
     html = (tmp_path / "d.html").read_text()
-    assert html.count("plotly-graph-div") == 3 and "Transmission error by the two encoders" in html
+    assert html.count("plotly-graph-div") == 3 and "Transmission error from the two encoders" in html
     found = json.loads((tmp_path / "d.json").read_text())["pair"]
     assert found["base_radii"] == {"pinion_mm": 15.0, "gear_mm": 30.0, "assumed": True}
     assert found["stated"]["contradicted"] is True

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.cli.show import WINDOW_COLUMNS, window_rows
+from service.cli.answer import WINDOW_COLUMNS, window_rows
 from service.runtime.assess import rig_of
 from service.stream.sources.mcap import Recording, read_windows
 from twin.effects import EFFECTS
@@ -197,7 +197,7 @@ def test_wear_and_life_are_not_available_while_the_teeth_rattle():
         assert estimate.report[part]["status"] == "not available"
     assert not [kind for kind, _ in estimate.events if kind == "rul"]
     (shown,) = window_rows([record])
-    assert shown[[key for _, key in WINDOW_COLUMNS].index("wear_depth_um")] == "–"
+    assert shown[[column.key for column in WINDOW_COLUMNS].index("wear_depth_um")] == "–"
 
 
 def test_missing_accelerometer_leaves_the_depth_to_the_encoders_and_says_why_no_level_is_compared():

@@ -1,0 +1,167 @@
+"""An answer as text: its summary in sentences, its windows as a table that fits the terminal."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from service.cli.encoder_pair import sentences
+from service.cli.show import number, reason, spread
+
+PIPED = 170  # columns where the output is no terminal
+MOST_NOTES = 6
+
+
+class Column(NamedTuple):
+    """One column of the window table."""
+
+    title: str
+    key: str
+    rank: int  # the higher, the sooner it is left out where the terminal is narrow
+
+
+WINDOW_COLUMNS = (
+    Column("#", "index", 0),
+    Column("kind", "kind", 3),
+    Column("revolutions", "revolutions", 0),
+    Column("speed Hz", "speed_hz", 5),
+    Column("torque N·m", "torque_nm", 5),
+    Column("RMS meas.", "rms_measured", 0),
+    Column("RMS pred.", "rms_predicted", 1),
+    Column("error %", "error_percent", 2),
+    Column("RMS after", "rms_after", 6),
+    Column("K 1/N", "k_wear_per_n", 6),
+    Column("depth µm", "wear_depth_um", 0),
+    Column("updated", "updated", 4),
+    Column("data", "quality", 1),
+)
+
+
+def window_rows(records: Iterable[Mapping[str, Any]], columns: Sequence[Column] = WINDOW_COLUMNS) -> list[list[str]]:
+    """The cells of the window table."""
+    return [[_cell(record.get(column.key), column.key) for column in columns] for record in records]
+
+
+def _cell(value: Any, key: str) -> str:
+    if key == "updated":
+        return "yes" if value else ""
+    if key == "revolutions" and isinstance(value, (int, float)):
+        return f"{value:.0f}"
+    return number(value)
+
+
+def window_table(records: Sequence[Mapping[str, Any]], width: int = PIPED) -> list[str]:
+    """The window table in lines of at most `width` characters; columns that hold nothing are left out."""
+    columns = [c for c in WINDOW_COLUMNS if any(_cell(r.get(c.key), c.key) not in ("", "–") for r in records)]
+    while True:
+        rows = [[c.title for c in columns], *window_rows(records, columns)]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(columns))]
+        if sum(widths) + 2 * (len(columns) - 1) <= width or not any(c.rank for c in columns):
+            break
+        columns.remove(max(columns, key=lambda c: c.rank))
+    return ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
+
+
+def summary_lines(answer: Mapping[str, Any]) -> list[str]:
+    """The answer in a few sentences, the most important first."""
+    names = [effect.get("name", "?") for effect in answer["effects"]]
+    counts = answer["data_quality"]["windows"]
+    listed = ", ".join(f"{count} {grade}" for grade, count in counts.items() if count)
+    return [
+        *_status(answer.get("status")),
+        *_wear(answer["wear"], (answer.get("rig") or {}).get("mesh_stiffness")),
+        *_life(answer),
+        f"Effects besides wear: {', '.join(names) if names else 'none found'}",
+        *_unexplained(answer.get("unexplained") or {}),
+        f"Windows: {listed or 'none'}",
+        *_notes(answer["windows"]),
+    ]
+
+
+def _status(status: Any) -> list[str]:
+    if not isinstance(status, Mapping) or not status.get("level"):
+        return []
+    reasons = "; ".join(status.get("reasons") or ())
+    return [f"Status: {status['level'].replace('_', ' ')}" + (f" ({reasons})" if reasons else "")]
+
+
+def _wear(wear: Mapping[str, Any], mesh_stiffness: str | None) -> list[str]:
+    depth = wear.get("max_depth_um")
+    if not isinstance(depth, Mapping):
+        return [f"Wear depth: {reason(wear)}"]
+    lines = [
+        f"Largest wear depth, both flanks: {spread(depth.get('combined'), 'µm')}",
+        f"  pinion {spread(depth.get('pinion'), 'µm')}; gear {spread(depth.get('gear'), 'µm')}",
+    ]
+    if wear.get("reason"):
+        lines.append(f"  {wear['reason']}")
+    if (wear.get("relation") or {}).get("note"):
+        lines.append(f"  {wear['relation']['note']}")
+    lines += _validity(wear.get("validity"))
+    if wear.get("k_wear_per_n") is not None:
+        rate = number(wear.get("specific_wear_rate_m2_per_n"))
+        lines.append(f"Wear coefficient K = {number(wear['k_wear_per_n'])} 1/N; specific wear rate k = {rate} m²/N")
+        if mesh_stiffness:
+            lines.append(f"  mesh stiffness: {mesh_stiffness}")
+    return lines
+
+
+def _validity(validity: Any) -> list[str]:
+    """A warning where the depth lies beyond what the model can compute."""
+    if not isinstance(validity, Mapping) or validity.get("valid") is not False:
+        return []
+    why, loss = validity.get("reason"), validity.get("contact_loss_from_um")
+    if not why:
+        why = "the depth lies beyond the last computed steady state, the wear rate is extrapolated"
+        if loss is not None:
+            why += f"; the teeth lose contact for part of the mesh cycle from {number(loss)} µm on"
+    return [f"  Warning: outside the validity of the model: {why}"]
+
+
+def _life(answer: Mapping[str, Any]) -> list[str]:
+    """Remaining life; a reason that is that of the wear depth, too, is not repeated."""
+    life = answer["rul"]
+    if isinstance(life.get("hours"), Mapping):
+        revolutions = spread(life.get("revolutions"), "revolutions")
+        return [f"Remaining life: {spread(life['hours'], 'h')}; {revolutions}"]
+    if life.get("reason") and life.get("reason") == answer["wear"].get("reason"):
+        return ["Remaining life: not available, for the same reason"]
+    return [f"Remaining life: {reason(life)}"]
+
+
+def _unexplained(left: Mapping[str, Any]) -> list[str]:
+    if left.get("verdict") != "unknown_effect":
+        return []
+    return [f"Unknown effect: {left.get('reason') or 'vibration that no known effect explains'}"]
+
+
+def _notes(records: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What windows have to say for themselves, each note once."""
+    noted: dict[str, list[str]] = {}
+    for record in records:
+        for note in record.get("notes") or ():
+            noted.setdefault(str(note), []).append(str(record.get("index")))
+    lines = [f"Note on window {_listed(at)}: {note}" for note, at in noted.items()]
+    more = len(lines) - MOST_NOTES
+    return lines if more <= 0 else [*lines[:MOST_NOTES], f"and {more} more notes (see windows[].notes in the JSON)"]
+
+
+def _listed(indices: Sequence[str]) -> str:
+    return (
+        ", ".join(indices) if len(indices) <= MOST_NOTES else f"{indices[0]} to {indices[-1]} ({len(indices)} windows)"
+    )
+
+
+def answer_text(answer: Mapping[str, Any], width: int = PIPED) -> str:
+    """Summary, what two encoders show of the pair, and the window table."""
+    lines = [f"Asset {answer['asset']}", "", *summary_lines(answer), *sentences(answer.get("pair"))]
+    if answer["windows"]:
+        lines += ["", *window_table(answer["windows"], width)]
+    return "\n".join(lines)
+
+
+def print_answer(answer: Mapping[str, Any]) -> None:
+    """The answer on standard output, as wide as the terminal."""
+    print(answer_text(answer, shutil.get_terminal_size().columns if sys.stdout.isatty() else PIPED))

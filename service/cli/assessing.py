@@ -1,0 +1,105 @@
+"""What several commands share: an assessment with its progress, the settings, and where an answer goes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+
+def searches_effects(no_trace: bool) -> bool:
+    """Whether effects are searched for: not if the option or the environment says no."""
+    return settings_of().trace and not no_trace
+
+
+def assessed(
+    recording: Path,
+    rig: Path | None,
+    update: str,
+    asset: str | None,
+    prefix: str,
+    enough: Any = None,
+    trace: bool = True,
+    relation: Path | None = None,
+) -> dict[str, Any]:
+    """An assessment, with its progress and one line for each fault of the data on standard error."""
+    from service.cli.show import progress_bar
+    from service.runtime.assess import assess as run
+    from service.runtime.assess import warnings
+    from service.runtime.pipeline import assembly_settings
+    from twin.step import Options
+
+    known = None
+    if relation is not None:
+        from service.files.relation import read_relation
+
+        known = read_relation(relation)
+    options = Options(update=update, trace=trace, relation=known)
+    with progress_bar("assessing") as bar:
+        answer = run(
+            recording,
+            rig,
+            options,
+            lambda share, windows: bar(share, f"{windows} windows"),
+            asset=asset,
+            prefix=prefix,
+            assembly=assembly_settings(settings_of()),
+            **({"enough": enough} if enough else {}),
+        )
+    for line in warnings(recording, answer):
+        tell(line)
+    return answer
+
+
+def give(answer: dict[str, Any], json: Path | None) -> None:
+    from service.cli.answer import print_answer
+    from service.json_text import json_text, write_text
+
+    if json is not None:
+        write_text(json, json_text(answer))
+    if str(json) != "-":
+        print_answer(answer)
+
+
+def tell(line: str | None) -> None:
+    from service.cli.show import say
+
+    if line:
+        say(line)
+
+
+def demand_finite(name: str, value: float) -> None:
+    from service.errors import InputError
+
+    if not 0 <= value < float("inf"):
+        raise InputError(f"--{name} {value:g} must be a number from 0 up")
+
+
+def settings_of(**given: Any) -> Any:
+    """Settings from the environment and what was given; InputError names the first wrong one."""
+    from pydantic import ValidationError
+    from pydantic_settings import SettingsError
+
+    from service.errors import InputError
+    from service.settings import Settings
+
+    values = {key: value for key, value in given.items() if value not in (None, [])}
+    try:
+        return Settings(**values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = ".".join(str(part) for part in first["loc"])
+        right = SETTINGS_READ.get(name) if first["type"] == "string_pattern_mismatch" else None
+        raise InputError(f"setting {name} = {first['input']!r}: {right or _plain(first['msg'])}") from None
+    except SettingsError as error:
+        raise InputError(f"environment: {error}") from None
+
+
+SETTINGS_READ = {
+    "http": "must be HOST:PORT, such as 127.0.0.1:8080",
+    "prefix": "must be letters, digits, '_', '-' and '.', in parts separated by '/', such as gearbox",
+}
+
+
+def _plain(message: str) -> str:
+    """A validator's message without the prefix that pydantic puts in front of it."""
+    return message.removeprefix("Value error, ")

@@ -1,0 +1,100 @@
+"""An answer as text says what matters, warns where the model does not hold, and fits the terminal."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from service.cli.answer import answer_text, summary_lines, window_table
+
+ROOT = Path(__file__).parents[2]
+BAND = {"median": 520.0, "p05": 480.0, "p95": 560.0}
+RECORD = {
+    "kind": "measurement",
+    "revolutions": 18001.2,
+    "speed_hz": 10.03,
+    "torque_nm": 9.796,
+    "rms_measured": 228.3,
+    "rms_predicted": 222.8,
+    "error_percent": -2.435,
+    "rms_after": 222.8,
+    "k_wear_per_n": 3.077e-6,
+    "wear_depth_um": 510.7,
+    "updated": True,
+    "quality": "repaired",
+}
+
+
+def answer(validity=None, notes=(), **more):
+    wear = {"max_depth_um": {"combined": BAND, "pinion": BAND, "gear": BAND}, "validity": validity}
+    return {
+        "asset": "unsw",
+        "windows": [RECORD | {"index": i, "notes": list(notes)} for i in range(12)],
+        "wear": wear,
+        "rul": {"hours": BAND, "revolutions": BAND},
+        "effects": [],
+        "data_quality": {"windows": {"good": 12}},
+        **more,
+    }
+
+
+def test_a_depth_beyond_the_last_steady_state_carries_a_warning():
+    said = "\n".join(summary_lines(answer({"valid": False, "contact_loss_from_um": 336.4})))
+    assert "Warning: outside the validity of the model" in said and "336.4 µm" in said
+    assert "Warning" not in "\n".join(summary_lines(answer({"valid": True, "contact_loss_from_um": 336.4})))
+    assert "Warning: outside the validity of the model: because" in "\n".join(
+        summary_lines(answer({"valid": False, "reason": "because"}))
+    )
+
+
+def test_notes_of_windows_are_printed_once_with_their_windows():
+    said = answer_text(answer(notes=["the teeth lose contact for 12 % of the mesh cycle"]))
+    assert said.count("the teeth lose contact") == 1
+    assert "Note on window 0 to 11 (12 windows)" in said
+
+
+def test_the_status_is_the_first_line_and_an_unknown_effect_is_named():
+    status = {"level": "end_of_life", "reasons": ["511 µm of 500 µm are worn"]}
+    lines = summary_lines(answer(status=status, unexplained={"verdict": "unknown_effect", "reason": "39.6 Hz"}))
+    assert lines[0] == "Status: end of life (511 µm of 500 µm are worn)"
+    assert "Unknown effect: 39.6 Hz" in lines
+
+
+def test_a_reason_is_not_repeated():
+    part = {"status": "not available", "reason": "the rig file does not give gears.module"}
+    said = "\n".join(summary_lines(answer() | {"wear": part, "rul": part}))
+    assert said.count("gears.module") == 1
+
+
+@pytest.mark.parametrize("width", [80, 100, 170])
+def test_the_window_table_fits_the_terminal_and_keeps_depth_and_level(width):
+    lines = window_table(answer()["windows"], width)
+    assert max(map(len, lines)) <= width
+    assert "depth µm" in lines[0] and "RMS meas." in lines[0] and "510.7" in lines[1]
+    assert ("K 1/N" in lines[0]) is (width == 170)
+
+
+def test_columns_without_a_value_are_left_out():
+    bare = [{"index": 0, "kind": "measurement", "rms_measured": 1.0, "quality": "good", "updated": False}]
+    assert window_table(bare)[0].split() == ["#", "kind", "RMS", "meas.", "data"]
+
+
+def test_the_modules_of_the_command_line_import_each_other_in_one_direction():
+    folder = ROOT / "service" / "cli"
+    imported: dict[str, set[str]] = {}
+    for file in folder.glob("*.py"):
+        found = set()
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("service.cli"):
+                rest = (node.module or "").removeprefix("service.cli").lstrip(".")
+                found |= {rest} if rest else {alias.name for alias in node.names}
+        imported[file.stem] = found
+
+    def reached(name: str, seen: tuple[str, ...]) -> None:
+        assert name not in seen, f"import circle: {' → '.join((*seen, name))}"
+        for other in imported.get(name, ()):
+            if other in imported:
+                reached(other, (*seen, name))
+
+    for name in imported:
+        reached(name, ())
