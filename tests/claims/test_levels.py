@@ -9,10 +9,11 @@ from scipy.stats import multivariate_normal, norm
 from tests.dynamics_cases import RIG, model
 from twin.dynamics.hunting import HuntingPeriod
 from twin.errors import ParameterError
+from twin.levels.causes import drawn
 from twin.levels.curve import LevelCurve, level_curve, linear_curve, uneven
 from twin.levels.left_out import each_without, interpolated, of_curve, of_twin, spline, straight_line
 from twin.levels.relation import Cases, Form, Origin, Relation, falling_region, fit
-from twin.levels.trials import Choice, Fits, choose, choose_without_each, drawn, halves, judge
+from twin.levels.trials import Choice, Fits, choose, choose_without_each, halves, judge
 from twin.levels.wear import by_load_sharing, by_sliding, quasi_static_state, with_even_part
 from twin.model import Condition
 from twin.wear.curve import MasterCurve

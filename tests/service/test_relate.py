@@ -13,7 +13,7 @@ from service.files.series import load_series
 from tests.claims.test_baseline import SPEED, TEETH, machine
 from tests.mesh_pairs import UNSW_RIG
 from tests.service.test_baselines import recording
-from twin.levels import trials
+from twin.levels import causes
 from twin.levels.curve import LevelCurve
 from twin.levels.relation import Origin, Relation
 from twin.model import Condition
@@ -82,10 +82,10 @@ def series(tmp_path):
 @pytest.fixture
 def short(monkeypatch):
     """Few depths and short motions: what comes out is looked at for its form."""
-    monkeypatch.setattr(trials, "DURATION", 0.1)
-    monkeypatch.setattr(trials, "UNEVEN_DURATION", 0.1)
-    monkeypatch.setattr(trials, "FIRST", (50e-6,))
-    monkeypatch.setattr(trials, "STEP", 100e-6)
+    monkeypatch.setattr(causes, "DURATION", 0.1)
+    monkeypatch.setattr(causes, "UNEVEN_DURATION", 0.1)
+    monkeypatch.setattr(causes, "FIRST", (50e-6,))
+    monkeypatch.setattr(causes, "STEP", 100e-6)
 
 
 def test_unworn_records_of_one_day_are_one_assembly(series):

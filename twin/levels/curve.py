@@ -1,6 +1,6 @@
 """RMS of an accelerometer against wear depth, by time integration: also where the teeth part and nothing repeats.
 
-Depth by depth the motion goes on from that of the depth before, settles, and is then taken for its RMS in a band.
+At each depth the motion goes on from that of the depth before, settles, and its RMS in a band is evaluated.
 A motion that does not repeat has an RMS that differs from stretch to stretch; that scatter is given with it.
 
     without loss of contact:   F̂_k = −k̄/(1 + k̄·G_k)·d̂0_k        d0 the quasi-static deflection, k̄ its mean stiffness
@@ -9,7 +9,7 @@ is what the same machine would do if its teeth stuck together: the linear respon
 
 Source   twin.dynamics.integrator; the linear response: twin.dynamics.harmonic_balance with its contacts held closed
 Holds    depths that rise slowly against the machine's own time
-Ignores  what sets in from another side (jumps on the way down)
+Ignores  jumps that occur at falling depth only
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from twin.model import Condition, Model
 from twin.wear.profile import POINTS_PER_PITCH, WornProfile
 
 STEP = 5e-6  # longest step of the integration [s]
-SETTLE = 0.3  # before anything is taken [s]
-BLOCKS = 6  # stretches over which the scatter is taken
-LOWEST = 5.0  # of the band [Hz]: what turns with the shafts as a whole is no vibration
+SETTLE = 0.3  # before anything is evaluated [s]
+BLOCKS = 6  # stretches over which the scatter is evaluated
+LOWEST = 5.0  # lower end of the band [Hz]: the rotation of the shafts as a whole is no vibration
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LevelCurve:
-    """What one condition does, by largest depth."""
+    """Level under one condition by largest depth."""
 
     teeth: tuple[int, int]  # of the pair
     condition: Condition
@@ -83,7 +83,7 @@ def level_curve(
     """Levels of the reference accelerometer at rising depths [m].
 
     band        [Hz]
-    duration    of the motion that is taken at every depth [s]
+    duration    of the motion that is evaluated at every depth [s]
     unevenness  standard deviation of the depth from gear tooth to gear tooth, of the depth; drawn with `seed`
     """
     from twin.dynamics.integrator import integrate, steady_start  # compiled: loads numba, which a service never needs

@@ -1,4 +1,4 @@
-"""Errors on cases left out: the twin's relation beside a straight line and a spline that know nothing of gears.
+"""Errors on cases left out: the twin's relation compared with a straight line and a spline that know nothing of gears.
 
 Each worn case is left out in turn, the rest fitted, the case predicted: of its ln(level) under all conditions, a mean
 and a covariance S. The evidence is the logarithm of the density of what was measured, once a case, in all [nat]:
@@ -7,8 +7,8 @@ and a covariance S. The evidence is the logarithm of the density of what was mea
     assembly                       ln N(x; μ, S);      prediction of one: μ_1 + S_12/S_22·(x_2 − μ_2), from the others
 
 so that what the second adds is the density of all conditions together over that of each by itself, and nothing twice.
-S of a relation is its own; that of a line or spline is the mean square of what it misses of the other cases, each of
-them left out in its turn.
+S of a relation is its own; that of a line or spline is the mean square of its residuals on the other cases, each of
+them left out in turn.
 
 Source   leave-one-out predictive density: A. Gelman, J. Hwang, A. Vehtari, Stat. Comput. 24 (2014) 997–1016;
          spline, its parameter by generalised cross-validation: P. Craven, G. Wahba, Numer. Math. 31 (1978) 377–403;
@@ -33,7 +33,7 @@ LOWEST = 0.01  # of the lowest level that was fitted: a line may fall to nothing
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Errors:
-    """What was missed on cases left out."""
+    """Errors on cases left out."""
 
     relative: Mapping[str, np.ndarray]  # predicted/measured − 1, by condition (n,) of the worn cases
     log_density: float  # [nat], all conditions together
@@ -48,14 +48,14 @@ class Errors:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExpectedLevel:
-    """What is said of one case in advance, conditions in the order of the cases' levels."""
+    """Prediction of one case, conditions in the order of the cases' levels."""
 
     log_level: np.ndarray  # μ (m,)
     covariance: np.ndarray  # S (m, m)
 
 
 def by_relation(relation: Relation, depth: float) -> ExpectedLevel:
-    """What a relation says of a case at a depth [m]."""
+    """Prediction by a relation of a case at a depth [m]."""
     labels = list(relation.curves)
     return ExpectedLevel(
         log_level=np.log([float(relation.level(k, depth)) for k in labels]),
@@ -64,7 +64,7 @@ def by_relation(relation: Relation, depth: float) -> ExpectedLevel:
 
 
 def by_curve(cases: Cases, predict: Predict) -> Callable[[float], ExpectedLevel]:
-    """What a curve through the worn cases of every condition says of other cases, by their depth [m]."""
+    """Prediction of other cases by a curve through the worn cases of every condition, by depth [m]."""
     worn = cases.only(cases.worn)
 
     def log_level(known: np.ndarray, at: float) -> np.ndarray:
@@ -80,21 +80,21 @@ def by_curve(cases: Cases, predict: Predict) -> Callable[[float], ExpectedLevel]
 
 
 def score(cases: Cases, expected: Sequence[ExpectedLevel], assembly: bool | Sequence[bool] = False) -> Errors:
-    """Errors and density of what was said of cases, one each.
+    """Errors and density of predictions of cases, one each.
 
     assembly  whether a condition is predicted from the case's levels under the others, too; of all cases or of each
     """
     known = [assembly] * len(expected) if isinstance(assembly, bool) else assembly
     relative: dict[str, list[float]] = {k: [] for k in cases.level}
     density = 0.0
-    for i, (said, all_known) in enumerate(zip(expected, known, strict=True)):
-        off = np.array([np.log(v[i]) for v in cases.level.values()]) - said.log_level
-        S = said.covariance if all_known else np.diag(np.diag(said.covariance))
+    for i, (predicted, all_known) in enumerate(zip(expected, known, strict=True)):
+        off = np.array([np.log(v[i]) for v in cases.level.values()]) - predicted.log_level
+        S = predicted.covariance if all_known else np.diag(np.diag(predicted.covariance))
         density -= 0.5 * float(off @ np.linalg.solve(S, off) + np.linalg.slogdet(2 * np.pi * S)[1])
         for a, k in enumerate(relative):
             b = np.arange(off.size) != a
-            told = S[a, b] @ np.linalg.solve(S[np.ix_(b, b)], off[b])
-            relative[k].append(float(np.exp(told - off[a])) - 1)
+            shift = S[a, b] @ np.linalg.solve(S[np.ix_(b, b)], off[b])
+            relative[k].append(float(np.exp(shift - off[a])) - 1)
     return Errors(relative={k: np.array(v) for k, v in relative.items()}, log_density=density)
 
 

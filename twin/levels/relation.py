@@ -1,17 +1,17 @@
-"""A relation between wear depth and level, calibrated on cases whose depth was measured.
+"""A relation between wear depth and vibration level, calibrated on cases whose depth was measured.
 
     level² = exp(2·a)·(background² + (gain·E(depth))²)
 
-E           what the twin says of the level at a depth, one curve an operating condition         [m/s²]
-gain        from the twin's accelerometer to the machine's, one a condition or one for all
-background  what the machine does beside the mesh, one a condition                               [m/s²]
-a           how this assembly differs from the others: a number of standard deviation σ_a for all conditions at once
+E           level that the twin predicts at a depth, one curve for each operating condition         [m/s²]
+gain        from the twin's accelerometer to the machine's, one for each condition or one for all
+background  level of the machine that does not come from the mesh, one for each condition        [m/s²]
+a           difference of this assembly from the others: a number of standard deviation σ_a for all conditions at once
 
-What is left in ln(level) is normal: a, common to the conditions of one case, and a rest of its own in each. Both are
-taken from the cases: σ_a² is the covariance of their residuals, the rest's variance what remains.
+The residual in ln(level) is normal: a, common to the conditions of one case, and a rest of its own in each. Both are
+estimated from the cases: σ_a² is the covariance of their residuals, the variance of the rest what remains.
 
-The way back, from levels to depth, is the posterior on an even grid of depths, without any preference among them. Where
-the level does not rise with depth any more only a lower bound comes out.
+The depth that belongs to levels is the posterior on an even grid of depths with a uniform prior. Where the level no
+longer rises with depth, only a lower bound results.
 
 Source   the level and its gain: paper, section 3.3; posterior by quadrature: A. Gelman et al., Bayesian Data Analysis,
          3rd ed., ch. 3
@@ -31,15 +31,47 @@ from scipy.stats import rankdata
 from twin.errors import ParameterError
 from twin.levels.curve import LevelCurve
 from twin.model import Condition
+from twin.quantiles import Z95
+from twin.thresholds import deciding
 
 GRID = 401  # depths of the posterior
-Z95 = 1.645  # of the 5–95 % band
-LEAST_CASES = 3
-SAME_SPEED, SAME_TORQUE = 0.02, 0.1  # relative differences within which a condition is the same
-LEAST_VARIANCE = 1e-6  # of what is left in ln(level)
-LEAST_FALLING = 4  # cases that are called a region
-SURE = 0.05  # a rising level shows as long a region as rarely as this
+LEAST_VARIANCE = 1e-6  # of the residual in ln(level): keeps a covariance invertible
 DRAWS = 2000  # of a rising level
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelationLimits:
+    """When a relation exists, holds for a window, and still rises with depth."""
+
+    least_cases: int = deciding(
+        3, unit="cases", meaning="cases that a relation needs", source="derivation: gain, background and a scatter"
+    )
+    same_speed: float = deciding(
+        0.02,
+        of="speed of the condition",
+        meaning="difference within which a window is of the condition",
+        source="not derived: levels change fast with speed near a resonance",
+    )
+    same_torque: float = deciding(
+        0.1,
+        of="torque of the condition",
+        meaning="difference within which a window is of the condition",
+        source="not derived: the wander of a brake's torque",
+    )
+    least_falling: int = deciding(
+        4,
+        unit="cases",
+        meaning="deepest cases that are called a region",
+        source="not derived: fewer have no rank order",
+    )
+    chance: float = deciding(
+        0.05,
+        meaning="share of drawn rising levels that show as long a region, up to which the region is reported",
+        source="the usual level of significance",
+    )
+
+
+LIMITS = RelationLimits()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -92,10 +124,10 @@ class DepthFound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """What a relation is of; None where that was not stated."""
+    """Machine, sensor and band that a relation belongs to; None where that was not stated."""
 
     asset: str | None = None
-    causes: tuple[str, ...] = ()  # of its curves, beside the twin as its rig file has it
+    causes: tuple[str, ...] = ()  # changes of its curves against the twin as its rig file describes it
     sensor: str | None = None  # accelerometer of the levels
     band: tuple[float, float] | None = None  # of the levels [Hz]
 
@@ -160,8 +192,8 @@ class Relation:
         """The condition of a window by its speed [Hz] and torque [N·m], None where it is another."""
         for label, curve in self.curves.items():
             c = curve.condition
-            near = abs(speed_hz / c.speed_hz - 1) <= SAME_SPEED
-            if near and (torque is None or abs(torque / c.torque - 1) <= SAME_TORQUE):
+            near = abs(speed_hz / c.speed_hz - 1) <= LIMITS.same_speed
+            if near and (torque is None or abs(torque / c.torque - 1) <= LIMITS.same_torque):
                 return label
         return None
 
@@ -229,11 +261,11 @@ class Relation:
         )
 
     def told_to(self, label: str) -> float:
-        """Depth [m] from which on the level does not tell a depth from the deepest.
+        """Depth [m] from which on the level does not distinguish a depth from the deepest.
 
-        Told apart are depths where, of two new assemblies, one at each, the levels stand in the curve's order 19 times
-        of 20: their difference scatters by √2·std, so that the curve must differ by 1.645·√2·std. That the 5–95 % bands
-        of both do not overlap would ask for 1.645·2·std, and the order is then right 99 times of 100.
+        Distinguished are depths where, of two new assemblies, one at each, the levels are in the curve's order 19 times
+        of 20: their difference scatters by √2·std, so that the curve must differ by Z95·√2·std. That the 5–95 % bands
+        of both do not overlap would ask for Z95·2·std, and the order is then right 99 times of 100.
         """
         grid = np.linspace(0, self.deepest, GRID)
         rise = np.log(self.level(label, grid[-1])) - np.log(self.level(label, grid))
@@ -242,11 +274,11 @@ class Relation:
 
 
 def fit(cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None) -> Relation:
-    """The relation that the cases leave least of in ln(level)."""
+    """The relation with the smallest residual of the cases in ln(level)."""
     form = form or Form()
     labels = list(curves)
-    if cases.depth.size < LEAST_CASES:
-        raise ParameterError(f"{cases.depth.size} cases are too few for a relation: at least {LEAST_CASES}")
+    if cases.depth.size < LIMITS.least_cases:
+        raise ParameterError(f"{cases.depth.size} cases are too few for a relation: at least {LIMITS.least_cases}")
     measured = {k: np.log(cases.level[k]) for k in labels}
     twin = {k: curves[k].at(cases.depth) for k in labels}
 
@@ -294,9 +326,9 @@ def fit(cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None
 def falling_region(depth: np.ndarray, level: np.ndarray, *, draws: int = DRAWS, seed: int = 1) -> NotRising | None:
     """The longest run of deepest cases over which the level does not rise with depth (Spearman's ρ ≤ 0).
 
-    Many runs are looked at and each may not rise by chance. So the rising level b + g·depth^q that leaves least of
-    ln(level) is drawn again with what it leaves as scatter, and p is the share of draws with a run as long. None where
-    every run of `LEAST_FALLING` and more cases rises or p > `SURE`.
+    Many runs are looked at and each may not rise by chance. So the rising level b + g·depth^q that fits best in
+    ln(level) is drawn again with its residual as scatter, and p is the share of draws with a run as long. None where
+    every run of `least_falling` and more cases rises or p > `chance`.
 
     depth  (n,) [m], all above 0
     level  (n,) [m/s²]
@@ -309,13 +341,13 @@ def falling_region(depth: np.ndarray, level: np.ndarray, *, draws: int = DRAWS, 
     rising, std = _rising(d, r)
     drawn = rising * np.exp(std * np.random.default_rng(seed).standard_normal((draws, d.size)))
     p = float(1 + np.sum(_not_rising(d, drawn)[0] >= length)) / (1 + draws)
-    return None if p > SURE else NotRising(start=float(d[-length]), spearman=float(ρ), p=p)
+    return None if p > LIMITS.chance else NotRising(start=float(d[-length]), spearman=float(ρ), p=p)
 
 
 def _not_rising(depth: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cases of the longest run at the end with ρ ≤ 0, and ρ; depth (n,) sorted, level (draws, n) → (draws,) each."""
     length, spearman = np.zeros(len(level), dtype=int), np.zeros(len(level))
-    for count in range(LEAST_FALLING, depth.size + 1):
+    for count in range(LIMITS.least_falling, depth.size + 1):
         a, b = rankdata(depth[-count:]), rankdata(level[:, -count:], axis=1)
         a, b = a - a.mean(), b - b.mean(axis=1, keepdims=True)
         ρ = b @ a / np.sqrt(np.maximum(a @ a * (b**2).sum(axis=1), 1.0))  # ranks: 0 only where none differ
@@ -324,7 +356,7 @@ def _not_rising(depth: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _rising(depth: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, float]:
-    """Levels of b + g·depth^q with all three above 0 (n,), and standard deviation of what they leave of ln(level)."""
+    """Levels of b + g·depth^q with all three above 0 (n,), and standard deviation of their residual in ln(level)."""
     x, y = np.log(depth / depth.max()), np.log(level)
 
     def off(p: np.ndarray) -> np.ndarray:

@@ -1,41 +1,41 @@
-"""What could make the levels that the twin misses, each tried on its merits.
+"""Causes of the difference between measured and predicted levels, each compared on cases left out.
 
-The start is the twin with a gain for every condition and nothing else. Each cause is one change of it; every one is
-judged on the same worn cases, each left out in turn. A cause that has a value of its own (a share, a draw of what is
-estimated) takes that from the other cases, and so is the combination of causes chosen: for every case left out anew,
-by what leaves out each of the other cases in turn. Neither is then freer on the case left out than the rest.
+The start is the twin with a gain for every condition and nothing else. Each cause is one change of it (twin.levels.
+causes); every one is judged on the same worn cases, each left out in turn. A cause that has a value of its own (a
+share, a draw of estimated values) is fitted to the other cases, and so is the combination of causes chosen: for every
+case left out anew, by leaving out each of the other cases in turn. No cause is then freer on the case left out than the
+others.
 
-    contact kept        the teeth stick together: the linear response to the quasi-static transmission error
-    sliding wear        depth by the sliding distance alone, without the load's sharing
-    even wear           a part of the depth lies evenly over the flank
-    uneven teeth        gear teeth are worn deeper and less deep
-    other shaft's load  the torque stated was that of the other shaft
-    other sensor        the levels are those on the other shaft, where it is not stated of which sensor they are
-    lower band          the levels are of a band to 2 kHz, where it is not stated of which they are
-    run-in              assemblies with unworn gears have another background
-    one gain            the same from the mesh to the sensor at every speed
-    other values        of what the rig file estimates: resonances elsewhere, other damping, other width
-    assembly            what all conditions of one assembly have in common: one is predicted from the others, too
+    run-in      assemblies with unworn gears have another background
+    one gain    the same from the mesh to the sensor at every speed
+    assembly    what all conditions of one assembly have in common: one is predicted from the others as well
 
-Straight line and spline are given the other conditions of the assembly, too, where the twin is.
+Straight line and spline are given the other conditions of the assembly wherever the twin is.
 
-Source   the causes: what is known of such series (README of the data); the judge: twin.levels.left_out
+Source   causes: twin.levels.causes; comparison: twin.levels.left_out
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from math import log
-from typing import Any
 
 import numpy as np
 
 from twin.errors import NotConverged, ParameterError
-from twin.levels.curve import LevelCurve, level_curve, linear_curve
+from twin.levels.causes import (
+    EVEN_SHARES,
+    EVEN_WEAR,
+    NUMBERED,
+    OTHER_VALUES,
+    Curves,
+    Machine,
+    causes_of,
+    depths_to,
+    drawn,
+)
 from twin.levels.left_out import (
     Errors,
     ExpectedLevel,
@@ -51,40 +51,54 @@ from twin.levels.left_out import (
     straight_line,
 )
 from twin.levels.relation import Cases, Form, Relation, fit
-from twin.levels.wear import Wear, by_load_sharing, by_sliding, with_even_part
-from twin.model import Calibration, Condition, Model
+from twin.model import Condition
 from twin.rig import Rig
+from twin.thresholds import deciding
 
 PLAIN = Form()
-Curves = Mapping[str, LevelCurve]
 Progress = Callable[[float, str], None]  # share done, what is being done
 
-NUMBERED = " #"  # between the name of a cause and which of several it is
-EVEN_WEAR, OTHER_VALUES = "even wear", "other values"
-STEP = 50e-6  # between the depths of a curve, closer where wear begins [m]
-FIRST = (10e-6, 20e-6, 40e-6, 60e-6, 80e-6)
-EVEN_SHARES = (0.25, 0.5)
-UNEVENNESS = 0.15  # standard deviation of the depth from tooth to tooth
-DURATION = 1.2  # of the motion that is taken at every depth [s]
-UNEVEN_DURATION = 2.4  # [s]: the hunting-tooth period of slow gears is long
-LEAST_WORN = 12  # cases: a spline through half of them but one must be possible
-LEAST_GAIN = 3.0  # a cause joins from so much better a density on the cases left out [nat]
-OTHER_SHAFT = {"y4": "y9", "y9": "y4", "y6": "y11", "y11": "y6"}  # bearings of either shaft by the model's coordinates
-LOWER_BAND = 2000.0  # upper end of the paper's band [Hz]
-BLIND: dict[str, Predict] = {"straight line": straight_line, "spline": spline}  # to gears
+BLIND: dict[str, Predict] = {"straight line": straight_line, "spline": spline}  # curves that know nothing of gears
 WITH_OTHERS = " + assembly"  # with the other conditions of the assembly known
-FEW = 4  # cases from which the gain is taken where the rest is to be predicted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialLimits:
+    """When a series of cases can be judged, and when a cause is accepted."""
+
+    least_worn: int = deciding(
+        12,
+        unit="cases",
+        meaning="worn cases that a series needs",
+        source="derivation: a spline through half of them but one must be possible",
+    )
+    least_gain: float = deciding(
+        3.0,
+        unit="nat",
+        meaning="gain of log density on cases left out from which a cause is accepted",
+        source="not derived: odds of twenty to one",
+    )
+    few: int = deciding(
+        4,
+        unit="cases",
+        meaning="cases from which the gain is estimated where the others are to be predicted",
+        source="not derived: as few as somebody may have measured",
+    )
+
+
+LIMITS = TrialLimits()
+LEAST_WORN, LEAST_GAIN = LIMITS.least_worn, LIMITS.least_gain
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CauseTrial:
-    """One cause with what it makes of the errors."""
+    """One cause with the errors that it leaves."""
 
     name: str
     said: str
     errors: Errors
     gain: float  # of log density over the twin with its background [nat]
-    cause: bool = False  # of what the twin with its background misses
+    cause: bool = False  # whether it is a cause of what the twin with its background does not explain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +111,7 @@ class Choice:
 
     @property
     def causes(self) -> tuple[str, ...]:
-        """Names of what is more than the twin with its background."""
+        """Names of what is added to the twin with its background."""
         named = (
             (self.curves, self.curves != "twin"),
             ("run-in", self.form.run_in),
@@ -109,7 +123,7 @@ class Choice:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tried:
-    """A series of cases with everything that was tried on it."""
+    """A series of cases with every cause that was compared on it."""
 
     cases: Cases
     curves: Mapping[str, Curves]  # by name; the twin's own is "twin"
@@ -120,70 +134,10 @@ class Tried:
     relations: tuple[Relation, ...]  # by that, fitted without that case
     errors: Errors  # by that, on the case
     gain: float  # of their log density over the twin with its background [nat]
-    judged: Mapping[str, Errors]  # chosen and fitted on every other case, on the rest; by way
-    few: Mapping[str, Mapping[str, float]]  # mean errors on the rest from `FEW` cases, by way and condition
+    judged: Mapping[str, Errors]  # chosen and fitted on every other case, on the rest; by method
+    few: Mapping[str, Mapping[str, float]]  # mean errors on the rest from few cases, by method and condition
     spread: Mapping[str, tuple[float, float, float]]  # 10, 50, 90 % of mean errors over draws of what is estimated
     draws: int
-
-
-def depths_to(deepest: float) -> np.ndarray:
-    """Depths of a curve up to and beyond the deepest case [m]."""
-    return np.concatenate(([0.0], FIRST, np.arange(FIRST[-1] + 40e-6, deepest + STEP, STEP)))
-
-
-def drawn(rig: Rig, spreads: Mapping[str, float], rng: np.random.Generator) -> Rig:
-    """The rig with every estimated value times a factor between 1/spread and spread, even in its logarithm."""
-    for path, spread in spreads.items():
-        value = rig.get(path)
-        if not spread > 1:
-            raise ParameterError(f"estimated.{path} = {spread:g} must be above 1: a factor")
-        if not isinstance(value, (int, float)):
-            raise ParameterError(f"estimated.{path}: the rig file gives no such number")
-        rig = with_value(rig, path, value * float(np.exp(rng.uniform(-1, 1) * log(spread))))
-    return rig
-
-
-def with_value(rig: Rig, path: str, value: Any) -> Rig:
-    """The rig with another value at a dotted path."""
-    values = deepcopy(dict(rig.values))
-    *tables, key = path.split(".")
-    node = values
-    for table in tables:
-        node[table] = dict(node[table])
-        node = node[table]
-    node[key] = value
-    return Rig.from_mapping(values)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Machine:
-    """One rig under the conditions of a series."""
-
-    model: Model
-    conditions: Mapping[str, Condition]
-    depths: np.ndarray
-
-    @classmethod
-    def of(cls, rig: Rig, conditions: Mapping[str, Condition], depths: np.ndarray) -> _Machine:
-        return cls(model=Model.of(rig, Calibration.prior(rig)), conditions=conditions, depths=depths)
-
-    def worn(self) -> Wear:
-        return by_load_sharing(self.model, next(iter(self.conditions.values())), float(self.depths[-1]))
-
-    def curves(self, wear: Wear, unevenness: float = 0.0, duration: float | None = None) -> Curves:
-        duration = DURATION if duration is None else duration
-        return {
-            k: level_curve(
-                self.model, c, wear, self.depths, band=self.model.rig.band, unevenness=unevenness, duration=duration
-            )
-            for k, c in self.conditions.items()
-        }
-
-    def closed(self, wear: Wear) -> Curves:
-        return {
-            k: linear_curve(self.model, c, wear, self.depths, band=self.model.rig.band)
-            for k, c in self.conditions.items()
-        }
 
 
 class Fits:
@@ -214,17 +168,17 @@ class Fits:
 
 
 def few_of(cases: Cases) -> np.ndarray:
-    """Unworn assemblies and `FEW` worn cases evenly over the depths (n,) bool."""
+    """Unworn assemblies and a few worn cases evenly over the depths (n,) bool."""
     worn = np.flatnonzero(cases.worn)
     by_depth = worn[np.argsort(cases.depth[worn])]
-    chosen = by_depth[np.linspace(0, by_depth.size - 1, FEW).round().astype(int)]
+    chosen = by_depth[np.linspace(0, by_depth.size - 1, LIMITS.few).round().astype(int)]
     known = ~cases.worn
     known[chosen] = True
     return known
 
 
 def choose(cases: Cases, fits: Fits) -> Choice:
-    """The combination with the best density on cases left out, each cause having to earn `LEAST_GAIN`."""
+    """The combination with the best density on cases left out, each cause having to gain LIMITS.least_gain."""
     worn, found = cases.only(cases.worn), []
     for curves, run_in, one_gain in product(fits.causes(), (False, True), (False, True)):
         form = Form(run_in=run_in, one_gain=one_gain)
@@ -263,12 +217,12 @@ def judge(cases: Cases, fits: Fits) -> dict[str, Errors]:
         some = cases.only(known)
         choice = choose(some, fits)
         background, chosen = fits.of(some, "twin", PLAIN), fits.of(some, choice.curves, choice.form)
-        ways: dict[str, Callable[[float], ExpectedLevel]] = {n: by_curve(some, curve) for n, curve in BLIND.items()}
-        ways |= {"background": partial(by_relation, background), "chosen": partial(by_relation, chosen)}
+        methods: dict[str, Callable[[float], ExpectedLevel]] = {n: by_curve(some, curve) for n, curve in BLIND.items()}
+        methods |= {"background": partial(by_relation, background), "chosen": partial(by_relation, chosen)}
         for i in np.flatnonzero(~known).tolist():
             assembly[i] = choice.assembly
-            for name, way in ways.items():
-                expected.setdefault(name, {})[i] = way(float(cases.depth[i]))
+            for name, method in methods.items():
+                expected.setdefault(name, {})[i] = method(float(cases.depth[i]))
     worn = np.flatnonzero(cases.worn).tolist()
 
     def scored(name: str, known: bool | Sequence[bool]) -> Errors:
@@ -305,29 +259,29 @@ def try_all(
     seed: int = 1,
     progress: Progress = lambda share, doing: None,
 ) -> Tried:
-    """Everything that is tried on a series of cases.
+    """Compares every cause on a series of cases.
 
     conditions  of every label of the cases' levels
     stated      which of "sensor" and "band" of the levels are known and need not be tried
     spreads     estimated numbers of the rig file by dotted path, and the factor by which they may be off
-    draws       of them that are tried
+    draws       number of draws of them
     Raises NotAvailable where the rig file lacks what the model needs, ParameterError where worn cases are too few.
     """
     if cases.worn.sum() < LEAST_WORN:
         raise ParameterError(f"{cases.worn.sum()} worn cases are too few: at least {LEAST_WORN}")
     depths = depths_to(float(cases.depth.max()))
-    ways = _ways(rig, stated)
-    names = [*ways, *(f"{OTHER_VALUES}{NUMBERED}{i + 1}" for i in range(draws))]
+    causes = causes_of(rig, stated)
+    names = [*causes, *(f"{OTHER_VALUES}{NUMBERED}{i + 1}" for i in range(draws))]
     curves: dict[str, Curves] = {}
-    machine = _Machine.of(rig, conditions, depths)
+    machine = Machine.of(rig, conditions, depths)
     wear = machine.worn()
     rng = np.random.default_rng(seed)
     for i, name in enumerate(names):
         progress(i / (len(names) + 3), name)
-        if name in ways:
-            curves[name] = ways[name][1](machine, wear)
+        if name in causes:
+            curves[name] = causes[name][1](machine, wear)
             continue
-        other = _Machine.of(drawn(rig, spreads or {}, rng), conditions, depths)
+        other = Machine.of(drawn(rig, spreads or {}, rng), conditions, depths)
         try:
             curves[name] = other.curves(other.worn())
         except NotConverged:  # no steady state of the unworn gears to begin with
@@ -335,7 +289,7 @@ def try_all(
     progress(len(names) / (len(names) + 3), "cases left out")
     fits = Fits(curves)
     drawn_names = [name for name in curves if name.startswith(OTHER_VALUES)]
-    trials, spread = _singly(cases, fits, {name: said for name, (said, _) in ways.items()}, drawn_names)
+    trials, spread = _singly(cases, fits, {name: said for name, (said, _) in causes.items()}, drawn_names)
     base = next(t.errors.log_density for t in trials if t.name == "background")
     progress((len(names) + 1) / (len(names) + 3), "combinations")
     choice = choose(cases, fits)
@@ -359,9 +313,9 @@ def try_all(
 
 
 def _singly(
-    cases: Cases, fits: Fits, ways: Mapping[str, str], drawn_names: Sequence[str]
+    cases: Cases, fits: Fits, causes: Mapping[str, str], drawn_names: Sequence[str]
 ) -> tuple[list[CauseTrial], dict[str, tuple[float, float, float]]]:
-    """Every cause by itself beside the twin with its background, and what draws of the estimated values spread by."""
+    """Every cause by itself against the twin with its background, and the spread over draws of estimated values."""
 
     def errors(cause: str, form: Form = PLAIN, *, assembly: bool = False) -> Errors:
         return leave_out(cases, lambda others: fits.of(others, cause, form), assembly=assembly)
@@ -379,7 +333,7 @@ def _singly(
         add(name, "knows nothing of gears", alone)
     add("twin", "one gain a speed", errors("twin", Form(background=False)))
     add("background", "what the machine does beside the mesh, one level a speed", base)
-    for name, said in ways.items():
+    for name, said in causes.items():
         if name != "twin" and NUMBERED not in name:
             add(name, said, errors(name), cause=True)
     shares = ", ".join(f"{100 * q:.0f}" for q in EVEN_SHARES)
@@ -399,48 +353,3 @@ def _singly(
     for name, (_, known) in blind.items():
         add(name + WITH_OTHERS, said, known)
     return trials, spread
-
-
-def _ways(rig: Rig, stated: Collection[str]) -> dict[str, tuple[str, Callable[[_Machine, Wear], Curves]]]:
-    """Curves of one rig: what is said of them, and how they are made."""
-
-    def even(share: float) -> Callable[[_Machine, Wear], Curves]:
-        return lambda machine, wear: machine.curves(with_even_part(wear, share))
-
-    def sliding(machine: _Machine, wear: Wear) -> Curves:
-        return machine.curves(by_sliding(machine.model))
-
-    def uneven(machine: _Machine, wear: Wear) -> Curves:
-        return machine.curves(wear, unevenness=UNEVENNESS, duration=UNEVEN_DURATION)
-
-    def seen(path: str, value: Any) -> Callable[[_Machine, Wear], Curves]:
-        other = with_value(rig, path, value)
-        return lambda machine, wear: replace(machine, model=Model.of(other, machine.model.calibration)).curves(wear)
-
-    ways = {
-        "twin": ("as the rig file says", _Machine.curves),
-        "contact kept": ("no loss of contact: the linear response", _Machine.closed),
-        "sliding wear": ("depth by the sliding distance alone", sliding),
-        "uneven teeth": (f"gear teeth differ by {100 * UNEVENNESS:.0f} % of the depth", uneven),
-        "other shaft's load": ("the torque stated is the other shaft's", lambda machine, wear: _loaded(machine)),
-        **{f"{EVEN_WEAR}{NUMBERED}{q:g}": ("", even(q)) for q in EVEN_SHARES},
-    }
-    if "sensor" not in stated and rig.accelerometer in OTHER_SHAFT:
-        ways["other sensor"] = (
-            "the level is that on the other shaft",
-            seen("sensors.accelerometer", OTHER_SHAFT[rig.accelerometer]),
-        )
-    if "band" not in stated and rig.band[1] > LOWER_BAND:
-        ways["lower band"] = (
-            f"the level is of a band to {LOWER_BAND:g} Hz",
-            seen("sensors.band_hz", [rig.band[0], LOWER_BAND]),
-        )
-    return ways
-
-
-def _loaded(machine: _Machine) -> Curves:
-    """Under the load that the torques would be if they were those of the other shaft."""
-    z1, z2 = machine.model.mesh.pair.teeth
-    heavier = {k: replace(c, torque=c.torque * z2 / z1) for k, c in machine.conditions.items()}
-    other = replace(machine, conditions=heavier)
-    return other.curves(other.worn())
