@@ -113,7 +113,7 @@ def _traced(
     def attempt(turns: Sequence[tuple[int, float]], since_ns: int = 0, at: float | None = phase) -> Traced:
         return trace(
             rig, [_turned_back(rig, t, turns) for t in tracing.history], depths, at, rejected=tracing.rejected,
-            kept=kept, tolerated=tolerated, since_ns=since_ns,
+            kept=kept, fixed=tracing.fixed, tolerated=tolerated, since_ns=since_ns,
         )  # fmt: skip
 
     known = tracing.turns[-1][0] if tracing.turns else 0

@@ -172,6 +172,7 @@ class TracingContext:
     phase: float | None  # of the mesh against the encoder's zero [rad]
     rejected: tuple[str, ...] = ()  # effects that an engineer has ruled out
     kept: tuple[AttributedEffect, ...] = ()  # effects that the mesh lines are fitted with from the start
+    fixed: tuple[str, ...] = ()  # effects that an engineer has accepted or pinned: they stay, whatever they add
     tolerated: float = 0.0  # misfit of the mesh lines up to which no more effects are sought
     scales: Scales
     worn: WornWindows | None  # None without a mesh phase
@@ -187,6 +188,7 @@ class TracingContext:
         *,
         rejected: Collection[str] = (),
         kept: Sequence[AttributedEffect] = (),
+        fixed: Collection[str] = (),
         tolerated: float = 0.0,
         since_ns: int = 0,
         limits: WindowThresholds = THRESHOLDS,
@@ -226,6 +228,7 @@ class TracingContext:
             phase=phase,
             rejected=tuple(rejected),
             kept=tuple(kept),
+            fixed=tuple(fixed),
             tolerated=tolerated,
             scales=scales,
             worn=worn,

@@ -53,6 +53,11 @@ def big_enough(name: str, values: np.ndarray) -> bool:
     return max(sizes) >= EFFECTS[name].facts.detection.least_size
 
 
+def sized(name: str) -> np.ndarray:
+    """Which of the fitted numbers give an effect its size (n,)."""
+    return np.array([number.sizes for number in fitted_numbers(name)])
+
+
 def started(trial: EffectTrial, values: np.ndarray, onset: float) -> EffectTrial:
     """The trial starting elsewhere and setting in after so many revolutions."""
     free = tuple(replace(f, start=float(v)) for f, v in zip(trial.free, values, strict=True))

@@ -68,6 +68,11 @@ class Tracing:
     def rejected(self) -> tuple[str, ...]:
         return tuple(name for name, verdict in self.decisions.items() if verdict == "rejected")
 
+    @property
+    def fixed(self) -> tuple[str, ...]:
+        """Effects that an engineer has accepted or pinned: they stay, whatever they add."""
+        return tuple(name for name, verdict in self.decisions.items() if verdict in ("accepted", "pinned"))
+
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
         return {

@@ -41,6 +41,7 @@ def trace(
     *,
     rejected: Collection[str] = (),
     kept: Sequence[AttributedEffect] = (),
+    fixed: Collection[str] = (),
     tolerated: float = 0.0,
     since_ns: int = 0,
     detectors: Sequence[Detector] = DETECTORS,
@@ -51,11 +52,20 @@ def trace(
     phase      of the mesh against the encoder's zero [rad]; without it only non-gear content is sought
     rejected   names that an engineer has ruled out
     kept       effects that the mesh lines are fitted with from the start
+    fixed      names that an engineer has accepted or pinned: they stay, whatever they add
     tolerated  misfit of the mesh lines up to which no more effects are sought
     since_ns   when the pinion's disc was last turned: the mesh phase of what was recorded before is another [Unix ns]
     """
     context = TracingContext.of(
-        rig, history, depths, phase, rejected=rejected, kept=kept, tolerated=tolerated, since_ns=since_ns
+        rig,
+        history,
+        depths,
+        phase,
+        rejected=rejected,
+        kept=kept,
+        fixed=fixed,
+        tolerated=tolerated,
+        since_ns=since_ns,
     )
     for detector in detectors:
         if phase is None and detector.needs_phase:

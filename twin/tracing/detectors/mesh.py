@@ -21,7 +21,8 @@ from twin.tracing.context import TracingContext
 from twin.tracing.detectors.tooth_errors import tooth_additions
 from twin.tracing.findings import Findings
 from twin.tracing.joint_fit import JointFit
-from twin.tracing.mesh_search import ALIKE, AlikeTeeth, DifferingTeeth, Fits, MeshFindings, search_mesh
+from twin.tracing.mesh_fits import AlikeTeeth, DifferingTeeth, Fits
+from twin.tracing.mesh_search import MeshFindings, search_mesh
 from twin.tracing.mesh_trials import fitted_numbers, plain
 from twin.tracing.mesh_windows import MeshWindows
 from twin.tracing.observed import chosen
@@ -71,7 +72,7 @@ def detect(context: TracingContext, limits: MeshThresholds = THRESHOLDS) -> Find
             windows=mesh, profiles=context.profiles, teeth=lambda effects: tooth_additions(context, effects)
         )
     tolerated = max(limits.quiet_with_other_structure if elsewhere else 0.0, context.tolerated)
-    found = search_mesh(fits, skip=context.rejected, tolerated=tolerated, kept=trials, base=base)
+    found = search_mesh(fits, skip=context.rejected, tolerated=tolerated, kept=trials, fixed=context.fixed, base=base)
     effects = attributed(found, context.kept)
     return replace(context.findings.adding(*effects, rejected=context.rejected), mesh=found, other_structure=elsewhere)
 
@@ -111,7 +112,7 @@ def _other_structure(context: TracingContext, mesh: MeshWindows, base: JointFit,
 
 
 def attributed(findings: MeshFindings, kept: Sequence[AttributedEffect]) -> list[AttributedEffect]:
-    """What the mesh lines show; those kept from before with the evidence that they had then."""
+    """What the mesh lines show; those kept from before with the rivals that they had then."""
     before = {f.name: f for f in kept}
     out = []
     effects = findings.best.effects()
@@ -134,10 +135,6 @@ def attributed(findings: MeshFindings, kept: Sequence[AttributedEffect]) -> list
             alike = known.alike
             if known.runner_up is not None and known.over_runner_up is not None:
                 other = (known.runner_up, known.over_runner_up)
-            if len(before) > 1:
-                evidence = known.log_evidence
-        if name in before and evidence < ALIKE.least_gain:
-            continue
         out.append(
             AttributedEffect.of(
                 plain(effect),
