@@ -28,6 +28,16 @@ class Settings(BaseSettings):
     queue_wait: float = Field(default=60.0, ge=0, le=240, description="how long a full queue holds the stream up [s]")
     idle_timeout: float = Field(default=3.0, gt=0, le=3600, description="silence that ends a window in progress [s]")
 
+    stale_after: float = Field(
+        default=86_400.0, gt=0, le=1e9, description="time without a whole window that makes an asset stale [s]"
+    )
+    fruitless_after: float = Field(
+        default=300.0,
+        gt=0,
+        le=1e9,
+        description="the same while frames keep coming, at least three window lengths [s]",
+    )
+
     # windows
     window_length: float = Field(default=10.0, gt=0.05, le=600, description="cut of an unbroken stream [s]")
     window_gap: float = Field(default=1.0, gt=0, le=600, description="pause that ends a burst [s]")

@@ -13,6 +13,7 @@ from prometheus_client.registry import Collector
 
 from service.api import models
 from service.api.problems import problem, responses
+from service.contract.answer import iso_time
 from service.results.board import Board, Snapshot
 from service.results.store import ResultStore
 
@@ -29,13 +30,18 @@ async def healthz() -> Any:
     return JSONResponse({"status": "ok"})
 
 
-@router.get("/readyz", response_model=models.Health, responses=responses(503))
+@router.get("/readyz", response_model=models.Readiness, responses=responses(503))
 async def readyz(request: Request) -> Any:
-    """The service is subscribed and takes frames."""
+    """The service is subscribed and accepts frames; assets that send none, or none of use, do not make it unready."""
     reason = request.app.state.not_ready()
     if reason:
         return problem(request, 503, reason)
-    return JSONResponse({"status": "ready"})
+    board = request.app.state.board
+    snapshots = [s for name in board.assets() if (s := board.get(name))]
+    stale = [
+        {"asset": s.asset, "since": iso_time(s.stale.since_ns), "reason": s.stale.reason} for s in snapshots if s.stale
+    ]
+    return JSONResponse({"status": "ready", "stale": stale})
 
 
 @router.get("/metrics", response_class=Response, responses=TEXT)
@@ -78,6 +84,10 @@ class BoardCollector(Collector):
         life = GaugeMetricFamily(
             "gear_twin_remaining_life_hours", "Remaining useful life", labels=("asset", "quantile")
         )
+        received = GaugeMetricFamily(
+            "gear_twin_last_window_seconds", "Unix time at which the latest window was committed", labels=("asset",)
+        )
+        stale = GaugeMetricFamily("gear_twin_stale", "1 where no whole window has come for long", labels=("asset",))
         effects = GaugeMetricFamily("gear_twin_effects", "Effects in the twin beside wear", labels=("asset",))
         decisions = CounterMetricFamily(
             "gear_twin_decisions", "Decisions on effects that were carried out", labels=("asset", "decision")
@@ -98,13 +108,16 @@ class BoardCollector(Collector):
             for (kind, channel), count in _fault_counts(snapshot).items():
                 faults.add_metric((name, kind, channel), count)
             updates.add_metric((name,), snapshot.updates)
+            stale.add_metric((name,), float(snapshot.stale is not None))
+            if snapshot.received_ns is not None:
+                received.add_metric((name,), snapshot.received_ns / 1e9)
             latest = snapshot.latest
             for flank, band in (latest.get("depth_um") or {}).items():
                 for quantile, value in _quantiles(band):
                     depth.add_metric((name, flank, quantile), value)
             for quantile, value in _quantiles(latest.get("rul_hours") or {}):
                 life.add_metric((name, quantile), value)
-        yield from (frames, stream, windows, faults, updates, effects, decisions, depth, life)
+        yield from (frames, stream, windows, faults, updates, received, stale, effects, decisions, depth, life)
         for key, value in self._gauges().items():
             yield GaugeMetricFamily(f"gear_twin_{key}", key.replace("_", " "), value=value)
 

@@ -233,7 +233,7 @@ class AssetSummary(BaseModel):
     """One asset in the list."""
 
     asset: str
-    status: Literal["waiting", "ok", "degraded"]
+    status: Literal["waiting", "ok", "degraded", "stale"]
     reason: str
     windows: int
     updates: int
@@ -315,7 +315,22 @@ class InspectionAnswer(BaseModel):
     )
 
 
+class StaleAsset(BaseModel):
+    """An asset whose figures no longer say how the machine is now."""
+
+    asset: str
+    since: str = Field(description="ISO 8601, by the service's clock")
+    reason: str
+
+
+class Readiness(BaseModel):
+    """Whether frames are accepted, and what of them is missing."""
+
+    status: Literal["ready"]
+    stale: list[StaleAsset]
+
+
 class Health(BaseModel):
     """State of the process."""
 
-    status: Literal["ok", "ready"]
+    status: Literal["ok"]

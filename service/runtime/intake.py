@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from service.errors import FrameError
 from service.runtime.learning_phase import LearningPhase
 from service.runtime.pipeline import Pipeline
+from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import Frame
 from service.stream.wire.topics import Channel
 
@@ -15,17 +16,23 @@ SHOW_EVERY = 1.0  # how often counters are shown while frames come [s]
 
 
 class Intake:
-    """Hands frames to the pipeline, and shows each asset's counters once a second while frames come."""
+    """Hands frames to the pipeline, and shows each asset's counters once a second while frames come.
+
+    show_quality  shows the counters of an asset
+    heard         called for each frame that comes, valid or not, of a channel that makes windows
+    """
 
     def __init__(
         self,
         pipeline: Pipeline,
         show_quality: Callable[[str], None],
         *,
+        heard: Callable[[str], None] = lambda asset: None,
         learning: LearningPhase | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._pipeline, self._show_quality, self._clock = pipeline, show_quality, clock
+        self._heard = heard
         self._learning = learning or LearningPhase()
         self._known = set(pipeline.assets)
         self._shown: dict[str, float] = {}  # when an asset's counters were shown; absent where they are up to date
@@ -33,6 +40,7 @@ class Intake:
     def feed(self, frame: Frame) -> None:
         """Takes one frame in."""
         asset, now = frame.channel.asset, self._clock()
+        self._note(frame.channel)
         if asset not in self._known:
             self._pipeline.open(asset)  # looks for the rig file now: who offers it may be gone later
             self._known.add(asset)
@@ -46,6 +54,7 @@ class Intake:
 
     def reject(self, channel: Channel, error: FrameError) -> None:
         """Counts a frame that breaks the contract."""
+        self._note(channel)
         self._pipeline.reject(channel, error)
         self._known.add(channel.asset)
         self._show(channel.asset)
@@ -67,6 +76,10 @@ class Intake:
     def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
         """Lets the asset's windows close without the channels that have fallen silent."""
         self._pipeline.wait_only_for(asset, labels)
+
+    def _note(self, channel: Channel) -> None:
+        if not CHANNEL_KINDS[channel.kind].slow:  # slow values go on between windows
+            self._heard(channel.asset)
 
     def _feed_learned(self, asset: str, frames: list[Frame]) -> bool:
         """Hands on the frames of a learning phase that has ended, whose channels are known now; whether it has."""

@@ -46,7 +46,7 @@ def rig_change(before: Mapping[str, Any], now: Mapping[str, Any]) -> RigChange:
     for key in sorted(old.keys() | new.keys()):
         was, value = old.get(key, _ABSENT), new.get(key, _ABSENT)
         if was != value:
-            line = f"{key} {_said(value)} (was {_said(was)})"
+            line = f"{key} = {_text(value)} (was {_text(was)})"
             (identity if key.startswith(IDENTITY) and was is not _ABSENT else other).append(line)
     return RigChange(identity=tuple(identity), other=tuple(other))
 
@@ -150,8 +150,8 @@ def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             yield f"{prefix}{key}", value
 
 
-def _said(value: Any) -> str:
-    return "absent" if value is _ABSENT else f"= {value}"
+def _text(value: Any) -> str:
+    return "absent" if value is _ABSENT else str(value)
 
 
 def _named(lines: tuple[str, ...]) -> str:

@@ -16,6 +16,7 @@ from service.runtime.pipeline import Checkpoint, Pipeline, assembly_settings
 from service.runtime.pump import pump
 from service.runtime.rigs import OfferedRigs, Rigs
 from service.runtime.service_sink import ServiceSink
+from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, StalenessWatch
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Twin, guarded
 from service.settings import Settings
@@ -129,11 +130,17 @@ class Worker(threading.Thread):
                 before_window=self._end_if_stopping,
             )
             restore(pipeline, self._store, self._twin)
-            intake = Intake(pipeline, lambda asset: self._show_quality(pipeline, asset))
+            watch = StalenessWatch(self._store, self._board, publication, staleness_limits(self._settings))
+            intake = Intake(pipeline, lambda asset: self._show_quality(pipeline, asset), heard=watch.heard)
             decisions = DecisionWorker(self._queue, pipeline, self._store, self._board, publication, self._stopping)
             with transport.subscribe(self._inbox):
                 self._reason = None
-                pump(self._inbox, intake, self._stopping, self._settings.idle_timeout, between=decisions)
+
+                def between() -> None:
+                    decisions()
+                    watch()
+
+                pump(self._inbox, intake, self._stopping, self._settings.idle_timeout, between)
 
     def _end_if_stopping(self) -> None:
         if self._stopping.is_set():
@@ -144,6 +151,12 @@ class Worker(threading.Thread):
 
     def _count_fault(self) -> None:
         self._faults += 1
+
+
+def staleness_limits(settings: Settings) -> StalenessLimits:
+    """How long an asset may be without a whole window, by the service's settings."""
+    fruitless = max(settings.fruitless_after, WINDOWS_MISSED * settings.window_length)
+    return StalenessLimits(silent=settings.stale_after, fruitless=fruitless)
 
 
 def restore(pipeline: Pipeline, store: ResultStore, twin: Twin) -> None:

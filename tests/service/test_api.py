@@ -271,7 +271,7 @@ def test_readiness_is_told_apart_from_liveness(store, board):
     answer = client.get("/readyz")
     assert answer.status_code == 503 and answer.json()["detail"] == "not yet subscribed"
     reason[0] = None
-    assert client.get("/readyz").json() == {"status": "ready"}
+    assert client.get("/readyz").json() == {"status": "ready", "stale": []}
 
 
 def test_metrics_tell_frames_windows_faults_depth_and_life(client):

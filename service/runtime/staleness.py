@@ -1,0 +1,123 @@
+"""When an asset's figures no longer say how the machine is now, though nothing has failed.
+
+Either no whole window has come for a long time, or frames keep coming and none of them ends in a window: their time
+stamps contradict each other or what was received before, or channels that a window needs are missing.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from service.results.board import Board, Stale
+from service.results.store import ResultStore
+from service.runtime.state_publication import StatePublication
+
+log = logging.getLogger(__name__)
+
+NS = 1_000_000_000
+LOOK_EVERY = 1.0  # how often the assets are looked at [s]
+WINDOWS_MISSED = 3.0  # window lengths that frames must have covered before a missing window is a fault
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StalenessLimits:
+    """How long an asset may be without a whole window [s]."""
+
+    silent: float  # in any case
+    fruitless: float  # while frames keep coming
+
+
+@dataclass(slots=True)
+class _Heard:
+    """Frames of one asset since its last window, on this machine's clock [ns]."""
+
+    window_ns: int | None = None  # the window that these frames follow
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+
+def stale(
+    now_ns: int, window_ns: int | None, first_ns: int | None, last_ns: int | None, limits: StalenessLimits
+) -> Stale | None:
+    """Whether an asset is stale; all times are this machine's Unix times [ns].
+
+    window_ns  when its last window was committed, or when the service first knew of it
+    first_ns   when the first frame since then came, and last_ns the last; None where none came
+    """
+    if first_ns is not None and last_ns is not None and last_ns - first_ns > limits.fruitless * NS:
+        reason = f"frames have been received since {_utc(first_ns)} without a whole measurement window"
+        return Stale(since_ns=first_ns, reason=f"{reason}; the data quality section counts why")
+    if window_ns is not None and now_ns - window_ns > limits.silent * NS:
+        return Stale(
+            since_ns=window_ns, reason=f"no whole measurement window has been received since {_utc(window_ns)}"
+        )
+    return None
+
+
+class StalenessWatch:
+    """Looks at all assets once a second; an asset that becomes stale is shown so, with an event."""
+
+    def __init__(
+        self,
+        store: ResultStore,
+        board: Board,
+        publication: StatePublication,
+        limits: StalenessLimits,
+        *,
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._store, self._board, self._publication, self._limits, self._clock = (
+            store,
+            board,
+            publication,
+            limits,
+            clock,
+        )
+        self._started = clock()
+        self._looked = 0
+        self._heard: dict[str, _Heard] = {}
+
+    def heard(self, asset: str) -> None:
+        """A frame of the asset has come, valid or not."""
+        now, snapshot = self._clock(), self._board.get(asset)
+        window_ns = snapshot.received_ns if snapshot else None
+        heard = self._heard.setdefault(asset, _Heard(window_ns=window_ns))
+        if heard.first_ns is None or heard.window_ns != window_ns:
+            heard.first_ns, heard.window_ns = now, window_ns
+        heard.last_ns = now
+
+    def __call__(self) -> None:
+        """Looks at the assets, if that is due."""
+        now = self._clock()
+        if now - self._looked < LOOK_EVERY * NS:
+            return
+        self._looked = now
+        for asset in self._board.assets():
+            snapshot = self._board.get(asset)
+            if snapshot is None:
+                continue
+            heard = self._heard.get(asset, _Heard())
+            current = heard.window_ns == snapshot.received_ns  # else a window has come since the last frame
+            first, last = (heard.first_ns, heard.last_ns) if current else (None, None)
+            found = stale(now, snapshot.received_ns or self._started, first, last, self._limits)
+            if found != snapshot.stale:
+                self._show(asset, found)
+
+    def _show(self, asset: str, found: Stale | None) -> None:
+        if found is not None:
+            log.warning("%s: %s", asset, found.reason)
+            fault = {
+                "window": None, "kind": "stale", "channel": "all", "count": 1, "action": "none",
+                "detail": found.reason,
+            }  # fmt: skip
+            self._store.note(asset, [("data_fault", fault)])
+        self._board.update(asset, stale=found, last_event_id=self._store.last_event_id(asset))
+        self._publication.publish(asset)
+
+
+def _utc(time_ns: int) -> str:
+    return datetime.fromtimestamp(time_ns // NS, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")

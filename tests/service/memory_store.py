@@ -1,0 +1,132 @@
+"""Results kept in memory: another store is this one file."""
+
+from __future__ import annotations
+
+import json
+import threading
+from contextlib import contextmanager
+from dataclasses import replace
+
+from service.contract.trend import figures
+from service.json_text import plain
+from service.results.store import Event, StoredAsset, StoredDecision, StoredWindow, faults_of
+
+
+class MemoryStore:
+    """A `ResultStore`; `open` may be called again, as a restart of the service does."""
+
+    def __init__(self):
+        self._lock = threading.RLock()
+        self._assets, self._windows, self._events, self._inspections, self._decisions = {}, {}, [], [], []
+
+    @contextmanager
+    def open(self):
+        yield self
+
+    def commit(self, asset, start_ns, *, record, state, report, assembly, quality, received_ns, events=()):
+        record, told = plain(record), report is not None and record.get("quality") != "refused"
+        window = StoredWindow(start_ns=start_ns, record=record, figures=plain(figures(report)) if told else {})
+        with self._lock:
+            windows = self._windows.setdefault(asset, [])
+            if any(w.start_ns == start_ns for w in windows):
+                return None
+            windows.append(window)
+            before = self.asset(asset)
+            totals = dict(before.fault_totals)
+            for key, found in faults_of(record).items():
+                count, concerned = totals.get(key, (0, 0))
+                totals[key] = (count + found, concerned + 1)
+            self._assets[asset] = replace(
+                before,
+                state=json.loads(json.dumps(state)),
+                report=before.report if report is None else plain(report),
+                assembly=assembly,
+                quality=quality,
+                windows=before.windows + 1,
+                updates=before.updates + bool(record.get("updated")),
+                fault_totals=totals,
+                received_ns=received_ns,
+            )
+            self.note(asset, events)
+        return window
+
+    def note(self, asset, events):
+        with self._lock:
+            self._assets.setdefault(asset, StoredAsset(asset=asset))
+            for kind, data in events:
+                self._events.append(Event(id=len(self._events) + 1, asset=asset, kind=kind, data=plain(data)))
+
+    def keep_rig(self, asset, rig):
+        with self._lock:
+            self._assets[asset] = replace(self.asset(asset), rig=rig)
+
+    def add_inspection(self, asset, inspection, answer):
+        with self._lock:
+            self._assets.setdefault(asset, StoredAsset(asset=asset))
+            number = len(self._inspections) + 1
+            kept = {"inspection": {"id": number, "received_ns": 1, **inspection}, **answer}
+            self._inspections.append((asset, kept))
+            return kept
+
+    def add_decision(self, asset, name, verb):
+        with self._lock:
+            number = len(self._decisions) + 1
+            self._decisions.append(
+                StoredDecision(id=number, asset=asset, received_ns=1, name=name, verb=verb, done=False, refused=None)
+            )
+            return number
+
+    def carry_out(self, decision, *, state, report, events):
+        with self._lock:
+            if self.decision(decision.id).done:
+                return False
+            self._decisions[decision.id - 1] = replace(decision, done=True)
+            self._assets[decision.asset] = replace(self.asset(decision.asset), state=state, report=report)
+            self.note(decision.asset, events)
+            return True
+
+    def refuse(self, decision, reason):
+        with self._lock:
+            self._decisions[decision.id - 1] = replace(decision, done=True, refused=reason)
+
+    def assets(self):
+        return tuple(sorted(self._assets))
+
+    def asset(self, asset):
+        return self._assets.get(asset, StoredAsset(asset=asset))
+
+    def windows(self, asset, after=-1, limit=1000, every=1):
+        with self._lock:
+            found = self._windows.get(asset, [])
+            chosen = [
+                w for w in found if w.record["index"] > after and (w.record["index"] % every == 0 or w is found[-1])
+            ]
+            return tuple(chosen[:limit])
+
+    def latest_windows(self, asset, limit):
+        return tuple(self._windows.get(asset, [])[-limit:])
+
+    def events(self, asset, after, limit=500):
+        return tuple(e for e in self._events if e.asset == asset and e.id > after)[:limit]
+
+    def last_event_id(self, asset):
+        return max((e.id for e in self._events if e.asset == asset), default=0)
+
+    def inspections(self, asset, after=0, limit=1000):
+        return tuple(k for a, k in self._inspections if a == asset and k["inspection"]["id"] > after)[:limit]
+
+    def decision(self, number):
+        return self._decisions[number - 1]
+
+    def decisions(self, asset):
+        return tuple(d for d in self._decisions if d.asset == asset)
+
+    def decision_counts(self, asset):
+        counts = {}
+        for decision in self.decisions(asset):
+            if decision.done and decision.refused is None:
+                counts[decision.verb] = counts.get(decision.verb, 0) + 1
+        return counts
+
+    def pending_decisions(self):
+        return tuple(d for d in self._decisions if not d.done)

@@ -1,0 +1,141 @@
+"""The whole service over another network and another store, each one file; nothing of Zenoh or SQLite is in it."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+import threading
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import fake_twin
+import pytest
+from memory_store import MemoryStore
+from memory_transport import MemoryNetwork
+from service_streams import Service, wait_until, write_recording
+from test_decisions import post
+
+from service.json_text import plain
+from service.runtime.assess import assess
+from service.runtime.replay import replay
+from service.runtime.serve import run
+from service.settings import Settings
+
+WINDOWS = 4
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("recording") / "short.mcap", WINDOWS)
+
+
+@contextmanager
+def serving(data, network, store, **given):
+    """The service in a thread of this process; a reader of its REST."""
+    addresses, stop, failed = [], threading.Event(), []
+
+    def serve():
+        try:
+            run(
+                Settings(http="127.0.0.1:0", data=data, idle_timeout=0.7, **given),
+                twin=fake_twin.TWIN,
+                open_transport=network.open,
+                open_store=store.open,
+                announce=addresses.append,
+                stop=stop,
+            )
+        except Exception as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        wait_until(lambda: addresses or failed)
+        assert not failed, failed
+        reader = Service(data)
+        reader.http = addresses[0].removeprefix("http://").strip("/")
+        yield reader
+    finally:
+        stop.set()
+        thread.join(20)
+    assert not thread.is_alive() and not failed
+
+
+def test_service_runs_over_a_network_and_a_store_in_memory_and_goes_on_after_a_restart(tmp_path, recording):
+    network, store = MemoryNetwork(), MemoryStore()
+    assessed = plain(assess(recording, twin=fake_twin.TWIN))
+    with serving(tmp_path, network, store) as running:
+        replay(recording, (), 0, publish_to=network.open_publisher)
+        assert running.wait_for_windows(WINDOWS) == assessed["windows"]
+        assert network.announced == {"unsw"}
+        assert running.get("/v1/assets/unsw/rig")["name"] == "unsw"  # offered on the network
+        asset, text = network.published[-1]
+        assert asset == "unsw" and json.loads(text)["windows_total"] == WINDOWS
+        assert json.loads(network.source.state_text("unsw"))["wear"] == assessed["wear"]
+        status, answer = post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "pin"})
+        assert (status, answer["done"]) == (200, True)
+        given = {"revolutions": 1200.0, "max_depth_um": 30.0, "flank": "combined", "std_um": 1.0}
+        assert post(running, "/v1/assets/unsw/inspections", given)[0] == 201
+        assert "gear_twin_dropped_frames 0.0" in running.text("/metrics")
+        before = running.get("/v1/assets/unsw")
+    assert network.announced == set()
+    with serving(tmp_path, network, store) as again:
+        assert again.get("/v1/assets/unsw") == before
+        assert len(again.get("/v1/assets/unsw/inspections")) == 1
+        replay(recording, (), 0, publish_to=network.open_publisher)  # what was counted is known
+        wait_until(lambda: network.inbox.depth == 0)
+        assert len(again.windows()) == WINDOWS
+
+
+def test_network_that_is_off_is_awaited_and_named(tmp_path):
+    network = MemoryNetwork(reachable=False)
+    with serving(tmp_path, network, MemoryStore()) as running:
+        wait_until(lambda: "the network in memory is off" in _reason(running))
+        network.reachable = True
+        wait_until(lambda: running.get("/readyz") is not None)
+
+
+def _reason(running):
+    try:
+        urllib.request.urlopen(f"http://{running.http}/readyz", timeout=5)
+    except urllib.error.HTTPError as error:
+        return json.load(error)["detail"]
+    return ""
+
+
+def test_queue_is_bounded_by_the_bytes_of_the_settings(tmp_path):
+    network = MemoryNetwork()
+    given = {"queue_bytes": 2**20, "queue_wait": 0.0}
+    with serving(tmp_path, network, MemoryStore(), **given):
+        assert network.subscribed.wait(10)
+        assert network.inbox._max_bytes == 2**20
+
+
+def imported(file: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names.add(node.module.split(".")[0])
+    return names
+
+
+@pytest.mark.parametrize(("package", "home"), [("zenoh", "transport/zenoh.py"), ("sqlite3", "results/sqlite_store.py")])
+def test_one_file_alone_knows_the_network_and_one_the_database(package, home):
+    knowing = [str(f.relative_to(ROOT / "service")) for f in (ROOT / "service").rglob("*.py") if package in imported(f)]
+    assert knowing == [home]
+
+
+def test_service_over_other_parts_needs_neither_zenoh_nor_sqlite():
+    code = (
+        "import sys; import service.runtime.worker, service.runtime.pipeline, service.api, service.results.board; "
+        "assert 'zenoh' not in sys.modules, 'zenoh'; assert 'sqlite3' not in sys.modules, 'sqlite3'"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,99 @@
+"""An asset that sends nothing of use any more is not shown as well: when, since when, and what ends it."""
+
+from __future__ import annotations
+
+import pytest
+import service_fakes as fakes
+from test_api import Client
+
+from service.api import create_app
+from service.runtime.staleness import NS, StalenessLimits, StalenessWatch
+
+LIMITS = StalenessLimits(silent=3600.0, fruitless=120.0)
+BEGIN = fakes.START_NS  # when the first window of the fakes was committed
+
+
+class Published(list):
+    def publish(self, asset):
+        self.append(asset)
+
+
+@pytest.fixture
+def watched(store, board):
+    """The watch over one asset with a window, and a clock that can be set [s after that window]."""
+    fakes.take(store, board, "unsw", 0, 10.0)
+    now = [0.0]
+    published = Published()
+    watch = StalenessWatch(store, board, published, LIMITS, clock=lambda: BEGIN + round(now[0] * NS))
+
+    def at(seconds, frame=False):
+        now[0] = seconds
+        if frame:
+            watch.heard("unsw")
+        watch()
+        return board.get("unsw").status()[0]
+
+    at.published = published
+    return at
+
+
+def test_asset_without_a_window_for_longer_than_stated_is_stale_and_says_since_when(watched, store, board):
+    assert watched(3599.0) == "ok"
+    assert watched(3602.0) == "stale"
+    assert watched.published == ["unsw"]
+    _, reason = board.get("unsw").status()
+    assert reason == "no whole measurement window has been received since 2023-11-14 22:13:20 UTC"
+    event = store.events("unsw", 0)[-1]
+    assert (event.kind, event.data["kind"], event.data["detail"]) == ("data_fault", "stale", reason)
+    assert board.get("unsw").last_event_id == event.id
+
+
+def test_a_new_window_ends_it(watched, store, board):
+    assert watched(4000.0) == "stale"
+    fakes.take(store, board, "unsw", 7, 20.0)  # 4200 s after the first
+    assert board.get("unsw").status()[0] == "ok"
+    assert watched(4300.0) == "ok"
+
+
+def test_frames_that_never_become_a_window_make_an_asset_stale_much_sooner(watched, board):
+    """As where all time stamps contradict what was received before."""
+    for second in range(10, 125, 5):
+        assert watched(float(second), frame=True) == "ok"
+    assert watched(135.0, frame=True) == "stale"
+    assert "frames have been received since 2023-11-14 22:13:30 UTC without a whole" in board.get("unsw").status()[1]
+
+
+def test_frames_with_windows_between_them_are_in_order(watched, store, board):
+    for index in range(1, 4):
+        for second in range(600 * (index - 1) + 540, 600 * index, 5):
+            assert watched(float(second), frame=True) == "ok"
+        fakes.take(store, board, "unsw", index, 10.0)
+
+
+def test_it_is_told_once_and_survives_no_restart_falsely(watched, store, board):
+    for second in (4000.0, 4002.0, 4004.0):
+        assert watched(second) == "stale"
+    assert sum(e.data.get("kind") == "stale" for e in store.events("unsw", 0)) == 1
+
+
+def test_asset_that_never_had_a_window_is_measured_from_the_start_of_the_service(store, board):
+    board.update("fresh", quality={})
+    now = [0]
+    watch = StalenessWatch(store, board, Published(), LIMITS, clock=lambda: BEGIN + now[0] * NS)
+    now[0] = 3000
+    watch()
+    assert board.get("fresh").status()[0] == "waiting"
+    now[0] = 3700
+    watch()
+    assert board.get("fresh").status()[0] == "stale"
+
+
+def test_readiness_and_metrics_name_the_stale_asset(watched, store, board):
+    watched(4000.0)
+    client = Client(create_app(board, store))
+    (named,) = client.get("/readyz").json()["stale"]
+    assert (named["asset"], named["since"]) == ("unsw", "2023-11-14T22:13:20.000000000Z")
+    text = client.get("/metrics").text
+    assert 'gear_twin_stale{asset="unsw"} 1.0' in text
+    assert 'gear_twin_last_window_seconds{asset="unsw"} 1.7e+09' in text
+    assert client.get("/v1/assets").json()[0]["status"] == "stale"

@@ -1,0 +1,170 @@
+"""What a service finds at its start: states of an earlier version, and rig files that have changed since."""
+
+from __future__ import annotations
+
+import copy
+import gzip
+import json
+import sqlite3
+import tomllib
+from pathlib import Path
+
+import pytest
+from service_streams import RIG, Sink
+
+from service.errors import InputError, StoreError
+from service.results.board import Board
+from service.results.sqlite_store import MIGRATIONS, SqliteStore
+from service.runtime.pipeline import Pipeline
+from service.runtime.rigs import Rigs, rig_change
+from service.runtime.twin_port import gear_twin
+from service.runtime.worker import restore
+from service.stream.sources.mcap import Recording
+from twin.rig import Rig
+from twin.step import Options
+
+ROOT = Path(__file__).parents[2]
+STORED = ROOT / "tests" / "data" / "store_v1.sqlite.gz"
+SHORT = ROOT / "recordings" / "short-campaign.mcap"
+ASSETS = ("bench", "two-encoders", "unsw-rig", "unsw-short")
+
+
+@pytest.fixture
+def path(tmp_path):
+    out = tmp_path / "gear-twin.sqlite"
+    out.write_bytes(gzip.decompress(STORED.read_bytes()))
+    return out
+
+
+@pytest.fixture
+def old(path):
+    with SqliteStore(path) as store:
+        yield store
+
+
+def test_store_of_version_1_opens_with_all_its_windows_counted(old):
+    assert old.assets() == ASSETS
+    assert [old.asset(a).windows for a in ASSETS] == [1, 1, 8, 6]
+    with sqlite3.connect(old.path) as peek:
+        assert peek.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS),)
+    peek.close()
+    for asset in ASSETS:
+        windows = old.windows(asset)
+        assert [w.record["index"] for w in windows] == list(range(len(windows)))
+        assert old.asset(asset).updates == sum(bool(w.record["updated"]) for w in windows)
+        counted = sum(f["count"] for w in windows for f in w.record["faults"])
+        assert sum(count for count, _ in old.asset(asset).fault_totals.values()) == counted
+    board = Board.from_store(old)
+    assert board.get("unsw-rig").whole["windows_total"] == 8
+
+
+def test_states_of_version_1_are_restored_and_the_next_windows_follow(old):
+    pytest.importorskip("twin.state_v1")  # the core's migration
+    """The store has six of the eight windows of the short campaign; replayed whole, two more are processed."""
+    outcomes = []
+    twin = gear_twin(Options(trace=False))
+
+    def rig_of(asset):
+        return Rig.from_mapping(old.asset(asset).rig or {})
+
+    pipeline = Pipeline(rig_of, twin, Sink(outcomes))
+    restore(pipeline, old, twin)
+    assert pipeline.assets == list(ASSETS)
+    with Recording(SHORT) as recording:
+        for frame in recording.frames(lambda channel, error: None):
+            object.__setattr__(frame, "channel", frame.channel._replace(asset="unsw-short"))
+            pipeline.feed(frame)
+    pipeline.flush("unsw-short")
+    assert [o.index for o in outcomes] == [6, 7]
+    depths = [w.record["wear_depth_um"] for w in old.windows("unsw-short")]
+    assert outcomes[0].record["wear_depth_um"] > depths[-1] > 0
+    json.dumps(outcomes[-1].state.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize("harm", [{"schema_version": 99}, "not a state", {"memory": []}])
+def test_state_that_cannot_be_read_is_one_sentence_with_the_asset(path, harm):
+    with sqlite3.connect(path) as edit:
+        edit.execute("UPDATE assets SET state = ? WHERE asset = 'bench'", (json.dumps(harm),))
+    edit.close()
+    twin = gear_twin(Options(trace=False))
+    with SqliteStore(path) as store:
+        pipeline = Pipeline(lambda asset: Rig.from_mapping({}), twin, Sink([]))
+        with pytest.raises(StoreError, match=r"stored state of bench cannot be read .*another --data directory"):
+            restore(pipeline, store, twin)
+
+
+# -- rig files -----------------------------------------------------------------------------------------
+
+GIVEN = tomllib.loads(RIG.read_text())
+
+
+def changed(**changes):
+    rig = copy.deepcopy(GIVEN)
+    for key, value in changes.items():
+        *tables, last = key.split("__")
+        place = rig
+        for table in tables:
+            place = place[table]
+        place[last] = value
+    return rig
+
+
+@pytest.fixture
+def learned(store):
+    """An asset whose state was learned with the reference rig."""
+    store.keep_rig("unsw", GIVEN)
+    store.commit(
+        "unsw", 1, record={"index": 0}, state={"n": 1}, report={}, assembly={}, quality={}, received_ns=1
+    )  # fmt: skip
+    return store
+
+
+class Nobody:
+    def find(self, asset):
+        return None
+
+
+def test_rig_file_of_other_gears_is_refused_with_both_values(learned, board):
+    rigs = Rigs(learned, board, changed(gears__face_width=0.025), "mine.toml")
+    with pytest.raises(InputError, match=r"mine\.toml: gears\.face_width = 0.025 \(was 0.02\).*state of unsw"):
+        rigs.check()
+    with pytest.raises(InputError, match="earlier rig file"):
+        rigs.of("unsw", Nobody())
+    assert learned.asset("unsw").rig == GIVEN and learned.last_event_id("unsw") == 0
+
+
+def test_rig_file_that_differs_elsewhere_is_adopted_with_an_event(learned, board):
+    rig = changed(name="after the overhaul", end_of_life__max_depth=4e-4)
+    rigs = Rigs(learned, board, rig, "mine.toml")
+    rigs.check()
+    rigs.of("unsw", Nobody())
+    assert learned.asset("unsw").rig == rig
+    (event,) = learned.events("unsw", 0)
+    assert (event.kind, event.data["kind"]) == ("data_fault", "rig_changed")
+    assert "end_of_life.max_depth = 0.0004 (was 0.0005)" in event.data["detail"]
+    assert "name = after the overhaul" in event.data["detail"]
+    rigs.of("unsw", Nobody())
+    assert learned.last_event_id("unsw") == event.id  # told once
+    assert board.get("unsw").last_event_id == event.id
+
+
+def test_the_same_rig_file_says_nothing(learned, board):
+    rigs = Rigs(learned, board, copy.deepcopy(GIVEN), "mine.toml")
+    rigs.check()
+    rigs.of("unsw", Nobody())
+    assert learned.last_event_id("unsw") == 0
+
+
+def test_asset_without_a_state_accepts_any_rig_file(store, board):
+    store.keep_rig("unsw", GIVEN)
+    Rigs(store, board, changed(gears__face_width=0.025), "mine.toml").of("unsw", Nobody())
+    assert store.asset("unsw").rig["gears"]["face_width"] == 0.025
+
+
+def test_gears_that_are_only_known_better_are_the_same_gears():
+    known = {"gears": {"pinion": {"teeth": 19}, "gear": {"teeth": 52}}}
+    assert rig_change(known, GIVEN).identity == ()
+    assert rig_change(GIVEN, known).identity != ()
+    assert rig_change(known, {"gears": {"pinion": {"teeth": 23}, "gear": {"teeth": 52}}}).identity == (
+        "gears.pinion.teeth = 23 (was 19)",
+    )
