@@ -97,12 +97,7 @@ class BoardCollector(Collector):
             effects.add_metric((name,), len(snapshot.whole["effects"]))
             for verb, count in self._store.decision_counts(name).items():
                 decisions.add_metric((name, verb), count)
-            for channel, kinds in snapshot.quality.get("channels", {}).items():
-                for kind, count in kinds.items():
-                    if kind == "frames":
-                        frames.add_metric((name, channel), count)
-                    else:
-                        stream.add_metric((name, channel, kind), count)
+            _add_frames(snapshot, frames, stream)
             for grade, count in snapshot.quality.get("windows", {}).items():
                 windows.add_metric((name, grade), count)
             for (kind, channel), count in _fault_counts(snapshot).items():
@@ -120,6 +115,16 @@ class BoardCollector(Collector):
         yield from (frames, stream, windows, faults, updates, received, stale, effects, decisions, depth, life)
         for key, value in self._gauges().items():
             yield GaugeMetricFamily(f"gear_twin_{key}", key.replace("_", " "), value=value)
+
+
+def _add_frames(snapshot: Snapshot, frames: CounterMetricFamily, faults: CounterMetricFamily) -> None:
+    """The counters of every channel: frames taken in, and those with a fault by its kind."""
+    for channel, kinds in snapshot.quality.get("channels", {}).items():
+        for kind, count in kinds.items():
+            if kind == "frames":
+                frames.add_metric((snapshot.asset, channel), count)
+            else:
+                faults.add_metric((snapshot.asset, channel, kind), count)
 
 
 def _fault_counts(snapshot: Snapshot) -> dict[tuple[str, str], int]:
