@@ -16,6 +16,7 @@ import numpy as np
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack, angle_track
 from twin.features.despike import without_spikes
+from twin.features.indicators import SensorIndicators, sensor_indicators
 from twin.features.level import band_level
 from twin.features.lines import mesh_keys, noise_rms, read_lines, shaft_keys
 from twin.features.mesh_speed import mesh_track
@@ -206,6 +207,18 @@ def _mean_torque(out: _Collector, window: Window) -> Samples | None:
     return samples
 
 
+def _indicators(out: _Collector, rig: Rig, window: Window, track: AngleTrack | None) -> None:
+    """Condition indicators of every accelerometer."""
+    teeth = rig.teeth if rig.has("gears.pinion.teeth", "gears.gear.teeth") else None
+    found: dict[str, SensorIndicators] = {}
+    for name, samples in window.accelerations.items():
+        try:
+            found[name] = sensor_indicators(samples, track, teeth)
+        except WindowError as error:
+            out.missing(f"indicators/{name}", str(error))
+    out.values["indicators"] = found
+
+
 def _motion(out: _Collector, track: AngleTrack) -> None:
     """Speed and revolutions."""
     out.values |= {
@@ -234,8 +247,10 @@ def extract(rig: Rig, window: Window) -> WindowFeatures:
     except TwinError as error:
         names = "speed_hz revolutions noise_rms mesh_bands acceleration transmission_error torque"
         out.missing(names, str(error))
+        _indicators(out, rig, window, None)
     else:
         _motion(out, track)
+        _indicators(out, rig, window, track)
         if samples is not None:
             _acceleration(out, rig, samples, track)
         if torque is not None:

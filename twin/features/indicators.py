@@ -1,43 +1,91 @@
-"""Classic condition indicators of a gear, by the names that MATLAB's gearConditionMetrics uses.
+"""Condition indicators of a gear, and of the signal as a whole.
 
 One gear's synchronous average x over one turn is split into
-    regular     shaft order 1 and the mesh harmonics with their first sidebands (± 1 order)
-    residual    average less shaft order 1 and the mesh harmonics: sidebands stay
+    regular     order 1 and the mesh harmonics with their first sidebands (± 1 order)
+    residual    average less order 1 and the mesh harmonics: sidebands stay
     difference  average less the regular part: d = x − regular
 
-    RMS, Kurtosis, CrestFactor     of x; kurtosis N·Σ(x − x̄)⁴/(Σ(x − x̄)²)²; crest = max|x|/RMS
-    FM0          = (max x − min x)/Σ_k A_k                    A_k amplitude of mesh harmonic k
-    FM4          = N·Σ(d − d̄)⁴/(Σ(d − d̄)²)²                   3 for noise, 1.5 for a line, N for one spike
-    M6A, M8A     = N²·Σ(d − d̄)⁶/(…)³,  N³·Σ(d − d̄)⁸/(…)⁴       15 and 105 for noise
-    NA4          = N·Σ(r − r̄)⁴/(mean over the record so far of Σ(r − r̄)²)²
-    EnergyRatio  = RMS(difference)/RMS(regular)
-    EnergyOperator = kurtosis of ψ_n = x_n² − x_{n−1}·x_{n+1}    (Teager; one turn closes on itself)
-    SidebandLevelFactor = Σ first sidebands of mesh harmonic 1/RMS(x)
-    SidebandRatio = Σ sidebands ± 1 … ± 3/A_k                  of the strongest mesh harmonic
+    FM0                    (max x − min x)/Σ_k A_k                    A_k amplitude of mesh harmonic k
+    FM4, M6A, M8A          μ_4/μ_2², μ_6/μ_2³, μ_8/μ_2⁴ of d           3, 15, 105 for Gaussian noise
+    NA4                    μ_4 of the residual/(mean of its μ_2 over the record so far)²
+    energy ratio           RMS(difference)/RMS(regular)
+    sideband level factor  first sidebands of mesh harmonic 1, summed, over RMS(x)
 
-Source   R. M. Stewart, ISVR Machine Health Monitoring Group (1977): FM0, FM4;
-         H. R. Martin, IMechE Conf. (1989): M6A, M8A;  J. J. Zakrajsek et al., NASA TM-105950 (1993): NA4;
-         H. Ma, J. F. Bu, NASA/TM-2002-211491 collects these and energy ratio, energy operator, sideband level factor;
-         names as in the documentation of MATLAB's Predictive Maintenance Toolbox, gearConditionMetrics
-Holds    an average with at least 4 values per tooth; a flat average gives NaN, never a number made up
+and of a sensor's own samples, without their mean:
+    RMS;   kurtosis μ_4/μ_2², 3 for Gaussian noise;   crest factor max|x|/RMS
+
+μ_n  central moment of order n over one turn, or over the samples
+
+Source   R. M. Stewart, Report MHM/R/10/77, ISVR, University of Southampton (1977): FM0, FM4;
+         H. R. Martin, Proc. 7th Int. Modal Analysis Conf. (1989) 1016–1021: M6A, M8A;
+         J. J. Zakrajsek, D. P. Townsend, H. J. Decker, NASA TM-105950 (1993): NA4;
+         N. S. Swansson, Friction and Wear in Engineering, IE Australia (1980): energy ratio;
+         M. Lebold et al., Proc. 54th Meeting of the Society for MFPT (2000): sideband level factor, and all of these;
+         names as MATLAB's gearConditionMetrics has them, in lower case
+Holds    an average with at least 4 values a tooth; indicators of windows of one speed and one load may be compared
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
-from twin.errors import ParameterError
+from twin.errors import ParameterError, TwinError, WindowError
+from twin.features.angle import AngleTrack
+from twin.features.orders import synchronous_average
+from twin.features.resample import AngleSignal, on_angle
+from twin.windows import Samples
 
-PER_TOOTH = 4
-SIDEBANDS = 3
+PER_TOOTH = 4  # values of an average, at least
+LEAST_TURNS = 3  # of a gear that an average is made of: fewer leave most of the noise in it
+ROUNDING = 1e-9  # of the average's RMS with its mean: what is smaller is rounding
+GEARS = ("pinion", "gear")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class GearIndicators:
+    """Indicators of one gear by one accelerometer; None where the part they describe is empty."""
+
+    turns: int  # of the gear that the average is made of
+    fm0: float | None
+    fm4: float | None
+    m6a: float | None
+    m8a: float | None
+    energy_ratio: float | None
+    sideband_level_factor: float | None
+    residual_moments: tuple[float, float]  # μ_2 and μ_4 of the residual [(m/s²)²], [(m/s²)⁴]
+    na4: float | None = None  # needs the windows before: `twin/features/indicator_record.py`
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorIndicators:
+    """Indicators of one accelerometer in one window."""
+
+    rms: float  # [m/s²]
+    kurtosis: float | None
+    crest_factor: float | None
+    gears: Mapping[str, GearIndicators] = field(default_factory=dict)  # by `pinion`, `gear`
+    unavailable: Mapping[str, str] = field(default_factory=dict)  # gear → reason
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-safe and exact."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> SensorIndicators:
+        def gear(values: Mapping[str, Any]) -> GearIndicators:
+            variance, fourth = values["residual_moments"]
+            return GearIndicators(**{**values, "residual_moments": (variance, fourth)})
+
+        return cls(**{**data, "gears": {name: gear(values) for name, values in data["gears"].items()}})
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GearSignals:
-    """A synchronous average over one turn of one gear, and what indicators are made of; all (n,)."""
+    """A synchronous average over one turn of one gear, and its parts; all (n,) without the mean."""
 
     average: np.ndarray
     regular: np.ndarray
@@ -47,26 +95,8 @@ class GearSignals:
     teeth: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GearConditionMetrics:
-    """Indicators of one gear; the unit is the average's for RMS, none for the others."""
-
-    RMS: float
-    Kurtosis: float
-    CrestFactor: float
-    FM0: float
-    FM4: float
-    M6A: float
-    M8A: float
-    NA4: float
-    EnergyRatio: float
-    EnergyOperator: float
-    SidebandLevelFactor: float
-    SidebandRatio: float
-
-
 def gear_signals(average, teeth: int) -> GearSignals:
-    """Split of a synchronous average (n,) over one turn of a gear; its mean is left out."""
+    """Parts of a synchronous average (n,) over one turn of a gear; its mean is left out."""
     x = np.asarray(average, dtype=float)
     if x.size < PER_TOOTH * teeth:
         raise ParameterError(f"{x.size} values over {teeth} teeth; at least {PER_TOOTH} a tooth are needed")
@@ -95,78 +125,91 @@ def gear_signals(average, teeth: int) -> GearSignals:
     )
 
 
-def _ratio(above: float, below: float, scale: float = 0.0) -> float:
-    """above/below; NaN where the lower is nothing but rounding beside the scale."""
-    return float(above / below) if below > 1e-12 * scale else float("nan")
-
-
-def normalised_moment(x, half: int) -> float:
-    """N^(h−1)·Σ(x − x̄)^(2h)/(Σ(x − x̄)²)^h: kurtosis for h = 2, M6A for 3, M8A for 4; (n,) → number."""
-    d = np.asarray(x) - np.mean(x)
+def normalised_moment(x, half: int) -> float | None:
+    """μ_2h/μ_2^h: kurtosis for h = 2, M6A for 3, M8A for 4; (n,) → number, None of a constant."""
+    d = np.asarray(x, dtype=float) - np.mean(x)
     rms = np.sqrt(np.mean(d**2))
-    return float(np.mean((d / rms) ** (2 * half))) if rms > 0 else float("nan")
+    return float(np.mean((d / rms) ** (2 * half))) if rms > 0 else None
 
 
-def fm0(signals: GearSignals) -> float:
-    """Peak to peak of the average over the sum of mesh amplitudes."""
-    mesh = np.abs(signals.spectrum[signals.teeth :: signals.teeth]).sum()
-    return _ratio(np.ptp(signals.average), mesh, np.ptp(signals.average))
-
-
-def na4(residual, earlier: Sequence[np.ndarray] = ()) -> float:
-    """Fourth moment of the residual (n,) over the squared mean variance of it and all earlier residuals."""
-    r = np.asarray(residual) - np.mean(residual)
-    variance = np.mean([np.var(e) for e in (*earlier, residual)])
-    return _ratio(np.mean(r**4), variance**2)
-
-
-def energy_operator(average) -> float:
-    """Kurtosis of the Teager energy x_n² − x_{n−1}·x_{n+1} over one turn; (n,) → number."""
-    x = np.asarray(average)
-    ψ = x**2 - np.roll(x, 1) * np.roll(x, -1)
-    if np.ptp(ψ) <= 1e-9 * np.abs(ψ).max(initial=0.0):
-        return float("nan")  # one line has constant energy
-    return normalised_moment(ψ, 2)
-
-
-def sideband_level_factor(signals: GearSignals) -> float:
-    """First sidebands of the first mesh harmonic over the RMS of the average."""
-    A, z = np.abs(signals.spectrum), signals.teeth
-    return _ratio(A[z - 1] + A[z + 1], float(np.sqrt(np.mean(signals.average**2))))
-
-
-def sideband_ratio(signals: GearSignals) -> float:
-    """Three sidebands on both sides of the strongest mesh harmonic over its amplitude."""
-    A, z = np.abs(signals.spectrum), signals.teeth
-    mesh = z * np.arange(1, (A.size - 1 - SIDEBANDS) // z + 1)
-    if mesh.size == 0:
-        return float("nan")
-    k = int(mesh[np.argmax(A[mesh])])
-    return _ratio(A[k - SIDEBANDS : k + SIDEBANDS + 1].sum() - A[k], A[k], float(A.max()))
-
-
-def gear_condition_metrics(average, teeth: int, earlier: Sequence[np.ndarray] = ()) -> GearConditionMetrics:
-    """All indicators of one gear from its synchronous average over one turn.
-
-    average  (n,), at least four values a tooth; `orders.synchronous_average` gives one
-    earlier  residuals of earlier averages, for NA4
-    """
+def gear_indicators(average, teeth: int, turns: int = 1) -> GearIndicators:
+    """Indicators of one gear from its synchronous average (n,) over one turn, of so many turns; all but NA4."""
     s = gear_signals(average, teeth)
-    scale = float(np.sqrt(np.mean(s.average**2)))
-    d = s.difference
-    alive = np.sqrt(np.mean(d**2)) > 1e-9 * scale  # else only rounding is left of the difference
-    moments = [normalised_moment(d, h) if alive else float("nan") for h in (2, 3, 4)]
-    return GearConditionMetrics(
-        RMS=scale,
-        Kurtosis=normalised_moment(s.average, 2),
-        CrestFactor=_ratio(np.abs(s.average).max(), scale),
-        FM0=fm0(s),
-        FM4=moments[0],
-        M6A=moments[1],
-        M8A=moments[2],
-        NA4=na4(s.residual, earlier) if np.sqrt(np.mean(s.residual**2)) > 1e-9 * scale else float("nan"),
-        EnergyRatio=_ratio(np.sqrt(np.mean(d**2)), np.sqrt(np.mean(s.regular**2)), scale),
-        EnergyOperator=energy_operator(s.average),
-        SidebandLevelFactor=sideband_level_factor(s),
-        SidebandRatio=sideband_ratio(s),
+    amplitude = np.abs(s.spectrum)
+    rms, mesh = _rms(s.average), float(amplitude[teeth::teeth].sum())
+    scale = _rms(np.asarray(average, dtype=float))
+    present = _rms(s.difference) > ROUNDING * scale
+    moments = [normalised_moment(s.difference, h) if present else None for h in (2, 3, 4)]
+    residual = s.residual if _rms(s.residual) > ROUNDING * scale else np.zeros_like(s.residual)
+    return GearIndicators(
+        turns=turns,
+        fm0=_ratio(float(np.ptp(s.average)), mesh, scale),
+        fm4=moments[0],
+        m6a=moments[1],
+        m8a=moments[2],
+        energy_ratio=_ratio(_rms(s.difference), _rms(s.regular), scale),
+        sideband_level_factor=_ratio(float(amplitude[teeth - 1] + amplitude[teeth + 1]), rms, scale),
+        residual_moments=(float(np.mean(residual**2)), float(np.mean(residual**4))),
     )
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _ratio(above: float, below: float, scale: float) -> float | None:
+    """above/below; None where the lower is nothing but rounding against the scale."""
+    return above / below if below > ROUNDING * scale else None
+
+
+def sensor_indicators(
+    samples: Samples, track: AngleTrack | None = None, teeth: tuple[int, int] | None = None
+) -> SensorIndicators:
+    """Indicators of one accelerometer's samples; WindowError where not one of them is valid.
+
+    track  the pinion's angle, None where it is not known
+    teeth  numbers of teeth of pinion and gear, None where they are not known
+    """
+    values = samples.values[np.isfinite(samples.values)]
+    if values.size == 0:
+        raise WindowError("not one of the channel's samples is valid")
+    x = values - values.mean()
+    rms = _rms(x)
+    gears, unavailable = _of_gears(samples, track, teeth)
+    return SensorIndicators(
+        rms=rms,
+        kurtosis=normalised_moment(x, 2),
+        crest_factor=_ratio(float(np.abs(x).max()), rms, 0.0),
+        gears=gears,
+        unavailable=unavailable,
+    )
+
+
+def _of_gears(
+    samples: Samples, track: AngleTrack | None, teeth: tuple[int, int] | None
+) -> tuple[dict[str, GearIndicators], dict[str, str]]:
+    """Indicators by gear, and why those of a gear are not there."""
+    if track is None or teeth is None:
+        reason = "no shaft angle is known" if track is None else "the rig file does not give both numbers of teeth"
+        return {}, dict.fromkeys(GEARS, reason)
+    try:
+        signal, per_turn = on_angle(samples, track)
+    except WindowError as error:
+        return {}, dict.fromkeys(GEARS, str(error))
+    gears: dict[str, GearIndicators] = {}
+    unavailable: dict[str, str] = {}
+    for gear, z, period in zip(GEARS, teeth, (1.0, teeth[1] / teeth[0]), strict=True):
+        try:
+            gears[gear] = _of_gear(signal, per_turn, z, period)
+        except TwinError as error:
+            unavailable[gear] = str(error)
+    return gears, unavailable
+
+
+def _of_gear(signal: AngleSignal, per_turn: float, teeth: int, period_turns: float) -> GearIndicators:
+    """One gear's indicators, with about as many values a turn as the sensor's own."""
+    points = int(per_turn * period_turns)
+    average, turns = synchronous_average(signal, period_turns, points)
+    if turns < LEAST_TURNS:
+        raise WindowError(f"the window has {turns} whole turns of this gear; an average needs {LEAST_TURNS}")
+    return gear_indicators(average, teeth, turns)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from twin.errors import NotAvailable
+from twin.features.indicators import SensorIndicators
 
 Key = tuple[int, int, int]
 
@@ -114,6 +115,8 @@ class WindowFeatures:
     pinion_motion: MeasuredLines | None = None  # r_b1·θ1 about its smoothed rotation, where the gear has no encoder [m]
     torque: MeasuredLines | None = None  # [N·m]
 
+    indicators: Mapping[str, SensorIndicators] = field(default_factory=dict)  # by accelerometer, without NA4
+
     unavailable: Mapping[str, str] = field(default_factory=dict)  # what is None, and why
 
     def to_dict(self) -> dict[str, Any]:
@@ -123,6 +126,8 @@ class WindowFeatures:
             value = getattr(self, f.name)
             if isinstance(value, MeasuredLines):
                 value = value.to_dict()
+            elif f.name == "indicators":
+                value = {sensor: own.to_dict() for sensor, own in value.items()}
             elif isinstance(value, tuple):
                 value = list(value)
             elif isinstance(value, Mapping):
@@ -139,4 +144,5 @@ class WindowFeatures:
         for name in ("band", "mesh_bands"):
             if values.get(name) is not None:
                 values[name] = tuple(values[name])
+        values["indicators"] = {k: SensorIndicators.from_dict(v) for k, v in values.get("indicators", {}).items()}
         return cls(**values)

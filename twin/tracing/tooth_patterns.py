@@ -21,11 +21,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.effects.response import Effect
-from twin.features.teeth import SURROGATES, _shares
 from twin.features.window_features import WindowFeatures
 from twin.thresholds import deciding
 
 NAMES = ("pinion", "gear")
+NEAR = 2.0  # tooth pitches either side that a local change reaches
+FINE = 16  # angles per tooth
+SURROGATES = 400
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +128,22 @@ def tooth_shifts(z: int, m: np.ndarray, one: np.ndarray, next_one: np.ndarray) -
 
 def local_share(change: np.ndarray, m: np.ndarray, z: int) -> tuple[float, float]:
     """Share of a change's energy within two tooth pitches, and what one spread over the turn reaches in a hundred."""
-    _, _, (share,) = _shares(change[None, :], m, z)
+    _, _, (share,) = _local_shares(change[None, :], m, z)
     rng = np.random.default_rng(z)
     turned = np.abs(change) * np.exp(2j * np.pi * rng.random((SURROGATES, change.size)))
-    return float(share), float(np.quantile(_shares(turned, m, z)[2], 0.99))
+    return float(share), float(np.quantile(_local_shares(turned, m, z)[2], 0.99))
+
+
+def _local_shares(Δ, multiples, z: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Changes on a fine angle, its middle of greatest energy and the share there; (r, m) → (r, n), (r,), (r,)."""
+    n = FINE * z
+    spectrum = np.zeros((Δ.shape[0], n // 2 + 1), dtype=complex)
+    spectrum[:, multiples] = Δ
+    change = np.fft.irfft(spectrum, n, axis=1) * (n / 2)
+    reach = int(NEAR * FINE)
+    box = np.zeros(n)
+    box[np.arange(-reach, reach + 1) % n] = 1.0
+    local = np.fft.irfft(np.fft.rfft(change**2, axis=1) * np.fft.rfft(box), n, axis=1)
+    middle = np.argmax(local, axis=1)
+    rows = np.arange(Δ.shape[0])
+    return change, middle, local[rows, middle] / np.maximum((change**2).sum(axis=1), 1e-300)
