@@ -7,8 +7,9 @@ Frames come in bursts: a pause on all channels ends a window. A stream without a
 multiples of the window length on the Unix clock, where at least one length lies on either side, so that
 any delivery of the same frames gives the same cuts and no burst shorter than two lengths is cut.
 
-No clock, no threads. Keys are put in order one by one (assembly_order), merged in time as far as
-every key is known to be complete, and laid out as windows (assembly_window).
+No clock of its own, no threads: who adds frames may say what the host's clock shows. Keys are put in order one by one
+(`order`), merged in time as far as every key is known to be complete, and laid out as windows (`window`). A clock that
+has been set is found, and the asset taken up again at the new time (`clock`).
 """
 
 from __future__ import annotations
@@ -19,11 +20,13 @@ from typing import Any
 
 from service.stream import order
 from service.stream.channels import CHANNEL_KINDS
+from service.stream.clock import Contradictions, said
 from service.stream.faults import totals
-from service.stream.frames import NS, Frame, SampleFrame
+from service.stream.frames import LENGTH_LIMITS, NS, Frame, SampleFrame
 from service.stream.pieces import Piece, size_of, split_index
 from service.stream.samples import MOST_SAMPLES, Span
 from service.stream.slow import SlowChannels
+from service.stream.timeline import Timeline
 from service.stream.window import build_window
 from twin.rig import Rig
 from twin.windows import Fault, Window
@@ -77,40 +80,48 @@ class Assembler:
         self._slow = SlowChannels()
         self.expect(settings.expected)
         self._open: _Open | None = None
+        self._contradictions = Contradictions()
+        self._noted: dict[str, Fault] = {}  # faults of the clock since the last window, by channel
+        self._times_set = 0  # how often a clock was set
+        self._latest = 0  # latest end of a window, before the clock was last set [ns]
+        self.last_arrival_ns: int | None = None  # host's clock when the newest frame came, Unix time [ns]
         self._closed_until = 0  # nothing before this time is taken any more [ns]
         self._known: set[str] = set()  # channels of the windows so far
         self._counted: dict[str, int] = {}  # edges by the end of the last window
         self._consumed: dict[str, tuple[int, int, int]] = {}  # sequence, start, end of the last frame in a window
 
-    def add(self, frame: Frame) -> list[Window]:
+    def add(self, frame: Frame, now_ns: int | None = None) -> list[Window]:
         """Takes one frame in; answers the windows that it completes, in time order."""
-        return [window for window, _ in self.assemble(frame)]
+        return [window for window, _ in self.assemble(frame, now_ns)]
 
     def flush(self) -> list[Window]:
         """Closes everything that waits; what is missing is declared lost."""
         return [window for window, _ in self.finish()]
 
-    def assemble(self, frame: Frame) -> Iterator[tuple[Window, dict[str, Any]]]:
-        """As `add`, each window with the resume state that goes with it."""
+    def assemble(self, frame: Frame, now_ns: int | None = None) -> Iterator[tuple[Window, dict[str, Any]]]:
+        """As `add`, each window with the resume state that goes with it.
+
+        now_ns  what the host's clock shows, Unix time [ns]; None where it has nothing to do with the frames
+        """
         label = frame.channel.label
         self.count(label, "frames")
+        if now_ns is not None:
+            self.last_arrival_ns = now_ns
         if isinstance(frame, SampleFrame) and CHANNEL_KINDS[frame.channel.kind].slow:
-            if (fate := self._slow.offer(frame)) != order.QUEUED:
-                self.count(label, fate)
+            self._add_slow(label, frame, now_ns)
             return
         lane = self._lanes.setdefault(label, self._lane())
-        fate, disorder = lane.offer(frame)
+        fate, disorder = (order.CLOCK, False) if self._is_ahead(lane, frame, now_ns) else lane.offer(frame)
         if disorder:
             self.count(label, "disorder")
-        if fate != order.QUEUED:
+        if fate == order.CLOCK:
+            if self._contradictions.hold(frame):
+                yield from self._resynchronise(frame, now_ns)
+        elif fate == order.QUEUED:
+            self._leave_out_contradictions()
+            yield from self._advance(label, lane)
+        else:
             self.count(label, fate)
-            return
-        lane.silent = False
-        self._release(label, lane)
-        self._forget_silent()
-        if sum(each.pending_bytes for each in self._lanes.values()) > self.settings.max_bytes:
-            yield from self._force()
-        yield from self._merge()
 
     def finish(self) -> Iterator[tuple[Window, dict[str, Any]]]:
         """As `flush`, each window with the resume state that goes with it."""
@@ -151,6 +162,8 @@ class Assembler:
             "channels": sorted(self._known),
             "edges_counted": dict(self._counted),
             "slow": self._slow.to_dict(),
+            "timelines": {label: lane.timeline.to_dict() for label, lane in self._lanes.items()},
+            "clock": {"times_set": self._times_set, "latest_ns": self._latest, "last_arrival_ns": self.last_arrival_ns},
             "last_frames": {
                 label: {
                     "sequence": q,
@@ -172,11 +185,18 @@ class Assembler:
         self._counted = {label: int(count) for label, count in data["edges_counted"].items()}
         self.counters = {label: dict(kinds) for label, kinds in data["counters"].items()}
         self._slow = SlowChannels.from_dict(data.get("slow", {}))  # absent in what version 1 wrote
+        clock = data.get("clock", {})
+        self._times_set, self._latest = int(clock.get("times_set", 0)), int(clock.get("latest_ns", 0))
+        self.last_arrival_ns = clock.get("last_arrival_ns")
+        for label, points in data.get("timelines", {}).items():
+            self._lanes.setdefault(label, self._lane()).timeline = Timeline.from_dict(points)
         for label, last in data["last_frames"].items():
             lane = self._lanes.setdefault(label, self._lane())
             lane.last = (int(last["sequence"]), int(last["start_ns"]), int(last["end_ns"]))
             lane.lost = [(int(a), int(b)) for a, b in last["lost"]]
             self._consumed[label] = lane.last
+            if "timelines" not in data:
+                lane.timeline.note(0, 0)  # version 1 took all before the last frame for known
         return self
 
     def _lane(self) -> order.Lane:
@@ -186,6 +206,73 @@ class Assembler:
         for kind, number in lane.release(force).items():
             if number:
                 self.count(label, kind, number)
+
+    @property
+    def closed_until_ns(self) -> int:
+        """End of the newest window on the stream's own clock, Unix time [ns]; 0 before the first."""
+        return self._closed_until
+
+    def _add_slow(self, label: str, frame: SampleFrame, now_ns: int | None) -> None:
+        ahead = now_ns is not None and frame.end_time_ns > now_ns + self._contradictions.thresholds.ahead * NS
+        if ahead and frame.end_time_ns > self._closed_until + self._contradictions.thresholds.ahead * NS:
+            self.count(label, order.CLOCK)
+        elif (fate := self._slow.offer(frame)) != order.QUEUED:
+            self.count(label, fate)
+
+    def _advance(self, label: str, lane: order.Lane) -> Iterator[tuple[Window, dict[str, Any]]]:
+        """What a frame put in order completes."""
+        lane.silent = False
+        self._release(label, lane)
+        self._forget_silent()
+        if sum(each.pending_bytes for each in self._lanes.values()) > self.settings.max_bytes:
+            yield from self._force()
+        yield from self._merge()
+
+    def _is_ahead(self, lane: order.Lane, frame: Frame, now_ns: int | None) -> bool:
+        """Whether a frame ends after the host's clock, and does not follow what its key has sent before."""
+        ahead = round(self._contradictions.thresholds.ahead * NS)
+        if now_ns is None or frame.end_time_ns <= now_ns + ahead:
+            return False
+        newest = lane.queue[-1][2].end_time_ns if lane.queue else lane.last[2] if lane.last else 0
+        return frame.start_time_ns > newest + ahead
+
+    def _leave_out_contradictions(self) -> None:
+        """The frames held for their times are given up, since others go on as before."""
+        if not self._contradictions.held:
+            return
+        for frame in self._contradictions.clear():
+            lane = self._lanes[frame.channel.label]
+            behind = lane.last is not None and 0 < lane.last[1] - frame.start_time_ns < LENGTH_LIMITS[1] * NS
+            self.count(frame.channel.label, order.OVERLAP if behind else order.CLOCK)
+            if not behind:
+                self._note(
+                    frame, "none", f"frame left out: its time {said(frame.start_time_ns)} contradicts the others"
+                )
+
+    def _resynchronise(self, frame: Frame, now_ns: int | None) -> Iterator[tuple[Window, dict[str, Any]]]:
+        """Closes what is open, and goes on at the time of the frames held, whose clock has been set."""
+        frames = self._contradictions.clear()
+        before = max(self._closed_until, *(x.last[2] for x in self._lanes.values() if x.last), 0)
+        yield from self.finish()
+        for lane in self._lanes.values():
+            lane.begin_again()
+        self._latest = max(self._latest, self._closed_until)
+        self._closed_until, self._consumed, self._slow = 0, {}, SlowChannels()
+        self._times_set += 1
+        for each in {f.channel.label: f for f in reversed(frames)}.values():
+            self.count(each.channel.label, order.CLOCK)
+            host = "" if now_ns is None else f"; the host's clock shows {said(now_ns)}"
+            went = f"from {said(before)} to {said(each.start_time_ns)}" if before else f"to {said(each.start_time_ns)}"
+            self._note(each, "repaired", f"the stream's clock was set {went}{host}")
+        for each in frames:
+            lane = self._lanes[each.channel.label]
+            if lane.offer(each)[0] == order.QUEUED:
+                yield from self._advance(each.channel.label, lane)
+
+    def _note(self, frame: Frame, action: str, detail: str) -> None:
+        label = frame.channel.label
+        count = self._noted[label].count + 1 if label in self._noted else 1
+        self._noted[label] = Fault(kind=order.CLOCK, channel=label, count=count, action=action, detail=detail)
 
     def _force(self) -> Iterator[tuple[Window, dict[str, Any]]]:
         """Lets everything go that waits, without regard to what may be missing."""
@@ -255,14 +342,18 @@ class Assembler:
                     rest.setdefault(label, []).append(Piece(frame, at, piece.end, piece.lost if after else 0))
                 else:
                     self._consumed[label] = (frame.sequence, frame.start_time_ns, frame.end_time_ns)
+                    self._lanes[label].timeline.note(frame.start_time_ns, frame.sequence)
         most = self.settings.window_bytes // 8
-        span, faults = Span(current.start, end), current.faults(self.settings.window_bytes)
+        # A window's start is its name: one in a time that was passed before begins some nanoseconds off the old names.
+        start = current.start + (self._times_set if current.start < self._latest else 0)
+        span, faults = Span(start, end), [*self._noted.values(), *current.faults(self.settings.window_bytes)]
+        self._noted = {}
         slow = self._slow.at(span, faults)
         window = build_window(span, now, self._known, self._counted, slow, faults, self.settings.rig, most)
         for shaft, edges in window.encoders.items():
             self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
         for (label, kind), number in totals(window.faults).items():
-            if kind != "gap":
+            if kind not in ("gap", order.CLOCK):
                 self.count(label, kind, number)
         self._known |= set(now)
         self._closed_until = end

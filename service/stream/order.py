@@ -3,6 +3,8 @@
 A frame leaves when the one before it has left. Where a number is missing, the frames behind it wait
 until it comes, until as many frames as prove the gap real have come in good order (`settle`), or
 until patience ends. The same holds for the first frame seen, since a lower one may still come.
+
+A frame that lies before those released and is none of them contradicts the key's clock: who asked decides what then.
 """
 
 from __future__ import annotations
@@ -11,10 +13,11 @@ import bisect
 from collections import deque
 from dataclasses import dataclass, field
 
-from service.stream.frames import NS, Frame
+from service.stream.frames import LENGTH_LIMITS, NS, Frame
+from service.stream.timeline import Timeline
 
-QUEUED, DUPLICATE, LATE, OVERLAP = "queued", "duplicate", "late", "overlap"
-LOST, TIME_JUMP = "lost", "time_jump"
+QUEUED, DUPLICATE, LATE, OVERLAP, CLOCK = "queued", "duplicate", "late", "overlap", "clock"
+LOST, TIME_JUMP, SEQUENCE_JUMP = "lost", "time_jump", "sequence_jump"
 _LONGEST_PAUSE_NS = 400 * 86400 * NS  # beyond it, a lone frame is a clock's fault ...
 _BELIEVED = 3  # ... and so many frames are a machine that was taken up again
 _LOST_RANGES = 64  # gaps remembered, so that a frame that comes after all is called late
@@ -35,6 +38,7 @@ class Lane:
     run: int = 0  # arrivals in good order, up to the newest: a shuffled stream has no long run
     silent: bool = False  # nothing has come for so long that others no longer wait for it
     pending_bytes: int = 0
+    timeline: Timeline = field(default_factory=Timeline)  # of the frames released
 
     @property
     def watermark(self) -> float:
@@ -44,14 +48,15 @@ class Lane:
     def offer(self, frame: Frame) -> tuple[str, bool]:
         """Takes a frame in; answers what became of it, and whether it came out of order."""
         sequence, start = frame.sequence, frame.start_time_ns
+        if self.timeline.held_before(start, sequence):
+            return DUPLICATE, False
         if self.last is not None:
             newest, last_start, last_end = self.last
             if any(a <= sequence <= b for a, b in self.lost) and start < last_end:
                 return LATE, False
-            if sequence <= newest and start < max(last_end, last_start + 1):
-                return DUPLICATE, False
-            if start < last_start:
-                return OVERLAP, False
+            if start < last_start or (sequence <= newest and start < max(last_end, last_start + 1)):
+                known = self.timeline.holds(start, sequence, (last_start, newest))
+                return (DUPLICATE if known or start >= last_start else CLOCK), False
         key = (start, sequence)
         at = bisect.bisect_left(self.queue, key, key=lambda item: item[:2])
         if at < len(self.queue) and self.queue[at][:2] == key:
@@ -67,33 +72,57 @@ class Lane:
 
     def release(self, force: bool = False) -> dict[str, int]:
         """Lets go what is contiguous or has waited long enough; answers what was given up, by kind."""
-        given_up, taken = {LOST: 0, TIME_JUMP: 0}, 0
+        given_up = {LOST: 0, TIME_JUMP: 0, SEQUENCE_JUMP: 0}
+        taken = 0
         while taken < len(self.queue):
             start, sequence, frame = self.queue[taken]
             waiting = len(self.queue) - taken
-            newest = self.last[0] if self.last else None
+            patient = not (force or waiting >= self.patience or self.run >= self.settle)
             lost = 0
             if self.last and start - self.last[2] > _LONGEST_PAUSE_NS and waiting < _BELIEVED:
-                if not force:
-                    break
-                given_up[TIME_JUMP] += waiting
-                self.pending_bytes -= sum(frame.nbytes for _, _, frame in self.queue[taken:])
-                taken = len(self.queue)
+                if force:
+                    given_up[TIME_JUMP] += waiting
+                    self.pending_bytes -= sum(frame.nbytes for _, _, frame in self.queue[taken:])
+                    taken = len(self.queue)
                 break
-            if newest is None or sequence <= newest:  # a first frame: of the key, or after its counter restarted
-                if not (force or sequence == 0 or waiting >= self.patience or self.run >= self.settle):
+            if self.last is None or sequence <= self.last[0]:  # the key's first, or after its counter restarted
+                if patient and sequence != 0:
                     break
-            elif sequence > newest + 1:
-                if not (force or waiting >= self.patience or self.run >= self.settle):
+            elif sequence > self.last[0] + 1:
+                if patient:
                     break
-                lost = sequence - newest - 1
-                given_up[LOST] += lost
-                self.lost = [*self.lost[1 - _LOST_RANGES :], (newest + 1, sequence - 1)]
+                lost = self._give_up(start, sequence, given_up)
+            if self.last is None:
+                self.timeline.note(start, sequence)
             self.last = (sequence, start, frame.end_time_ns)
             self.released.append((frame, lost))
             taken += 1
         del self.queue[:taken]
         return given_up
+
+    def _give_up(self, start: int, sequence: int, given_up: dict[str, int]) -> int:
+        """The numbers before a frame that are waited for no longer: how many frames were lost.
+
+        More than can have been sent in the time between are none: the counter has jumped.
+        """
+        assert self.last is not None
+        newest, _, last_end = self.last
+        lost = sequence - newest - 1
+        if lost > max(start - last_end, 0) / (LENGTH_LIMITS[0] * NS) + 2:
+            given_up[SEQUENCE_JUMP] += 1
+            return 0
+        given_up[LOST] += lost
+        self.lost = [*self.lost[1 - _LOST_RANGES :], (newest + 1, sequence - 1)]
+        return lost
+
+    def begin_again(self) -> None:
+        """Starts at a clock that has been set; what was released stays known."""
+        if self.last is not None:
+            self.timeline.note(self.last[1], self.last[0])
+        self.queue, self.released, self.last, self.lost = [], deque(), None, []
+        self.newest_arrival = self.highest = None
+        self.run = self.pending_bytes = 0
+        self.timeline.begin_stretch()
 
     def take(self) -> tuple[Frame, int]:
         """The next released frame and the frames lost before it."""
