@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from service.contract.answer import iso_time, refused_record
 from service.contract.slow_channels import slow_channels
@@ -67,6 +67,13 @@ class DecisionOutcome:
     events: Events
 
 
+class Freshness(NamedTuple):
+    """How old what is known of an asset is; None where nothing has come yet."""
+
+    last_arrival_ns: int | None  # host's clock when the newest frame came, Unix time [ns]
+    last_window_ns: int | None  # end of the newest window by the stream's own clock, Unix time [ns]
+
+
 class ResultSink(Protocol):
     """Where outcomes go."""
 
@@ -96,6 +103,7 @@ class Pipeline:
     """Takes frames of any number of assets to committed and published outcomes.
 
     before_window  called before each window is processed; an exception of it leaves the window unprocessed
+    host_clock     Unix time of this host [ns], which frames of a live stream are held against; None for recordings
     """
 
     def __init__(
@@ -106,7 +114,9 @@ class Pipeline:
         *,
         assembly: AssemblySettings = DEFAULT,
         before_window: Callable[[], None] = lambda: None,
+        host_clock: Callable[[], int] | None = None,
     ):
+        self._host_clock = host_clock
         self._rig_of, self._twin, self._sink, self._assembly = rig_of, twin, sink, assembly
         self._before_window = before_window
         self._assets: dict[str, _Progress] = {}
@@ -124,7 +134,8 @@ class Pipeline:
         """Takes one frame in."""
         asset = frame.channel.asset
         progress = self._progress(asset)
-        for window, assembly in list(progress.assembler.assemble(frame)):
+        now_ns = None if self._host_clock is None else self._host_clock()
+        for window, assembly in list(progress.assembler.assemble(frame, now_ns)):
             self._process(asset, progress, window, assembly)
 
     def flush(self, asset: str | None = None) -> None:
@@ -169,6 +180,11 @@ class Pipeline:
         """The section `data_quality` as of now."""
         progress = self._progress(asset)
         return progress.quality.to_dict(progress.assembler.counters, progress.expected)
+
+    def freshness(self, asset: str) -> Freshness:
+        """When the newest frame of an asset came, and when its newest window ended."""
+        assembler = self._progress(asset).assembler
+        return Freshness(assembler.last_arrival_ns, assembler.closed_until_ns or None)
 
     def restore(self, asset: str, checkpoint: Checkpoint) -> None:
         """Goes on where an earlier run committed its last window of an asset."""

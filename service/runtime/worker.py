@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
@@ -128,6 +129,7 @@ class Worker(threading.Thread):
                 ServiceSink(self._store, self._board, publication),
                 assembly=assembly_settings(self._settings),
                 before_window=self._end_if_stopping,
+                host_clock=time.time_ns,
             )
             restore(pipeline, self._store, self._twin)
             watch = StalenessWatch(self._store, self._board, publication, staleness_limits(self._settings))
