@@ -21,7 +21,7 @@ import urllib.request
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -29,6 +29,7 @@ from rich.table import Table
 
 from service.contract.trend import is_available
 from service.errors import DeliveryError, InputError
+from service.runtime import SERVES
 from service.runtime.replay import replay
 from service.settings import Settings
 from service.stream.sources.mcap import read_windows
@@ -38,12 +39,20 @@ START_WAIT = 60.0  # how long the service may take to start [s]
 STALL_WAIT = 180.0  # how long the service may take for one window [s]
 STOP_WAIT = 20.0
 POLL = 0.2
+MOST_SAID = 2**16  # of a service's output that is shown where it does not start [bytes]
 PORTS = range(20000, 32768)  # below those that outgoing connections are given
 TRIED = 1000  # of them
 
 
+TERMINATED = 128 + signal.SIGTERM  # exit status of a process that a termination signal has ended
+
+
 class DemoFailed(Exception):
-    """Something of the demo did not come out: what."""
+    """What the demo should have shown and did not."""
+
+
+class Terminated(BaseException):
+    """A termination signal has come."""
 
 
 def run(
@@ -53,30 +62,60 @@ def run(
     console: Console | None = None,
     command: Sequence[str] = (sys.executable, "-m", "service", "serve"),
 ) -> int:
-    """Runs the demo; 0 where all went well. Without `exit_after` it serves on until interrupted."""
+    """Runs the demo; 0 where all went well. Without `exit_after` the service runs on until interrupted.
+
+    Whatever ends the demo, a termination signal included, ends its service first.
+    """
     console = console or Console()
     if not Path(recording).exists():
         raise InputError(f"{recording}: there is no such recording to replay")
+    try:
+        with _termination_raises():
+            return _run(settings, exit_after, Path(recording), console, command)
+    except Terminated:
+        console.print("ended")
+        return TERMINATED
+
+
+def _run(settings: Settings, exit_after: bool, recording: Path, console: Console, command: Sequence[str]) -> int:
     with ExitStack() as stack:
         settings = _on_free_ports(settings, stack)
         try:
             service = stack.enter_context(_service(settings, command))
             address = f"http://{settings.http}"
             asset, answer = _replayed(settings, address, recording, service, console)
+            counts = next(a for a in _get(f"{address}/v1/assets") if a["asset"] == asset)
             quality = answer.get("data_quality", {}).get("windows", {})
-            console.print(_summary(asset, answer))
+            console.print(_summary(counts, answer))
             console.print(f"Page:  {address}/    REST:  {address}/docs")
             _demand(answer, quality)
         except (DemoFailed, DeliveryError) as error:
             console.print(f"[bold red]failed:[/] {error}", highlight=False)
             return 1
         if not exit_after:
-            console.print("Serving on; Ctrl-C ends it.")
+            console.print("Service is running. Press Ctrl-C to stop.")
             try:
                 return service.wait()
             except KeyboardInterrupt:
                 console.print("ended")
     return 0
+
+
+@contextmanager
+def _termination_raises() -> Iterator[None]:
+    """Raises Terminated on SIGTERM while inside; only the main thread may ask for that."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def terminate(*_: object) -> None:
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _on_free_ports(settings: Settings, stack: ExitStack) -> Settings:
@@ -122,13 +161,7 @@ def _service(settings: Settings, command: Sequence[str]) -> Iterator[subprocess.
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(list(command), env=environment, stdout=said, stderr=said)
         try:
-            deadline = time.monotonic() + START_WAIT
-            while _get(f"http://{settings.http}/readyz") is None:
-                if process.poll() is not None or time.monotonic() > deadline:
-                    said.seek(0)
-                    why = said.read().decode(errors="replace").strip() or "it said nothing"
-                    raise DemoFailed(f"the service did not start: {why}")
-                time.sleep(POLL)
+            _await_start(process, said, settings.http)
             yield process
         finally:
             if process.poll() is None:
@@ -138,6 +171,18 @@ def _service(settings: Settings, command: Sequence[str]) -> Iterator[subprocess.
                 except subprocess.TimeoutExpired:
                     process.kill()
                     process.wait()
+
+
+def _await_start(process: subprocess.Popen, said: IO[bytes], http: str) -> None:
+    """Returns once this very process says that it serves, and accepts frames: another may hold the address."""
+    deadline = time.monotonic() + START_WAIT
+    while True:
+        output = os.pread(said.fileno(), MOST_SAID, 0).decode(errors="replace")  # leaves the process's own position
+        if process.poll() is not None or time.monotonic() > deadline:
+            raise DemoFailed(f"the service did not start: {output.strip() or 'it printed nothing'}")
+        if SERVES in output and _get(f"http://{http}/readyz") is not None:
+            return
+        time.sleep(POLL)
 
 
 def _replayed(
@@ -194,13 +239,13 @@ def _demand(answer: Mapping[str, Any], quality: Mapping[str, int]) -> None:
             raise DemoFailed(f"{part} is not available: {answer[part].get('reason')}")
 
 
-def _summary(asset: str, answer: Mapping[str, Any]) -> Table:
-    """The state of the asset in a few lines."""
+def _summary(counts: Mapping[str, Any], answer: Mapping[str, Any]) -> Table:
+    """The state of the asset, and its entry in the list of assets, in a few lines."""
     windows, wear, rul = answer["windows"], answer["wear"], answer["rul"]
     last = windows[-1] if windows else {}
-    table = Table(title=f"{asset} after {_number(last.get('revolutions'), 6)} revolutions", show_header=False)
-    table.add_row("windows", str(len(windows)))
-    table.add_row("updates", str(sum(1 for w in windows if w["updated"])))
+    table = Table(title=f"{counts['asset']} after {_number(last.get('revolutions'), 6)} revolutions", show_header=False)
+    table.add_row("windows", str(counts["windows"]))
+    table.add_row("updates", str(counts["updates"]))
     if is_available(wear):
         table.add_row("K", f"{_number(wear['k_wear_per_n'])} /N")
         table.add_row("maximum wear depth", _band(wear["max_depth_um"], "combined", "µm"))

@@ -21,6 +21,7 @@ from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
 from service.results.sqlite_store import SqliteStore
 from service.results.store import ResultStore
+from service.runtime import SERVES
 from service.runtime.http_server import HttpServer, address_of, listening_at
 from service.runtime.rigs import Rigs
 from service.runtime.twin_port import Twin, gear_twin
@@ -40,7 +41,7 @@ def run(
     twin: Twin | None = None,
     open_transport: OpenTransport | None = None,
     open_store: OpenStore | None = None,
-    announce: Callable[[str], None] = lambda address: print(f"gear-twin serves {address}", flush=True),
+    announce: Callable[[str], None] = lambda address: print(f"{SERVES} {address}", flush=True),
     stop: threading.Event | None = None,
 ) -> int:
     """Serves until a signal, or `stop`, ends it; the exit status.

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import io
 import os
+import signal
+import subprocess
 import sys
+import urllib.error
+import urllib.request
 
 import pytest
 from rich.console import Console
-from service_streams import HERE, ROOT, write_recording
+from service_streams import HERE, ROOT, free_port, service, write_recording
 
 from service.errors import InputError
 from service.runtime.demo import run
@@ -53,3 +57,41 @@ def test_demo_whose_service_does_not_start_fails_and_says_why(tmp_path, said):
 def test_demo_without_its_recording_names_it(tmp_path):
     with pytest.raises(InputError, match=r"absent\.mcap: there is no such recording"):
         run(Settings(), exit_after=True, recording=tmp_path / "absent.mcap")
+
+
+def test_demo_at_an_address_in_use_fails_and_does_not_show_the_other_service_as_its_own(tmp_path, said):
+    recording = write_recording(tmp_path / "short.mcap", 1)
+    with service(tmp_path / "other") as other:
+        settings = Settings(http=other.http)
+        status = run(settings, exit_after=True, recording=recording, console=show(said), command=FAKE)
+        assert status == 1 and other.get("/v1/assets") == []
+    assert "the service did not start" in said.getvalue() and "address already in use" in said.getvalue()
+
+
+DEMO = """
+import sys
+from pathlib import Path
+from rich.console import Console
+from service.__main__ import leave
+from service.runtime.demo import run
+from service.settings import Settings
+
+console = Console(width=120, color_system=None)
+recording, twin, http = sys.argv[1:]
+leave(run(Settings(http=http), recording=Path(recording), console=console, command=(sys.executable, twin)))
+"""
+
+
+def test_terminated_demo_takes_its_service_with_it(tmp_path, said):
+    recording, http = write_recording(tmp_path / "short.mcap", 2), f"127.0.0.1:{free_port()}"
+    command = [sys.executable, "-c", DEMO, str(recording), FAKE[1], http]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as demo:
+        for line in demo.stdout:
+            if "Service is running. Press Ctrl-C to stop." in line:
+                break
+        with urllib.request.urlopen(f"http://{http}/healthz", timeout=10) as answer:
+            assert answer.status == 200
+        demo.send_signal(signal.SIGTERM)
+        assert demo.wait(30) == 128 + signal.SIGTERM
+    with pytest.raises(urllib.error.URLError, match="refused"):
+        urllib.request.urlopen(f"http://{http}/healthz", timeout=10)
