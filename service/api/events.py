@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
@@ -64,5 +65,6 @@ async def _stream(board: Board, store: ResultStore, asset: str, after: int) -> A
             for event in page:
                 yield ServerSentEvent(json.dumps(event.data), event=event.kind, id=str(event.id))
                 after = event.id
+                await asyncio.sleep(0)  # the loop learns here that a reader has gone, and cancels this stream
             if len(page) < PAGE and not board.closed:
                 await changed.wait()

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import socket
+import struct
 import threading
+import time
 
 import httpx
 import pytest
@@ -90,3 +93,23 @@ def test_open_reader_does_not_hold_the_service_up(store, board):
         assert ready.wait(5)
     reader.join(5)
     assert got == [[]]
+
+
+def test_readers_that_vanish_leave_no_complaint_in_the_log(store, board, caplog):
+    """A browser that is closed resets its connections, with events still to be sent."""
+    for index in range(400):
+        store.note("unsw", [("window", {"n": index, "text": "x" * 2000})])
+    board.update("unsw", last_event_id=store.last_event_id("unsw"))
+    from conftest import serving
+
+    with serving(board, store) as address:
+        host, port = address.removeprefix("http://").split(":")
+        for _ in range(5):
+            with socket.create_connection((host, int(port))) as reader:
+                reader.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # close is a reset
+                reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                reader.sendall(b"GET /v1/assets/unsw/events?after=0 HTTP/1.1\r\nHost: twin\r\n\r\n")
+                reader.recv(1000)
+        time.sleep(0.5)
+        assert httpx.get(f"{address}/healthz").status_code == 200
+    assert [r.getMessage() for r in caplog.records if r.name == "asyncio"] == []
