@@ -332,7 +332,7 @@ def _singly(
     for name, (alone, _) in blind.items():
         add(name, "knows nothing of gears", alone)
     add("twin", "one gain a speed", errors("twin", Form(background=False)))
-    add("background", "what the machine does beside the mesh, one level a speed", base)
+    add("background", "level that does not come from the mesh, one for each speed", base)
     for name, said in causes.items():
         if name != "twin" and NUMBERED not in name:
             add(name, said, errors(name), cause=True)

@@ -4,7 +4,7 @@
     sliding        h(s) ∝ sqrt(s² + a²): every pair carries the same force all the way, a the contact's half-width
     even part      h = q·depth everywhere + (1 − q) of another shape
 
-The quasi-static mesh wears the same at any speed; where a machine was worn in another way than by running, the shape
+The quasi-static mesh wears the same at any speed; where a machine was worn otherwise than by running, the shape
 is an assumption, and what it does is tried.
 
 Source   as twin.wear.archard and twin.wear.evolution

@@ -79,7 +79,7 @@ def refuse_falling_count(revolutions: float, seen: float, most_fall: float = COU
     """Raises WindowError where the revolution count has fallen far below what was seen of the machine before.
 
     revolutions  of the pinion since new, of the window
-    seen         of the latest window that the twin has taken in
+    seen         of the latest window that updated the twin
     """
     if revolutions < seen - most_fall:
         raise WindowError(
@@ -113,7 +113,7 @@ class Measured:
         elif not rms > 0:
             rms, level_fault = None, f"{features.sensor} reads nothing (0 m/s²): cable, supply?"
         if rms is None and features.transmission_error is None and features.pinion_motion is None:
-            raise NotAvailable(f"the twin is not available: {level_fault}, and no encoder tells the depth either")
+            raise NotAvailable(f"the twin is not available: {level_fault}, and no encoder measures the depth either")
         return cls(
             features=features,
             condition=condition,

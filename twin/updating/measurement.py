@@ -124,7 +124,7 @@ def measurement_window(
     """Updates the twin by a window of the campaign; NotAvailable where the method in use lacks what it needs."""
     features, condition = window.features, window.condition
     allowed = window.revolutions <= options.update_until
-    telling = allowed and window.revolutions >= MATCH.unworn_revolutions  # unworn teeth tell nothing of the wear rate
+    telling = allowed and window.revolutions >= MATCH.unworn_revolutions  # unworn teeth show no wear rate
     expected = predict(rig, memory, window, index)
     found = settled(
         memory, features, expected.model, condition,

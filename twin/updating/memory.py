@@ -1,4 +1,4 @@
-"""What the twin remembers between windows: plain data with its two-way translation."""
+"""Memory of the twin between windows: plain data, and its translation to and from JSON."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeanOffset:
-    """Where the encoder discs' zeros stand against each other, c, as learned so far."""
+    """Offset c of the encoder discs' zeros against each other, as learned so far."""
 
     value: float  # [m]
     var: float  # [m²]

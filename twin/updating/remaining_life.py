@@ -8,8 +8,8 @@ off by a factor 1 + ε scale x and κ alike and leave N off by ε·x(d_end)/κ, 
 reached, what is left of the band is the chance that it is not.
 
 Once the teeth part for some of the mesh, the steady state hangs on damping and clearances that no window has shown
-yet, and with it how fast the deepest point wears. The truth is taken to lie between two answers, the curve as it
-stands and the rate held that the curve has where contact is first lost: their geometric mean is the median, half the
+yet, and with it how fast the deepest point wears. The truth is assumed between two answers, the curve as computed and
+the rate held that the curve has where contact is first lost: their geometric mean is the median, half the
 logarithm of their ratio its standard deviation.
 """
 
@@ -90,7 +90,8 @@ def remaining_life(
 ) -> RemainingLife:
     """Life of a track on a curve whose work starts at `base_work`, to a depth [m].
 
-    Where the wear rate cannot be told from zero, only the least life is stated: that at the rate's 95 % quantile.
+    Where the wear rate cannot be distinguished from zero, only the least life is stated: that at the rate's 95 %
+    quantile.
 
     common_scatter  relative standard deviation of what all depths are off by together
     """
