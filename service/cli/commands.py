@@ -116,6 +116,22 @@ def calibrate(
         say(f"calibration from {len(used)} windows written to {json}")
 
 
+@app.command(rich_help_panel=ANSWER)
+def thresholds(
+    rig: Annotated[Path | None, typer.Option(help="Rig file: show the sizes on this machine, too.")] = None,
+    json: JsonFlag = False,
+) -> None:
+    """Print every number that decides a verdict, with its unit, meaning and source."""
+    from service.cli.thresholds import described, print_table, rows
+    from service.json_text import json_text
+
+    found = rows(rig)
+    if json:
+        print(json_text(described(found)))
+    else:
+        print_table(found, with_rig=rig is not None)
+
+
 @app.command(rich_help_panel=DATA)
 def replay(
     recording: Recording,

@@ -39,7 +39,7 @@ class BacklashRattle:
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(name="extra_backlash", unit="m", low=0.0, high=2e-3, prior=200e-6),
-        Parameter(name="load_ripple", unit="N·m", low=0.0, high=50.0, prior=5.0),
+        Parameter(name="load_ripple", unit="N·m", low=0.0, high=1e5, prior=5.0),
         Parameter(name="order", unit="", low=0.02, high=100.0, prior=5.0, shape=True),
         Parameter(name="phase", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )

@@ -35,8 +35,8 @@ class MassUnbalance:
     gear_heavy_point: float = 0.0  # φ2 [rad]
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(name="pinion", unit="kg·m", low=0.0, high=0.05, prior=1e-4),
-        Parameter(name="gear", unit="kg·m", low=0.0, high=0.05, prior=1e-4),
+        Parameter(name="pinion", unit="kg·m", low=0.0, high=5.0, prior=1e-4),
+        Parameter(name="gear", unit="kg·m", low=0.0, high=5.0, prior=1e-4),
         Parameter(name="pinion_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
         Parameter(name="gear_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )

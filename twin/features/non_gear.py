@@ -1,11 +1,16 @@
-"""What a window's acceleration holds beside the lines of its own shafts: tones, off-order lines, impacts.
+"""Non-gear features of a window: what its acceleration holds apart from the lines of its own shafts.
 
-    tones      steady in hertz (foreign.py)
-    lines      peaks at orders that are no multiple of either shaft's turn, by frequency and order
-    impacts    kurtosis of the most impulsive band, and the rates at which the envelope repeats there (envelope.py)
-    swelling   how deep the noise between the lines comes and goes with the turns of either shaft: what rubs does so
+    tones       of fixed frequency (tones.py)
+    lines       peaks at orders that are no multiple of either shaft's turn, by frequency and order
+    impacts     kurtosis of the most impulsive band, and the rates at which the envelope repeats there (envelope.py)
+    modulation  how deep the turn of either shaft modulates the noise between the lines: what rubs does so
 
-Lines near a strong mesh line are its own skirt, where the speed wanders; they are left out.
+Lines near a strong mesh line are its own skirt, where the speed wanders; they are left out. What cannot be computed of
+a window (gaps, a record that is too short) is not available, with the reason; it is never taken for absent.
+
+Source   J. Antoni, Mech. Syst. Signal Process. 20 (2006) 282–307 (spectral kurtosis); R. B. Randall, J. Antoni,
+         Mech. Syst. Signal Process. 25 (2011) 485–520 (envelope)
+Limits   up to the rig's analysis band; impacts that fill a band of 1 kHz and more
 """
 
 from __future__ import annotations
@@ -26,20 +31,58 @@ from twin.features.orders import hann
 from twin.features.resample import AngleSignal, on_angle
 from twin.features.tones import Tone, window_tones
 from twin.rig import Rig
+from twin.thresholds import deciding
 from twin.windows import Window
 
-TOP = 2000.0  # [Hz]
-APART = 2.2  # resolution steps from any order of a shaft
-SKIRT = 6.0  # resolution steps from a mesh line
-STANDS_OUT = 40.0  # power over the median around
-LEAST = 0.03  # amplitude of a line [m/s²]
-OF_MESH = 0.03  # of the strongest mesh line within NEAR orders
-NEAR = 3.0
+TUNED = "tuned on D00–D13 and T01–T58; not derived"
 MOST_LINES = 12
-IMPULSIVE = 1.5  # kurtosis from which the envelope is looked into
-NOISE_FROM = 800.0  # [Hz]: above the mesh lines that carry the load
-SAME_RATE = 0.02  # relative
-WIDE = 0.1  # of the rate: impacts fill a band this wide at least
+MESH_HARMONICS = range(1, 99)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NonGearFeatureThresholds:
+    """Which peaks of one window's spectrum and envelope are kept."""
+
+    from_shaft: float = deciding(
+        2.2,
+        unit="resolution steps",
+        meaning="distance from any order of a shaft",
+        source="Hann's main lobe is two steps to either side",
+    )
+    from_mesh: float = deciding(
+        6.0, unit="resolution steps", meaning="distance from a mesh line, whose skirt the speed widens", source=TUNED
+    )
+    stands_out: float = deciding(40.0, of="median power around", meaning="power of a line that is kept", source=TUNED)
+    least_amplitude: float = deciding(
+        15.0, of="acceleration noise floor", meaning="amplitude of a line that is kept", source=TUNED
+    )
+    of_mesh: float = deciding(
+        0.03, of="strongest mesh line near", meaning="amplitude of a line that is not a mesh line's skirt", source=TUNED
+    )
+    near_mesh: float = deciding(3.0, unit="order", meaning="distance of the mesh lines meant", source=TUNED)
+    impulsive: float = deciding(
+        1.5, meaning="kurtosis from which the envelope of a band is examined", source="not derived: chosen"
+    )
+    least_width: float = deciding(
+        0.5,
+        of="upper limit of the analysis band",
+        meaning="width of a band that impacts fill",
+        source="not derived: blows of less than a millisecond fill 1 kHz and more",
+    )
+    noise_from: float = deciding(
+        0.4,
+        of="upper limit of the analysis band",
+        meaning="frequency above which noise is examined for modulation by a shaft",
+        source="not derived: above the mesh lines that carry the load",
+    )
+    same_rate: float = deciding(
+        0.02,
+        meaning="relative difference of a rate to a shaft's order",
+        source="not derived: chosen",
+    )
+
+
+THRESHOLDS = NonGearFeatureThresholds()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,9 +93,10 @@ class NonGearFeatures:
     speed_hz: float
     tones: tuple[tuple[float, float, float, float, float], ...]  # Hz, its std, amplitude, its std, evidence
     lines: tuple[tuple[float, float], ...]  # order of pinion rotation, amplitude [m/s²]
-    kurtosis: float  # of the most impulsive band
+    kurtosis: float | None  # of the most impulsive band; None where it is not available
     rates: tuple[tuple[float, float], ...]  # order of pinion rotation, depth, of impacts that no shaft makes
-    swelling: tuple[tuple[str, float], ...] = ()  # shafts with whose turn the noise swells, and how deep
+    swelling: tuple[tuple[str, float], ...] = ()  # shafts whose turn modulates the noise, and how deep
+    fault: str = ""  # why impacts and modulation, or part of them, are not available
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
@@ -68,6 +112,7 @@ class NonGearFeatures:
             kurtosis=data["kurtosis"],
             rates=tuple(tuple(r) for r in data["rates"]),
             swelling=tuple((name, depth) for name, depth in data["swelling"]),
+            fault=data.get("fault", ""),
         )
 
     def as_tones(self) -> tuple[Tone, ...]:
@@ -77,67 +122,76 @@ class NonGearFeatures:
         )
 
 
-def off_order_lines(signal: AngleSignal, teeth: tuple[int, int], speed_hz: float) -> list[tuple[float, float]]:
-    """Peaks at orders of neither shaft: (order, amplitude), the strongest first."""
+def off_order_lines(
+    signal: AngleSignal,
+    teeth: tuple[int, int],
+    speed_hz: float,
+    top: float,
+    noise_floor: float,
+    limits: NonGearFeatureThresholds = THRESHOLDS,
+) -> list[tuple[float, float]]:
+    """Peaks at orders of neither shaft: (order, amplitude), the strongest first.
+
+    top          upper limit of the analysis band [Hz]
+    noise_floor  amplitude of an acceleration line below which nothing is read [m/s²]
+    """
     v = signal.values
     weight = hann(v.size)
     length = fft.next_fast_len(2 * v.size, real=True)
     spectrum = fft.rfft(weight * (v - (weight @ v) / weight.sum()), length) * (2 / weight.sum())
     step = 2 * pi / (length * signal.step)
     turns = v.size * signal.step / (2 * pi)
-    top = min(spectrum.size, int(TOP / speed_hz / step))
-    amplitude = np.abs(spectrum[:top])
-    order = step * np.arange(top)
+    amplitude = np.abs(spectrum[: min(spectrum.size, int(top / speed_hz / step))])
+    order = step * np.arange(amplitude.size)
     z1, gear = teeth[0], teeth[0] / teeth[1]
     from_shaft = np.minimum(np.abs(order - np.rint(order)), np.abs(order - gear * np.rint(order / gear)))
     from_mesh = np.abs(order - z1 * np.rint(order / z1))
-    free = (from_shaft > APART / turns) & (from_mesh > SKIRT / turns) & (order > 0.5)
+    free = (from_shaft > limits.from_shaft / turns) & (from_mesh > limits.from_mesh / turns) & (order > 0.5)
     index = np.flatnonzero(free)
     if index.size < 64:
         return []
     power = amplitude[index] ** 2
     around = median_filter(power, 61, mode="nearest") / np.log(2)
+    at = np.array(MESH_HARMONICS) * z1
     mesh = np.array(
-        [amplitude[max(0, round(k * z1 / step) - 3) : round(k * z1 / step) + 4].max(initial=0.0) for k in range(1, 99)]
+        [amplitude[max(0, round(o / step) - 3) : round(o / step) + 4].max(initial=0.0) for o in at.tolist()]
     )
-    at = np.arange(1, 99) * z1
+    least = limits.least_amplitude * noise_floor
     out = []
     for i in range(1, index.size - 1):
         a = float(np.sqrt(power[i]))
-        if a < LEAST or power[i] < STANDS_OUT * around[i] or power[i] < power[max(i - 4, 0) : i + 5].max():
+        highest = power[max(i - 4, 0) : i + 5].max()
+        if a < least or power[i] < limits.stands_out * around[i] or power[i] < highest:
             continue
-        near = mesh[np.abs(at - order[index[i]]) < NEAR]
-        if a > OF_MESH * near.max(initial=0.0):
+        near = mesh[np.abs(at - order[index[i]]) < limits.near_mesh]
+        if a > limits.of_mesh * near.max(initial=0.0):
             out.append((float(order[index[i]]), a))
     return sorted(out, key=lambda line: -line[1])[:MOST_LINES]
 
 
-def non_gear_features(rig: Rig, window: Window) -> NonGearFeatures | None:
-    """What the reference accelerometer hears beside the gears; None where there is none, or no speed."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Impacts:
+    """What the envelope of one window says."""
+
+    kurtosis: float | None = None
+    rates: tuple[tuple[float, float], ...] = ()
+    modulation: tuple[tuple[str, float], ...] = ()
+    fault: str = ""
+
+
+def non_gear_features(
+    rig: Rig, window: Window, limits: NonGearFeatureThresholds = THRESHOLDS
+) -> NonGearFeatures | None:
+    """Non-gear features of the reference accelerometer; None where there is none, or no speed."""
     try:
         _, samples = reference(rig, window)
         track = pinion_angle(rig, window, window.accelerations)
         signal, _ = on_angle(samples, track)
         tones = window_tones(samples, track, rig.teeth)
-        lines = off_order_lines(signal, rig.teeth, track.speed)
+        lines = off_order_lines(signal, rig.teeth, track.speed, rig.band[1], rig.tolerances.acceleration_floor, limits)
     except TwinError:
         return None
-    kurtosis, rates, swelling = 0.0, [], []
-    shafts = (("pinion", 1.0), ("gear", rig.teeth[0] / rig.teeth[1]))
-    if signal.usable.all():
-        try:
-            rest = without_shaft_lines(signal, rig.teeth).values
-            per_turn = 2 * pi / signal.step
-            found = [b for b in kurtogram(rest, per_turn) if b.high - b.low > 1000.0 / track.speed]
-            if found:
-                band = max(found, key=lambda b: b.kurtosis)
-                kurtosis = band.kurtosis
-                swelling = _swelling(rest, per_turn, track.speed, shafts)
-                if kurtosis > IMPULSIVE:
-                    seen = modulations(rest, per_turn, (band.low, band.high), shafts, 1e-3)
-                    rates = [(float(m.rate), float(m.depth)) for m in seen if m.shaft is None]
-        except TwinError:
-            pass
+    impacts = _impacts(rig, signal, track.speed, limits)
     return NonGearFeatures(
         duration=window.duration,
         speed_hz=float(track.speed),
@@ -146,21 +200,53 @@ def non_gear_features(rig: Rig, window: Window) -> NonGearFeatures | None:
             for t in tones
         ),
         lines=tuple(lines),
-        kurtosis=float(kurtosis),
-        rates=tuple(rates),
-        swelling=tuple(swelling),
+        kurtosis=impacts.kurtosis,
+        rates=impacts.rates,
+        swelling=impacts.modulation,
+        fault=impacts.fault,
     )
 
 
-def _swelling(
-    rest: np.ndarray, per_turn: float, speed_hz: float, shafts: Sequence[tuple[str, float]]
+def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeatureThresholds) -> _Impacts:
+    """Impulsiveness and envelope of a window; each part that cannot be computed is not available, with the reason."""
+    if not signal.usable.all():
+        return _Impacts(fault="impacts are not sought: the acceleration has gaps")
+    shafts = (("pinion", 1.0), ("gear", rig.teeth[0] / rig.teeth[1]))
+    top, per_turn = rig.band[1], 2 * pi / signal.step
+    try:
+        rest = without_shaft_lines(signal, rig.teeth).values
+        wide = [b for b in kurtogram(rest, per_turn) if b.high - b.low > limits.least_width * top / speed_hz]
+    except TwinError as reason:
+        return _Impacts(fault=f"impacts are not sought: {reason}")
+    if not wide:
+        return _Impacts(fault="impacts are not sought: no band of the acceleration is wide enough")
+    band = max(wide, key=lambda b: b.kurtosis)
+    rates: tuple[tuple[float, float], ...] = ()
+    modulation: tuple[tuple[str, float], ...] = ()
+    try:
+        noise = (limits.noise_from * top / speed_hz, 0.45 * per_turn)
+        modulation = tuple(_by_shaft(rest, per_turn, noise, shafts, limits.same_rate))
+        if band.kurtosis > limits.impulsive:
+            seen = modulations(rest, per_turn, (band.low, band.high), shafts, 1e-3)
+            rates = tuple((float(m.rate), float(m.depth)) for m in seen if m.shaft is None)
+    except TwinError as reason:
+        fault = f"the envelope is not examined: {reason}"
+        return _Impacts(kurtosis=float(band.kurtosis), modulation=modulation, fault=fault)
+    return _Impacts(kurtosis=float(band.kurtosis), rates=rates, modulation=modulation)
+
+
+def _by_shaft(
+    rest: np.ndarray,
+    per_turn: float,
+    band: tuple[float, float],
+    shafts: Sequence[tuple[str, float]],
+    same_rate: float,
 ) -> list[tuple[str, float]]:
-    """Shafts whose own order modulates the noise, and how deep: by one, it comes and goes once a turn."""
-    band = (NOISE_FROM / speed_hz, 0.45 * per_turn)
+    """Shafts whose own order modulates the noise of a band of orders, and how deep: by one, it varies once a turn."""
     seen = modulations(rest, per_turn, band, shafts, 1e-3)
     out = []
     for name, order in shafts:
-        depths = [float(m.depth) for m in seen if abs(m.rate / order - 1) < SAME_RATE]
+        depths = [float(m.depth) for m in seen if abs(m.rate / order - 1) < same_rate]
         if depths:
             out.append((name, max(depths)))
     return out

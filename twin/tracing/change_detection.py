@@ -57,7 +57,8 @@ def change_indicators(rig: Rig, taken: WindowInput, outcome: UpdateOutcome) -> d
     if taken.non_gear is not None:
         tones = [amplitude for _, _, amplitude, _, _ in taken.non_gear.tones]
         out["strange"] = float(sum(tones) + sum(a for _, a in taken.non_gear.lines))
-        out["kurtosis"] = taken.non_gear.kurtosis
+        if taken.non_gear.kurtosis is not None:
+            out["kurtosis"] = taken.non_gear.kurtosis
     return out
 
 

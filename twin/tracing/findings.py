@@ -54,6 +54,7 @@ class NonGearContent:
     impacts: bool = False  # irregular ones
     modulated_by: str | None = None  # the shaft whose turn modulates the broadband noise, though no tooth strikes
     first: float | None = None  # revolutions of the first window with any of the unknown ones
+    not_available: tuple[tuple[str, int], ...] = ()  # why part of a window could not be examined, and in how many
 
     @property
     def unknown(self) -> bool:

@@ -1,4 +1,4 @@
-"""What tracing takes of a window: the mesh lines of every channel, with their noise.
+"""The mesh lines of every channel of one window, with their noise, as tracing uses them.
 
 A channel's lines are complex amplitudes at k·z1, k = 1 … n, of the pinion's rotation; what was not read is NaN.
 """
@@ -55,7 +55,7 @@ def observed(rig: Rig, features: WindowFeatures, index: int, level_fault: str | 
     """One window; NotAvailable where it has no speed or no count of revolutions."""
     condition = condition_of(features, rig)
     if features.revolutions is None:
-        raise NotAvailable("no absolute count of revolutions: the window cannot be put beside others")
+        raise NotAvailable("no absolute count of revolutions: the window cannot be compared with others")
     te = features.transmission_error
     pinion_only = te is None
     encoder = features.pinion_motion if pinion_only else te

@@ -16,6 +16,7 @@ Holds    windows of some ten turns and more; one bearing defect at a time
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -248,7 +249,13 @@ def find_non_gear_content(
     elif modulated_by is not None:
         first = min(r for r, w in windows if _depth(w, modulated_by) > limits.modulation_depth)
     return NonGearContent(
-        defect=defect, tones=tones, orders=tuple(orders), impacts=impacts, modulated_by=modulated_by, first=first
+        defect=defect,
+        tones=tones,
+        orders=tuple(orders),
+        impacts=impacts,
+        modulated_by=modulated_by,
+        first=first,
+        not_available=tuple(Counter(w.fault for _, w in windows if w.fault).items()),
     )
 
 

@@ -1,0 +1,147 @@
+"""All deciding numbers of the program: every set of thresholds, in one tuple (twin/thresholds.py).
+
+A set that is new has its line here; `tests/unit/test_threshold_register.py` finds one that has not, and numbers that
+are compared with and are in no set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from twin.baseline.causes import CauseThresholds
+from twin.baseline.diagnosis import DiagnosisThresholds
+from twin.baseline.energy_breakdown import EnergyThresholds
+from twin.baseline.findings import BaselineThresholds
+from twin.baseline.learned import LearningThresholds
+from twin.baseline.operating import OperatingThresholds as BaselineOperatingThresholds
+from twin.baseline.reading import ReadingThresholds
+from twin.baseline.spacing import SpacingThresholds
+from twin.baseline.transfer_path import PathThresholds
+from twin.effects.facts import DetectionThresholds
+from twin.effects.mesh_damping import MeshDampingDetection
+from twin.effects.mesh_stiffness_loss import MeshStiffnessLossDetection
+from twin.effects.misalignment import MisalignmentDetection
+from twin.effects.profile_error import ProfileErrorDetection
+from twin.effects.tooth_friction import ToothFrictionDetection
+from twin.encoder_pair.assessing import RatioThresholds
+from twin.encoder_pair.jumps import JumpThresholds
+from twin.encoder_pair.motion import PairThresholds
+from twin.features.despike import SpikeThresholds
+from twin.features.non_gear import NonGearFeatureThresholds
+from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
+from twin.rig_notes import NoteLimits
+from twin.scales import UNITS, Scales
+from twin.thresholds import ThresholdRow, rows_of
+from twin.tracing.context import WindowThresholds
+from twin.tracing.detectors.crack import CrackThresholds
+from twin.tracing.detectors.eccentricity import EccentricityThresholds
+from twin.tracing.detectors.mesh import MeshThresholds
+from twin.tracing.detectors.non_gear import NonGearThresholds
+from twin.tracing.detectors.rattle import RattleThresholds
+from twin.tracing.detectors.sensor import SensorThresholds
+from twin.tracing.detectors.shaft_forces import ShaftForceThresholds
+from twin.tracing.detectors.tooth_errors import ToothErrorThresholds
+from twin.tracing.joint_problem import JointFitThresholds
+from twin.tracing.mesh_search import MeshSearchThresholds, MeshSearchWithDifferingTeethThresholds
+from twin.tracing.mesh_windows import OnsetThresholds
+from twin.tracing.scatter import LineScatter
+from twin.tracing.tooth_patterns import PatternThresholds
+from twin.tracing.transfer_path import TransferPathThresholds
+from twin.updating.calibration import CalibrationFit, RigFilePrior
+from twin.updating.conditions import ConditionMatch, RevolutionCount
+from twin.updating.depth import DepthModel
+from twin.updating.depth_search import DepthSearch
+from twin.updating.disc_remount import DiscRemount
+from twin.updating.encoders import EncoderScatter
+from twin.updating.half_width import HalfWidthFit
+from twin.updating.measurement import DepthScatter
+from twin.updating.model_cache import CurveDepths
+from twin.updating.prediction import LearnedFactors
+from twin.updating.remaining_life import LifeScatter
+from twin.updating.segments import SegmentLimits
+from twin.updating.tracker import RateDrift
+from twin.updating.update import CalibrationWindows
+
+SETS: tuple[type, ...] = (
+    CauseThresholds,
+    DiagnosisThresholds,
+    EnergyThresholds,
+    BaselineThresholds,
+    LearningThresholds,
+    BaselineOperatingThresholds,
+    ReadingThresholds,
+    SpacingThresholds,
+    PathThresholds,
+    DetectionThresholds,
+    MeshDampingDetection,
+    MeshStiffnessLossDetection,
+    MisalignmentDetection,
+    ProfileErrorDetection,
+    ToothFrictionDetection,
+    RatioThresholds,
+    JumpThresholds,
+    PairThresholds,
+    SpikeThresholds,
+    NonGearFeatureThresholds,
+    PlausibleOperatingThresholds,
+    NoteLimits,
+    WindowThresholds,
+    CrackThresholds,
+    EccentricityThresholds,
+    MeshThresholds,
+    NonGearThresholds,
+    RattleThresholds,
+    SensorThresholds,
+    ShaftForceThresholds,
+    ToothErrorThresholds,
+    JointFitThresholds,
+    MeshSearchThresholds,
+    MeshSearchWithDifferingTeethThresholds,
+    OnsetThresholds,
+    LineScatter,
+    PatternThresholds,
+    TransferPathThresholds,
+    RigFilePrior,
+    CalibrationFit,
+    ConditionMatch,
+    RevolutionCount,
+    DepthModel,
+    DepthSearch,
+    DiscRemount,
+    EncoderScatter,
+    HalfWidthFit,
+    DepthScatter,
+    CurveDepths,
+    LearnedFactors,
+    LifeScatter,
+    SegmentLimits,
+    RateDrift,
+    CalibrationWindows,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegisterRow:
+    """One deciding number with the module that uses it, and its size on one machine."""
+
+    module: str
+    row: ThresholdRow
+    scaled: Any = None  # in SI; None where it is no share of a quantity of the machine, or that is not known
+    scaled_unit: str = ""
+
+
+def register(scales: Scales | None = None, sets: Iterable[type] = SETS) -> Iterator[RegisterRow]:
+    """Every deciding number, set by set; with the sizes on one machine where its scales are given."""
+    for kind in sets:
+        module = kind.__module__.removeprefix("twin.")
+        for row in rows_of(kind):
+            scale = None if scales is None else scales.get(row.about.of)
+            scaled = None if scale is None else _times(row.value, scale)
+            unit = "" if scaled is None else UNITS[row.about.of]
+            yield RegisterRow(module=module, row=row, scaled=scaled, scaled_unit=unit)
+
+
+def _times(value: Any, scale: float) -> Any:
+    return tuple(v * scale for v in value) if isinstance(value, tuple) else value * scale
