@@ -31,6 +31,8 @@ from twin.encoder_pair.motion import PairThresholds
 from twin.features.despike import SpikeThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
+from twin.levels.relation import RelationLimits
+from twin.levels.trials import TrialLimits
 from twin.rig_notes import NoteLimits
 from twin.scales import UNITS, Scales
 from twin.thresholds import ThresholdRow, rows_of
@@ -44,7 +46,8 @@ from twin.tracing.detectors.sensor import SensorThresholds
 from twin.tracing.detectors.shaft_forces import ShaftForceThresholds
 from twin.tracing.detectors.tooth_errors import ToothErrorThresholds
 from twin.tracing.joint_problem import JointFitThresholds
-from twin.tracing.mesh_search import MeshSearchThresholds, MeshSearchWithDifferingTeethThresholds
+from twin.tracing.mesh_fits import MeshSearchThresholds, MeshSearchWithDifferingTeethThresholds
+from twin.tracing.mesh_pruning import PruningThresholds
 from twin.tracing.mesh_windows import OnsetThresholds
 from twin.tracing.scatter import LineScatter
 from twin.tracing.tooth_patterns import PatternThresholds
@@ -86,6 +89,8 @@ SETS: tuple[type, ...] = (
     SpikeThresholds,
     NonGearFeatureThresholds,
     PlausibleOperatingThresholds,
+    RelationLimits,
+    TrialLimits,
     NoteLimits,
     WindowThresholds,
     CrackThresholds,
@@ -99,6 +104,7 @@ SETS: tuple[type, ...] = (
     JointFitThresholds,
     MeshSearchThresholds,
     MeshSearchWithDifferingTeethThresholds,
+    PruningThresholds,
     OnsetThresholds,
     LineScatter,
     PatternThresholds,
