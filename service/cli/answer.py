@@ -76,7 +76,7 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
         f"Effects besides wear: {', '.join(names) if names else 'none found'}",
         *_unexplained(answer.get("unexplained") or {}),
         f"Windows: {listed or 'none'}",
-        *_notes(answer["windows"]),
+        *_notes(answer["windows"], answer["wear"].get("reason")),
     ]
 
 
@@ -137,12 +137,13 @@ def _unexplained(left: Mapping[str, Any]) -> list[str]:
     return [f"Unknown effect: {left.get('reason') or 'vibration that no known effect explains'}"]
 
 
-def _notes(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What windows have to say for themselves, each note once."""
+def _notes(records: Sequence[Mapping[str, Any]], known: str | None) -> list[str]:
+    """The notes of windows, each once, without the one that is the reason given already."""
     noted: dict[str, list[str]] = {}
     for record in records:
         for note in record.get("notes") or ():
-            noted.setdefault(str(note), []).append(str(record.get("index")))
+            if note != known:
+                noted.setdefault(str(note), []).append(str(record.get("index")))
     lines = [f"Note on window {_listed(at)}: {note}" for note, at in noted.items()]
     more = len(lines) - MOST_NOTES
     return lines if more <= 0 else [*lines[:MOST_NOTES], f"and {more} more notes (see windows[].notes in the JSON)"]

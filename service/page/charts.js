@@ -1,8 +1,10 @@
 // The four charts: RMS and depth against revolutions (figures 6 and 7 of Feng et al. 2019), profile, remaining life.
 
-import { isAvailable, number, reasonOf, revolutions } from "./format.js";
+import { isAvailable, number, reasonOf, revolutions, sharedReasons } from "./format.js";
 
-const CONFIG = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
+// Only buttons that work on this page: none that sends a chart elsewhere.
+const CONFIG = { displaylogo: false, responsive: true, showSendToCloud: false, showEditInChartStudio: false,
+  modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] };
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const plotted = new Map(); // chart element → last figure, to draw again when the theme changes
 
@@ -46,6 +48,7 @@ function draw(id, caption, figure, unavailable) {
   const panel = document.getElementById(id);
   const chart = panel.querySelector(".chart");
   panel.querySelector("figcaption p").textContent = caption;
+  panel.hidden = sharedReasons.has(unavailable);
   if (unavailable) {
     Plotly.purge(chart);
     plotted.delete(chart);
@@ -95,16 +98,17 @@ export function drawRms({ windows }) {
         { line: { color: colour("measured"), width: 2 }, marker: { size: 6 } }),
     ];
     if (has("rms_predicted")) {
-      traces.push(series("rms_predicted", "twin, before update", "lines+markers",
+      traces.push(series("rms_predicted", "model, before update", "lines+markers",
         { line: { color: colour("predicted"), width: 2 }, marker: { size: 7, symbol: "circle-open" } }));
     }
     if (updates && has("rms_after")) {
       const after = shown.map((w) => (w.updated ? w.rms_after ?? null : null));
-      traces.push(series("rms_after", "twin, after update", "markers", { y: after,
+      traces.push(series("rms_after", "model, after update", "markers", { y: after,
         marker: { color: colour("after"), size: 9, symbol: "x-thin", line: { width: 2, color: colour("after") } } }));
     }
-    return { traces: [...traces, ...marks.legend], layout: layout(counted ? "pinion revolutions" : "window", "RMS [m/s²]",
-      { shapes: marks.shapes }) };
+    const look = layout(counted ? "pinion revolutions" : "window", "RMS [m/s²]", { shapes: marks.shapes });
+    if (!counted) Object.assign(look.xaxis, { rangemode: "normal", tickformat: "d" });
+    return { traces: [...traces, ...marks.legend], layout: look };
   };
   const parts = [`reference accelerometer; ${updates} update${updates === 1 ? "" : "s"}`];
   if (left) parts.push(`${left} calibration window${left === 1 ? "" : "s"} not drawn`);
@@ -125,11 +129,11 @@ export function drawDepth({ windows, wear, effects, tracing }, trend, inspection
     const traces = banded.length ? band(at, banded.map((p) => p.depth_um.combined.p05),
       banded.map((p) => p.depth_um.combined.p95), "5–95 %") : [];
     traces.push({
-      x, y, name: "twin, both flanks", mode: "lines+markers", line: { color: colour("predicted"), width: 2 },
-      marker: { size: 6 }, hovertemplate: "twin: %{y:.4~g} µm at %{x:,.0f} rev<extra></extra>",
+      x, y, name: "model, both flanks", mode: "lines+markers", line: { color: colour("predicted"), width: 2 },
+      marker: { size: 6 }, hovertemplate: "model: %{y:.4~g} µm at %{x:,.0f} rev<extra></extra>",
     });
-    for (const [key, name, dash] of [["wear_depth_um_before", "wear alone, all windows", "dot"],
-      ["wear_depth_um_after", "with the effects, all windows", "dash"]]) {
+    for (const [key, name, dash] of [["wear_depth_um_before", "wear alone, history re-evaluated", "dot"],
+      ["wear_depth_um_after", "with the effects, history re-evaluated", "dash"]]) {
       if (!again.length) continue;
       traces.push({ x: again.map((d) => d.revolutions), y: again.map((d) => d[key]), name, mode: "lines",
         line: { color: colour(key.endsWith("after") ? "after" : "muted"), width: 1.2, dash },

@@ -4,7 +4,12 @@ export const isAvailable = (part) =>
   part !== null && part !== undefined && !(typeof part === "object" && part.status === "not available");
 
 export const reasonOf = (part) =>
-  (part && typeof part === "object" && part.reason) || "the twin has not reported it";
+  (part && typeof part === "object" && part.reason) || "not reported";
+
+// Reasons that several parts of the state share: the notice on top gives each once, and no part repeats it.
+export const sharedReasons = new Set();
+
+export const isShared = (part) => !isAvailable(part) && sharedReasons.has(reasonOf(part));
 
 export function number(value, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";

@@ -1,7 +1,7 @@
 // One asset at a time: fetched whole, then again whenever an event says that something changed.
 
 import { drawDepth, drawProfile, drawRms, drawRul, redraw } from "./charts.js";
-import { drawCards, drawTables, tellDecision } from "./panels.js";
+import { drawCards, drawTables, noteMissing, showDecision } from "./panels.js";
 
 const KINDS = ["window", "update", "effect", "rul", "data_fault"];
 const SETTLE_MS = 200; // events come in bursts; one fetch answers all of a burst
@@ -22,15 +22,18 @@ const get = async (path) => {
 
 function link(live) {
   const shown = document.getElementById("link");
-  shown.textContent = live ? "live" : "offline";
+  shown.textContent = live ? "live" : "no connection";
   shown.classList.toggle("live", live);
 }
 
-function showStatus(summary) {
+const LOOK = { normal: "ok", watch: "degraded", alarm: "lost", end_of_life: "lost" };
+
+function showStatus({ status, reason }) {
   const badge = document.getElementById("status");
-  badge.textContent = summary.status;
-  badge.className = `badge ${summary.status}`;
-  document.getElementById("reason").textContent = summary.reason;
+  const level = status?.level ?? status;
+  badge.textContent = level.replaceAll("_", " ");
+  badge.className = `badge ${LOOK[level] ?? level}`;
+  document.getElementById("reason").textContent = status?.reasons?.join("; ") || reason || "";
 }
 
 async function refresh() {
@@ -49,6 +52,7 @@ async function refresh() {
     if (asset === chosen.value) {
       const limit = rig.end_of_life?.max_depth ? rig.end_of_life.max_depth * 1e6 : null;
       showStatus(assets.find((a) => a.asset === asset));
+      noteMissing(state);
       drawCards(state);
       drawRms({ ...state, windows });
       drawDepth({ ...state, windows }, trend, inspections, limit);
@@ -76,19 +80,19 @@ let deciding = false;
 async function decide(name, verb) {
   const asset = chosen.value;
   const what = `${verb} ${name.replaceAll("_", " ")} of ${asset}`;
-  if (deciding || (verb === "reject" && !confirm(`${what}? The history is run again without it.`))) return;
+  if (deciding || (verb === "reject" && !confirm(`${what}? The whole history is then re-evaluated without it.`))) return;
   deciding = true;
-  tellDecision(`${what}: being carried out …`, true);
+  showDecision(`${what}: in progress …`, true);
   try {
     const answer = await fetch(`/v1/assets/${encodeURIComponent(asset)}/effects/${encodeURIComponent(name)}`, {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ decision: verb }),
     });
     const said = await answer.json();
     const done = answer.status === 202 ? "queued; applied after the current window" : "done";
-    tellDecision(`${what}: ${answer.ok ? done : said.detail ?? `status ${answer.status}`}`, false);
+    showDecision(`${what}: ${answer.ok ? done : said.detail ?? `status ${answer.status}`}`, false);
   } catch (error) {
     console.warn(error);
-    tellDecision(`${what}: the service does not answer`, false);
+    showDecision(`${what}: the service does not answer`, false);
   } finally {
     deciding = false;
     soon();
@@ -134,10 +138,20 @@ async function listAssets() {
   if (source?.readyState === EventSource.CLOSED) follow(chosen.value);
 }
 
+// The address names the asset, so that Back, bookmarks and pasted links lead to it.
+function fromAddress() {
+  const name = decodeURIComponent(location.hash.slice(1));
+  if (name && name !== chosen.value && [...chosen.options].some((o) => o.value === name)) {
+    chosen.value = name;
+    follow(name);
+  }
+}
+
 chosen.addEventListener("change", () => {
   location.hash = encodeURIComponent(chosen.value);
   follow(chosen.value);
 });
+addEventListener("hashchange", fromAddress);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 await listAssets();
 setInterval(listAssets, ASSETS_MS);

@@ -1,9 +1,10 @@
 // The cards on top and the tables below the charts.
 
-import { anything, fixed, isAvailable, number, range, reasonOf, revolutions, words } from "./format.js";
+import { anything, fixed, isAvailable, isShared, number, range, reasonOf, revolutions, sharedReasons, words } from "./format.js";
 
 const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration",
-  "data_quality", "tracing", "pair", "strange"]);
+  "data_quality", "tracing", "pair", "strange", "unattributed_lines", "schema_version", "status", "rig", "windows_total",
+  "energy_breakdown"]);
 
 function element(tag, attributes = {}, ...children) {
   const made = Object.assign(document.createElement(tag), attributes);
@@ -12,11 +13,33 @@ function element(tag, attributes = {}, ...children) {
 }
 
 function card(name, part, value, unit, more) {
+  if (isShared(part)) return "";
   const shown = isAvailable(part);
   const figure = element("div", { className: shown ? "value" : "value none" }, shown ? value() : "not available");
   if (shown && unit) figure.append(" ", element("small", {}, unit));
   return element("div", { className: "card" }, element("div", { className: "name" }, name), figure,
     element("div", { className: "more" }, shown ? more() : reasonOf(part)));
+}
+
+// One notice for a reason that several parts give, in place of the same sentence in each of them.
+export function noteMissing({ wear, rul, calibration, residual, tracing, unexplained }) {
+  const parts = { "wear depth and profile": wear, "remaining life": rul, calibration, residual, attribution: tracing,
+    "unexplained share": unexplained };
+  const named = new Map();
+  for (const [name, part] of Object.entries(parts)) {
+    if (part === undefined || isAvailable(part)) continue;
+    named.set(reasonOf(part), [...(named.get(reasonOf(part)) ?? []), name]);
+  }
+  sharedReasons.clear();
+  const lines = [];
+  for (const [reason, names] of named) {
+    if (names.length < 2) continue;
+    sharedReasons.add(reason);
+    lines.push(`Not available for this machine: ${names.join(", ")}. Reason: ${reason.replace(/^[\w ]+ is not available: /, "")}.`);
+  }
+  const notice = document.getElementById("missing");
+  notice.textContent = lines.join(" ");
+  notice.hidden = !lines.length;
 }
 
 export function drawCards(state) {
@@ -37,9 +60,10 @@ export function drawCards(state) {
     card("Archard coefficient K", k, () => number(wear.k_wear_per_n), "1/N",
       () => `k = ${number(wear.specific_wear_rate_m2_per_n)} m²/N`),
     card("Vibration RMS", measured, () => fixed(measured.rms_measured, 4), "m/s²",
-      () => (Number.isFinite(last.error_percent) ? `twin's error ${signed(last.error_percent)} %` : "no prediction")),
+      () => (Number.isFinite(last.error_percent) ? `model error ${signed(last.error_percent)} %` : "no prediction")),
     card("Windows", {}, () => revolutions(windows.length), "",
-      () => `${windows.filter((w) => w.updated).length} updated the twin; last at ${revolutions(last?.revolutions)} rev`),
+      () => `${windows.filter((w) => w.updated).length} updated the model${Number.isFinite(last?.revolutions)
+        ? `; last at ${revolutions(last.revolutions)} rev` : ""}`),
     ...slowCards(last),
   );
 }
@@ -69,7 +93,7 @@ function table(heads, rows) {
 function facts(part, nothing) {
   if (!isAvailable(part)) return element("p", { className: "none" }, `not available: ${reasonOf(part)}`);
   if (typeof part !== "object") return element("p", {}, anything(part));
-  const rows = Object.entries(part);
+  const rows = Object.entries(part).filter(([, value]) => value !== null && !sharedReasons.has(value));
   if (!rows.length) return element("p", { className: "none" }, nothing);
   return element("table", {}, element("tbody", {}, ...rows.map(([name, value]) =>
     element("tr", {}, element("td", { className: "name" }, words(name)), element("td", {}, anything(value))))));
@@ -85,16 +109,16 @@ function qualityPanel(quality) {
   const rows = quality.totals.map((f) => [words(f.kind), f.channel, f.action, String(f.count), String(f.windows)]);
   const made = panel("Data quality", element("p", { className: "none" }, `Windows: ${windows}`));
   if (quality.missing_channels?.length) {
-    made.append(element("p", { className: "none" }, `Never seen: ${quality.missing_channels.join(", ")}`));
+    made.append(element("p", { className: "none" }, `Channels never received: ${quality.missing_channels.join(", ")}`));
   }
   const channels = Object.entries(quality.channels ?? {}).map(([label, kinds]) => {
     const { frames = 0, ...wrong } = kinds;
     const what = Object.entries(wrong).filter(([, n]) => n).map(([kind, n]) => `${n} ${words(kind)}`).join(", ");
     return [label, revolutions(frames), what || "–"];
   });
-  if (channels.length) made.append(table(["channel", "frames#", "faults of the stream"], channels));
-  made.append(rows.length ? table(["fault", "channel", "done about it", "count#", "windows#"], rows)
-    : element("p", { className: "none" }, "No fault in any window so far."));
+  if (channels.length) made.append(table(["channel", "frames#", "stream faults"], channels));
+  made.append(rows.length ? table(["fault", "channel", "action", "count#", "windows#"], rows)
+    : element("p", { className: "none" }, "No faults so far."));
   return made;
 }
 
@@ -112,12 +136,12 @@ function figure({ value, unit, std }) {
 const change = (before, after, unit) => (Number.isFinite(before) && Number.isFinite(after)
   ? `${number(before)} → ${number(after)} ${unit}` : "–");
 
-// What is being decided, told to whoever sees or hears the page; kept when the panel is drawn anew.
-const told = element("p", { className: "none told" });
-told.setAttribute("role", "status");
+// The decision in progress, also for screen readers; kept when the panel is drawn again.
+const decision = element("p", { className: "none decision" });
+decision.setAttribute("role", "status");
 
-export function tellDecision(text, working) {
-  told.textContent = text;
+export function showDecision(text, working) {
+  decision.textContent = text;
   document.body.classList.toggle("deciding", working);
 }
 
@@ -133,21 +157,23 @@ function effectCard(effect, decide) {
   const { evidence = {}, error_before: before = {}, error_after: after = {} } = effect;
   const sizes = Object.entries(effect.parameters ?? {}).map(([name, value]) => [words(name), figure(value)]);
   const rival = evidence.runner_up
-    ? `${words(evidence.runner_up)}, ${number(evidence.over_runner_up)} behind` : "none";
+    ? `${words(evidence.runner_up)}, ${number(evidence.over_runner_up)} lower` : "none";
   const rows = [...sizes,
     ["since", effect.channels ? "–"
       : effect.onset_revolutions ? `${revolutions(effect.onset_revolutions)} rev` : "from the start"],
-    [`ln evidence over the ${effect.channels ? "baseline" : "twin without it"}`, number(evidence.log_evidence)],
-    ["next best", rival],
-    ["waveform error, unseen windows", change(before.waveform_percent, after.waveform_percent, "%")],
+    [`ln evidence over the ${effect.channels ? "baseline alone" : "model without it"}`, number(evidence.log_evidence)],
+    ["next best explanation", rival],
+    ["waveform error, held-out windows", change(before.waveform_percent, after.waveform_percent, "%")],
     ["wear depth", change(effect.wear_depth_um_before, effect.wear_depth_um_after, "µm")]];
   if (Number.isFinite(effect.rul_revolutions_before) && Number.isFinite(effect.rul_revolutions_after)) {
     rows.push(["remaining life",
       `${revolutions(effect.rul_revolutions_before)} → ${revolutions(effect.rul_revolutions_after)} rev`]);
   }
-  if (evidence.not_told_from?.length) rows.push(["not told from", evidence.not_told_from.map(words).join(", ")]);
-  if (evidence.detail) rows.push(["seen", evidence.detail]);
-  const verbs = effect.channels ? [] : VERBS[effect.status] ?? VERBS.found; // beside a baseline nothing is fitted on
+  const alike = evidence.indistinguishable_from ?? evidence.not_told_from ?? [];
+  if (alike.length) rows.push(["indistinguishable from", alike.map(words).join(", ")]);
+  if (evidence.detail) rows.push(["observation", evidence.detail]);
+  // Compared with a baseline there is no model to decide on.
+  const verbs = effect.channels ? [] : VERBS[effect.status] ?? VERBS.found;
   const buttons = verbs.map((verb) => decisionButton(effect.name, verb, decide));
   const where = effect.channels ? ` (${effect.channels.join(", ")})` : "";
   return element("div", { className: "effect" },
@@ -162,18 +188,19 @@ function effectsPanel(effects, unexplained, tracing, wear, decide) {
   const list = isAvailable(effects) ? effects : [];
   const made = panel("Effects");
   if (!isAvailable(effects)) made.append(facts(effects));
-  else if (!list.length) made.append(element("p", { className: "none" }, isAvailable(wear) ? "Wear alone; no effect has been added." : "No twin stands behind this; no effect has been added."));
+  else if (!list.length) made.append(element("p", { className: "none" }, isAvailable(wear) ? "The model contains wear alone; no other effect was found."
+    : "No model is available for this machine, so no effects were evaluated."));
   made.append(...list.map((effect) => effectCard(effect, decide)));
   const ruledOut = (isAvailable(tracing) && tracing.rejected) || [];
   for (const name of ruledOut) {
-    made.append(element("p", { className: "none" }, `${words(name)}: ruled out `,
+    made.append(element("p", { className: "none" }, `${words(name)}: rejected `,
       decisionButton(name, "release", decide)));
   }
-  made.append(told);
-  made.append(element("p", { className: "none" }, isAvailable(unexplained)
+  made.append(decision);
+  if (!isShared(unexplained)) made.append(element("p", { className: "none" }, isAvailable(unexplained)
     ? `Unexplained: ${Number.isFinite(unexplained.share_percent)
-      ? `${number(unexplained.share_percent)} % of the energy over the noise; ` : ""}${words(unexplained.verdict ?? "")}${
-      unexplained.reason ? `: ${unexplained.reason}` : ""}`
+      ? `${number(unexplained.share_percent)} % of the energy above the noise; ` : ""}${words(unexplained.verdict ?? "")}${
+      unexplained.reason && !sharedReasons.has(unexplained.reason) ? `: ${unexplained.reason}` : ""}`
     : `Unexplained: not available: ${reasonOf(unexplained)}`));
   if (isAvailable(unexplained) && unexplained.verdict === "unknown_effect") {
     const keys = ["order", "frequency_hz", "share_percent"];
@@ -183,24 +210,26 @@ function effectsPanel(effects, unexplained, tracing, wear, decide) {
   return made;
 }
 
-function waysPanel(wear) {
-  const ways = Object.entries((isAvailable(wear) && wear.ways) || {});
-  if (!ways.length) return [];
-  const used = wear.from === "rms" ? "paper" : "fused";
-  const rows = ways.map(([name, way]) => [
+function methodsPanel(wear) {
+  const methods = Object.entries((isAvailable(wear) && (wear.methods ?? wear.ways)) || {});
+  if (!methods.length) return [];
+  const used = (wear.method ?? wear.from) === "rms" ? "rms" : "fused";
+  const rows = methods.map(([name, method]) => [
     name + (name === used ? " (in use)" : ""),
-    number(way.wear_depth_um) + (Number.isFinite(way.std_um) ? ` ± ${number(way.std_um, 2)}` : ""),
-    number(way.k_wear_per_n), fixed(way.rms_after, 4),
+    number(method.wear_depth_um) + (Number.isFinite(method.std_um) ? ` ± ${number(method.std_um, 2)}` : ""),
+    number(method.k_wear_per_n), fixed(method.rms_after, 4),
   ]);
-  return [panel("Ways of updating", table(["way", "depth [µm]#", "K [1/N]#", "RMS after [m/s²]#"], rows))];
+  return [panel("Update methods", table(["method", "depth [µm]#", "K [1/N]#", "RMS after [m/s²]#"], rows))];
 }
+
+const UNITS = { damping_time: " [s]", contact_half_width: " [m]" };
 
 function calibrationPanel(calibration) {
   if (!isAvailable(calibration) || typeof calibration.values !== "object") {
     return panel("Calibration", facts(calibration));
   }
   const { values, std_percent: std, ...rest } = calibration;
-  const rows = Object.entries(values).map(([name, value]) => [words(name), anything(value),
+  const rows = Object.entries(values).map(([name, value]) => [words(name) + (UNITS[name] ?? ""), anything(value),
     Number.isFinite(std?.[name]) ? `± ${number(std[name], 2)} %` : "–"]);
   return panel("Calibration", table(["quantity", "value#", "uncertainty#"], rows), facts(rest, ""));
 }
@@ -220,46 +249,46 @@ function residualPanel(residual) {
   return made;
 }
 
-// What two encoders tell of a pair without a model.
+// What two encoders show of a gear pair, without a model.
 function pairPanel(pair) {
   if (!pair) return [];
-  if (!isAvailable(pair)) return [panel("Pair by its encoders", facts(pair))];
+  if (!isAvailable(pair)) return [panel("Gear pair from its encoders", facts(pair))];
   const { ratio, rest_urad: rest, stated, missed_counts: missed, sharp_steps: sharp, turns, base_radii: radii } = pair;
   const rows = [["ratio, pinion to gear", `${number(ratio.value, 5)} ± ${number(ratio.std, 2)}`],
     ["tooth counts that fit", pair.teeth_that_fit.slice(0, 6).join(", ") || "none from 10 to 60"],
     ["turns of pinion and gear", `${number(turns.pinion)}, ${number(turns.gear)}`],
-    ["transmission error, rms [µrad]", `${number(rest.before, 4)} → ${number(rest.after, 4)} without run-out`],
+    ["transmission error, rms [µrad]", `${number(rest.before, 4)}; ${number(rest.after, 4)} after removal of the run-out`],
     ["missed counts", missed.map((s) => `${number(s.counts)} at ${number(s.time_s)} s`).join(", ") || "none found"],
     ...sharp.map((s) => ["sharp step", `${number(s.counts)} counts ${s.shaft
-      ? `at ${fixed(s.turn)} of each turn of the ${s.shaft}` : `at ${number(s.time_s)} s, passed once only`}`])];
+      ? `at ${fixed(s.turn)} of each turn of the ${s.shaft}` : `at ${number(s.time_s)} s, passed only once`}`])];
   if (stated) {
-    rows.push([`ratio of ${stated.from}`, `${number(stated.ratio, 5)}, ${stated.contradicted ? "contradicted" : "not contradicted"}`]);
+    rows.push([`ratio from ${stated.source ?? stated.from}`, `${number(stated.ratio, 5)}, ${stated.contradicted ? "contradicted" : "not contradicted"}`]);
   }
   const inUm = radii !== null;
   const terms = pair.run_out.map((t) => [`${t.multiple}× a turn of the ${t.shaft}`,
     `${number(t.amplitude_urad, 4)} ± ${number(t.std_urad, 2)}`,
-    ...(inUm ? [`${number(t.amplitude_um)} ± ${number(t.std_um, 2)}`] : []), t.not_told_from.join(", ")]);
-  return [panel("Pair by its encoders",
+    ...(inUm ? [`${number(t.amplitude_um)} ± ${number(t.std_um, 2)}`] : []), (t.indistinguishable_from ?? t.not_told_from).join(", ")]);
+  return [panel("Gear pair from its encoders",
     element("table", {}, element("tbody", {}, ...rows.map(([name, text]) =>
       element("tr", {}, element("td", { className: "name" }, name), element("td", {}, text))))),
-    table(["run-out", "µrad of the pinion#", ...(inUm ? ["µm#"] : []), "not told from"], terms))];
+    table(["run-out", "µrad of the pinion#", ...(inUm ? ["µm#"] : []), "indistinguishable from"], terms))];
 }
 
-// Lines that belong to no known shaft: where they stand, and which causes were tried on them.
-function strangePanels(strange) {
-  return (strange ?? []).map((found) => {
+// Lines that belong to no known shaft: their spacing, and the causes that were tested.
+function unattributedPanels(lines) {
+  return (lines ?? []).map((found) => {
     const sides = found.sidebands.slice(0, 8).map((s) => [s.channel,
       `${s.harmonic ? `mesh ${s.harmonic} ± ` : ""}${s.multiple}×`, number(s.amplitude),
       Number.isFinite(s.depth) ? fixed(100 * s.depth) : "–"]);
     const causes = [...found.causes].sort((a, b) => Number(b.possible) - Number(a.possible))
-      .map((c) => [c.name, c.possible ? "possible" : "fails", c.detail]);
-    const slower = found.part === 1 ? "" : `; weaker ones at ${fixed(found.frequency_hz / found.part, 5)} Hz, too`;
-    const what = found.geared === null ? "belong to no known shaft" : `are another shaft's, geared as ${found.geared}`;
-    return panel("Lines of no known shaft",
+      .map((c) => [c.name, c.possible ? "possible" : "ruled out", c.detail]);
+    const slower = found.part === 1 ? "" : `; weaker lines are at ${fixed(found.frequency_hz / found.part, 5)} Hz`;
+    const what = found.geared === null ? "belong to no known shaft" : `belong to another shaft, geared ${found.geared} to the pinion`;
+    return panel("Unattributed lines",
       element("p", {}, `Lines spaced by ${fixed(found.frequency_hz, 5)} ± ${number(found.frequency_std_hz, 2)} Hz (order ${
         fixed(found.order, 5)}) ${what}${slower}.`),
       table(["channel", "lines", "amplitude#", "of the mesh line [%]#"], sides),
-      table(["cause tried", "", "on which ground"], causes));
+      table(["cause tested", "", "reason"], causes));
   });
 }
 
@@ -270,10 +299,10 @@ function windowsPanel(windows) {
       String(w.index), w.kind, revolutions(w.revolutions), fixed(w.speed_hz), fixed(w.torque_nm),
       fixed(w.rms_measured, 4), fixed(w.rms_predicted, 4),
       Number.isFinite(w.error_percent) ? signed(w.error_percent) : "–", w.updated ? "yes" : "", w.quality ?? "",
-      fixed(w.wear_depth_um), fixed(w.k_wear_per_n), w.reason ?? (w.notes ?? []).join("; "),
+      fixed(w.wear_depth_um), fixed(w.k_wear_per_n), w.reason ?? (w.notes ?? []).filter((note) => !sharedReasons.has(note)).join("; "),
     ],
   }));
-  const heads = ["window#", "kind", "revolutions#", "speed [Hz]#", "torque [N·m]#", "RMS [m/s²]#", "twin [m/s²]#",
+  const heads = ["window#", "kind", "revolutions#", "speed [Hz]#", "torque [N·m]#", "RMS [m/s²]#", "model [m/s²]#",
     "error [%]#", "updated", "data", "depth [µm]#", "K [1/N]#", "notes"];
   return panel("Latest windows", table(heads, rows));
 }
@@ -288,10 +317,10 @@ function inspectionsPanel(inspections) {
       within_band === null || within_band === undefined ? "–" : within_band ? "yes" : "no"];
   });
   return panel("Inspections", table(
-    ["revolutions#", "flank", "measured [µm]#", "twin then [µm]#", "difference [µm]#", "in the band"], rows));
+    ["revolutions#", "flank", "measured [µm]#", "model then [µm]#", "difference [µm]#", "within band"], rows));
 }
 
-// The button that has the focus, so that whoever uses the keyboard stays where he is when the panel is drawn anew.
+// The button that has the focus, so that the keyboard focus survives when the panel is drawn again.
 function focused() {
   const { activeElement: active } = document;
   return { label: active?.getAttribute("aria-label"), effect: active?.dataset?.effect };
@@ -304,17 +333,18 @@ function refocus(label, effect) {
 }
 
 export function drawTables(state, quality, inspections, decide) {
-  const { windows, wear, effects, unexplained, residual, calibration, tracing, pair, strange } = state;
+  const { windows, wear, effects, unexplained, residual, calibration, tracing, pair } = state;
   const more = Object.entries(state).filter(([name]) => !KNOWN.has(name));
   const { label, effect } = focused();
   document.getElementById("tables").replaceChildren(
     effectsPanel(effects, unexplained, tracing, wear, decide),
     qualityPanel(quality),
-    ...waysPanel(wear),
+    ...methodsPanel(wear),
     ...pairPanel(pair),
-    ...strangePanels(strange),
-    calibrationPanel(calibration ?? { status: "not available", reason: "the twin has not been calibrated" }),
-    residualPanel(residual),
+    ...unattributedPanels(state.unattributed_lines ?? state.strange),
+    ...(isShared(calibration) ? []
+      : [calibrationPanel(calibration ?? { status: "not available", reason: "the model has not been calibrated" })]),
+    ...(isShared(residual) ? [] : [residualPanel(residual)]),
     ...more.map(([name, part]) => panel(words(name).replace(/^./, (c) => c.toUpperCase()), facts(part, "none"))),
   );
   refocus(label, effect);
