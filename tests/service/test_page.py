@@ -187,7 +187,7 @@ def test_effects_are_shown_with_what_they_change_and_can_be_decided_on(open_page
     for part in ("misalignment", "40.1 ± 4.3 µm", "24 → 9 %", "180 → 152 µm", "mesh stiffness loss, 134 lower"):
         assert part in panel
     assert "tooth friction: rejected" in panel
-    assert "with the effects, all windows" in page.inner_text("#depth")
+    assert "with the effects, history re-evaluated" in page.inner_text("#depth")
     with page.expect_response("**/effects/misalignment") as answered:
         page.get_by_role("button", name="accept misalignment").click()
     assert answered.value.status == 202  # nobody carries it out here: it is kept
