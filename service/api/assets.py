@@ -58,7 +58,7 @@ async def rul(request: Request, asset: str) -> Any:
 
 @router.get("/{asset}/residual", response_model=models.Residual | models.NotAvailable, responses=ERRORS)
 async def residual(request: Request, asset: str) -> Any:
-    """What the twin leaves unexplained, by gear-mesh band and order."""
+    """Residual: what the model does not explain, by gear-mesh band and order."""
     return JSONResponse(snapshot_of(request, asset).whole["residual"])
 
 
@@ -130,7 +130,7 @@ def inspections(
     responses=responses(400, 404, 422),
 )
 def add_inspection(request: Request, asset: str, inspection: models.InspectionIn) -> Any:
-    """Keeps a measured wear depth, and answers with the twin's own figure beside it."""
+    """Keeps a measured wear depth, and answers with the twin's own figure for comparison."""
     snapshot_of(request, asset)
     store, given = request.app.state.store, inspection.model_dump()
     return JSONResponse(store.add_inspection(asset, given, compare(given, trend_of(store, asset))), 201)

@@ -65,7 +65,7 @@ class BoardCollector(Collector):
 
     def collect(self) -> Iterator[Metric]:
         snapshots = [s for name in self._board.assets() if (s := self._board.get(name))]
-        frames = CounterMetricFamily("gear_twin_frames", "Frames taken in", labels=("asset", "channel"))
+        frames = CounterMetricFamily("gear_twin_frames", "Frames received", labels=("asset", "channel"))
         stream = CounterMetricFamily(
             "gear_twin_frame_faults",
             "Frames that were lost, late, double, out of order or refused",
@@ -88,7 +88,7 @@ class BoardCollector(Collector):
             "gear_twin_last_window_seconds", "Unix time at which the latest window was committed", labels=("asset",)
         )
         stale = GaugeMetricFamily("gear_twin_stale", "1 where no whole window has come for long", labels=("asset",))
-        effects = GaugeMetricFamily("gear_twin_effects", "Effects in the twin beside wear", labels=("asset",))
+        effects = GaugeMetricFamily("gear_twin_effects", "Effects in the model besides wear", labels=("asset",))
         decisions = CounterMetricFamily(
             "gear_twin_decisions", "Decisions on effects that were carried out", labels=("asset", "decision")
         )

@@ -15,7 +15,7 @@ from twin.baseline.operating import UNITS as UNITS_OF_AXES
 OTHER_LABELS = {
     "tooth_crack": "a local fault of one tooth",
     "mesh_change": "a change of the mesh itself",
-    "unknown_effect": "an effect that no name fits",
+    "unknown_effect": "an unknown effect",
 }
 UNITS = {"turn": "of a turn"}
 

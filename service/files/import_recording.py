@@ -241,7 +241,7 @@ def _quadrature_note(channel: ChannelMapping, figures: Mapping[str, int]) -> str
         f"{ahead} leads {behind}; {figures['reversals']} reversals, {figures['counts_taken_back']} counts taken "
         f"back; {illegal} illegal transitions"
     )
-    return f"{said}, in which both levels changed: {filled} taken for two counts" if illegal else said
+    return f"{said}, in which both levels changed: {filled} counted as two" if illegal else said
 
 
 def write_recording(

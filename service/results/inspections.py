@@ -30,7 +30,7 @@ def compare(inspection: Mapping[str, Any], trend: Sequence[Mapping[str, Any]]) -
     n, measured, flank = inspection["revolutions"], inspection["max_depth_um"], inspection["flank"]
     revolutions, depths = _depths(trend, flank)
     if not revolutions.size:
-        reason = f"the twin has no depth of the {flank} flank yet to set beside the inspection"
+        reason = f"the twin has no depth of the {flank} flank yet to compare with the inspection"
         return {"twin": not_available(reason)}
     extrapolated = not revolutions[0] <= n <= revolutions[-1]
     depth = {key: _at(n, revolutions, column) for key, column in zip(KEYS, depths.T, strict=True)}

@@ -77,7 +77,7 @@ def test_levels_become_edges_that_rise_with_reversals_and_missed_counts_said(tmp
     assert found["encoders"]["encoder/pinion"]["reversals"] > 0 and found["encoders"]["encoder/gear"]["reversals"] == 0
     assert found["encoders"]["encoder/pinion"]["counts_taken_back"] > 0
     assert found["encoders"]["encoder/gear"]["illegal_transitions"] == 1
-    assert "1 illegal transitions, in which both levels changed: 1 taken for two" in found["notes"]["encoder/gear"]
+    assert "1 illegal transitions, in which both levels changed: 1 counted as two" in found["notes"]["encoder/gear"]
     assert "opposite senses" in found["notes"]["senses"]
 
 

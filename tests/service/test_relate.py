@@ -261,7 +261,7 @@ def test_level_beyond_where_it_rises_gives_a_lower_bound_in_words(rig, window):
     level = told(rig, window, None)[1].record["rms_measured"]
     wear = told(rig, window, relation_to(level / 2.5))[1].report["wear"]
     assert wear["max_depth_um"]["combined"]["p95"] is None
-    assert wear["reason"].startswith("the level no longer tells the depth: at least 3")
+    assert wear["reason"].startswith("the level no longer rises with depth: at least 3")
 
 
 @pytest.mark.parametrize(

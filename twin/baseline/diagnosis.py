@@ -43,7 +43,7 @@ class DiagnosisThresholds:
     )  # fmt: skip
     least_recordings: int = deciding(
         5, meaning="healthy windows from which a change of single teeth can be judged",
-        source="observed on the broken-tooth set: beside four healthy recordings the broken tooth is not found, beside "
+        source="observed on the broken-tooth set: with four healthy recordings the broken tooth is not found, with "
         "five it is at 27 of 28 loads within the learned range",
     )  # fmt: skip
 

@@ -28,14 +28,14 @@ class SpikeThresholds:
         30.0,
         of="robust standard deviation of the record",
         meaning="distance k from the median",
-        source="not derived: chosen so that what is left moves the mean of 1000 samples by less than 3 % of their "
+        source="not derived: chosen so that the remaining spikes move the mean of 1000 samples by less than 3 % of their "
         "standard deviation",
     )
     neighbour: float = deciding(
         0.05,
         of="the spike's distance from the median",
-        meaning="largest distance q of the samples beside a spike",
-        source="derivation: below half of sinc(0.9) = 0.11, what an anti-aliasing filter leaves beside any event",
+        meaning="largest distance q of the samples next to a spike",
+        source="derivation: below half of sinc(0.9) = 0.11, what an anti-aliasing filter passes next to any event",
     )
     longest: int = deciding(
         2,

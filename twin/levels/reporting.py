@@ -14,7 +14,7 @@ from twin.rig import Rig
 RECENT = 10  # windows for which the level of another condition stands beside
 ONE_FLANK = "the level does not tell on which flank the wear is"
 NOT_STATED = "the relation does not say of which {} its levels are; a level is taken to be of the same"
-NO_RATE = "a level tells how deep the wear is, not how fast it grows"
+NO_RATE = "a level gives the depth of the wear, not its rate"
 
 
 def not_stated(origin: Origin) -> str | None:
@@ -81,5 +81,5 @@ def wear_by_level(
         "levels": levels,
         "reason": None
         if found.bounded
-        else f"the level no longer tells the depth: at least {found.p05 * MICRO:.0f} µm, an upper bound is not known",
+        else f"the level no longer rises with depth: at least {found.p05 * MICRO:.0f} µm, an upper bound is not known",
     }

@@ -36,7 +36,7 @@ class WindowThresholds:
     least_speed_share: float = deciding(
         0.5,
         of="median speed of all windows",
-        meaning="slower windows are calibration tests: no sideband and no impact is sought in them",
+        meaning="slower windows are calibration tests: they are not searched for sidebands and impacts",
         source="not derived: calibration tests run at a fifth of the rated speed",
     )
     held_out_each: int = deciding(

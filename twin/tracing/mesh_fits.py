@@ -38,7 +38,7 @@ class MeshSearchThresholds:
 
     quiet_misfit: float = deciding(
         0.3,
-        meaning="misfit up to which nothing is sought",
+        meaning="misfit up to which no effect is searched for",
         source="the largest of healthy machines of the rig's structure: they reach 0.1 to 0.3 on T01–T58",
     )
     least_gain: float = deciding(6.0, unit="nat", meaning="evidence that an effect must add", source=TUNED)
@@ -57,7 +57,7 @@ class MeshSearchThresholds:
     indistinguishable_within: float = deciding(
         6.0,
         unit="nat",
-        meaning="evidence within which two explanations are not told from one another",
+        meaning="evidence within which two explanations are indistinguishable",
         source="equal to least_gain: as much as an effect must add to be believed",
     )
     softened: float = deciding(
@@ -82,7 +82,7 @@ class MeshSearchThresholds:
         source=TUNED,
     )
     most_effects: int = deciding(
-        3, meaning="effects on the mesh that are sought together", source="not derived: chosen"
+        3, meaning="effects on the mesh that are searched for together", source="not derived: chosen"
     )
     most_refined: int = deciding(
         4, meaning="effects of each round that are fitted with all that they cause", source="not derived: chosen"
@@ -98,7 +98,7 @@ class MeshSearchWithDifferingTeethThresholds(MeshSearchThresholds):
 
     quiet_misfit: float = deciding(
         1.3,
-        meaning="misfit up to which nothing is sought",
+        meaning="misfit up to which no effect is searched for",
         source="between two observed values on T01–T58: pitch errors leave less, another effect 2.3 and more",
     )
     least_gain: float = deciding(

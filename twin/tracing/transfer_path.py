@@ -79,7 +79,7 @@ class TransferPathThresholds:
     resonance_band: tuple[float, float] = deciding(
         (0.25, 3.0),
         of="upper limit of the analysis band",
-        meaning="frequencies among which a resonance of the mount is sought",
+        meaning="frequencies among which a resonance of the mount is searched for",
         source="not derived: below, the structure's own modes; above, the line of the band hardly moves",
     )
 

@@ -291,9 +291,9 @@ def _notes_on_depth(estimate: DepthEstimate | None, expectation: Expectation) ->
     """Where the model ends."""
     notes = []
     if estimate is not None and estimate.at_limit:
-        notes.append("the depth is at the end of the master curve: no steady state is known beyond")
+        notes.append("the depth is at the end of the wear curve: no steady state is known beyond it")
     if not expectation.solved:
-        notes.append("no steady state was found at this window's condition: its response follows the master curve")
+        notes.append("no steady state was found at this window's condition: its response follows the wear curve")
     return notes
 
 

@@ -42,7 +42,7 @@ DETECTORS = (
     Detector(name="non_gear", detect=non_gear.detect, needs_phase=False),
     Detector(name="eccentricity", detect=eccentricity.detect),
     Detector(name="mesh", detect=mesh.detect),
-    Detector(name="tooth errors fitted anew with the effects on the mesh", detect=tooth_errors.refit),
+    Detector(name="tooth errors fitted again with the effects on the mesh", detect=tooth_errors.refit),
     Detector(name="sensor", detect=sensor.detect),
     Detector(name="shaft forces that nothing else explains", detect=shaft_forces.confirm),
 )

@@ -46,7 +46,7 @@ class NonGearThresholds:
     )
     sought_orders: tuple[float, float] = deciding(
         (0.3, 12.0),
-        meaning="orders of the pinion among which a bearing defect is sought",
+        meaning="orders of the pinion among which a bearing defect is searched for",
         source="races of bearings of up to 20 elements on either shaft: 0.4 to 0.6 of their number, in turns of theirs",
     )
     least_multiples: int = deciding(3, meaning="different multiples that a window must show", source=TUNED)
