@@ -55,7 +55,9 @@ class Settings(BaseSettings):
     relation: Path | None = Field(
         default=None, description="relation file of level and wear depth, for machines whose rig file gives no model"
     )
-    trace: bool = Field(default=True, description="whether to search for effects besides wear, and to add them to the model")
+    trace: bool = Field(
+        default=True, description="whether to search for effects besides wear, and to add them to the model"
+    )
 
     # results
     data: Path = Field(default=Path(".gear-twin"), description="directory of the database")
