@@ -28,8 +28,8 @@ class SpikeThresholds:
         30.0,
         of="robust standard deviation of the record",
         meaning="distance k from the median",
-        source="not derived: chosen so that the remaining spikes move the mean of 1000 samples by less than 3 % of their "
-        "standard deviation",
+        source="not derived: chosen so that the remaining spikes move the mean of 1000 samples by less than 3 % of "
+        "their standard deviation",
     )
     neighbour: float = deciding(
         0.05,
