@@ -10,8 +10,9 @@ Source   L. A. Belady, IBM Systems Journal 5 (1966) 78–101 (random replacement
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Hashable
+
+import numpy as np
 
 from twin.wear.path import WearPath
 
@@ -25,7 +26,7 @@ class PathCache:
         self.budget = budget
         self.built = 0  # paths that were computed, kept or not
         self._paths: dict[Hashable, WearPath] = {}
-        self._random = random.Random(seed)
+        self._random = np.random.default_rng(seed)
 
     def __len__(self) -> int:
         return len(self._paths)
@@ -44,7 +45,8 @@ class PathCache:
             self._paths[key] = path
         excess = self.nbytes - self.budget
         while excess > 0 and len(self._paths) > 1:
-            dropped = self._random.choice([k for k in self._paths if k != key])
+            others = [k for k in self._paths if k != key]
+            dropped = others[self._random.integers(len(others))]
             excess -= self._paths.pop(dropped).nbytes
         return path
 
