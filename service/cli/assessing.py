@@ -25,7 +25,6 @@ def assessed(
     from service.cli.show import progress_bar
     from service.runtime.assess import assess as run
     from service.runtime.assess import warnings
-    from service.runtime.pipeline import assembly_settings
     from twin.step import Options
 
     known = None
@@ -42,7 +41,7 @@ def assessed(
             lambda share, windows: bar(share, f"{windows} windows"),
             asset=asset,
             prefix=prefix,
-            assembly=assembly_settings(settings_of()),
+            assembly=windowing(),
             **({"enough": enough} if enough else {}),
         )
     for line in warnings(recording, answer):
@@ -72,6 +71,13 @@ def demand_finite(name: str, value: float) -> None:
 
     if not 0 <= value < float("inf"):
         raise InputError(f"--{name} {value:g} must be a number from 0 up")
+
+
+def windowing() -> Any:
+    """How every command cuts a recording into windows: by the settings, as the service does."""
+    from service.runtime.pipeline import assembly_settings
+
+    return assembly_settings(settings_of())
 
 
 def settings_of(**given: Any) -> Any:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from service.cli import non_gear as strange
+from service.cli.assessing import windowing
 from service.cli.diagnosis import label
 from service.cli.show import number
 from service.files.baseline import answer, compared, read_baseline
@@ -28,7 +29,7 @@ def baseline_label(name: str) -> str:
 def answered(recording: Path, baseline: Path, rig: Path | None) -> dict[str, Any]:
     """The answer about a recording beside a baseline file."""
     known = read_baseline(baseline)
-    loaded, found = compared(known, recording, rig)
+    loaded, found = compared(known, recording, rig, windowing())
     return answer(loaded, known, found)
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell
+from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell, windowing
 from service.cli.effects import app as effects
 from service.cli.example import app as example
 
@@ -327,7 +327,7 @@ def baseline(
     from service.json_text import json_text
     from twin.baseline.reporting import described
 
-    found = learned(recordings, rig)
+    found = learned(recordings, rig, windowing())
     save(found, out)
     print(json_text(described(found)) if json else learned_text(described(found)))
     tell(f"baseline written to {out}")
@@ -418,7 +418,7 @@ def diagnose(
     else:
         answer = assessed(source, rig, Update.fused.value, asset, prefix)
         if answer.get("strange"):
-            answer["energy_breakdown"] = energy_of(source, rig)
+            answer["energy_breakdown"] = energy_of(source, rig, windowing())
     if base_radii_mm is not None:
         answer = with_assumed_radii(answer, base_radii_mm)
     if json is not None:

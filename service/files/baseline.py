@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from service.errors import InputError
-from service.files.rig import checked_rig
+from service.files.rig import assembly_for, checked_rig
 from service.json_text import plain
 from service.runtime.assess import choose_asset, rig_of
+from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.sources.mcap import Recording, read_windows
 from twin.baseline.comparison import (
     NO_DEPTH,
@@ -52,10 +53,16 @@ class Loaded(NamedTuple):
     refused: list[str]
 
 
-def load(path: Path, rig_path: Path | None = None, shafts: Sequence[Fraction] | None = None) -> Loaded:
+def load(
+    path: Path,
+    rig_path: Path | None = None,
+    shafts: Sequence[Fraction] | None = None,
+    assembly: AssemblySettings = DEFAULT,
+) -> Loaded:
     """The windows of a recording that have a pinion angle.
 
-    shafts  known ones; those of the pair where None
+    shafts    known ones; those of the pair where None
+    assembly  how frames become windows, the same as in `assess` and in the service
     Raises InputError where there is none.
     """
     with Recording(path) as recording:
@@ -66,7 +73,7 @@ def load(path: Path, rig_path: Path | None = None, shafts: Sequence[Fraction] | 
     except TwinError as error:
         raise InputError(f"{path}: a baseline needs the tooth counts of the pair: {error}") from None
     windows, refused = [], []
-    for i, window in enumerate(read_windows(path)[2]):
+    for i, window in enumerate(read_windows(path, assembly_for(rig, assembly))[2]):
         name = f"{path.stem}#{i}"
         try:
             windows.append(tracked(rig, window, name, shafts))
@@ -77,12 +84,12 @@ def load(path: Path, rig_path: Path | None = None, shafts: Sequence[Fraction] | 
     return Loaded(rig, asset, windows, refused)
 
 
-def learned(paths: Sequence[Path], rig_path: Path | None = None) -> Baseline:
+def learned(paths: Sequence[Path], rig_path: Path | None = None, assembly: AssemblySettings = DEFAULT) -> Baseline:
     """A baseline from recordings of the healthy machine.
 
     Another shaft that is geared to the pinion is included where most windows show its lines.
     """
-    loaded = [load(path, rig_path) for path in paths]
+    loaded = [load(path, rig_path, assembly=assembly) for path in paths]
     rig = loaded[0].rig
     for path, other in zip(paths, loaded, strict=True):
         if other.rig.teeth != rig.teeth:
@@ -104,9 +111,11 @@ def _geared(windows: Sequence[TrackedWindow]) -> tuple[Fraction, ...]:
     return (ratio,) if turns >= TURNS_PER_PERIOD * common_period((Fraction(1), ratio)) else ()
 
 
-def compared(baseline: Baseline, path: Path, rig_path: Path | None = None) -> tuple[Loaded, BaselineResult]:
+def compared(
+    baseline: Baseline, path: Path, rig_path: Path | None = None, assembly: AssemblySettings = DEFAULT
+) -> tuple[Loaded, BaselineResult]:
     """A recording compared with a baseline; InputError where it cannot be."""
-    loaded = load(path, rig_path, baseline.shafts)
+    loaded = load(path, rig_path, baseline.shafts, assembly)
     try:
         return loaded, compare_with_baseline(baseline, loaded.rig, loaded.windows)
     except TwinError as error:
@@ -135,10 +144,12 @@ def strangers(loaded: Loaded) -> list[dict[str, Any]]:
     return strange(unattributed_lines(loaded.windows, pair_shafts(loaded.rig), ("pinion", "gear")))
 
 
-def energy_of(path: Path, rig_path: Path | None = None) -> list[dict[str, Any]] | dict[str, str]:
+def energy_of(
+    path: Path, rig_path: Path | None = None, assembly: AssemblySettings = DEFAULT
+) -> list[dict[str, Any]] | dict[str, str]:
     """The energy of a recording's first usable window by origin and channel, or why it is not available."""
     try:
-        loaded = load(path, rig_path)
+        loaded = load(path, rig_path, assembly=assembly)
         first = loaded.windows[0]
         shafts = pair_shafts(loaded.rig)
         found = energy_breakdown(first.window.accelerations, first.track, loaded.rig.teeth, shafts, first.spacing)

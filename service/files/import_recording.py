@@ -5,7 +5,7 @@ kept as they are and the metadata record `import` says so; columns that are no a
 microphone's pressure, unit Pa) are checked and left out, because the contract has no key for them, and
 that is said too. A slowly varying quantity is written as one mean value a second.
 
-Of a quadrature encoder the fourfold counts are taken and the edges written that the shaft passes forward: an edge is
+A quadrature encoder is read by its fourfold counts, and the edges are written that the shaft passes forward: an edge is
 written when the count comes farther than ever in the sense in which the shaft turns on the whole, so that what is
 taken back in a reversal and passed again is not written twice. Both encoders of an external pair count up by this,
 though the shafts turn in opposite senses. A transition in which both levels change counts two where the counts before
@@ -56,13 +56,15 @@ def import_recording(
     mapping = load_import_mapping(mapping_path)
     data_file = Path(source) if source is not None else mapping.path
     mapping, columns = read_columns(mapping, data_file)
-    taken = [c for c in mapping.channels if not c.left_out]
-    if not taken:
+    imported = [c for c in mapping.channels if not c.left_out]
+    if not imported:
         kinds = ", ".join(kind.quantity for kind in CHANNEL_KINDS.values())
         raise InputError(f"{mapping.where}: channels: none is imported; quantities with a channel are {kinds}")
     started = mapping.started or CLOCK_START
     counted = _counted(mapping, columns)
-    frames = _all_frames(mapping, columns, taken, counted, round(started.timestamp()) * NS + started.microsecond * 1000)
+    frames = _all_frames(
+        mapping, columns, imported, counted, round(started.timestamp()) * NS + started.microsecond * 1000
+    )
     notes = _notes(mapping, data_file, counted)
     metadata = {"asset": mapping.asset, "description": mapping.description, "started": started.isoformat()}
     write_recording(out_path, frames, metadata, notes, to_toml(mapping.rig), progress)
@@ -72,7 +74,7 @@ def import_recording(
         "source": str(data_file),
         "frames": len(frames),
         "duration": max(f.end_time_ns for f in frames) / NS - min(f.start_time_ns for f in frames) / NS,
-        "channels": {c.label: c.unit for c in taken},
+        "channels": {c.label: c.unit for c in imported},
         "left_out": {c.label: c.left_out for c in mapping.channels if c.left_out},
         "encoders": {label: counts.figures for label, counts in counted.items()},
         "notes": notes,
@@ -114,13 +116,13 @@ def _counted(mapping: ImportMapping, columns: Mapping[str, np.ndarray]) -> dict[
 def _all_frames(
     mapping: ImportMapping,
     columns: Mapping[str, np.ndarray],
-    taken: list[ChannelMapping],
+    imported: list[ChannelMapping],
     counted: Mapping[str, _Counted],
     start_ns: int,
 ) -> list[Frame]:
     """The frames of all channels in order of their ends."""
     frames: list[Frame] = []
-    for channel in taken:
+    for channel in imported:
         address = Channel(mapping.asset, channel.kind, channel.name)
         if channel.label in counted:
             found = counted[channel.label]
@@ -252,7 +254,7 @@ def write_recording(
     rig_toml: str,
     progress: Progress | None = None,
 ) -> None:
-    """An MCAP file by the contract, section 2; written beside and moved into place when whole."""
+    """An MCAP file by the contract, section 2; written under another name and renamed when complete."""
     out_path = Path(out_path)
     partial = out_path.with_name(out_path.name + ".part")
     try:

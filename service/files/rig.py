@@ -9,6 +9,7 @@ from typing import Any
 
 from service.errors import InputError
 from service.files.documents import load_document
+from service.stream.assembly import AssemblySettings
 from service.stream.faults import grade_of
 from twin.errors import ParameterError
 from twin.rig import Rig
@@ -41,6 +42,11 @@ def expected_channels(rig: Rig) -> tuple[str, ...]:
         labels.append("torque/pinion")
     labels += [f"temperature/{place}" for place in rig.get("sensors.temperature", ())]
     return tuple(labels)
+
+
+def assembly_for(rig: Rig, base: AssemblySettings) -> AssemblySettings:
+    """How the frames of a machine become windows: its channels are waited for, its sensors' ranges hold."""
+    return replace(base, expected=expected_channels(rig), rig=rig)
 
 
 def window_of_rig(rig: Rig, window: Window) -> Window:

@@ -30,6 +30,7 @@ from rich.table import Table
 from service.contract.trend import is_available
 from service.errors import DeliveryError, InputError
 from service.runtime import SERVES
+from service.runtime.pipeline import assembly_settings
 from service.runtime.replay import replay
 from service.settings import Settings
 from service.stream.sources.mcap import read_windows
@@ -189,7 +190,7 @@ def _replayed(
     settings: Settings, address: str, recording: Path, service: subprocess.Popen, console: Console
 ) -> tuple[str, dict[str, Any]]:
     """The asset and its state after the whole recording has gone through the service."""
-    _, metadata, windows = read_windows(recording)
+    _, metadata, windows = read_windows(recording, assembly_settings(settings))
     expected = len(windows)
     endpoints = settings.connect or settings.listen
     failed: list[Exception] = []

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Protocol
 from service.contract.answer import iso_time, refused_record
 from service.contract.slow_channels import slow_channels
 from service.errors import FrameError
-from service.files.rig import expected_channels, window_of_rig
+from service.files.rig import assembly_for, expected_channels, window_of_rig
 from service.runtime.twin_port import Events, Twin
 from service.settings import Settings
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
@@ -198,7 +198,7 @@ class Pipeline:
         if asset not in self._assets:
             rig = self._rig_of(asset)
             expected = expected_channels(rig)
-            assembler = Assembler(replace(self._assembly, expected=expected, rig=rig))
+            assembler = Assembler(assembly_for(rig, self._assembly))
             self._assets[asset] = _Progress(rig, expected, assembler, self._twin.new_state())
         return self._assets[asset]
 

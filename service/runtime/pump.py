@@ -20,6 +20,8 @@ _IDLE_FACTOR = 2.5  # silence, in frames, that cannot be mere jitter
 _JOIN = 0.5  # a stream just joined is collected for so long [s] ...
 _JOIN_FRAMES = 2000  # ... or for so many frames
 _SLOWEST = 60.0  # no stream is waited for longer than this [s]
+_LATE = 3.0  # silence of a key that is no mere delay of a busy machine, however short the idle timeout is [s]
+_TOGETHER_NS = NS  # keys of one burst end within this time, beyond the length of a frame
 
 
 class _Rhythm:
@@ -56,9 +58,20 @@ class _Rhythm:
         expected = self._slowest if self._seen >= 8 else max(self._slowest, self._frame_length)
         return max(self._timeout, _IDLE_FACTOR * expected)
 
+    def patience(self, now: float) -> float:
+        """Silence that ends the window in progress [s]: longer where a key has not come as far as the others.
+
+        A window that is closed without a channel is committed for good, and a stream just joined may have more keys.
+        """
+        newest = max((end for end, _, _ in self._ends.values()), default=0)
+        together = _TOGETHER_NS + round(self._frame_length * NS)
+        behind = any(newest - end > together and now - when <= _SLOWEST for end, when, _ in self._ends.values())
+        return max(self.limit, _LATE) if behind or now - self.first <= _LATE else self.limit
+
     def heard(self, now: float, held_until: float) -> list[str]:
         """The keys of which something has come lately, or could not come since the inbox held it up."""
-        return [label for label, (_, when, _) in self._ends.items() if now - max(when, held_until) <= self.limit]
+        limit = max(self.limit, _LATE)
+        return [label for label, (_, when, _) in self._ends.items() if now - max(when, held_until) <= limit]
 
 
 class FrameConsumer(Protocol):
@@ -132,9 +145,9 @@ class Pump:
         if rhythm.held or not self._consumer.waiting(asset):
             return
         held_until = self._inbox.held_until
-        if now - max(rhythm.newest, held_until) > rhythm.limit:
+        if now - max(rhythm.newest, held_until) > rhythm.patience(now):
             self._consumer.flush(asset)
-        elif now - rhythm.first > rhythm.limit:
+        elif now - rhythm.first > max(rhythm.limit, _LATE):
             self._consumer.wait_only_for(asset, rhythm.heard(now, held_until))
 
 

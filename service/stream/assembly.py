@@ -9,7 +9,7 @@ any delivery of the same frames gives the same cuts and no burst shorter than tw
 
 No clock of its own, no threads: who adds frames may say what the host's clock shows. Keys are put in order one by one
 (`order`), merged in time as far as every key is known to be complete, and laid out as windows (`window`). A clock that
-has been set is found, and the asset taken up again at the new time (`clock`).
+has been set is detected, and the asset's windows go on at the new time (`clock`).
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Assembler:
         self._times_set = 0  # how often a clock was set
         self._latest = 0  # latest end of a window, before the clock was last set [ns]
         self.last_arrival_ns: int | None = None  # host's clock when the newest frame came, Unix time [ns]
-        self._closed_until = 0  # nothing before this time is taken any more [ns]
+        self._closed_until = 0  # frames that end before this time come too late [ns]
         self._known: set[str] = set()  # channels of the windows so far
         self._counted: dict[str, int] = {}  # edges by the end of the last window
         self._consumed: dict[str, tuple[int, int, int]] = {}  # sequence, start, end of the last frame in a window
@@ -132,10 +132,10 @@ class Assembler:
             yield self._close(self._open.end, cut=False)
 
     def wait_only_for(self, labels: Iterable[str]) -> None:
-        """Stops waiting for all other keys, of which nothing has come, until they are heard again."""
-        heard = set(labels)
+        """Stops waiting for all other keys, of which nothing has come, until they send again."""
+        sending = set(labels)
         for label, lane in self._lanes.items():
-            if label not in heard and not lane.queue and not lane.released:
+            if label not in sending and not lane.queue and not lane.released:
                 lane.silent = True
 
     def expect(self, labels: Iterable[str]) -> None:
@@ -287,7 +287,7 @@ class Assembler:
             self.wait_only_for(label for label, lane in self._lanes.items() if lane.released)
 
     def _merge(self, known: float | None = None) -> Iterator[tuple[Window, dict[str, Any]]]:
-        """Takes released frames in time order as far as every key is complete, or as far as told [ns]."""
+        """Takes released frames in time order as far as every key is complete, or up to a given time [ns]."""
         if known is None:
             known = min((x.watermark for x in self._lanes.values() if not x.silent), default=float("inf"))
         while True:

@@ -1,7 +1,7 @@
 """Frames whose time stamps contradict what came before, or the host's clock.
 
 One such frame is a fault of its time stamp, and costs that frame. A run of them in good order, while nothing else
-comes, is a clock that has been set: the asset is then taken up again at the new time. So no time stamp blinds an asset.
+comes, is a clock that has been set: the asset's windows then go on at the new time. So no time stamp blinds an asset.
 """
 
 from __future__ import annotations

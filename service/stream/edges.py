@@ -95,7 +95,7 @@ def _note_reversed(label: str, count: int, why: str, faults: list[Fault]) -> Non
 
 
 def note_reset(label: str, first: int, counted: int, faults: list[Fault]) -> None:
-    """A count that has fallen since the window before: revolutions can no longer be told from it."""
+    """A count that has fallen since the window before: it no longer gives the revolutions since new."""
     if first < counted:
         detail = f"edge count falls from {counted} to {first} between windows; counter reset?"
         faults.append(Fault(kind="counter_reset", channel=label, count=1, action="degraded", detail=detail))

@@ -1,4 +1,4 @@
-"""The bounded queue between a stream and the loop: what cannot be taken is held up, then counted.
+"""The bounded queue between a stream and the loop: what finds no room is delayed, then dropped and counted.
 
 The stream's callback only puts raw payloads in; a full queue holds it up for a while (back-pressure on
 the publisher), and what still finds no room is dropped and counted, key by key.

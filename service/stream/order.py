@@ -4,7 +4,8 @@ A frame leaves when the one before it has left. Where a number is missing, the f
 until it comes, until as many frames as prove the gap real have come in good order (`settle`), or
 until patience ends. The same holds for the first frame seen, since a lower one may still come.
 
-A frame that lies before those released and is none of them contradicts the key's clock: who asked decides what then.
+A frame that lies before those released and is none of them contradicts the key's clock; the assembler decides what
+becomes of it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from service.stream.timeline import Timeline
 QUEUED, DUPLICATE, LATE, OVERLAP, CLOCK = "queued", "duplicate", "late", "overlap", "clock"
 LOST, TIME_JUMP, SEQUENCE_JUMP = "lost", "time_jump", "sequence_jump"
 _LONGEST_PAUSE_NS = 400 * 86400 * NS  # beyond it, a lone frame is a clock's fault ...
-_BELIEVED = 3  # ... and so many frames are a machine that was taken up again
+_BELIEVED = 3  # ... and so many frames are a machine that is measured again after a long time
 _LOST_RANGES = 64  # gaps remembered, so that a frame that comes after all is called late
 
 

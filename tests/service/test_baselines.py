@@ -7,7 +7,7 @@ import pytest
 
 from service.cli import run
 from service.errors import InputError
-from service.files.baseline import compared, learned, read_baseline, save
+from service.files.baseline import compared, learned, load, read_baseline, save
 from service.files.import_recording import import_recording
 from tests.claims.test_baseline import RATE, SPEED, TEETH, machine
 from twin.baseline.reporting import described
@@ -55,6 +55,21 @@ def file(folder, healthy):
     path = folder / "healthy.baseline"
     assert run(["baseline", *map(str, healthy), "--out", str(path)]) == 0
     return path
+
+
+def test_every_command_cuts_a_recording_into_the_windows_that_the_settings_say(healthy, tmp_path, monkeypatch):
+    from service.cli.assessing import windowing
+    from service.runtime.assess import assess
+
+    monkeypatch.setenv("GEAR_TWIN_WINDOW_LENGTH", "1.5")
+    assessed = assess(healthy[0], assembly=windowing())["windows"]
+    assert len(assessed) > len(load(healthy[0]).windows)  # with the default length
+    assert run(["baseline", *map(str, healthy), "--out", str(tmp_path / "short.baseline")]) == 0
+    short = read_baseline(tmp_path / "short.baseline")
+    assert sum(r.name.startswith("h0#") for r in short.readings) == len(assessed)
+    out = tmp_path / "answer.json"
+    assert run(["diagnose", str(healthy[0]), "--baseline", str(tmp_path / "short.baseline"), "--json", str(out)]) == 0
+    assert len(json.loads(out.read_text())["windows"]) == len(assessed)
 
 
 def test_baseline_file_gives_the_baseline_back_whole(file, healthy):

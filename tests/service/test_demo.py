@@ -16,7 +16,9 @@ from service_streams import HERE, ROOT, free_port, service, write_recording
 
 from service.errors import InputError
 from service.runtime.demo import run
+from service.runtime.pipeline import assembly_settings
 from service.settings import Settings
+from service.stream.sources.mcap import read_windows
 
 FAKE = (sys.executable, str(HERE / "fake_twin.py"))
 
@@ -38,6 +40,15 @@ def test_demo_replays_sums_up_and_ends_with_status_0(tmp_path, said):
     assert status == 0, text
     for words in ("windows", "4", "updates", "2.7e-06 /N", "maximum wear depth", "remaining life", "http://127"):
         assert words in text
+
+
+def test_demo_waits_for_the_windows_that_its_settings_make(tmp_path, said):
+    recording = write_recording(tmp_path / "short.mcap", 2)
+    chosen = Settings(window_length=0.5)
+    expected = len(read_windows(recording, assembly_settings(chosen))[2])
+    assert expected > 4
+    status = run(chosen, exit_after=True, recording=recording, console=show(said), command=FAKE)
+    assert status == 0 and f"{expected}/{expected} windows" in said.getvalue(), said.getvalue()
 
 
 def test_demo_of_a_machine_whose_wear_is_not_available_fails_and_says_why(tmp_path, said):

@@ -47,7 +47,7 @@ class _Collector:
         self.unavailable: dict[str, str] = {}
 
     def missing(self, names: str, reason: str) -> None:
-        """Says why features are not there; the first reason stands."""
+        """Says why features are not there; the first reason is kept."""
         for name in names.split():
             self.unavailable.setdefault(name, reason)
 
