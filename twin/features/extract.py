@@ -65,16 +65,16 @@ def pinion_angle(rig: Rig, window: Window, accelerations: Mapping[str, Samples])
         z1, z2 = rig.teeth
         return angle_track(window.encoders["gear"], z2 / z1, "encoder/gear")
 
-    ways: list[Callable[[], AngleTrack]] = []
+    sources: list[Callable[[], AngleTrack]] = []
     if "pinion" in window.encoders:
-        ways.append(lambda: angle_track(window.encoders["pinion"]))
+        sources.append(lambda: angle_track(window.encoders["pinion"]))
     if "gear" in window.encoders:
-        ways.append(from_gear)
-    ways.append(lambda: mesh_track(rig, accelerations))
+        sources.append(from_gear)
+    sources.append(lambda: mesh_track(rig, accelerations))
     first: TwinError | None = None
-    for way in ways:
+    for source in sources:
         try:
-            return way()
+            return source()
         except TwinError as error:
             first = first or error
     assert first is not None
