@@ -63,6 +63,8 @@ figures: install-dev
 
 evaluate: install-dev
 	$(BIN)/python -m benchmarks.evaluate --processes $(WORKERS) $(ARGS)
+	@echo 'the same with twice the spreads of structure and instruments'
+	$(BIN)/python -m benchmarks.evaluate --processes $(WORKERS) --set judge --spreads 2 $(ARGS)
 
 check: install-dev
 	$(BIN)/ruff check .

@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -35,19 +36,19 @@ def digest_of(spec: Mapping[str, Any]) -> str:
     return hashlib.sha256(text + _generator_digest()).hexdigest()[:10]
 
 
-def recording_of(row: Row, folder: Path, two_conditions: bool | None = None) -> Path:
+def recording_of(row: Row, folder: Path, two_conditions: bool | None = None, spreads: float = 1.0) -> Path:
     """Where a row's recording is kept."""
-    return folder / f"{row.name}-{digest_of(spec_of(row, two_conditions=two_conditions))}.mcap"
+    return folder / f"{row.name}-{digest_of(spec_of(row, two_conditions=two_conditions, spreads=spreads))}.mcap"
 
 
-def make(row: Row, path: Path, two_conditions: bool | None = None) -> Path:
+def make(row: Row, path: Path, two_conditions: bool | None = None, spreads: float = 1.0) -> Path:
     """The row's recording at `path`, truth/NAME.json beside it; made unless it is there already."""
     truth = path.parent / "truth" / f"{path.stem}.json"
     if path.is_file() and truth.is_file():
         return path
     truth.parent.mkdir(parents=True, exist_ok=True)
     rig = RIG.read_text(encoding="utf-8")
-    campaign = simulate(spec_of(row, two_conditions=two_conditions), tomllib.loads(rig))
+    campaign = simulate(spec_of(row, two_conditions=two_conditions, spreads=spreads), tomllib.loads(rig))
     campaign.truth |= {
         "id": row.name,
         "kind": row.kind,
@@ -62,18 +63,22 @@ def make(row: Row, path: Path, two_conditions: bool | None = None) -> Path:
 
 
 def make_all(
-    rows: Iterable[Row], folder: Path, processes: int = 1, two_conditions: bool | None = None
+    rows: Iterable[Row],
+    folder: Path,
+    processes: int = 1,
+    two_conditions: bool | None = None,
+    spreads: float = 1.0,
 ) -> Iterator[tuple[Row, Path | None, str]]:
     """All rows' recordings, in order, over several processes; None, and why, for one that could not be made."""
     rows = list(rows)
     with ProcessPoolExecutor(max(1, min(processes, len(rows)))) as pool:
-        work = pool.map(_made, rows, [folder] * len(rows), [two_conditions] * len(rows))
+        work = pool.map(_made, rows, repeat(folder), repeat(two_conditions), repeat(spreads))
         for row, (path, why) in zip(rows, work, strict=True):
             yield row, path, why
 
 
-def _made(row: Row, folder: Path, two_conditions: bool | None) -> tuple[Path | None, str]:
+def _made(row: Row, folder: Path, two_conditions: bool | None, spreads: float) -> tuple[Path | None, str]:
     try:
-        return make(row, recording_of(row, folder, two_conditions), two_conditions), ""
+        return make(row, recording_of(row, folder, two_conditions, spreads), two_conditions, spreads), ""
     except SimulationError as why:
         return None, str(why)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.trace_campaigns.levels import drawn
+from recordings.generator.spec import SCHEMA
 
 UNKNOWN = "unknown_effect"
 CONTRACT_EFFECTS = (
@@ -31,6 +32,11 @@ DEPTH, WORN = (25.0, 60.0), (6000.0, 9000.0)  # combined depth at the end [µm],
 REFERENCE = 1.2e-12, 9000.0, 10.0, 46.7  # k [m²/N], revolutions, torque [N·m] and the depth they wear [µm]
 SECONDS = 2.5  # of a window
 NEW = 60.0  # revolutions before wear begins: the first window is on new gears
+SPREADS = {  # keys of the generator's spec that say how far a healthy machine is from its rig file
+    "machine": ("stiffness_spread", "mass_spread", "damping_spread"),
+    "wear": ("tooth_scatter",),
+    "sensors": ("pinion_graduation_um", "gear_graduation_um"),
+}
 DETUNED = 1.27, 0.8  # speed and torque of the second operating condition, against the first
 
 
@@ -70,8 +76,13 @@ class Row:
         return "+".join(put.level for put in self.effects) or "–"
 
 
-def spec_of(row: Row, *, two_conditions: bool | None = None) -> dict[str, Any]:
-    """The generator's spec of a row; `two_conditions` overrides the row's own."""
+def spec_of(row: Row, *, two_conditions: bool | None = None, spreads: float = 1.0) -> dict[str, Any]:
+    """The generator's spec of a row.
+
+    two_conditions  overrides the row's own
+    spreads         times the generator's own spreads of structure and instruments: the machine is then that much
+                    farther from the rig file than the twin takes it to be
+    """
     rng = np.random.default_rng([row.seed, 11])
     speed, torque = round(rng.uniform(*SPEED), 2), round(rng.uniform(*TORQUE), 2)
     depth, worn = rng.uniform(*DEPTH), round(rng.uniform(*WORN), -2)
@@ -112,7 +123,21 @@ def spec_of(row: Row, *, two_conditions: bool | None = None) -> dict[str, Any]:
         spec["wear"] |= {"running_in_factor": round(rng.uniform(1.4, 2.2), 2), "running_in_revolutions": worn / 4}
     if row.two_conditions if two_conditions is None else two_conditions:
         spec["conditions"] = alternating(speed, torque, at.tolist())
-    return merged(spec, row.extra)
+    return merged(merged(spec, wider(spreads)), row.extra)
+
+
+def wider(spreads: float) -> dict[str, Any]:
+    """Spreads of structure, teeth and discs, so many times the generator's own; nothing to change for 1."""
+    if spreads == 1:
+        return {}
+    out: dict[str, Any] = {}
+    for table, keys in SPREADS.items():
+        usual = {key: SCHEMA[table][key].default for key in keys}
+        out[table] = {
+            key: [spreads * v for v in value] if isinstance(value, tuple) else spreads * value
+            for key, value in usual.items()
+        }
+    return out
 
 
 def alternating(speed: float, torque: float, at: Sequence[float]) -> list[dict[str, float]]:

@@ -14,7 +14,7 @@ from benchmarks import evaluate
 from benchmarks.channels import SETS, once_a_turn, only
 from benchmarks.trace_campaigns import generate, judge, tune
 from benchmarks.trace_campaigns.levels import LEVELS, SIZES, SPREAD
-from benchmarks.trace_campaigns.table import CONTRACT_EFFECTS, UNKNOWN, Put, Row, alternating, merged, spec_of
+from benchmarks.trace_campaigns.table import CONTRACT_EFFECTS, SPREADS, UNKNOWN, Put, Row, alternating, merged, spec_of
 from recordings.generator.effects import EFFECTS
 from recordings.generator.spec import read
 from service.runtime import assess
@@ -208,3 +208,17 @@ def test_a_name_that_no_campaign_has_is_said_before_anything_is_made(tmp_path, c
     given = ["--set", "judge", "--only", "no-such-campaign", "--folder", str(tmp_path)]
     assert evaluate.main(given) == 2
     assert "no campaign of judge is named no-such-campaign" in capsys.readouterr().err
+
+
+def test_wider_spreads_change_the_machine_and_nothing_that_was_drawn():
+    row = judge.ROWS[0]
+    usual, wide = spec_of(row), spec_of(row, spreads=2)
+    assert usual == spec_of(row, spreads=1)
+    assert read(wide)["machine"]["stiffness_spread"] == 2 * read(usual)["machine"]["stiffness_spread"] == 0.06
+    assert read(wide)["sensors"]["gear_graduation_um"] == pytest.approx((2.8, 1.0, 0.4))
+    for table in ("machine", "wear", "sensors"):
+        usual_table, wide_table = read(usual)[table], read(wide)[table]
+        assert {k for k in wide_table if wide_table[k] != usual_table[k]} == set(SPREADS[table])
+    assert usual["effects"] == wide["effects"] and usual["conditions"] == wide["conditions"]
+    folder = Path("kept")
+    assert generate.recording_of(row, folder) != generate.recording_of(row, folder, spreads=2)
