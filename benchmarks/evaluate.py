@@ -5,8 +5,8 @@
                                   [--spreads N]
 
 The campaigns of the tables `judge`, `fresh` and `tune` are made by the project's own generator where they are not kept
-yet; `shared` are the reference campaigns beside the project (GEAR_TWIN_SHARED sets where). With `--spreads 2`
-structure, teeth and encoder discs of the machines that are made are twice as far from the rig file as the twin takes them to be:
+yet; `shared` are the reference campaigns beside the project (GEAR_TWIN_SHARED sets where). With `--spreads 2` the
+machines that are made are twice as far from the rig file as the twin takes them to be, in structure, teeth and discs:
 the generator's usual spreads are the twin's default tolerances. Prints one line a campaign, the parameters against the
 truth, and a summary with the aims. The status is 0 whenever it ran: an aim missed is a line.
 """

@@ -37,8 +37,8 @@ def window(index: int, depth: float, effects: tuple[Effect, ...]) -> Observed:
         mean=None, torque_known=True,
     )  # fmt: skip
     shaping = tuple(e for e in effects if e.facts.shapes_wear)
-    curve = curve_with(model(), shaping, TEN, None, 30e-6)
-    profile = curve.profile(max(depth, float(curve.depth[0]))).slices if depth else model().unworn
+    curve = curve_with(model(), shaping, TEN)
+    profile = curve.profile(max(depth, curve.start_depth)).slices if depth else model().unworn
     found = predict(model(), effects, profile, o)
     std = {channel: 1e-3 * np.abs(lines) + 1e-12 for channel, lines in found.lines.items()}
     return replace(o, lines=found.lines, std=std, mean=found.mean)

@@ -99,9 +99,8 @@ class WornWindows:
     @cached_property
     def profiles(self) -> dict[int, WornProfile]:
         """Flanks of each window as wear alone would leave them, by index."""
-        deepest = max((self.depths.get(w.index, 0.0) for w in self.windows), default=0.0)
-        curve = plain_curve(self.model, [w.observed for w in self.windows if w.index not in self.held_out], deepest)
-        least = float(curve.depth[0])
+        curve = plain_curve(self.model, [w.observed for w in self.windows if w.index not in self.held_out])
+        least = curve.start_depth
         return {
             w.index: curve.profile(max(self.depths.get(w.index, 0.0), least)) if w.observed.worn else self.model.unworn
             for w in self.windows

@@ -2,8 +2,9 @@
 
     wear of the pair alone → from its profile at the depth of the onset, wear with the effect → …
 
-Curves are kept, so that each is computed once: by model, effects (their numbers rounded to two digits), condition,
-start and depth.
+Curves are kept by model, effects (their numbers rounded to two digits), condition and start, and grow as far as a depth
+is asked for: a later window carries on the curve of the one before. Beyond what the deepest window suggests the last
+wear rate is held, so that a step of a fit that goes astray does not compute the wear of years.
 
 Source   twin/wear/evolution.py
 Limits   one operating condition: that of the first worn window
@@ -16,29 +17,42 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from math import ceil, log
 
+import numpy as np
+
 from twin.effects.extended import extend
 from twin.effects.response import Effect
 from twin.model import Condition, Model
 from twin.tracing.observed import Observed
+from twin.updating.model_cache import deepest
 from twin.wear.curve import MasterCurve
 from twin.wear.profile import WornProfile
 
-FIRST_END = 0.015  # of the module: the least depth that a curve is made to
-END_STEP = 1.25  # ratio of one end of a curve to the next: curves serve later windows, too
+FIRST_END = 0.015  # of the module: the depth to which curves are computed at least
+END_STEP = 1.25  # ratio of one such depth to the next
 BEYOND_DEEPEST = 1.4  # times the deepest window's depth: a fit may move it
 LEAST_DEPTH = 1e-9  # [m]
+RATE_STEP = 1e-6  # of depth, over which the rate that is held is taken [m]
 
 Start = tuple[MasterCurve, float] | None  # an earlier curve and the depth on it [m]
 
 
 @lru_cache(maxsize=12)  # of a sliced face some 10 MB each
-def curve_with(
-    model: Model, effects: tuple[Effect, ...], condition: Condition, start: Start, until: float
-) -> MasterCurve:
-    """Wear with effects to a depth [m], from new flanks or from those of an earlier curve at a depth."""
+def curve_with(model: Model, effects: tuple[Effect, ...], condition: Condition, start: Start = None) -> MasterCurve:
+    """Wear with effects, from new flanks or from those of an earlier curve at a depth."""
     worn = extend(model, effects)
     begin = worn.unworn if start is None else start[0].profile(start[1])
-    return MasterCurve.build(worn, condition, begin, until)
+    return MasterCurve.begin(worn, condition, begin, deepest(model.rig, np.inf))
+
+
+def profile_at(curve: MasterCurve, depth: float, until: float) -> WornProfile:
+    """The profile of a curve at a depth [m]; beyond `until` as the last wear rate makes it."""
+    depth = max(depth, curve.start_depth)
+    until = max(until, curve.start_depth + RATE_STEP)
+    if depth <= until:
+        return curve.profile(depth)
+    last, before = curve.profile(until), curve.profile(until - RATE_STEP)
+    rate = (last.depth - before.depth) / RATE_STEP
+    return replace(last, depth=last.depth + rate * (depth - until))
 
 
 def wear_condition(windows: Sequence[Observed]) -> Condition:
@@ -47,15 +61,15 @@ def wear_condition(windows: Sequence[Observed]) -> Condition:
 
 
 def wear_until(model: Model, depth: float) -> float:
-    """How deep curves are made where the deepest window has so much [m]: in steps, so that they serve later windows."""
+    """How deep curves are computed where the deepest window has so much [m]: in steps, so that it seldom changes."""
     first = FIRST_END * model.mesh.pair.module
     steps = ceil(log(BEYOND_DEEPEST * max(depth, LEAST_DEPTH) / first, END_STEP))
     return first * END_STEP ** max(0, steps)
 
 
-def plain_curve(model: Model, windows: Sequence[Observed], depth: float) -> MasterCurve:
-    """The wear without effects of these windows, to a depth [m] and beyond."""
-    return curve_with(model, (), wear_condition(windows), None, wear_until(model, depth))
+def plain_curve(model: Model, windows: Sequence[Observed]) -> MasterCurve:
+    """The wear of these windows without effects."""
+    return curve_with(model, (), wear_condition(windows))
 
 
 def rounded(effect: Effect) -> Effect:
@@ -85,14 +99,14 @@ class WearWithEffects:
         if not window.worn:
             return self.model.unworn
         acting = tuple(e for e, onset in shaping if onset == 0)
-        curve = curve_with(self.model, acting, self.condition, None, self.until)
+        curve = curve_with(self.model, acting, self.condition)
         for effect, onset in shaping:
             if onset == 0:
                 continue
-            start = min(self.onset_depth.get(onset, 0.0), depth)
+            start = min(self.onset_depth.get(onset, 0.0), depth, self.until)
             acting = (*acting, effect)
-            later = curve_with(self.model, acting, self.condition, (curve, float(f"{start:.2g}")), self.until)
-            if depth < later.depth[0]:  # the flanks have not worn since
+            later = curve_with(self.model, acting, self.condition, (curve, float(f"{start:.2g}")))
+            if depth < later.start_depth:  # the flanks have not worn since
                 break
             curve = later
-        return curve.profile(max(depth, float(curve.depth[0]))).slices
+        return profile_at(curve, depth, self.until).slices
