@@ -1,7 +1,8 @@
 """From the history of a machine to the effects that its twin lacks.
 
-The detectors run in the order of `DETECTORS`; each sees what those before it have found. Windows held out take no part
-in any fit; errors before and after are those of the held-out windows.
+The detectors run in the order of `DETECTORS`; each sees what those before it have found, and is asked again where its
+answer rests on findings that came later. Windows held out take no part in any fit; errors before and after are those of
+the held-out windows.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import TracingContext, held_out
 from twin.tracing.detectors import DETECTORS, Detector
 from twin.tracing.findings import NonGearContent
+from twin.tracing.settling import Known, ask, settled
 from twin.updating.history import WindowInput
 
 
@@ -67,12 +69,14 @@ def trace(
         tolerated=tolerated,
         since_ns=since_ns,
     )
+    known: Known = {}
     for detector in detectors:
         if phase is None and detector.needs_phase:
             continue
-        context = context.with_findings(detector.detect(context))
+        context = ask(context, detector, known)
         if context.findings.teeth_separate:
             break
+    context = settled(context, known, detectors)
     findings, mesh = context.findings, context.findings.mesh
     return Traced(
         found=findings.effects,

@@ -4,6 +4,9 @@ Rattle comes first, since nothing else can be sought in it; then forces on the s
 crack, which fill the spectrum between the mesh lines; non-gear content; eccentricity, whose sidebands need the teeth
 known; the mesh, the sensor, and at last the forces that nothing found since explains. Each detector sees what those
 before it have found and gives back new findings; each also runs alone.
+
+The order saves time and does not decide the result: a detector whose answer rests on findings of others
+(`consults`) is asked again where these have changed since (twin/tracing/settling.py).
 """
 
 from __future__ import annotations
@@ -32,17 +35,37 @@ class Detector:
     name: str
     detect: Callable[[TracingContext], Findings]
     needs_phase: bool = True  # whether it needs the phase of the mesh against the encoder's zero
+    finds: str = ""  # whose effects it reports, as effects declare it; its name where empty
+    consults: tuple[str, ...] = ()  # detectors whose findings, effects or suspected forces, its answer rests on
+
+    @property
+    def reports(self) -> str:
+        """The detector, as effects declare it, whose effects this one reports."""
+        return self.finds or self.name
+
+
+TEETH = ("tooth_errors", "crack")
 
 
 DETECTORS = (
     Detector(name="rattle", detect=rattle.detect),
     Detector(name="shaft_forces", detect=shaft_forces.detect),
-    Detector(name="tooth_errors", detect=tooth_errors.detect),
-    Detector(name="crack", detect=crack.detect),
-    Detector(name="non_gear", detect=non_gear.detect, needs_phase=False),
-    Detector(name="eccentricity", detect=eccentricity.detect),
-    Detector(name="mesh", detect=mesh.detect),
-    Detector(name="tooth errors fitted again with the effects on the mesh", detect=tooth_errors.refit),
-    Detector(name="sensor", detect=sensor.detect),
-    Detector(name="shaft forces that nothing else explains", detect=shaft_forces.confirm),
+    Detector(name="tooth_errors", detect=tooth_errors.detect, consults=("shaft_forces",)),
+    Detector(name="crack", detect=crack.detect, consults=("shaft_forces", "tooth_errors")),
+    Detector(name="non_gear", detect=non_gear.detect, needs_phase=False, consults=TEETH),
+    Detector(name="eccentricity", detect=eccentricity.detect, consults=(*TEETH, "shaft_forces")),
+    Detector(name="mesh", detect=mesh.detect, consults=TEETH),
+    Detector(
+        name="tooth errors fitted again with the effects on the mesh",
+        detect=tooth_errors.refit,
+        finds="none",
+        consults=("mesh", "tooth_errors"),
+    ),
+    Detector(name="sensor", detect=sensor.detect, consults=("mesh", "tooth_errors")),
+    Detector(
+        name="shaft forces that nothing else explains",
+        detect=shaft_forces.confirm,
+        finds="shaft_forces",
+        consults=(*TEETH, "eccentricity", "shaft_forces"),
+    ),
 )

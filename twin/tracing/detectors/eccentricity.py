@@ -120,7 +120,8 @@ def detect(context: TracingContext, limits: EccentricityThresholds = THRESHOLDS)
     explained: complex = 0.0
     if unbalance is not None and not findings.tooth_errors:
         explained = run_out_of(model, context.fitting[0].condition, unbalance.effect)
-    found, orders = [], set(findings.run_out_orders)
+    orders: set[int] = set()
+    found = []
     for shaft in (0, 1):
         fit = fit_eccentricity(
             model, windows, context.mesh_phase, shaft, context.scales, explained if shaft == 0 else 0.0, limits

@@ -1,0 +1,106 @@
+"""The order in which the detectors are asked does not decide what is found."""
+
+import random
+from dataclasses import replace
+from functools import lru_cache
+
+import pytest
+
+from benchmarks.scoring import windows_of
+from tests.mesh_pairs import UNSW_RIG
+from twin.effects import EFFECTS
+from twin.rig import Rig
+from twin.scales import Scales
+from twin.step import Options, State, step
+from twin.tracing.attribution import AttributedEffect
+from twin.tracing.context import TracingContext
+from twin.tracing.detectors import DETECTORS, Detector
+from twin.tracing.settling import ask, settled
+from twin.tracing.trace import trace
+
+RIG = Rig.from_mapping(UNSW_RIG)
+CONTEXT = TracingContext(
+    rig=RIG, windows=(), measurement=frozenset(), held_out=frozenset(), depths={}, phase=0.0, scales=Scales.of(RIG),
+    worn=None,
+)  # fmt: skip
+PITCH = AttributedEffect.of(EFFECTS["pitch_error"](pinion=(1e-6,) * 19), parameters={}, log_evidence=1.0)
+RUN_OUT = AttributedEffect.of(EFFECTS["gear_eccentricity"](eccentricity=1e-5), parameters={}, log_evidence=1.0)
+
+
+def finds_pitch(context):
+    return context.findings.adding(PITCH)
+
+
+def finds_run_out_unless_teeth_differ(context):
+    return context.findings if context.findings.has("pitch_error") else context.findings.adding(RUN_OUT)
+
+
+TWO = (
+    Detector(name="tooth_errors", detect=finds_pitch),
+    Detector(name="eccentricity", detect=finds_run_out_unless_teeth_differ, consults=("tooth_errors",)),
+)
+
+
+def asked(detectors):
+    context, known = CONTEXT, {}
+    for detector in detectors:
+        context = ask(context, detector, known)
+    return settled(context, known, detectors)
+
+
+def test_detector_asked_too_early_is_asked_again_with_what_was_found_since():
+    for order in (TWO, TWO[::-1]):
+        assert [e.name for e in asked(order).findings.effects] == ["pitch_error"]
+
+
+def test_in_the_usual_order_nothing_is_asked_twice():
+    count = []
+
+    def counted(detector):
+        return replace(detector, detect=lambda c: count.append(detector.name) or detector.detect(c))
+
+    asked([counted(d) for d in TWO])
+    assert count == ["tooth_errors", "eccentricity"]
+
+
+def test_every_detector_consults_detectors_that_there_are():
+    names = {d.name for d in DETECTORS}
+    assert all(set(d.consults) <= names for d in DETECTORS)
+
+
+@lru_cache(maxsize=3)
+def followed(recording):
+    rig, windows = windows_of(recording)
+    state = State()
+    for window in windows:
+        state, _ = step(rig, state, window, Options())
+    return rig, state
+
+
+@pytest.mark.shared
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("D02", {"misalignment"}),
+        ("D05", {"tooth_crack"}),
+        ("D06", {"pitch_error"}),
+        ("D07", {"gear_eccentricity", "misalignment"}),
+    ],
+)
+def test_reference_campaign_has_the_same_effects_in_any_order_of_detectors(shared, name, expected):
+    rig, state = followed(shared / "campaigns" / f"{name}.mcap")
+    tracing = state.tracing
+    mixed = list(DETECTORS)
+    random.Random(4).shuffle(mixed)
+    results = [
+        trace(rig, tracing.history, dict(tracing.stages[-1].depths), tracing.phase, detectors=order).found
+        for order in (DETECTORS, DETECTORS[::-1], tuple(mixed))
+    ]
+    for found in results:
+        assert {f.name for f in found} == expected
+        for one, other in zip(found, results[0], strict=True):
+            assert one.parameters.keys() == other.parameters.keys()
+            for parameter, (value, _, std) in one.parameters.items():
+                assert value == pytest.approx(other.parameters[parameter][0], abs=0.05 * std + 1e-9)
