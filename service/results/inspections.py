@@ -1,4 +1,4 @@
-"""An inspection: a depth that someone measured on the flanks, and the twin's own figure beside it.
+"""An inspection: a depth that someone measured on the flanks, compared with the twin's own figure.
 
 The twin's depth at the inspection's revolution count is interpolated linearly in revolutions over its
 windows, median and band alike. Outside the windows it is extrapolated and says so: before the first
@@ -22,7 +22,7 @@ KEYS = ("median", "p05", "p95")
 
 
 def compare(inspection: Mapping[str, Any], trend: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The twin's depth [µm] beside the inspection's; `difference` is twin minus measured.
+    """The twin's depth [µm] compared with the inspection's; `difference` is twin minus measured.
 
     inspection  `revolutions`, `max_depth_um`, `flank`, `std_um`
     trend       a point a window, with `revolutions` and `depth_um.{flank}.{median,p05,p95}`

@@ -139,8 +139,8 @@ class SqliteStore:
         events: Iterable[tuple[str, Mapping[str, Any]]] = (),
     ) -> StoredWindow | None:
         """One window, whole; None (and nothing changed) where it is there already."""
-        told = report is not None and record.get("quality") != "refused"
-        shown = plain(figures(report)) if told and report is not None else {}
+        refused = record.get("quality") == "refused"
+        shown = {} if report is None or refused else plain(figures(report))
         with self._transaction() as db:
             self._ensure(db, asset)
             inserted = db.execute(

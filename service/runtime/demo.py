@@ -1,7 +1,7 @@
 """The whole of gear-twin at once: a service, a recorded campaign replayed into it, and what came of it.
 
 The service is a process of its own, the replay a client of its Zenoh endpoint, and the figures come from
-its REST answers: nothing here is on another way than in real use.
+its REST answers: nothing here differs from real use.
 """
 
 from __future__ import annotations

@@ -205,7 +205,7 @@ class Pipeline:
     def _process(self, asset: str, progress: _Progress, window: Window, assembly: Mapping[str, Any]) -> None:
         """One window through the twin to the sink."""
         self._before_window()
-        state, report, told = progress.state, progress.report, Events()
+        state, report, added = progress.state, progress.report, Events()
         window = window_of_rig(progress.rig, window)
         grade = window.quality
         if grade == "refused":
@@ -216,7 +216,7 @@ class Pipeline:
             except TwinError as error:
                 grade, record = "refused", refused_record(str(error))
             else:
-                record, report, told = dict(answer.record), answer.report, answer.events
+                record, report, added = dict(answer.record), answer.report, answer.events
         quality = _copy(progress.quality)
         faults = quality.note_window(progress.index, window, grade)
         record |= {
@@ -228,7 +228,7 @@ class Pipeline:
         }
         events = (
             ("window", record),  # as it is kept, with its number and faults
-            *((kind, data) for kind, data in told if kind not in ("window", "data_fault")),
+            *((kind, data) for kind, data in added if kind not in ("window", "data_fault")),
             *(("data_fault", fault) for fault in faults),
         )
         outcome = WindowOutcome(

@@ -91,7 +91,7 @@ class FrameConsumer(Protocol):
 class Pump:
     """Takes arrivals to a consumer; silence of an asset ends its window.
 
-    between  called between frames, at least every tenth of a second while no window is in work
+    between  called between frames, at least every tenth of a second while no window is being processed
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Pump:
         self._rhythms: dict[str, _Rhythm] = {}
 
     def run(self, stop: threading.Event) -> None:
-        """Works until told to stop, and then on what has arrived by then.
+        """Works until `stop` is set, then processes what has arrived by then.
 
         An exception of the consumer ends it; called again, it goes on where it was.
         """
@@ -158,5 +158,5 @@ def pump(
     idle_timeout: float = 3.0,
     between: Callable[[], None] = lambda: None,
 ) -> None:
-    """Takes arrivals to a consumer until told to stop."""
+    """Takes arrivals to a consumer until `stop` is set."""
     Pump(inbox, consumer, idle_timeout, between).run(stop)

@@ -30,7 +30,7 @@ def record(
     prefix: str = PREFIX,
     progress: Callable[[int, int], None] = lambda frames, refused: None,
 ) -> tuple[int, int]:
-    """Writes what arrives until told to stop or for `duration` [s]; answers frames written and refused."""
+    """Writes what arrives until `stop` is set or for `duration` [s]; answers frames written and refused."""
     started = datetime.now(UTC).isoformat()
     metadata = {"asset": "", "description": description, "started": started}
     frames = refused = 0
