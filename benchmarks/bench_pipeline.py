@@ -24,8 +24,10 @@ from service.runtime.assess import rig_of
 from service.stream.sources.mcap import Recording, read_windows
 from twin.features.extract import extract
 from twin.model import Calibration, Condition, Model
+from twin.options import Options
 from twin.rig import Rig
-from twin.step import Options, State, step
+from twin.state import State
+from twin.step import step
 from twin.wear.curve import MasterCurve
 
 ROOT = Path(__file__).parents[1]
@@ -116,7 +118,7 @@ def one_window() -> list[Figure]:
         begun = time.process_time()
         step(rig, before, window, options)
         again = time.process_time() - begun
-        if estimate.record["kind"] == "measurement":
+        if estimate.window is not None and estimate.window.kind == "measurement":
             steps.append((first, min(first, again)))
     known = [again for _, again in steps]
     building = sum(first - again for first, again in steps)

@@ -18,8 +18,10 @@ from benchmarks.bench_pipeline import Figure, command
 from benchmarks.scoring import windows_of
 from benchmarks.trace_campaigns import tune
 from benchmarks.trace_campaigns.generate import FOLDER, make_all
+from twin.options import Options
 from twin.rig import Rig
-from twin.step import Options, State, step
+from twin.state import State
+from twin.step import step
 from twin.tracing.change_detection import change_indicators, is_new
 from twin.tracing.trace import Traced, trace
 from twin.updating.history import UpdateOptions, update_window

@@ -33,7 +33,7 @@ from benchmarks.trace_campaigns.generate import FOLDER, make_all
 from benchmarks.tracing_score import Traced, no_answer, score_tracing
 from service.errors import InputError
 from service.runtime.assess import assess
-from twin.step import Options
+from twin.options import Options
 
 TABLES = {"judge": judge.ROWS, "fresh": judge.FRESH, "tune": tune.ROWS}
 CONDITIONS = {"own": None, "one": False, "two": True}

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from benchmarks.scoring import ROOT, Score, read_truth, score, truth_beside
 from service.runtime.assess import assess
-from twin.step import Options
+from twin.options import Options
 
 
 def recordings_in(folders: Iterable[Path]) -> list[Path]:

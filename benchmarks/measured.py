@@ -26,7 +26,7 @@ from service.cli import relation_report as shown
 from service.cli.encoder_pair import sentences, with_assumed_radii
 from service.cli.non_gear import energies
 from service.files import relation as relating
-from service.files.baseline import energy_of, load, strangers
+from service.files.baseline import energy_of, lines_of_no_shaft, load
 from service.files.import_recording import import_recording
 from service.files.series import load_series
 from service.runtime.assess import assess
@@ -180,7 +180,7 @@ def modulation(folder: Path) -> None:
     breakdown = energy_of(recording)
     assert isinstance(breakdown, list), breakdown
     print("\n".join(energies(breakdown)))
-    for s in strangers(found):
+    for s in lines_of_no_shaft(found):
         print(f"lines spaced by {s['frequency_hz']:.4f} ± {s['frequency_std_hz']:.4f} Hz, order {s['order']:.5f}")
         if s["part"] > 1:
             print(f"  weaker lines at {s['frequency_hz'] / s['part']:.4f} Hz, too: causes are tried at that")

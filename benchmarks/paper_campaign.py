@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.scoring import ROOT, read_truth, run, truth_beside, windows_of
+from twin.options import Options
 from twin.rig import Rig
-from twin.step import Options
 from twin.windows import Window
 
 RECORDING = ROOT / "recordings" / "paper-campaign.mcap"
@@ -81,7 +81,7 @@ def lines_of(records: Sequence[Mapping[str, Any]], truth: Mapping[str, Any], win
         if n is None:
             continue
         near = min(truth["windows"], key=lambda w: abs(w["revolutions"] - record["revolutions"]))
-        true, rms, paper = near["depth"]["combined_um"], record["rms_measured"], record["ways"]["paper"]
+        true, rms, paper = near["depth"]["combined_um"], record["rms_measured"], record["methods"]["rms"]
         for way, depth, before, after, updated in (
             ("fused", record["wear_depth_um"], record["rms_predicted"], record["rms_after"], record["updated"]),
             ("paper", paper["wear_depth_um"], paper["rms_predicted"], paper["rms_after"], paper["updated"]),

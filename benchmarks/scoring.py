@@ -13,10 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from service.contract.estimate import Estimate, step
 from service.runtime.assess import rig_of
 from service.stream.sources.mcap import Recording, read_windows
+from twin.options import Options
 from twin.rig import Rig
-from twin.step import Estimate, Options, State, step
+from twin.state import State
 from twin.windows import Window
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -156,7 +158,7 @@ def score(name: str, records: Iterable[Mapping[str, Any]], rul: Mapping[str, Any
 
 
 def _row(record: Mapping[str, Any], true: float) -> Row:
-    paper = (record.get("ways") or {}).get("paper")
+    paper = (record.get("methods") or {}).get("rms")
     return Row(
         revolutions=record["revolutions"],
         true=true,
@@ -168,7 +170,7 @@ def _row(record: Mapping[str, Any], true: float) -> Row:
         error_before=record["error_percent"],
         error_after=record.get("error_after_percent"),
         updated=record["updated"],
-        way=record.get("depth_from"),
+        way=record.get("method"),
         notes=tuple(record["notes"]),
     )
 

@@ -183,7 +183,7 @@ def score_tracing(
         expected=expected,
         named=tuple(e["name"] for e in effects),
         tolerated=tuple(truth.get("tolerated_names", ())),
-        alike=tuple(tuple(e["evidence"].get("not_told_from") or ()) for e in effects),
+        alike=tuple(tuple(e["evidence"].get("indistinguishable_from") or ()) for e in effects),
         runner_up=runner_up(effects),
         verdict=str(unexplained.get("verdict", unexplained.get("status"))),
         lines_hz=tuple(line["frequency_hz"] for line in orders if line.get("frequency_hz") is not None),

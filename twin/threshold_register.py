@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from twin.attention import StatusLimits
 from twin.baseline.causes import CauseThresholds
 from twin.baseline.diagnosis import DiagnosisThresholds
 from twin.baseline.energy_breakdown import EnergyThresholds
@@ -33,9 +34,12 @@ from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
 from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
+from twin.levels.wear_by_level import LevelLimits
 from twin.rig_notes import NoteLimits
 from twin.scales import UNITS, Scales
 from twin.thresholds import ThresholdRow, rows_of
+from twin.tracing.change_detection import ChangeLimits
+from twin.tracing.confirmation import ConfirmationLimits
 from twin.tracing.context import WindowThresholds
 from twin.tracing.detectors.crack import CrackThresholds
 from twin.tracing.detectors.eccentricity import EccentricityThresholds
@@ -45,13 +49,18 @@ from twin.tracing.detectors.rattle import RattleThresholds
 from twin.tracing.detectors.sensor import SensorThresholds
 from twin.tracing.detectors.shaft_forces import ShaftForceThresholds
 from twin.tracing.detectors.tooth_errors import ToothErrorThresholds
+from twin.tracing.joining import JoiningLimits
 from twin.tracing.joint_problem import JointFitThresholds
 from twin.tracing.mesh_fits import MeshSearchThresholds, MeshSearchWithDifferingTeethThresholds
 from twin.tracing.mesh_pruning import PruningThresholds
 from twin.tracing.mesh_windows import OnsetThresholds
+from twin.tracing.remounts import RemountLimits
 from twin.tracing.scatter import LineScatter
+from twin.tracing.schedule import ScheduleLimits
+from twin.tracing.state import SearchStart
 from twin.tracing.tooth_patterns import PatternThresholds
 from twin.tracing.transfer_path import TransferPathThresholds
+from twin.tracing.unexplained import VerdictLimits
 from twin.updating.calibration import CalibrationFit, RigFilePrior
 from twin.updating.conditions import ConditionMatch, RevolutionCount
 from twin.updating.depth import DepthModel
@@ -59,6 +68,7 @@ from twin.updating.depth_search import DepthSearch
 from twin.updating.disc_remount import DiscRemount
 from twin.updating.encoders import EncoderScatter
 from twin.updating.half_width import HalfWidthFit
+from twin.updating.life import LifeSpread
 from twin.updating.measurement import DepthScatter
 from twin.updating.model_cache import CurveDepths
 from twin.updating.prediction import LearnedFactors
@@ -68,6 +78,16 @@ from twin.updating.tracker import RateDrift
 from twin.updating.update import CalibrationWindows
 
 SETS: tuple[type, ...] = (
+    StatusLimits,
+    LevelLimits,
+    ChangeLimits,
+    ConfirmationLimits,
+    JoiningLimits,
+    RemountLimits,
+    ScheduleLimits,
+    SearchStart,
+    VerdictLimits,
+    LifeSpread,
     CauseThresholds,
     DiagnosisThresholds,
     EnergyThresholds,

@@ -10,7 +10,11 @@ from pydantic import BaseModel, Field
 
 from service.api import models
 from service.api.problems import UnknownAsset, responses
-from service.contract.answer import not_available
+from service.contract.answer import Asset
+from service.contract.base import NotAvailable, not_available
+from service.contract.effects import Residual
+from service.contract.wear import Rul, Wear
+from service.contract.window import WindowRecord
 from service.results.board import Snapshot, has_point, trend_point
 from service.results.inspections import compare
 from service.results.store import ResultStore, StoredWindow
@@ -38,25 +42,25 @@ async def assets(request: Request) -> Any:
     return JSONResponse([board.get(name).summary() for name in board.assets()])
 
 
-@router.get("/{asset}", response_model=models.Asset, responses=ERRORS)
+@router.get("/{asset}", response_model=Asset, responses=ERRORS)
 async def asset(request: Request, asset: str) -> Any:
     """The whole state: the same JSON as `gear-twin assess`."""
     return JSONResponse(snapshot_of(request, asset).whole)
 
 
-@router.get("/{asset}/wear", response_model=models.Wear | models.NotAvailable, responses=ERRORS)
+@router.get("/{asset}/wear", response_model=Wear | NotAvailable, responses=ERRORS)
 async def wear(request: Request, asset: str) -> Any:
     """Wear now: K, depths with their bands, profile of both flanks."""
     return JSONResponse(snapshot_of(request, asset).whole["wear"])
 
 
-@router.get("/{asset}/rul", response_model=models.Rul | models.NotAvailable, responses=ERRORS)
+@router.get("/{asset}/rul", response_model=Rul | NotAvailable, responses=ERRORS)
 async def rul(request: Request, asset: str) -> Any:
     """Remaining useful life in revolutions and hours, with its 5–95 % band."""
     return JSONResponse(snapshot_of(request, asset).whole["rul"])
 
 
-@router.get("/{asset}/residual", response_model=models.Residual | models.NotAvailable, responses=ERRORS)
+@router.get("/{asset}/residual", response_model=Residual | NotAvailable, responses=ERRORS)
 async def residual(request: Request, asset: str) -> Any:
     """Residual: what the model does not explain, by gear-mesh band and order."""
     return JSONResponse(snapshot_of(request, asset).whole["residual"])
@@ -83,7 +87,7 @@ class HistoryQuery(BaseModel):
     )
 
 
-@router.get("/{asset}/windows", response_model=list[models.WindowRecord], responses=ERRORS)
+@router.get("/{asset}/windows", response_model=list[WindowRecord], responses=ERRORS)
 def windows(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
     """Window records, oldest first: a page by cursor, or a long history thinned."""
     return JSONResponse([w.record for w in _history(request, asset, query)])

@@ -11,6 +11,9 @@ from starlette.concurrency import run_in_threadpool
 from service.api import models
 from service.api.assets import ERRORS, snapshot_of
 from service.api.problems import problem, responses
+from service.contract.attribution import Tracing
+from service.contract.base import NotAvailable
+from service.contract.effects import Effect
 from service.errors import FAULT
 from service.results.store import StoredDecision
 from twin.effects import EFFECTS
@@ -20,13 +23,13 @@ router = APIRouter(prefix="/v1/assets", tags=["effects"])
 KEPT: dict[int | str, dict[str, Any]] = {202: {"model": models.DecisionAnswer}}
 
 
-@router.get("/{asset}/effects", response_model=list[models.Effect] | models.NotAvailable, responses=ERRORS)
+@router.get("/{asset}/effects", response_model=list[Effect] | NotAvailable, responses=ERRORS)
 async def effects(request: Request, asset: str) -> Any:
     """Effects that the model lacked and that were added, in the order found."""
     return JSONResponse(snapshot_of(request, asset).whole["effects"])
 
 
-@router.get("/{asset}/tracing", response_model=models.Tracing | models.NotAvailable, responses=ERRORS)
+@router.get("/{asset}/tracing", response_model=Tracing | NotAvailable, responses=ERRORS)
 async def tracing(request: Request, asset: str) -> Any:
     """What the effects rest on: candidates, held-out windows, residual and depths before and after, the log."""
     return JSONResponse(snapshot_of(request, asset).whole["tracing"])

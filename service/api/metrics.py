@@ -13,7 +13,7 @@ from prometheus_client.registry import Collector
 
 from service.api import models
 from service.api.problems import problem, responses
-from service.contract.answer import iso_time
+from service.contract.base import iso_time
 from service.results.board import Board, Snapshot
 from service.results.store import ResultStore
 

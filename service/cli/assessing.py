@@ -25,7 +25,7 @@ def assessed(
     from service.cli.show import progress_bar
     from service.runtime.assess import assess as run
     from service.runtime.assess import warnings
-    from twin.step import Options
+    from twin.options import Options
 
     known = None
     if relation is not None:

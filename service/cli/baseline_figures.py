@@ -21,11 +21,11 @@ def page(answer: Mapping[str, Any]) -> str:
         f"<p>{escape(line)}</p>" for part in parts if not part.startswith(LINES) for line in part.splitlines() if line
     )
     errors = next((part for part in parts if part.startswith(LINES[0])), "")
-    figures = as_html((_bands(answer), _paths(answer), _turns(answer), *strange.plots(answer["strange"])))
+    figures = as_html((_bands(answer), _paths(answer), _turns(answer), *strange.plots(answer["unattributed_lines"])))
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'
-        f"<h1>{title}</h1>{shown}<pre>{escape(errors)}</pre>{strange.tables(answer['strange'])}{figures}"
+        f"<h1>{title}</h1>{shown}<pre>{escape(errors)}</pre>{strange.tables(answer['unattributed_lines'])}{figures}"
     )
 
 

@@ -58,7 +58,7 @@ def text(answer: Mapping[str, Any]) -> str:
         lines.append(f"Unknown effect: {left['reason']}.")
     elif left["reason"]:
         lines.append(f"Note: {left['reason']}.")
-    lines += strange.sentences(answer["strange"])
+    lines += strange.sentences(answer["unattributed_lines"])
     outside = [w["name"] for w in answer["windows"] if not w["interpolated"]]
     if outside:
         lines.append(f"Outside the learned operating points, compared with the nearest one: {', '.join(outside)}.")
@@ -94,7 +94,7 @@ def _effect(effect: Mapping[str, Any]) -> str:
     said += f" Evidence {evidence['log_evidence']:.0f} nat over the baseline alone"
     if evidence["over_runner_up"] is not None:
         said += f", {evidence['over_runner_up']:.0f} over {evidence['runner_up']}"
-    alike = evidence.get("indistinguishable_from", evidence.get("not_told_from"))
+    alike = evidence.get("indistinguishable_from")
     if alike:
         said += f"; indistinguishable from {' or '.join(alike)}"
     return said + "."

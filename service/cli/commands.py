@@ -323,13 +323,15 @@ def baseline(
 ) -> None:
     """Learn a healthy baseline for a machine without a model: every spectral line against load and speed."""
     from service.cli.baseline_report import learned_text
+    from service.contract.baseline import Baseline
     from service.files.baseline import learned, save
     from service.json_text import json_text
-    from twin.baseline.reporting import described
+    from twin.baseline.comparison import described
 
     found = learned(recordings, rig, windowing())
     save(found, out)
-    print(json_text(described(found)) if json else learned_text(described(found)))
+    said = Baseline.of(described(found)).as_json()
+    print(json_text(said) if json else learned_text(said))
     tell(f"baseline written to {out}")
 
 
@@ -417,7 +419,7 @@ def diagnose(
         answer = load_answer(source)
     else:
         answer = assessed(source, rig, Update.fused.value, asset, prefix)
-        if answer.get("strange"):
+        if answer.get("unattributed_lines"):
             answer["energy_breakdown"] = energy_of(source, rig, windowing())
     if base_radii_mm is not None:
         answer = with_assumed_radii(answer, base_radii_mm)

@@ -47,7 +47,7 @@ def text(answer: Mapping[str, Any]) -> str:
 def sentences(answer: Mapping[str, Any]) -> list[str]:
     """What an engineer may quote."""
     tracing, effects = answer["tracing"], answer["effects"]
-    others = [*strange.sentences(answer.get("strange", ())), *pair.sentences(answer.get("pair"))]
+    others = [*strange.sentences(answer.get("unattributed_lines", ())), *pair.sentences(answer.get("pair"))]
     failed = tracing.get("status") == "not available" or tracing.get("reason")
     if failed and not effects:
         return [f"No effects were evaluated: {tracing['reason']}.", *others]
@@ -108,7 +108,7 @@ def sentence(effect: Mapping[str, Any]) -> str:
         over = evidence.get("over_runner_up")
         rival = label(evidence["runner_up"])
         sure += f"; next best {rival}" + ("" if over is None else f", {over:.0f} lower ({sureness(over)})")
-    alike = evidence.get("indistinguishable_from", evidence.get("not_told_from"))
+    alike = evidence.get("indistinguishable_from")
     if alike:
         sure += "; indistinguishable from " + ", ".join(label(name) for name in alike)
     parts = [f"{label(effect['name']).capitalize()}, {since}: {sizes} ({sure})"]

@@ -21,11 +21,12 @@ def page(answer: Mapping[str, Any]) -> str:
     title = f"Diagnosis of {escape(answer['asset'])}"
     shown = "".join(f"<p>{escape(line)}</p>" for line in sentences(answer))
     summary = "".join(f"<li>{escape(line)}</li>" for line in summary_lines(answer))
+    causes = strange.tables(answer.get("unattributed_lines", ()))
     log = "".join(f"<li>{escape(change(e))}</li>" for e in answer["tracing"].get("log") or [])
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'
-        f"<h1>{title}</h1>{shown}{effects_part(answer)}{strange.tables(answer.get('strange', ()))}{figures(answer)}"
+        f"<h1>{title}</h1>{shown}{effects_part(answer)}{causes}{figures(answer)}"
         f"<h2>Wear and life</h2><ul>{summary}</ul>" + (f"<h2>Changes of the model</h2><ul>{log}</ul>" if log else "")
     )
 
@@ -60,7 +61,7 @@ def effects_part(answer: Mapping[str, Any]) -> str:
 
 def figures(answer: Mapping[str, Any]) -> str:
     """The figures as HTML; empty where there is nothing to draw."""
-    others = [*strange.plots(answer.get("strange", ())), *pair.plots(answer.get("pair"))]
+    others = [*strange.plots(answer.get("unattributed_lines", ())), *pair.plots(answer.get("pair"))]
     breakdown = answer.get("energy_breakdown")
     others.append(strange.energy_plot(breakdown if isinstance(breakdown, list) else ()))
     return as_html((_by_band(answer), _by_order(answer), _depths(answer), *others))

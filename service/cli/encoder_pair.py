@@ -7,8 +7,8 @@ from typing import Any
 
 from service.cli.figure_style import AFTER, BEFORE, LOOK, MEASURED
 from service.cli.show import reason
+from service.contract.encoder_pair import with_assumed_radii as on_assumed_radii
 from service.errors import InputError
-from twin.encoder_pair.reporting import in_micrometres
 
 MOST_TEETH = 6  # ratios of tooth counts that are named
 RADII_MM = (0.5, 5000.0)  # of a wheel
@@ -36,7 +36,7 @@ def with_assumed_radii(answer: Mapping[str, Any], radii_mm: tuple[float, float])
         raise InputError(
             f"--base-radii-mm: the rig file gives {known['pinion_mm']:g} and {known['gear_mm']:g} mm: leave it out"
         )
-    return {**answer, "pair": in_micrometres(pair, (radii_mm[0] / 1e3, radii_mm[1] / 1e3), assumed=True)}
+    return {**answer, "pair": on_assumed_radii(pair, (radii_mm[0] / 1e3, radii_mm[1] / 1e3))}
 
 
 def sentences(pair: Mapping[str, Any] | None) -> list[str]:
@@ -58,7 +58,7 @@ def sentences(pair: Mapping[str, Any] | None) -> list[str]:
     if stated is not None:
         verdict = "contradicted" if stated["contradicted"] else "not contradicted"
         out.append(
-            f"The ratio {stated['ratio']:.4f} of {stated['from']} is {verdict}: {stated['deviations']:.1f} standard "
+            f"The ratio {stated['ratio']:.4f} of {stated['source']} is {verdict}: {stated['deviations']:.1f} standard "
             "deviations away."
         )
     out += [_run_out(term, pair["base_radii"]) for term in pair["run_out"]]
@@ -111,7 +111,7 @@ def _run_out(term: Mapping[str, Any], radii: Mapping[str, Any] | None) -> str:
         radius = radii[f"{term['shaft']}_mm"]
         said += f", {term['amplitude_um']:.0f} ± {term['std_um']:.0f} µm on {kind} of {radius:g} mm"
     none = "; not significant" if term["amplitude_urad"] < CERTAIN * term["std_urad"] else ""
-    alike = term.get("indistinguishable_from", term.get("not_told_from"))
+    alike = term["indistinguishable_from"]
     return f"{said}; indistinguishable from that of {' or '.join(alike)}{none}."
 
 

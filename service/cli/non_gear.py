@@ -1,4 +1,4 @@
-"""Lines that belong to no known shaft: the section `strange` in words, tables and figures."""
+"""Lines that belong to no known shaft: the section `unattributed_lines` in words, tables and figures."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from service.cli import encoder_pair as pair
 from service.cli.answer import WINDOW_COLUMNS, answer_text, summary_lines, window_rows
 from service.cli.diagnosis import sentence
 from service.cli.diagnosis_figures import effects_part, figures
-from service.contract.answer import not_available
+from service.contract.base import not_available
 from service.errors import InputError
 
 _STYLE = (
@@ -58,7 +58,7 @@ def html_report(answer: Mapping[str, Any]) -> str:
     title = f"Gear wear of {escape(answer['asset'])}"
     rms = _chart(answer["windows"], {"measured": "rms_measured", "twin": "rms_predicted"}, "RMS [m/s²]")
     depth = _chart(answer["windows"], {"twin": "wear_depth_um"}, "largest wear depth [µm]")
-    drawn = answer["effects"] or answer.get("pair") or answer.get("strange")
+    drawn = answer["effects"] or answer.get("pair") or answer.get("unattributed_lines")
     effects = f"{effects_part(answer)}{figures(answer)}" if drawn else ""
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'

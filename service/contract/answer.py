@@ -3,19 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from datetime import UTC, datetime, timedelta
 from typing import Any
 
+from pydantic import Field
+
+from service.contract.attribution import Calibration, Tracing
+from service.contract.base import ContractModel, NotAvailable, not_available
+from service.contract.baseline import Baseline, UnattributedLines
+from service.contract.effects import Effect, Residual, Unexplained
+from service.contract.encoder_pair import EncoderPair
+from service.contract.rig import RigSummary
+from service.contract.status import Status, lowered, none_yet, with_data_quality
+from service.contract.wear import Rul, Wear, part_of
+from service.contract.window import WindowRecord
+from twin import assessment
+
+SCHEMA_VERSION = 2
+WINDOWS_SHOWN = 100  # latest window records that the service's answer about an asset carries
 SECTIONS = ("wear", "rul", "residual", "effects", "unexplained", "calibration", "tracing")
-RECORD_FIELDS = (
-    "index", "kind", "start_time", "revolutions", "speed_hz", "torque_nm", "rms_measured", "rms_predicted",
-    "error_percent", "updated", "rms_after", "k_wear_per_n", "wear_depth_um",
-)  # fmt: skip
+NO_WINDOW = "no window has been assessed by the twin yet"
 
 
-def not_available(reason: str) -> dict[str, Any]:
-    """What stands where a quantity cannot be given."""
-    return {"status": "not available", "reason": reason}
+class Asset(ContractModel):
+    """The whole state of one asset, the same as `gear-twin assess` writes."""
+
+    schema_version: int
+    asset: str
+    status: Status
+    windows: list[WindowRecord] = Field(description="the service carries the latest 100; `assess` all of them")
+    windows_total: int
+    wear: Wear | NotAvailable
+    rul: Rul | NotAvailable
+    residual: Residual | NotAvailable
+    effects: list[Effect]
+    unexplained: Unexplained | NotAvailable
+    calibration: Calibration | NotAvailable
+    tracing: Tracing | NotAvailable
+    baseline: Baseline | None = None
+    pair: EncoderPair | NotAvailable | None = Field(
+        default=None, description="absent where a model is known, or an encoder is not there"
+    )
+    unattributed_lines: list[UnattributedLines] | None = None
+    data_quality: dict[str, Any]
+    rig: RigSummary | None = Field(default=None, description="the rig file in short; of `gear-twin assess`")
+
+
+def report_of(found: assessment.Assessment, status: Status) -> dict[str, Any]:
+    """The parts of the answer that an assessment gives, as JSON data."""
+    parts: dict[str, Any] = {
+        "status": status.as_json(),
+        "wear": part_of(found.wear, Wear),
+        "rul": part_of(found.life, Rul),
+        "residual": part_of(found.residual, Residual),
+        "effects": [Effect.of(effect).as_json() for effect in found.effects],
+        "unexplained": Unexplained.of(found.unexplained).as_json(),
+        "calibration": part_of(found.calibration, Calibration),
+    }
+    if found.attribution is not None:
+        parts["tracing"] = Tracing.of(found.attribution).as_json()
+    if found.baseline is not None:
+        parts["baseline"] = Baseline.of(found.baseline).as_json()
+    if found.encoder_pair is not None:
+        parts["pair"] = part_of(found.encoder_pair, EncoderPair)
+    if found.unattributed_lines is not None:
+        parts["unattributed_lines"] = [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines]
+    return parts
 
 
 def assemble(
@@ -23,27 +75,29 @@ def assemble(
     records: Iterable[Mapping[str, Any]],
     report: Mapping[str, Any] | None,
     quality: Mapping[str, Any],
+    windows_total: int | None = None,
+    stale: str | None = None,
 ) -> dict[str, Any]:
-    """The whole answer: window records, the twin's newest report and the data quality."""
-    reason = "no window has been taken into the twin yet"
-    blank = {name: [] if name == "effects" else not_available(reason) for name in SECTIONS}
+    """The whole answer: window records, the twin's newest report and the data quality.
+
+    windows_total  how many windows there are, where `records` are the latest of them only
+    stale          why no whole window has come for longer than the service allows, where none has
+    """
+    blank = {name: [] if name == "effects" else not_available(NO_WINDOW) for name in SECTIONS}
     if report is not None:
         blank["tracing"] = not_available("effects have not been sought in this asset's windows")
+    windows = [dict(record) for record in records]
+    parts = {**blank, **(report or {})}
+    status = parts.pop("status", None) or none_yet(NO_WINDOW)
+    status = with_data_quality(status, windows[-1] if windows else None)
+    if stale is not None:
+        status = lowered(status, f"{stale[:1].upper()}{stale[1:]}.")
     return {
+        "schema_version": SCHEMA_VERSION,
         "asset": asset,
-        "windows": [dict(record) for record in records],
-        **blank,
-        **(report or {}),
+        "status": status,
+        "windows": windows,
+        "windows_total": len(windows) if windows_total is None else windows_total,
+        **parts,
         "data_quality": dict(quality),
     }
-
-
-def refused_record(reason: str) -> dict[str, Any]:
-    """The record of a window that could not be taken: all fields of the contract, without values."""
-    return {**dict.fromkeys(RECORD_FIELDS), "kind": "measurement", "updated": False, "reason": reason}
-
-
-def iso_time(time_ns: int) -> str:
-    """Unix time [ns] as ISO 8601 in UTC, to the nanosecond."""
-    seconds, rest = divmod(time_ns, 1_000_000_000)
-    return (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)).strftime(f"%Y-%m-%dT%H:%M:%S.{rest:09d}Z")

@@ -30,7 +30,7 @@ class ContractModel(BaseModel):
 
     def as_json(self) -> dict[str, Any]:
         """The part as strict JSON data, without the keys that were not set."""
-        return plain(self.model_dump(mode="python", exclude_unset=True))
+        return plain(self.model_dump(mode="python", by_alias=True, exclude_unset=True))
 
 
 class NotAvailable(ContractModel):
@@ -47,15 +47,16 @@ class NotAvailable(ContractModel):
 class Band(ContractModel):
     """Median and 5–95 % interval."""
 
-    median: float | None
+    median: float | None = Field(description="null where only a lower bound is known")
     p05: float | None
     p95: float | None = Field(description="null where no upper bound is known")
 
     @classmethod
     def of(cls, interval: assessment.Interval, unit: float = 1.0) -> Band:
         """The interval in multiples of `unit` (SI)."""
-        p95 = in_unit(interval.p95, unit)
-        return cls(median=interval.median / unit, p05=interval.p05 / unit, p95=p95)
+        return cls(
+            median=in_unit(interval.median, unit), p05=interval.p05 / unit, p95=in_unit(interval.p95, unit)
+        )  # fmt: skip
 
 
 class Figure(ContractModel):

@@ -14,6 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from service.contract.base import not_available
+from service.contract.baseline import Baseline as BaselineModel
+from service.contract.baseline import BaselineWindow, UnattributedLines
+from service.contract.effects import Effect, Residual, Unexplained
 from service.errors import InputError
 from service.files.rig import assembly_for, checked_rig
 from service.json_text import plain
@@ -25,6 +29,7 @@ from twin.baseline.comparison import (
     BaselineResult,
     TrackedWindow,
     compare_with_baseline,
+    described,
     pair_shafts,
     tracked,
     unattributed_lines,
@@ -32,7 +37,6 @@ from twin.baseline.comparison import (
 from twin.baseline.energy_breakdown import energy_breakdown
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, WindowReading, common_period, read
-from twin.baseline.reporting import described, record, sections, strange
 from twin.baseline.spacing import shared_ratio
 from twin.errors import TwinError
 from twin.rig import Rig
@@ -124,24 +128,27 @@ def compared(
 
 def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[str, Any]:
     """The answer in the names of the contract."""
-    missing = {"status": "not available", "reason": NO_DEPTH}
+    missing = not_available(NO_DEPTH)
     return plain(
         {
             "asset": loaded.asset,
-            "baseline": described(baseline),
-            "windows": [record(window) for window in found.windows],
+            "baseline": BaselineModel.of(described(baseline)).as_json(),
+            "windows": [BaselineWindow.of(window).as_json() for window in found.windows],
             "refused": loaded.refused,
             "wear": missing,
             "rul": missing,
-            **sections(found),
-            "strange": strange(found.unattributed_lines),
+            "residual": Residual.of(found.residual).as_json(),
+            "effects": [Effect.of(effect).as_json() for effect in found.effects],
+            "unexplained": Unexplained.of(found.unexplained).as_json(),
+            "unattributed_lines": [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines],
         }
     )
 
 
-def strangers(loaded: Loaded) -> list[dict[str, Any]]:
+def lines_of_no_shaft(loaded: Loaded) -> list[dict[str, Any]]:
     """Spacings of lines that neither gear makes."""
-    return strange(unattributed_lines(loaded.windows, pair_shafts(loaded.rig), ("pinion", "gear")))
+    found = unattributed_lines(loaded.windows, pair_shafts(loaded.rig), ("pinion", "gear"))
+    return [UnattributedLines.of(lines).as_json() for lines in found]
 
 
 def energy_of(
@@ -154,7 +161,7 @@ def energy_of(
         shafts = pair_shafts(loaded.rig)
         found = energy_breakdown(first.window.accelerations, first.track, loaded.rig.teeth, shafts, first.spacing)
     except (InputError, TwinError) as reason:
-        return {"status": "not available", "reason": str(reason)}
+        return not_available(str(reason))
     return [
         {
             "channel": f.channel,

@@ -20,8 +20,8 @@ from service.json_text import json_text, plain, write_text
 from twin.errors import ParameterError
 from twin.levels.left_out import Errors, spline
 from twin.levels.relation import Z95, Origin, Relation, falling_region, fit
-from twin.levels.reporting import not_stated
 from twin.levels.trials import Tried
+from twin.levels.wear_by_level import not_stated
 
 SCHEMA = "gear-relation/1"
 DRAWN = 200  # points of a drawn curve

@@ -3,7 +3,7 @@
 import { anything, fixed, isAvailable, isShared, number, range, reasonOf, revolutions, sharedReasons, words } from "./format.js";
 
 const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration",
-  "data_quality", "tracing", "pair", "strange", "unattributed_lines", "schema_version", "status", "rig", "windows_total",
+  "data_quality", "tracing", "pair", "unattributed_lines", "schema_version", "status", "rig", "windows_total",
   "energy_breakdown"]);
 
 function element(tag, attributes = {}, ...children) {
@@ -169,7 +169,7 @@ function effectCard(effect, decide) {
     rows.push(["remaining life",
       `${revolutions(effect.rul_revolutions_before)} → ${revolutions(effect.rul_revolutions_after)} rev`]);
   }
-  const alike = evidence.indistinguishable_from ?? evidence.not_told_from ?? [];
+  const alike = evidence.indistinguishable_from ?? [];
   if (alike.length) rows.push(["indistinguishable from", alike.map(words).join(", ")]);
   if (evidence.detail) rows.push(["observation", evidence.detail]);
   // Compared with a baseline there is no model to decide on.
@@ -211,9 +211,9 @@ function effectsPanel(effects, unexplained, tracing, wear, decide) {
 }
 
 function methodsPanel(wear) {
-  const methods = Object.entries((isAvailable(wear) && (wear.methods ?? wear.ways)) || {});
+  const methods = Object.entries((isAvailable(wear) && wear.methods) || {});
   if (!methods.length) return [];
-  const used = (wear.method ?? wear.from) === "rms" ? "rms" : "fused";
+  const used = wear.method === "rms" ? "rms" : "fused";
   const rows = methods.map(([name, method]) => [
     name + (name === used ? " (in use)" : ""),
     number(method.wear_depth_um) + (Number.isFinite(method.std_um) ? ` ± ${number(method.std_um, 2)}` : ""),
@@ -262,12 +262,12 @@ function pairPanel(pair) {
     ...sharp.map((s) => ["sharp step", `${number(s.counts)} counts ${s.shaft
       ? `at ${fixed(s.turn)} of each turn of the ${s.shaft}` : `at ${number(s.time_s)} s, passed only once`}`])];
   if (stated) {
-    rows.push([`ratio from ${stated.source ?? stated.from}`, `${number(stated.ratio, 5)}, ${stated.contradicted ? "contradicted" : "not contradicted"}`]);
+    rows.push([`ratio from ${stated.source}`, `${number(stated.ratio, 5)}, ${stated.contradicted ? "contradicted" : "not contradicted"}`]);
   }
   const inUm = radii !== null;
   const terms = pair.run_out.map((t) => [`${t.multiple}× a turn of the ${t.shaft}`,
     `${number(t.amplitude_urad, 4)} ± ${number(t.std_urad, 2)}`,
-    ...(inUm ? [`${number(t.amplitude_um)} ± ${number(t.std_um, 2)}`] : []), (t.indistinguishable_from ?? t.not_told_from).join(", ")]);
+    ...(inUm ? [`${number(t.amplitude_um)} ± ${number(t.std_um, 2)}`] : []), t.indistinguishable_from.join(", ")]);
   return [panel("Gear pair from its encoders",
     element("table", {}, element("tbody", {}, ...rows.map(([name, text]) =>
       element("tr", {}, element("td", { className: "name" }, name), element("td", {}, text))))),
@@ -341,7 +341,7 @@ export function drawTables(state, quality, inspections, decide) {
     qualityPanel(quality),
     ...methodsPanel(wear),
     ...pairPanel(pair),
-    ...unattributedPanels(state.unattributed_lines ?? state.strange),
+    ...unattributedPanels(state.unattributed_lines),
     ...(isShared(calibration) ? []
       : [calibrationPanel(calibration ?? { status: "not available", reason: "the model has not been calibrated" })]),
     ...(isShared(residual) ? [] : [residualPanel(residual)]),

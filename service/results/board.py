@@ -168,8 +168,14 @@ class Board:
         return snapshot
 
     def _put(self, snapshot: Snapshot) -> Snapshot:
-        whole = assemble(snapshot.asset, snapshot.records, snapshot.report, snapshot.quality)
-        whole["windows_total"] = snapshot.windows_total
+        whole = assemble(
+            snapshot.asset,
+            snapshot.records,
+            snapshot.report,
+            snapshot.quality,
+            windows_total=snapshot.windows_total,
+            stale=None if snapshot.stale is None else snapshot.stale.reason,
+        )
         snapshot = replace(snapshot, whole=whole)
         self._snapshots[snapshot.asset] = snapshot
         return snapshot

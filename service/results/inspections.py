@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from service.contract.answer import not_available
+from service.contract.base import not_available
 
 TAIL = 5  # windows that set the slope beyond the last one
 BAND_IN_STD = 2 * 1.6449  # width of a normal 5–95 % band in standard deviations

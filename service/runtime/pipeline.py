@@ -15,8 +15,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol
 
-from service.contract.answer import iso_time, refused_record
+from service.contract.base import iso_time
 from service.contract.slow_channels import slow_channels
+from service.contract.status import with_status_since
+from service.contract.window import refused_record
 from service.errors import FrameError
 from service.files.rig import assembly_for, expected_channels, window_of_rig
 from service.runtime.twin_port import Events, Twin
@@ -217,6 +219,7 @@ class Pipeline:
                 grade, record = "refused", refused_record(str(error))
             else:
                 record, report, added = dict(answer.record), answer.report, answer.events
+                report = with_status_since(progress.report, report, window.start_time_ns, record.get("revolutions"))
         quality = _copy(progress.quality)
         faults = quality.note_window(progress.index, window, grade)
         record |= {

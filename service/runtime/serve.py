@@ -84,7 +84,7 @@ def run(
 
 def _twin_of(settings: Settings) -> Twin:
     """The twin itself with the options of the settings."""
-    from twin.step import Options
+    from twin.options import Options
 
     baseline = relation = None
     if settings.baseline is not None:

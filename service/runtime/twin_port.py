@@ -57,7 +57,9 @@ class Twin:
 
 def gear_twin(options: Any = None) -> Twin:
     """The twin itself, imported where it is first needed."""
-    from twin.step import Options, State, decide, step
+    from service.contract.estimate import decide, step
+    from twin.options import Options
+    from twin.state import State
 
     return Twin(step=step, new_state=State, load_state=State.from_dict, decide=decide, options=options or Options())
 

@@ -12,6 +12,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from service.contract.estimate import step
+from twin.assessment import Unavailable
 from twin.baseline.alignment import align
 from twin.baseline.causes import causes_of
 from twin.baseline.diagnosis import WindowParts, diagnose
@@ -21,8 +23,9 @@ from twin.baseline.spacing import SpacingThresholds, simple_ratio, unattributed_
 from twin.baseline.transfer_path import Path, band_gains, common_level, name_of_path
 from twin.effects import EFFECTS
 from twin.errors import NotAvailable, ParameterError, WindowError
+from twin.options import Options
 from twin.rig import Rig
-from twin.step import Options, State, step
+from twin.state import LatestParts, State
 from twin.windows import Edges, Samples, Window
 
 TEETH = (20, 30)
@@ -333,9 +336,10 @@ def test_what_is_no_longer_there_is_no_longer_said_and_no_baseline_takes_the_ans
         state, estimate = step(RIG, state, window, options)
         names.append([e["name"] for e in estimate.report["effects"]])
     assert names == [["tooth_crack"], []]
-    known = replace(State(), standing={"wear": {"k_wear_per_n": 1.0}})
-    after, estimate = step(RIG, known, machine(0.42, 99), options)
-    assert estimate.report["wear"] == after.standing["wear"] == {"k_wear_per_n": 1.0}
+    latest = LatestParts(wear=Unavailable(reason="said by an earlier window"))
+    after, estimate = step(RIG, replace(State(), latest=latest), machine(0.42, 99), options)
+    assert estimate.report["wear"]["reason"] == "said by an earlier window"
+    assert after.latest.wear == latest.wear
 
 
 def test_baseline_of_other_tooth_counts_is_said_not_to_fit():
@@ -350,9 +354,9 @@ def test_baseline_of_other_tooth_counts_is_said_not_to_fit():
 def test_step_without_a_baseline_names_strange_lines_and_takes_a_further_shaft_for_no_effect():
     _, modulated = step(RIG, State(), machine(0.5, 3, foreign=0.3961, seconds=12.0))
     assert modulated.report["unexplained"]["verdict"] == "unknown_effect"
-    assert modulated.report["strange"][0]["order"] == pytest.approx(0.3961, abs=1e-3)
+    assert modulated.report["unattributed_lines"][0]["order"] == pytest.approx(0.3961, abs=1e-3)
     _, geared = step(RIG, State(), machine(0.5, 3, third=True))
-    assert geared.report["strange"][0]["geared"] == "1/4"
+    assert geared.report["unattributed_lines"][0]["geared"] == "1/4"
     assert geared.report["unexplained"]["verdict"] != "unknown_effect"
 
 

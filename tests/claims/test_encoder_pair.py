@@ -106,7 +106,7 @@ def test_sharp_step_that_comes_every_turn_is_the_wheels_and_no_missed_counts():
     assert jump.size / (2 * np.pi) * PER_TURN == pytest.approx(15, abs=3)
 
 
-def test_what_is_passed_once_only_is_not_told_from_a_mark_and_widens_the_ratio():
+def test_what_is_passed_once_only_is_indistinguishable_from_a_mark_and_widens_the_ratio():
     for turns, told in ((3.4, False), (7, True)):
         found, clean = pair_motion(*marked(turns, 0, angle=1.75)), pair_motion(*marked(turns, 0))
         assert [round(s / (2 * np.pi) * PER_TURN) for _, s in found.steps] == ([-30] if told else [])

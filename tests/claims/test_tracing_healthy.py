@@ -5,8 +5,10 @@ from functools import lru_cache
 import pytest
 
 from benchmarks.scoring import ROOT, windows_of
+from service.contract.estimate import decide, step
 from twin.errors import NotAvailable
-from twin.step import Options, State, decide, step
+from twin.options import Options
+from twin.state import State
 from twin.tracing.decisions import Decision
 
 SHORT = ROOT / "recordings" / "short-campaign.mcap"
@@ -27,8 +29,12 @@ def test_traced_and_untraced_twin_say_the_same_to_the_bit():
     _, without, plain = followed(False)
     assert [e.record for e in traced] == [e.record for e in plain]
     assert with_it.memory == without.memory
-    for part in ("wear", "rul", "residual", "effects", "unexplained", "calibration"):
+    for part in ("wear", "rul", "residual", "effects", "calibration"):
         assert traced[-1].report[part] == plain[-1].report[part]
+    left, unjudged = (out[-1].report["unexplained"] for out in (traced, plain))
+    assert left["share_percent"] == unjudged["share_percent"] and left["orders"] == unjudged["orders"]
+    assert left["verdict"] == "explained"
+    assert unjudged["verdict"] == "insufficient_data" and "held-out" in unjudged["reason"]
 
 
 def test_nothing_is_added_named_or_told_at_any_window():
@@ -54,6 +60,6 @@ def test_effect_that_is_not_there_cannot_be_accepted_and_can_be_ruled_out():
         decide(rig, state, Decision(name="misalignment", verb="accept"))
     after, estimate = decide(rig, state, Decision(name="misalignment", verb="reject"))
     assert estimate.report["tracing"]["rejected"] == ["misalignment"]
-    assert estimate.report["wear"] == state.standing["wear"]
+    assert after.latest.wear == state.latest.wear
     again, _ = decide(rig, State.from_dict(after.to_dict()), Decision(name="misalignment", verb="release"))
     assert again.tracing.rejected == ()

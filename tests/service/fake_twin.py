@@ -12,11 +12,11 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from service.__main__ import leave
+from service.contract.estimate import Estimate
 from service.runtime.serve import run
 from service.runtime.twin_port import Twin
 from service.settings import Settings
 from twin.errors import NotAvailable
-from twin.step import Estimate
 
 SLOW = float(os.environ.get("FAKE_TWIN_SECONDS", "0"))  # what one window costs [s]
 

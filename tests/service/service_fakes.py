@@ -26,11 +26,15 @@ def band(value: float, spread: float) -> dict[str, float]:
 
 def profile() -> dict:
     """Depth along both flanks, zero near the pitch point."""
-    out = {}
+    out: dict = {"path_position_mm": [-5.2 + 9.75 * i / 80 for i in range(81)]}
     for flank, share in (("pinion", 0.7324), ("gear", 0.2676)):
         s = [-5.2 + 9.75 * i / 80 for i in range(81)]
         shape = [share * abs(math.sin(0.42 * v)) ** 1.2 * (1 - (v / 7.5) ** 4) for v in s]
-        out[flank] = {"roll_angle_deg": [20.9 + 3.2 * v for v in s], "depth_um": [150 * v for v in shape]}
+        out[flank] = {
+            "radius_mm": [30 + 0.1 * v for v in s],
+            "roll_angle_deg": [20.9 + 3.2 * v for v in s],
+            "depth_um": [150 * v for v in shape],
+        }
     return out
 
 
@@ -66,11 +70,25 @@ def report(revolutions: float, windows: int) -> dict:
             "specific_wear_rate_m2_per_n": 2.1e-12,
             "max_depth_um": {flank: band(depth * share, spread) for flank, share in SHARE.items()},
             "profile": profile(),
-            "from": "transmission error",
-            "validity": {"contact_loss_from_um": 320.0, "valid": depth < 320.0},
-            "ways": {
-                "fused": {"k_wear_per_n": 2.7e-6, "wear_depth_um": depth, "std_um": 0.02 * depth},
-                "paper": {"k_wear_per_n": 2.3e-6, "wear_depth_um": 0.84 * depth, "rms_after": 180.2},
+            "method": "transmission error",
+            "validity": {"contact_loss_from_um": 320.0, "steady_state_to_um": 500.0, "valid": depth < 320.0},
+            "methods": {
+                "fused": {
+                    "k_wear_per_n": 2.7e-6,
+                    "wear_depth_um": depth,
+                    "std_um": 0.02 * depth,
+                    "from_lines_um": depth,
+                    "misfit": 0.3,
+                },
+                "rms": {
+                    "k_wear_per_n": 2.3e-6,
+                    "wear_depth_um": 0.84 * depth,
+                    "rms_predicted": 175.1,
+                    "rms_after": 180.2,
+                    "updated": True,
+                    "converged": True,
+                    "iterations": 2,
+                },
             },
         },
         "rul": {
@@ -79,15 +97,27 @@ def report(revolutions: float, windows: int) -> dict:
             "reached": False,
             "revolutions": band(left, 2 * spread),
             "hours": band(left / 36000.0, 2 * spread),
+            "speed_hz": 10.0,
+            "torque_nm": 10.0,
         },
         "residual": {
             "rms_error_percent": 1.4,
             "waveform_error_percent": 12.5,
-            "bands": [{"harmonic": h, "measured": 20.0 / h, "predicted": 19.0 / h + 0.3} for h in range(1, 6)],
+            "bands": [
+                {"harmonic": h, "frequency_hz": 190.0 * h, "measured": 20.0 / h, "predicted": 19.0 / h + 0.3}
+                for h in range(1, 6)
+            ],
             "orders": [{"order": 37.64, "frequency_hz": 376.4, "share_percent": 1.9}],
         },
         "effects": [],
-        "unexplained": {"share_percent": 3.1, "orders": [], "verdict": "explained"},
+        "unexplained": {
+            "share_percent": 3.1,
+            "orders": [],
+            "verdict": "explained",
+            "reason": "",
+            "limit_percent": 30.0,
+        },
+        "status": {"level": "normal", "reasons": ["The twin explains the vibration."]},
         "calibration": {
             "from": "windows",
             "values": {"stiffness_scale": 1.012, "modal_ratio": 0.048, "contact_half_width": 2.05e-4},
@@ -115,7 +145,8 @@ def traced_report(revolutions: float, windows: int) -> dict:
             "name": "gear_eccentricity",
             "status": "found",
             "parameters": {"eccentricity": {"value": 79.5e-6, "unit": "m", "std": 1e-6}},
-            "evidence": {"log_evidence": 390.0, "over_runner_up": None, "runner_up": None, "detail": "run-out 79.5 µm"},
+            "evidence": {"log_evidence": 390.0, "over_runner_up": None, "runner_up": None,
+                "indistinguishable_from": [], "detail": "run-out 79.5 µm"},
             "error_before": error(31.0, 9.0),
             "error_after": error(24.0, 7.5),
             "wear_depth_um_before": 180.0,
@@ -127,7 +158,8 @@ def traced_report(revolutions: float, windows: int) -> dict:
             "status": "pinned",
             "parameters": {"lead_gap": {"value": 40.1e-6, "unit": "m", "std": 4.3e-6}},
             "evidence": {
-                "log_evidence": 304.0, "over_runner_up": 134.0, "runner_up": "mesh_stiffness_loss", "detail": ""
+                "log_evidence": 304.0, "over_runner_up": 134.0, "runner_up": "mesh_stiffness_loss",
+                "indistinguishable_from": [], "detail": ""
             },
             "error_before": error(24.0, 7.5),
             "error_after": error(9.0, 2.5),
@@ -159,6 +191,8 @@ def traced_report(revolutions: float, windows: int) -> dict:
         "fitted": [0, 1, 3, 4],
         "not_confirmed": [],
         "rejected": ["tooth_friction"],
+        "errors": error(9.0, 2.5),
+        "skipped": [],
         "depths": [
             {"index": i, "revolutions": n, "wear_depth_um_before": 0.03 * n, "wear_depth_um_after": 0.026 * n}
             for i, n in enumerate(turns)

@@ -10,7 +10,7 @@ from service.errors import InputError
 from service.files.baseline import compared, learned, load, read_baseline, save
 from service.files.import_recording import import_recording
 from tests.claims.test_baseline import RATE, SPEED, TEETH, machine
-from twin.baseline.reporting import described
+from twin.baseline.comparison import described
 
 MAPPING = """
 schema = "gear-import/1"
@@ -112,7 +112,7 @@ def test_modulation_of_an_unknown_shaft_is_said_without_a_baseline(folder, capsy
     answer = json.loads((folder / "modulated.json").read_text())
     assert answer["unexplained"]["verdict"] == "unknown_effect"
     speed = SPEED * (1 - 0.0042)
-    (found,) = answer["strange"]
+    (found,) = answer["unattributed_lines"]
     assert found["frequency_hz"] == pytest.approx(0.3961 * speed, abs=0.02)
     part = found["spectrum"][0]
     line = np.argmax(part["amplitude"])  # of the mesh, in the middle

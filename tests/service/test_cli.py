@@ -17,9 +17,9 @@ import pytest
 import typer
 from streams import ACCEL, ASSET, CHANNELS, GEAR, PINION, bursts
 
+import service.contract.estimate
 import service.runtime.assess
 import service.runtime.serve
-import twin.step
 from benchmarks.reference import _leaves
 from service.cli import run
 from service.cli.commands import app
@@ -79,7 +79,7 @@ def twin_step(rig, state, window, options):
 
 @pytest.fixture(autouse=True)
 def no_real_twin(monkeypatch):
-    monkeypatch.setattr(twin.step, "step", twin_step)
+    monkeypatch.setattr(service.contract.estimate, "step", twin_step)
     for name in [n for n in os.environ if n.startswith("GEAR_TWIN_") and n != "GEAR_TWIN_SHARED"]:
         monkeypatch.delenv(name)
 
@@ -196,7 +196,7 @@ def test_calibrate_seeks_no_effects(monkeypatch, recording):
         asked.append(options.trace)
         return twin_step(rig, state, window, options)
 
-    monkeypatch.setattr(twin.step, "step", noted)
+    monkeypatch.setattr(service.contract.estimate, "step", noted)
     assert run(["calibrate", str(recording), "--unworn", "2", "--json", "-"]) == 0
     assert asked and not any(asked)
 
@@ -291,7 +291,7 @@ def test_a_recording_that_gives_the_twin_nothing_to_compare_is_refused(capsys, t
         return state, SimpleNamespace(record=estimate.record | {"rms_predicted": None}, report={}, events=())
 
     path = written(tmp_path / "a.mcap", bursts(2))
-    monkeypatch.setattr(twin.step, "step", without_prediction)
+    monkeypatch.setattr(service.contract.estimate, "step", without_prediction)
     assert assessed(capsys, path)[1] == []  # every channel is there: the twin has said why
     rig = tmp_path / "rig.toml"
     rig.write_bytes(RIG.replace(b'"y6"', b'"z9"'))

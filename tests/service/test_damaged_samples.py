@@ -13,7 +13,7 @@ from service.runtime.assess import assess
 from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import decode, encode
-from twin.step import Options
+from twin.options import Options
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = ROOT / "recordings" / "short-campaign.mcap"

@@ -74,7 +74,7 @@ def test_measured_pair_and_measured_rig_are_answered_by_one_service(brought, tmp
         assert found["rest_urad"]["after"] == pytest.approx(7600, rel=0.02)
         once = {(t["shaft"], t["multiple"]): t for t in found["run_out"]}["gear", 1]
         assert once["amplitude_urad"] == pytest.approx(32050, rel=0.02) and once["std_urad"] < 0.15 * 32050
-        assert once["amplitude_um"] is None and once["not_told_from"] == ["its encoder's disc"]
+        assert once["amplitude_um"] is None and once["indistinguishable_from"] == ["its encoder's disc"]
         (sharp,) = found["sharp_steps"]
         assert (sharp["shaft"], sharp["times"]) == ("gear", 2) and sharp["turn"] == pytest.approx(0.416, abs=0.003)
         assert found["missed_counts"] == []
@@ -83,7 +83,7 @@ def test_measured_pair_and_measured_rig_are_answered_by_one_service(brought, tmp
         answer = answered(address, endpoint, rig, "spur-rig-28ch")
         assert_no_wear_is_invented(answer)
         assert "pair" not in answer and answer["effects"] == []
-        (line,) = answer["strange"]
+        (line,) = answer["unattributed_lines"]
         assert line["frequency_hz"] == pytest.approx(39.597, abs=0.005) and line["geared"] is None
         assert [c["name"] for c in line["causes"] if c["possible"]] == ["cage of a bearing on the pinion"]
         assert answer["unexplained"]["verdict"] == "unknown_effect"

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import service_fakes as fakes
 
+from service.contract.encoder_pair import EncoderPair
 from tests.claims.test_encoder_pair import counted
-from twin.encoder_pair.reporting import pair_of
-from twin.report import plain
+from twin.encoder_pair.assessing import assess_pair
 from twin.rig import Rig
 from twin.windows import Window
 
@@ -142,7 +142,8 @@ def test_pair_of_encoders_and_lines_of_no_shaft_have_their_panels(open_page, sto
         "sidebands": [{"channel": "ch11", "harmonic": 1, "multiple": 2, "amplitude": 1.1, "depth": 0.083}],
         "causes": [{"name": "mains of 50 Hz", "possible": False, "detail": "13.199 Hz"}],
     }  # fmt: skip
-    told = {"pair": {"window": 0, **plain(pair_of(Rig.from_mapping({}), window))}, "strange": [strange]}
+    pair = EncoderPair.of(assess_pair(Rig.from_mapping({}), window, 0)).as_json()
+    told = {"pair": pair, "unattributed_lines": [strange]}
     fakes.take(store, board, "pair", 0, 10.0, report=fakes.little_known_report() | told)
     page = open_page()
     wait_for_windows(page, 1)

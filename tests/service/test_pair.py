@@ -5,16 +5,17 @@ import json
 import numpy as np
 import pytest
 
-from service.api.models import Asset, Pair
 from service.cli import run
 from service.cli.encoder_pair import plots, sentences
+from service.contract.answer import Asset
+from service.contract.encoder_pair import EncoderPair
 from service.errors import InputError
 from service.files.import_recording import import_recording
 from service.runtime.assess import assess
 from service.stream.sources.mcap import Recording, read_windows
 from tests.claims.test_encoder_pair import PER_TURN, RATE, counts, levels, marked
+from twin.encoder_pair.assessing import assess_pair
 from twin.encoder_pair.motion import forward_edges
-from twin.encoder_pair.reporting import pair_of
 from twin.rig import Rig
 from twin.windows import Window
 
@@ -96,7 +97,9 @@ def test_the_pair_is_answered_and_wear_is_not(pair):
     assert "31/16" in found["teeth_that_fit"] and found["stated"] is None
     sizes = {(t["shaft"], t["multiple"]): t for t in found["run_out"]}
     assert sizes["gear", 1]["amplitude_urad"] == pytest.approx(20000, abs=3 * sizes["gear", 1]["std_urad"] + 200)
-    assert sizes["gear", 1]["amplitude_um"] is None and "its encoder's disc" in sizes["gear", 1]["not_told_from"]
+    assert (
+        sizes["gear", 1]["amplitude_um"] is None and "its encoder's disc" in sizes["gear", 1]["indistinguishable_from"]
+    )
     assert found["rest_urad"]["after"] < 0.3 * found["rest_urad"]["before"]
     (window,) = answer["windows"]
     assert window["quality"] == "good" and window["speed_hz"] == pytest.approx(found["speed_hz"]["mean"])
@@ -104,7 +107,7 @@ def test_the_pair_is_answered_and_wear_is_not(pair):
     for part in ("wear", "rul", "residual"):
         assert answer[part]["status"] == "not available" and "the rig file does not give" in answer[part]["reason"]
     assert answer["effects"] == [] and answer["unexplained"]["verdict"] == "insufficient_data"
-    assert isinstance(Asset.model_validate(answer).pair, Pair)
+    assert isinstance(Asset.model_validate(answer).pair, EncoderPair)
 
 
 TEETH = """
@@ -124,7 +127,9 @@ def test_stated_teeth_are_held_beside_the_ratio_and_give_micrometres(tmp_path, t
     answer = assess(path)
     found = answer["pair"]
     assert (f"contradicts {teeth[1]}/{teeth[0]} teeth" in answer["windows"][0]["notes"][-1]) is contradicted
-    assert found["stated"]["contradicted"] is contradicted and found["stated"]["from"] == f"{teeth[1]}/{teeth[0]} teeth"
+    assert (
+        found["stated"]["contradicted"] is contradicted and found["stated"]["source"] == f"{teeth[1]}/{teeth[0]} teeth"
+    )
     assert found["base_radii"]["assumed"] is False
     radius = 1e-3 * teeth[0] * np.cos(np.radians(20))
     term = found["run_out"][0]
@@ -158,7 +163,7 @@ def test_diagnose_tells_the_pair_in_words_figures_and_json(pair, tmp_path, capsy
 def test_sharp_steps_are_told_and_drawn(what, said, drawn):
     pinion, gear = marked(7, **what)
     window = Window(start_time_ns=1, encoders={"pinion": pinion, "gear": gear})
-    section = {"window": 0, **pair_of(Rig.from_mapping({}), window)}
+    section = EncoderPair.of(assess_pair(Rig.from_mapping({}), window, 0)).as_json()
     assert said in "\n".join(sentences(section))
     (mark,) = plots(section)[0].layout.annotations
     assert drawn in mark.text

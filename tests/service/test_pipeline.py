@@ -11,7 +11,10 @@ import pytest
 from service_streams import Sink
 from streams import ACCEL, ASSET, CHANNELS, TORQUE, bursts
 
-from service.contract.answer import RECORD_FIELDS, assemble, iso_time, not_available, refused_record
+from service.contract.answer import assemble
+from service.contract.base import iso_time, not_available
+from service.contract.window import REQUIRED as RECORD_FIELDS
+from service.contract.window import refused_record
 from service.errors import FrameError
 from service.runtime.pipeline import Checkpoint, Pipeline
 from service.runtime.twin_port import Twin
@@ -184,7 +187,7 @@ def test_the_answer_has_every_part_even_before_the_first_window():
     answer = assemble("a", [], None, {})
     assert answer["windows"] == [] and answer["effects"] == []
     for part in ("wear", "rul", "residual", "unexplained", "calibration"):
-        assert answer[part] == not_available("no window has been taken into the twin yet")
+        assert answer[part] == not_available("no window has been assessed by the twin yet")
     assert assemble("a", [refused_record("x")], {"wear": 1}, {})["wear"] == 1
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from service.cli import run
+from service.contract.estimate import step
 from service.errors import InputError
 from service.files.relation import read_relation
 from service.files.series import load_series
@@ -17,8 +18,9 @@ from twin.levels import causes
 from twin.levels.curve import LevelCurve
 from twin.levels.relation import Origin, Relation
 from twin.model import Condition
+from twin.options import Options
 from twin.rig import Rig
-from twin.step import Options, State, step
+from twin.state import State
 
 HEADER = """
 schema = "gear-series/1"
@@ -187,7 +189,7 @@ def test_relate_prints_writes_and_draws(series, short, capsys):
     assert {"straight line + assembly", "spline + assembly", "assembly"} <= names
     assert "other sensor" not in names  # it is stated
     assert answer["chosen"]["without_a_case"]["cases"] == 12
-    assert "of which band its levels are" in said
+    assert "does not state the band of its levels" in said
     assert answer["estimated"]["masses.m4"]["factor"] == 1.5
     page = out["page.html"].read_text()
     assert "Level against wear depth of bench" in page and page.count("plotly-graph-div") == 3
@@ -249,7 +251,7 @@ def test_level_tells_the_depth_of_a_machine_without_a_model(rig, window):
     wear = found.report["wear"]
     depth = wear["max_depth_um"]["combined"]
     assert depth["median"] == pytest.approx(100, abs=5) and depth["p05"] < 95 < 105 < depth["p95"]
-    assert wear["reason"] is None and wear["way"] == "level"
+    assert wear["reason"] is None and wear["method"] == "level"
     assert wear["max_depth_um"]["gear"]["status"] == "not available"
     assert found.report["rul"]["status"] == "not available"
     assert found.record["wear_depth_um"] == depth["median"]
@@ -289,8 +291,8 @@ def test_sensor_is_that_of_the_level_where_the_rig_file_names_none(window):
 @pytest.mark.parametrize(
     ("stated", "note"),
     [
-        ({}, "of which sensor and band its levels are"),
-        ({"sensor": "a"}, "of which band its levels are"),
+        ({}, "does not state the sensor and band of its levels"),
+        ({"sensor": "a"}, "does not state the band of its levels"),
         ({"sensor": "a", "band": (0.0, 2000.0)}, None),
     ],
 )
@@ -313,6 +315,6 @@ def test_assess_gives_the_depth_by_a_relation_file(tmp_path, rig, window, capsys
     answer = json.loads(out.read_text())
     assert answer["wear"]["max_depth_um"]["combined"]["median"] == pytest.approx(100, abs=10)
     said = capsys.readouterr().out
-    assert "µm" in said and "does not say of which sensor and band" in said
+    assert "µm" in said and "does not state the sensor and band" in said
     assert run(["report", str(out)]) == 0
     assert "life: not available" in capsys.readouterr().out.lower()

@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from service.cli.answer import WINDOW_COLUMNS, window_rows
+from service.contract.estimate import step
 from service.runtime.assess import rig_of
 from service.stream.sources.mcap import Recording, read_windows
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
 from twin.errors import ParameterError, WindowError
+from twin.options import Options
 from twin.rig import Rig
-from twin.step import Options, State, step
+from twin.state import State
 from twin.tracing.attribution import AttributedEffect
 from twin.windows import Fault, Samples, Window
 
@@ -103,10 +105,10 @@ def test_record_has_the_names_of_the_contract():
     assert record["wear_depth_p05_um"] <= record["wear_depth_um"] <= record["wear_depth_p95_um"]
 
 
-def test_both_ways_of_updating_stand_side_by_side():
-    ways = uninterrupted()[FIRST_WORN][1].report["wear"]["ways"]
-    assert ways.keys() == {"fused", "paper"}
-    assert ways["fused"]["k_wear_per_n"] != ways["paper"]["k_wear_per_n"]
+def test_both_methods_of_updating_are_reported_side_by_side():
+    methods = uninterrupted()[FIRST_WORN][1].report["wear"]["methods"]
+    assert methods.keys() == {"fused", "rms"}
+    assert methods["fused"]["k_wear_per_n"] != methods["rms"]["k_wear_per_n"]
 
 
 def test_depth_is_shared_between_the_flanks_as_the_tooth_ratio_says():
@@ -133,8 +135,8 @@ def test_rms_update_sets_the_depth_from_the_rms_with_a_wide_band():
     rig, windows = recorded()
     _, estimate = step(rig, uninterrupted()[FIRST_WORN - 1][0], windows[FIRST_WORN], Options(update="rms"))
     record = estimate.record
-    assert record["depth_from"] == "rms"
-    assert record["wear_depth_um"] == record["ways"]["paper"]["wear_depth_um"]
+    assert record["method"] == "rms"
+    assert record["wear_depth_um"] == record["methods"]["rms"]["wear_depth_um"]
     assert record["wear_depth_p95_um"] > 1.7 * record["wear_depth_um"]
 
 
@@ -142,7 +144,7 @@ def test_no_update_after_the_last_that_is_allowed():
     rig, windows = recorded()
     state = uninterrupted()[FIRST_WORN][0]
     after, estimate = step(rig, state, windows[FIRST_WORN + 1], Options(update_until=500.0))
-    assert estimate.record["depth_from"] == "projection"
+    assert estimate.record["method"] == "projection"
     assert not estimate.record["updated"]
     assert after.memory.track.rate == state.memory.track.rate
     assert after.memory.path == state.memory.path
@@ -172,8 +174,8 @@ def test_missing_gear_encoder_leaves_the_pinions_with_a_wider_band():
         state, estimate = step(rig, state, without(window, encoders="gear"))
     band["pinion"] = estimate.record
     band["both"] = uninterrupted()[FIRST_WORN][1].record
-    assert band["pinion"]["depth_from"] == "pinion encoder"
-    assert band["both"]["depth_from"] == "transmission error"
+    assert band["pinion"]["method"] == "pinion encoder"
+    assert band["both"]["method"] == "transmission error"
     width = {k: r["wear_depth_p95_um"] - r["wear_depth_p05_um"] for k, r in band.items()}
     assert width["pinion"] > 1.5 * width["both"]
     assert "transmission_error" in estimate.record["not_available"]
@@ -191,7 +193,7 @@ def test_wear_and_life_are_not_available_while_the_teeth_rattle():
     record = estimate.record
     for name in ("wear_depth_um", "wear_depth_p05_um", "wear_depth_p95_um", "k_wear_per_n"):
         assert record[name] is None
-    assert any("part and strike" in note for note in record["notes"])
+    assert any("tooth separation" in note for note in record["notes"])
     assert record["rms_measured"] > 0 and record["rms_predicted"] > 0
     for part in ("wear", "rul"):
         assert estimate.report[part]["status"] == "not available"
@@ -217,7 +219,7 @@ def test_missing_accelerometer_leaves_the_depth_to_the_encoders_and_says_why_no_
 def test_neither_accelerometer_nor_encoder_leaves_wear_not_available():
     rig, windows = recorded()
     window = replace(without(windows[FIRST_WORN], accelerations="y6"), encoders={})
-    with pytest.raises(WindowError, match="neither level nor speed"):
+    with pytest.raises(WindowError, match="neither a usable vibration level nor a shaft speed"):
         step(rig, State(), window)
 
 
@@ -240,7 +242,7 @@ def test_rig_of_tooth_counts_alone_gives_level_speed_and_bands_and_says_what_is_
 def test_window_with_neither_level_nor_speed_is_refused_with_the_reason():
     rig, _ = recorded()
     silent = Window(start_time_ns=0, torques={"pinion": Samples(rate=100.0, start=0.0, values=np.ones(200))})
-    with pytest.raises(WindowError, match="neither level nor speed"):
+    with pytest.raises(WindowError, match="neither a usable vibration level nor a shaft speed"):
         step(rig, State(), silent)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.mesh_pairs import UNSW_RIG
+from twin.assessment import HeldOutErrors, SpectralLine
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
 from twin.errors import ParameterError
@@ -14,13 +15,15 @@ from twin.features.non_gear import NonGearFeatures
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.tracing.attribution import AttributedEffect
-from twin.tracing.attribution_loop import _same, listen
+from twin.tracing.attribution_loop import attribute_non_gear_content
 from twin.tracing.change_detection import is_new, widened
 from twin.tracing.decisions import Decision
 from twin.tracing.detectors.non_gear import find_non_gear_content
-from twin.tracing.held_out_error import HeldOutComparison, by_band_and_order, figures
-from twin.tracing.reporting import effects_report, tracing_report
-from twin.tracing.state import Tracing, TwinStage, relevant
+from twin.tracing.held_out_error import HeldOutComparison, errors_of, residual_by_band_and_order
+from twin.tracing.joining import same_effect
+from twin.tracing.log import decision_event, event_of
+from twin.tracing.state import EffectErrors, TraceSummary, Tracing, TwinStage, relevant
+from twin.tracing.summary import attribution_of, effects_of
 from twin.tracing.trace import held_out, trace
 from twin.tracing.transfer_path import Quotient, gain_step
 from twin.updating.history import WindowInput
@@ -142,14 +145,14 @@ def test_machine_without_a_twin_still_has_its_bearing_heard():
             start_time_ns=n, duration=5.0, quality="good", speed_hz=10.0, revolutions=1000.0 * n, rms=3.0
         )
         window = WindowInput(index=n, features=features, non_gear=beside(kurtosis=20.0, rates=rates))
-        tracing, events = listen(rig, tracing, window)
+        tracing, events = attribute_non_gear_content(rig, tracing, window)
         told += events
     assert [f.name for f in tracing.found] == ["bearing_defect"]
-    assert [(kind, data["action"]) for kind, data in told] == [("effect", "found")]
-    (effect,) = effects_report(tracing)
-    assert effect["wear_depth_um_after"] is None
-    assert effect["parameters"]["order"]["value"] == pytest.approx(3.6, rel=0.01)
-    assert "no twin" not in tracing_report(tracing)["reason"] and "cannot be built" in tracing_report(tracing)["reason"]
+    assert [(event.name, event.action) for event in told] == [("bearing_defect", "found")]
+    (effect,) = effects_of(tracing)
+    assert effect.depth_after is None
+    assert effect.parameters["order"].value == pytest.approx(3.6, rel=0.01)
+    assert "no model of this machine" in attribution_of(tracing).reason
     assert Tracing.from_dict(json.loads(json.dumps(tracing.to_dict()))) == tracing
 
 
@@ -199,27 +202,27 @@ def compared(predicted, measured=None):
 
 
 def test_waveform_error_is_nothing_for_a_perfect_twin_and_all_for_a_silent_one():
-    assert figures([compared(1.0)])["waveform_percent"] == 0.0
-    silent = figures([compared(0.0), compared(0.0)])
-    assert silent["waveform_percent"] == pytest.approx(100.0)
-    assert silent["rms_percent"] == pytest.approx(10.0)
-    assert silent["transmission_error_percent"] == pytest.approx(50.0)
-    assert figures([])["waveform_percent"] is None
+    assert errors_of([compared(1.0)]).waveform == 0.0
+    silent = errors_of([compared(0.0), compared(0.0)])
+    assert silent.waveform == pytest.approx(1.0)
+    assert silent.rms == pytest.approx(0.1)
+    assert silent.transmission_error == pytest.approx(0.5)
+    assert errors_of([]).waveform is None
 
 
 def test_residual_by_band_counts_the_sidebands_within_two_shaft_orders():
-    shown = by_band_and_order(compared(0.0), compared(1.0), 19)
-    first = shown["bands"][0]
-    assert first["measured"] == pytest.approx(np.sqrt(0.5 * (0.25 + 10.0)))
-    assert first["residual_before"] == pytest.approx(first["measured"]) and first["residual_after"] == 0.0
-    assert [o["order"] for o in shown["orders"]] == [19.0, 38.0, 18.0]
+    shown = residual_by_band_and_order(compared(0.0), compared(1.0), 19)
+    first = shown.bands[0]
+    assert first.measured == pytest.approx(np.sqrt(0.5 * (0.25 + 10.0)))
+    assert first.residual_before == pytest.approx(first.measured) and first.residual_after == 0.0
+    assert [line.order for line in shown.lines] == [19.0, 38.0, 18.0]
 
 
 def test_refit_that_says_the_same_changes_nothing():
     old = found()
-    assert _same(old, found(value=31e-6))
-    assert not _same(old, found(value=40e-6))
-    assert not _same(old, found(onset=3000.0))
+    assert same_effect(old, found(value=31e-6))
+    assert not same_effect(old, found(value=40e-6))
+    assert not same_effect(old, found(onset=3000.0))
 
 
 def test_only_effects_on_mesh_or_path_change_a_depth():
@@ -237,10 +240,13 @@ def test_memory_of_the_tracing_is_plain_data_and_comes_back_whole():
         found=(found(), found(onset=4000.0)),
         stages=(TwinStage(memory=Memory(), depth=1e-5, depths={3: 1e-6, 4: 2e-6}, life=None),),
         decisions={"misalignment": "pinned", "tooth_friction": "rejected"},
-        errors=({"rms_percent": 1.0}, {"rms_percent": None}),
-        strange=({"order": 5.0},),
+        refuted={"mesh_damping": (0.4, 1.0)},
+        errors=(EffectErrors(before=HeldOutErrors(rms=0.2, windows=(2,)), after=HeldOutErrors(note="none")),),
+        error=HeldOutErrors(waveform=0.1, windows=(2, 5)),
+        unattributed=(SpectralLine(order=5.0, frequency=50.0, share=None),),
         unknown="tones",
-        log=({"action": "found"},),
+        latest=TraceSummary(candidates=(("misalignment", 12.0),), held_out=(2, 5)),
+        log=(event_of(Tracing(), "found", found()), decision_event(Tracing(), "rejected", "tooth_friction")),
     )
     text = json.dumps(state.to_dict(), allow_nan=False)
     assert Tracing.from_dict(json.loads(text)) == state

@@ -31,7 +31,7 @@ TRUTH = {
 FOUND = {
     "name": "misalignment",
     "parameters": {"lead_gap": {"value": 30e-6, "unit": "m", "std": 1e-6}},
-    "evidence": {"runner_up": "pitch_error", "over_runner_up": 12.0, "not_told_from": []},
+    "evidence": {"runner_up": "pitch_error", "over_runner_up": 12.0, "indistinguishable_from": []},
     "error_before": {"rms_percent": 20.0, "waveform_percent": 60.0},
     "error_after": {"rms_percent": 2.0, "waveform_percent": 25.0},
     "wear_depth_um_before": 50.0,
@@ -126,7 +126,7 @@ def test_a_name_that_is_not_there_is_false_even_beside_the_right_one():
 def test_a_name_may_be_one_of_those_that_are_said_to_be_not_told_apart():
     soft = changed(TRUTH, expected_names=["mesh_stiffness_loss"])
     assert not scored(soft).in_class
-    unsure = changed(FOUND, evidence={"runner_up": None, "not_told_from": ["mesh_stiffness_loss"]})
+    unsure = changed(FOUND, evidence={"runner_up": None, "indistinguishable_from": ["mesh_stiffness_loss"]})
     r = scored(soft, changed(ANSWER, effects=[unsure]))
     assert r.in_class and not r.right and r.false == ("misalignment",)
     assert "not told from mesh_stiffness_loss" in campaign_table([r])[2]

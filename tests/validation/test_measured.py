@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from service.errors import InputError
-from service.files.baseline import compared, learned, load, strangers
+from service.files.baseline import compared, learned, lines_of_no_shaft, load
 from service.files.import_recording import import_recording
 from service.files.relation import answer
 from service.files.series import load_series
@@ -65,7 +65,7 @@ def test_baseline_of_four_healthy_recordings_says_that_it_cannot_judge_teeth_and
 @needs
 def test_modulation_of_the_28_channel_rig_is_named_and_belongs_to_no_gear(brought):
     found = load(brought("spur-rig-28ch-2000rpm", "channels.npz"))
-    (line,) = strangers(found)
+    (line,) = lines_of_no_shaft(found)
     assert line["frequency_hz"] == pytest.approx(39.58, abs=0.05)
     assert line["frequency_std_hz"] < 0.01 and line["geared"] is None and line["part"] == 3
     possible = [c["name"] for c in line["causes"] if c["possible"]]

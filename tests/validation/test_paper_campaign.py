@@ -15,7 +15,7 @@ from functools import lru_cache
 
 from benchmarks.paper_campaign import ONE_UPDATE, RECORDING, lines_of, papers_windows
 from benchmarks.scoring import Score, read_truth, run, score_run, truth_beside, windows_of
-from twin.step import Options
+from twin.options import Options
 
 DEPTH_AT_18000 = 7.0  # percent, paper section 5
 THRESHOLD = 5.0  # percent, paper section 4.2

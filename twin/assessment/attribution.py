@@ -97,5 +97,5 @@ class Attribution:
     depths: tuple[DepthPair, ...] = ()
     residual: HeldOutResidual | None = None
     unknown: str = ""  # what has no name, in words
-    skipped_windows: int = 0  # windows of the history that could not be used
+    skipped: tuple[tuple[int, str], ...] = ()  # windows of the history that could not be used: index, and why
     log: tuple[EffectEvent, ...] = ()

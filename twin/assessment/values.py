@@ -18,14 +18,14 @@ class Unavailable:
 class Interval:
     """Median and 5–95 % interval."""
 
-    median: float
+    median: float | None  # None where only a lower bound is known
     p05: float
     p95: float | None  # None where no upper bound is known
 
     def scaled(self, factor: float) -> Interval:
         """The interval of `factor` times the quantity."""
-        p95 = None if self.p95 is None else self.p95 * factor
-        return Interval(median=self.median * factor, p05=self.p05 * factor, p95=p95)
+        median, p95 = (None if value is None else value * factor for value in (self.median, self.p95))
+        return Interval(median=median, p05=self.p05 * factor, p95=p95)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

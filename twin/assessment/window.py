@@ -14,7 +14,7 @@ class FusedEstimate:
 
     wear_coefficient: float  # K [1/N]
     depth: float  # combined [m]
-    depth_std: float  # [m]
+    depth_std: float | None  # [m]; None where the lines do not bound the depth
     depth_from_lines: float  # of the mesh lines alone, without the mean transmission error [m]
     misfit: float  # of the mesh lines, chi-square per line
 

@@ -72,6 +72,11 @@ class Response:
         return self._lines(self.setup.structure.transmission_error)
 
     @cached_property
+    def pinion_motion_lines(self) -> np.ndarray:
+        """r_b1·θ7, what the pinion's encoder sees, at every order (n//2,) [m]."""
+        return self._lines(direction({"th7": self.model.mesh.pair.base_radius[0]}))
+
+    @cached_property
     def torque_lines(self) -> np.ndarray:
         """The torque meter at every order (n//2,) [N·m]."""
         return self._lines(self.setup.structure.torque_meter)

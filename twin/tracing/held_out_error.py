@@ -4,17 +4,18 @@
 
 A window is predicted from its speed, torque and encoder depth, by the twin with some effects and by the twin without.
 Both use the same learned factors, of the path to the housing and of the mesh lines: those that the twin with all
-effects took from the windows that were fitted. So they differ by the effects alone, and none can hide in a factor.
+effects took from the windows that were fitted. So they differ by the effects alone, and none can hide in a factor. An
+effect is judged on the windows that both twins can predict; a window that one of them cannot is named in the note.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from twin.assessment import HeldOutBand, HeldOutErrors, HeldOutLine, HeldOutResidual
 from twin.effects.addition import Addition
 from twin.effects.response import Response, solve_with
 from twin.errors import NotAvailable, NotConverged
@@ -26,7 +27,6 @@ from twin.updating.memory import Line, Memory
 from twin.updating.model_cache import healthy_model_of, profile_of
 from twin.updating.prediction import MESH, PATH
 
-TOP = 2000.0  # [Hz]
 HARMONICS = 5  # of the mesh, reported by band
 BAND = 2  # shaft orders beside a mesh harmonic
 STRONGEST = 40
@@ -44,7 +44,8 @@ class HeldOutComparison:
     std: np.ndarray
     rms_measured: float | None
     rms_predicted: float
-    error_left: float  # energies of the transmission error's lines [m²]
+    error_left: float  # energies of the transmission error's lines, or of the pinion's motion where it alone has an
+    # encoder [m²]
     error_measured: float
 
     @property
@@ -68,17 +69,17 @@ class LearnedFactors:
     mesh: tuple[Line, ...]
 
     @classmethod
-    def of(cls, memory: Memory, unseen: set[int]) -> LearnedFactors:
+    def of(cls, memory: Memory, held_out: set[int]) -> LearnedFactors:
         return cls(
-            path=tuple(line for line in memory.path if int(line[0]) not in unseen),
-            mesh=tuple(line for line in memory.mesh if int(line[0]) not in unseen),
+            path=tuple(line for line in memory.path if int(line[0]) not in held_out),
+            mesh=tuple(line for line in memory.mesh if int(line[0]) not in held_out),
         )
 
 
 def compare(
     rig: Rig, memory: Memory, additions: Sequence[Addition], learned: LearnedFactors, window: WindowInput, depth: float
 ) -> HeldOutComparison:
-    """One window at a depth [m] beside the twin with some effects; raises NotAvailable, NotConverged."""
+    """One window at a depth [m], measured and predicted by the twin with some effects; NotAvailable, NotConverged."""
     features = window.features
     if memory.phase is None or features.acceleration is None or window.level_fault is not None:
         raise NotAvailable("the window cannot be compared: no mesh phase, or no usable accelerometer")
@@ -94,14 +95,15 @@ def compare(
     orders, y, std, m = _lines(features.acceleration, response, "acceleration", per_turn)
     f = np.maximum(orders * condition.speed_hz, 1.0)
     m = m * PATH.predict(learned.path, f, window.index)[0] * MESH.predict(learned.mesh, f, window.index)[0]
-    top = min(TOP, np.inf if features.band is None else features.band[1])
+    top = min(rig.band[1], np.inf if features.band is None else features.band[1])
     inside = orders * condition.speed_hz <= top
     band = rig.band
-    heard = (orders * condition.speed_hz >= band[0]) & (orders * condition.speed_hz <= band[1])
-    te = features.transmission_error
+    in_band = (orders * condition.speed_hz >= band[0]) & (orders * condition.speed_hz <= band[1])
     left = measured = 0.0
-    if te is not None and te.unit == "m":
-        at, e, _, predicted = _lines(te, response, "transmission_error", per_turn)
+    encoder = "transmission_error" if features.transmission_error is not None else "pinion_motion"
+    seen = getattr(features, encoder)
+    if seen is not None and seen.unit == "m":
+        at, e, _, predicted = _lines(seen, response, encoder, per_turn)
         predicted = predicted * MESH.predict(learned.mesh, at * condition.speed_hz, window.index)[0]
         left, measured = float(np.sum(np.abs(e - predicted) ** 2)), float(np.sum(np.abs(e) ** 2))
     return HeldOutComparison(
@@ -112,7 +114,7 @@ def compare(
         predicted=m[inside],
         std=std[inside],
         rms_measured=features.rms,
-        rms_predicted=float(np.hypot(np.sqrt(0.5 * np.sum(np.abs(m[heard]) ** 2)), features.noise_rms or 0.0)),
+        rms_predicted=float(np.hypot(np.sqrt(0.5 * np.sum(np.abs(m[in_band]) ** 2)), features.noise_rms or 0.0)),
         error_left=left,
         error_measured=measured,
     )
@@ -135,56 +137,51 @@ def _lines(
     return orders, y, std, m * np.exp(1j * orders * per_turn)
 
 
-def figures(windows: Sequence[HeldOutComparison]) -> dict[str, Any]:
-    """`rms_percent`, `waveform_percent` and what noise alone would leave, over windows; None where there are none."""
+def errors_of(windows: Sequence[HeldOutComparison], note: str = "") -> HeldOutErrors:
+    """Errors of the level and of the waveform over windows; None where there are none."""
     if not windows:
-        return {
-            "rms_percent": None,
-            "waveform_percent": None,
-            "noise_percent": None,
-            "transmission_error_percent": None,
-        }
+        return HeldOutErrors(note=note)
     energy = sum(w.energy for w in windows)
     levels = [w.rms_predicted / w.rms_measured - 1 for w in windows if w.rms_measured]
     error = sum(w.error_measured for w in windows)
-    return {
-        "rms_percent": 100 * float(np.sqrt(np.mean(np.square(levels)))) if levels else None,
-        "waveform_percent": 100 * float(np.sqrt(sum(w.left for w in windows) / energy)),
-        "noise_percent": 100 * float(np.sqrt(sum(w.noise for w in windows) / energy)),
-        "transmission_error_percent": (
-            100 * float(np.sqrt(sum(w.error_left for w in windows) / error)) if error > 0 else None
-        ),
-    }
+    return HeldOutErrors(
+        rms=float(np.sqrt(np.mean(np.square(levels)))) if levels else None,
+        waveform=float(np.sqrt(sum(w.left for w in windows) / energy)),
+        noise=float(np.sqrt(sum(w.noise for w in windows) / energy)),
+        transmission_error=float(np.sqrt(sum(w.error_left for w in windows) / error)) if error > 0 else None,
+        windows=tuple(w.index for w in windows),
+        note=note,
+    )
 
 
-def by_band_and_order(before: HeldOutComparison, after: HeldOutComparison, teeth: int) -> Mapping[str, Any]:
+def residual_by_band_and_order(before: HeldOutComparison, after: HeldOutComparison, teeth: int) -> HeldOutResidual:
     """The residual of one window before and after: by mesh harmonic and by line, the strongest first."""
     bands = []
     for k in range(1, HARMONICS + 1):
         near = np.abs(before.orders - k * teeth) <= BAND + 1e-9
         bands.append(
-            {
-                "harmonic": k,
-                "frequency_hz": k * teeth * before.speed_hz,
-                "measured": _rms(before.measured[near]),
-                "before": _rms(before.predicted[near]),
-                "after": _rms(after.predicted[near]),
-                "residual_before": _rms((before.measured - before.predicted)[near]),
-                "residual_after": _rms((after.measured - after.predicted)[near]),
-            }
+            HeldOutBand(
+                harmonic=k,
+                frequency=float(k * teeth * before.speed_hz),
+                measured=_rms(before.measured[near]),
+                before=_rms(before.predicted[near]),
+                after=_rms(after.predicted[near]),
+                residual_before=_rms((before.measured - before.predicted)[near]),
+                residual_after=_rms((after.measured - after.predicted)[near]),
+            )
         )
     size = np.maximum(np.abs(before.measured), np.abs(before.measured - before.predicted))
-    orders = [
-        {
-            "order": float(before.orders[i]),
-            "frequency_hz": float(before.orders[i] * before.speed_hz),
-            "measured": float(abs(before.measured[i])),
-            "before": float(abs(before.measured[i] - before.predicted[i])),
-            "after": float(abs(after.measured[i] - after.predicted[i])),
-        }
+    lines = [
+        HeldOutLine(
+            order=float(before.orders[i]),
+            frequency=float(before.orders[i] * before.speed_hz),
+            measured=float(abs(before.measured[i])),
+            before=float(abs(before.measured[i] - before.predicted[i])),
+            after=float(abs(after.measured[i] - after.predicted[i])),
+        )
         for i in np.argsort(-size)[:STRONGEST]
     ]
-    return {"window": before.index, "bands": bands, "orders": orders}
+    return HeldOutResidual(window=before.index, bands=tuple(bands), lines=tuple(lines))
 
 
 def _rms(lines: np.ndarray) -> float:

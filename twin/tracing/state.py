@@ -1,4 +1,4 @@
-"""What the tracing remembers of one machine: plain data with its two-way translation."""
+"""What the attribution remembers of one machine: plain data with its two-way translation."""
 
 from __future__ import annotations
 
@@ -6,12 +6,28 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from twin.assessment import EffectEvent, HeldOutErrors, HeldOutResidual, ParameterValue, SpectralLine
 from twin.effects.addition import Addition
+from twin.serial import from_plain, to_plain
+from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
 from twin.updating.history import WindowInput
 from twin.updating.memory import Memory
 
-LEAST_WINDOWS = 3  # measurement windows before the first search
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchStart:
+    """When effects are sought for the first time."""
+
+    least_windows: int = deciding(
+        3,
+        unit="windows",
+        meaning="measurement windows before the first search",
+        source="not derived: chosen; with fewer, no effect is seen in more than two fitted windows",
+    )
+
+
+LEAST_WINDOWS = SearchStart().least_windows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +40,7 @@ class TwinStage:
     life: float | None = None  # left at the latest measurement window [revolutions of the pinion]
 
     def to_dict(self) -> dict[str, Any]:
+        """JSON-safe and exact."""
         return {
             "memory": self.memory.to_dict(),
             "depth": self.depth,
@@ -42,8 +59,30 @@ class TwinStage:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TraceSummary:
+    """The latest trace that could be made, and why the latest attempt failed where it did."""
+
+    reason: str | None = None  # why the latest attempt failed; None where it did not
+    candidates: tuple[tuple[str, float], ...] = ()  # on the mesh, with their gain in evidence [nat]
+    other_structure: bool = False
+    misfit_before: float | None = None
+    misfit_after: float | None = None
+    held_out: tuple[int, ...] = ()
+    fitted: tuple[int, ...] = ()
+    skipped: tuple[tuple[int, str], ...] = ()  # windows that could not be read: index, and why
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectErrors:
+    """Errors on held-out windows of the twin without one effect and with it, on the same windows."""
+
+    before: HeldOutErrors
+    after: HeldOutErrors
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Tracing:
-    """What the tracing remembers of one machine; plain serialisable data."""
+    """What the attribution remembers of one machine; plain serialisable data."""
 
     history: tuple[WindowInput, ...] = ()
     measured: int = 0  # measurement windows so far
@@ -51,27 +90,33 @@ class Tracing:
     next_trace: int = LEAST_WINDOWS
     phase: float | None = None  # of the mesh against the encoder's zero, on the first mounting of the discs [rad]
     turns: tuple[tuple[int, float], ...] = ()  # of the pinion's disc that are believed: since [Unix ns], by [rad]
-    signs: Mapping[str, float] = field(default_factory=dict)  # the largest that have been traced (watch.py)
+    signs: Mapping[str, float] = field(default_factory=dict)  # the largest traced so far (change_detection.py)
     found: tuple[AttributedEffect, ...] = ()  # what is in the twin, in the order found
-    stages: tuple[
-        TwinStage, ...
-    ] = ()  # with 0, 1, … of the effects that change the mesh or the path; the last is in use
+    stages: tuple[TwinStage, ...] = ()  # with 0, 1, … of the effects that change a depth; the last is in use
     decisions: Mapping[str, str] = field(default_factory=dict)  # name → accepted, rejected or pinned
-    errors: tuple[Mapping[str, Any], ...] = ()  # on held-out windows, with 0, 1, … of `found`
-    residual: Mapping[str, Any] | None = None  # of one held-out window, by band and order
-    strange: tuple[Mapping[str, Any], ...] = ()  # lines that no gear makes
+    refuted: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # by held-out windows: name → its numbers
+    errors: tuple[EffectErrors, ...] = ()  # one for each of `found`
+    error: HeldOutErrors | None = None  # of the twin in use
+    residual: HeldOutResidual | None = None  # of one held-out window
+    unattributed: tuple[SpectralLine, ...] = ()  # lines that no gear makes
     unknown: str = ""  # what has no name, in words
-    standing: Mapping[str, Any] = field(default_factory=dict)  # of the latest trace
-    log: tuple[Mapping[str, Any], ...] = ()
+    latest: TraceSummary = field(default_factory=TraceSummary)
+    log: tuple[EffectEvent, ...] = ()
 
     @property
     def rejected(self) -> tuple[str, ...]:
+        """Names that an engineer has ruled out."""
         return tuple(name for name, verdict in self.decisions.items() if verdict == "rejected")
 
     @property
     def fixed(self) -> tuple[str, ...]:
         """Effects that an engineer has accepted or pinned: they stay, whatever they add."""
         return tuple(name for name, verdict in self.decisions.items() if verdict in ("accepted", "pinned"))
+
+    @property
+    def memory(self) -> Memory:
+        """The memory of the twin in use."""
+        return self.stages[-1].memory if self.stages else Memory()
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
@@ -86,12 +131,7 @@ class Tracing:
             "found": [f.to_dict() for f in self.found],
             "stages": [s.to_dict() for s in self.stages],
             "decisions": dict(self.decisions),
-            "errors": [dict(e) for e in self.errors],
-            "residual": self.residual,
-            "strange": [dict(s) for s in self.strange],
-            "unknown": self.unknown,
-            "standing": dict(self.standing),
-            "log": [dict(entry) for entry in self.log],
+            **{name: to_plain(getattr(self, name)) for name in _TYPED},
         }
 
     @classmethod
@@ -109,13 +149,20 @@ class Tracing:
             found=tuple(AttributedEffect.from_dict(f) for f in data["found"]),
             stages=tuple(TwinStage.from_dict(s) for s in data["stages"]),
             decisions=dict(data["decisions"]),
-            errors=tuple(data["errors"]),
-            residual=data["residual"],
-            strange=tuple(data["strange"]),
-            unknown=data["unknown"],
-            standing=data["standing"],
-            log=tuple(data["log"]),
+            **{name: from_plain(kind, data[name]) for name, kind in _TYPED.items()},
         )
+
+
+_TYPED: dict[str, Any] = {
+    "refuted": Mapping[str, tuple[float, ...]],
+    "errors": tuple[EffectErrors, ...],
+    "error": HeldOutErrors | None,
+    "residual": HeldOutResidual | None,
+    "unattributed": tuple[SpectralLine, ...],
+    "unknown": str,
+    "latest": TraceSummary,
+    "log": tuple[EffectEvent, ...],
+}
 
 
 def relevant(found: Iterable[AttributedEffect]) -> tuple[Addition, ...]:
@@ -123,6 +170,8 @@ def relevant(found: Iterable[AttributedEffect]) -> tuple[Addition, ...]:
     return tuple(f.addition for f in found if f.addition.effect.facts.changes_mesh_lines)
 
 
-def parameters_of(item: AttributedEffect) -> dict[str, dict[str, Any]]:
-    """As the contract reports them."""
-    return {name: {"value": value, "unit": unit, "std": std} for name, (value, unit, std) in item.parameters.items()}
+def parameters_of(item: AttributedEffect) -> dict[str, ParameterValue]:
+    """The parameters of an effect with their units."""
+    return {
+        name: ParameterValue(value=value, unit=unit, std=std) for name, (value, unit, std) in item.parameters.items()
+    }

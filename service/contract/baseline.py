@@ -1,0 +1,154 @@
+"""`baseline` and `unattributed_lines`: comparison with a healthy baseline, and lines that no known shaft makes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field
+
+from service.contract.base import ContractModel
+from twin import assessment
+
+
+class Range(ContractModel):
+    """Lowest and highest value of one axis of the operating points."""
+
+    from_: float | None = Field(alias="from")
+    to: float | None
+
+
+class BaselineWindow(ContractModel):
+    """One window compared with a healthy baseline."""
+
+    index: int
+    name: str
+    start_time_ns: int
+    speed_hz: float | None
+    speed_std_hz: float | None
+    speed_from: str
+    torque_nm: float | None
+    between: list[str] = Field(description="recordings of the baseline that it was compared with")
+    interpolated: bool
+    pattern_correlation: float | None
+    same_teeth: bool
+
+    @classmethod
+    def of(cls, window: assessment.BaselineWindow) -> BaselineWindow:
+        return cls(
+            index=window.index,
+            name=window.name,
+            start_time_ns=window.start_time_ns,
+            speed_hz=window.speed,
+            speed_std_hz=window.speed_std,
+            speed_from=window.speed_source,
+            torque_nm=window.torque,
+            between=list(window.between),
+            interpolated=window.interpolated,
+            pattern_correlation=window.pattern_correlation,
+            same_teeth=window.same_teeth,
+        )
+
+
+class Baseline(ContractModel):
+    """What a healthy baseline was learned from, and the window that was compared with it."""
+
+    recordings: list[str]
+    operating_points: dict[str, Range]
+    shafts: list[float] = Field(description="orders of the pinion")
+    channels: list[str]
+    window: BaselineWindow | None = None
+    notes: list[str] | None = Field(default=None, description="what the baseline does not suffice for")
+
+    @classmethod
+    def of(cls, baseline: assessment.BaselineAssessment) -> Baseline:
+        parts: dict[str, Any] = {}
+        if baseline.window is not None:
+            parts["window"] = BaselineWindow.of(baseline.window)
+        if baseline.notes:
+            parts["notes"] = list(baseline.notes)
+        return cls(
+            recordings=list(baseline.recordings),
+            operating_points={
+                axis: Range.model_validate({"from": low, "to": high})
+                for axis, (low, high) in baseline.operating_points.items()
+            },
+            shafts=list(baseline.shafts),
+            channels=list(baseline.channels),
+            **parts,
+        )
+
+
+class Sideband(ContractModel):
+    """Lines at multiples of a spacing on both sides of a mesh harmonic in one channel."""
+
+    channel: str
+    harmonic: int
+    multiple: int
+    amplitude: float | None = Field(description="peak [m/s²]")
+    depth: float | None = Field(description="relative to the mesh line")
+
+
+class Excerpt(ContractModel):
+    """The spectrum of one channel round a mesh harmonic: the highest line of every step."""
+
+    channel: str
+    harmonic: int
+    from_hz: float
+    step_hz: float
+    amplitude: list[float | None]
+
+
+class Cause(ContractModel):
+    """One cause that was tried on a spacing of lines."""
+
+    name: str
+    possible: bool
+    detail: str
+
+
+class UnattributedLines(ContractModel):
+    """A spacing of lines that no known shaft makes."""
+
+    window: str
+    order: float | None
+    order_std: float | None
+    frequency_hz: float | None
+    frequency_std_hz: float | None
+    part: int
+    geared: str | None = Field(description="ratio to the pinion, where it is one of small tooth counts")
+    clearness: float | None
+    next_clearness: float | None
+    sidebands: list[Sideband]
+    spectrum: list[Excerpt]
+    causes: list[Cause]
+
+    @classmethod
+    def of(cls, lines: assessment.UnattributedLines) -> UnattributedLines:
+        return cls(
+            window=lines.window,
+            order=lines.order,
+            order_std=lines.order_std,
+            frequency_hz=lines.frequency,
+            frequency_std_hz=lines.frequency_std,
+            part=lines.part,
+            geared=lines.geared,
+            clearness=lines.clearness,
+            next_clearness=lines.next_clearness,
+            sidebands=[
+                Sideband(
+                    channel=s.channel, harmonic=s.harmonic, multiple=s.multiple, amplitude=s.amplitude, depth=s.depth
+                )
+                for s in lines.sidebands
+            ],
+            spectrum=[
+                Excerpt(
+                    channel=e.channel,
+                    harmonic=e.harmonic,
+                    from_hz=e.start,
+                    step_hz=e.step,
+                    amplitude=list(e.amplitude),
+                )
+                for e in lines.spectrum
+            ],
+            causes=[Cause(name=c.name, possible=c.possible, detail=c.detail) for c in lines.causes],
+        )

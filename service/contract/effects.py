@@ -1,0 +1,210 @@
+"""`effects[]`, `residual` and `unexplained`."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from service.contract.base import MICROMETRE, PERCENT, ContractModel, Figure, in_unit
+from twin import assessment
+
+
+class Line(ContractModel):
+    """One line that is left."""
+
+    order: float | None = Field(description="of pinion rotation")
+    frequency_hz: float | None
+    share_percent: float | None = Field(description="of the measured energy")
+    kind: str | None = Field(default=None, description="what repeats it, where that is known")
+
+    @classmethod
+    def of(cls, line: assessment.SpectralLine) -> Line:
+        parts = {"kind": line.kind} if line.kind else {}
+        return cls(
+            order=line.order, frequency_hz=line.frequency, share_percent=in_unit(line.share, PERCENT), **parts
+        )  # fmt: skip
+
+
+class HarmonicBand(ContractModel):
+    """RMS round one mesh harmonic, ± 2 shaft orders [m/s²]."""
+
+    harmonic: int
+    frequency_hz: float | None
+    measured: float | None
+    predicted: float | None
+    predicted_before: float | None = Field(default=None, description="without the effects found")
+    channel: str | None = None
+
+    @classmethod
+    def of(cls, band: assessment.HarmonicBand) -> HarmonicBand:
+        parts: dict[str, Any] = {}
+        if band.channel is not None:
+            parts = {"channel": band.channel, "predicted_before": band.predicted_before}
+        return cls(
+            harmonic=band.harmonic,
+            frequency_hz=band.frequency,
+            measured=band.measured,
+            predicted=band.predicted,
+            **parts,
+        )
+
+
+class ChannelErrors(ContractModel):
+    """Errors of one channel against a healthy baseline, before and after what was found [%]."""
+
+    rms_before: float | None
+    rms_after: float | None
+    waveform_before: float | None
+    waveform_after: float | None
+
+
+class Residual(ContractModel):
+    """What the twin does not explain, over the latest windows."""
+
+    rms_error_percent: float | None
+    waveform_error_percent: float | None
+    windows: int | None = Field(default=None, description="how many windows the errors are computed over")
+    bands: list[HarmonicBand] = Field(description="per gear-mesh harmonic: measured and predicted RMS")
+    orders: list[Line] = Field(description="the strongest unexplained lines, strongest first")
+    channels: dict[str, ChannelErrors] | None = None
+    reason: str | None = Field(default=None, description="why errors are not available")
+
+    @classmethod
+    def of(cls, residual: assessment.Residual) -> Residual:
+        parts: dict[str, Any] = {}
+        if residual.windows is not None:
+            parts["windows"] = residual.windows
+        if residual.reason is not None:
+            parts["reason"] = residual.reason
+        if residual.channels is not None:
+            parts["channels"] = {
+                name: ChannelErrors(
+                    rms_before=e.rms_before / PERCENT,
+                    rms_after=e.rms_after / PERCENT,
+                    waveform_before=e.waveform_before / PERCENT,
+                    waveform_after=e.waveform_after / PERCENT,
+                )
+                for name, e in residual.channels.items()
+            }
+        return cls(
+            rms_error_percent=in_unit(residual.rms_error, PERCENT),
+            waveform_error_percent=in_unit(residual.waveform_error, PERCENT),
+            bands=[HarmonicBand.of(b) for b in residual.bands],
+            orders=[Line.of(line) for line in residual.lines],
+            **parts,
+        )
+
+
+class Evidence(ContractModel):
+    """How much better the machine is explained with the effect."""
+
+    log_evidence: float | None = Field(description="natural logarithm of the evidence over the twin without it")
+    over_runner_up: float | None = Field(description="the same over the next best explanation")
+    runner_up: str | None
+    indistinguishable_from: list[str] = Field(description="effects that these channels cannot tell it from")
+    detail: str
+
+    @classmethod
+    def of(cls, evidence: assessment.Evidence) -> Evidence:
+        return cls(
+            log_evidence=evidence.log_evidence,
+            over_runner_up=evidence.over_runner_up,
+            runner_up=evidence.runner_up,
+            indistinguishable_from=list(evidence.indistinguishable_from),
+            detail=evidence.detail,
+        )
+
+
+class Errors(ContractModel):
+    """Errors on windows that took no part in fitting; null where there were none."""
+
+    rms_percent: float | None
+    waveform_percent: float | None
+    noise_percent: float | None = Field(default=None, description="what noise alone would leave of the waveform")
+    transmission_error_percent: float | None = None
+    windows: list[int] | None = None
+    note: str | None = Field(default=None, description="which held-out windows were left out, and why")
+
+    @classmethod
+    def of(cls, errors: assessment.HeldOutErrors) -> Errors:
+        parts: dict[str, Any] = {}
+        if errors.windows:
+            parts = {
+                "noise_percent": in_unit(errors.noise, PERCENT),
+                "transmission_error_percent": in_unit(errors.transmission_error, PERCENT),
+                "windows": list(errors.windows),
+            }
+        if errors.note:
+            parts["note"] = errors.note
+        return cls(
+            rms_percent=in_unit(errors.rms, PERCENT), waveform_percent=in_unit(errors.waveform, PERCENT), **parts
+        )  # fmt: skip
+
+
+class Effect(ContractModel):
+    """An effect that the model lacked and that was added, or a change against a healthy baseline."""
+
+    name: str
+    status: Literal["found", "accepted", "pinned", "rejected"] | None = None
+    parameters: dict[str, Figure]
+    evidence: Evidence
+    error_before: Errors
+    error_after: Errors
+    wear_depth_um_before: float | None = Field(description="at the latest window, without the effect [µm]")
+    wear_depth_um_after: float | None = Field(description="with it [µm]")
+    rul_revolutions_before: float | None = None
+    rul_revolutions_after: float | None = None
+    onset_revolutions: float | None = Field(description="of the pinion; 0 if there from the start")
+    channels: list[str] | None = Field(default=None, description="in which a change against a baseline is seen")
+    windows: list[int] | None = None
+    curves: dict[str, list[float | None]] | None = Field(default=None, description="to be drawn")
+
+    @classmethod
+    def of(cls, effect: assessment.EffectAssessment) -> Effect:
+        parts: dict[str, Any]
+        if effect.status is not None:
+            parts = {
+                "status": effect.status,
+                "rul_revolutions_before": effect.life_before,
+                "rul_revolutions_after": effect.life_after,
+            }
+        else:
+            parts = {
+                "channels": list(effect.channels),
+                "windows": list(effect.windows),
+                "curves": {name: list(values) for name, values in effect.curves.items()},
+            }
+        return cls(
+            name=effect.name,
+            parameters={name: Figure.of(p) for name, p in effect.parameters.items()},
+            evidence=Evidence.of(effect.evidence),
+            error_before=Errors.of(effect.error_before),
+            error_after=Errors.of(effect.error_after),
+            wear_depth_um_before=in_unit(effect.depth_before, MICROMETRE),
+            wear_depth_um_after=in_unit(effect.depth_after, MICROMETRE),
+            onset_revolutions=effect.onset_revolutions,
+            **parts,
+        )
+
+
+class Unexplained(ContractModel):
+    """What is left beyond the model and its effects."""
+
+    share_percent: float | None = Field(description="of the measured energy over the noise floor")
+    orders: list[Line]
+    verdict: Literal["explained", "unknown_effect", "insufficient_data"]
+    reason: str
+    limit_percent: float | None = Field(
+        default=None, description="error on held-out windows up to which the machine counts as explained"
+    )
+
+    @classmethod
+    def of(cls, unexplained: assessment.Unexplained) -> Unexplained:
+        return cls(
+            share_percent=in_unit(unexplained.share, PERCENT),
+            orders=[Line.of(line) for line in unexplained.lines],
+            verdict=unexplained.verdict,  # type: ignore[arg-type]
+            reason=unexplained.reason,
+            limit_percent=in_unit(unexplained.limit, PERCENT),
+        )

@@ -1,0 +1,73 @@
+"""The twin's step and decision in the names and units of the contract.
+
+    state, estimate = step(rig, state, window, options)
+
+The functions of `twin.step`, with what they compute as JSON data: nothing behind this module sees a quantity in SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import twin.step
+from service.contract.answer import report_of
+from service.contract.attribution import LogEntry
+from service.contract.status import status_of
+from service.contract.wear import Rul
+from service.contract.window import WindowRecord
+from twin import assessment
+from twin.options import Options
+from twin.rig import Rig
+from twin.state import State
+from twin.tracing.decisions import Decision
+from twin.windows import Window
+
+UPDATE_FIELDS = ("index", "revolutions", "error_percent", "rms_after", "k_wear_per_n", "wear_depth_um")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """What one window led to, as strict JSON data.
+
+    record   the window's record, keys of the contract's `windows[]`
+    report   the twin's present answer: `status`, `wear`, `rul`, `residual`, `effects`, `unexplained`, …
+    events   what happened: (kind, data) with kind `window`, `update`, `effect` or `rul`
+    """
+
+    record: Mapping[str, Any]
+    report: Mapping[str, Any]
+    events: tuple[tuple[str, Mapping[str, Any]], ...] = ()
+
+
+def step(rig: Rig, state: State, window: Window, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
+    """`twin.step.step` with its assessment as an estimate."""
+    state, found = twin.step.step(rig, state, window, options)
+    return state, estimate_of(found)
+
+
+def decide(rig: Rig, state: State, decision: Decision, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
+    """`twin.step.decide` with its assessment as an estimate."""
+    state, found = twin.step.decide(rig, state, decision, options)
+    return state, estimate_of(found)
+
+
+def estimate_of(found: assessment.Assessment) -> Estimate:
+    """An assessment as strict JSON data."""
+    return Estimate(
+        record={} if found.window is None else WindowRecord.of(found.window).as_json(),
+        report=report_of(found, status_of(found)),
+        events=tuple(_event(event) for event in found.events),
+    )
+
+
+def _event(event: assessment.Event) -> tuple[str, Mapping[str, Any]]:
+    if isinstance(event, assessment.EffectEvent):
+        return "effect", LogEntry.of(event).as_json()
+    if isinstance(event, assessment.LifeEvent):
+        return "rul", Rul.of(event.life).as_json()
+    record = WindowRecord.of(event.window).as_json()
+    if isinstance(event, assessment.UpdateEvent):
+        return "update", {name: record[name] for name in UPDATE_FIELDS}
+    return "window", record

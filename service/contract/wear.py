@@ -1,0 +1,167 @@
+"""`wear` and `rul`: wear and remaining life now."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field
+
+from service.contract.base import DEGREE, HOUR, MICROMETRE, MILLIMETRE, Band, ContractModel, NotAvailable, in_unit
+from service.contract.window import Methods
+from twin import assessment
+
+
+class Depths(ContractModel):
+    """Largest depth along the profile, by flank [µm]."""
+
+    combined: Band | NotAvailable
+    pinion: Band | NotAvailable
+    gear: Band | NotAvailable
+
+
+class FlankProfile(ContractModel):
+    """Depth along one flank."""
+
+    radius_mm: list[float]
+    roll_angle_deg: list[float]
+    depth_um: list[float]
+
+    @classmethod
+    def of(cls, flank: assessment.FlankProfile) -> FlankProfile:
+        return cls(
+            radius_mm=[r / MILLIMETRE for r in flank.radius],
+            roll_angle_deg=[a / DEGREE for a in flank.roll_angle],
+            depth_um=[d / MICROMETRE for d in flank.depth],
+        )
+
+
+class Profile(ContractModel):
+    """Depth along both flanks, over the nominal path of contact."""
+
+    path_position_mm: list[float] = Field(description="from the pitch point")
+    pinion: FlankProfile
+    gear: FlankProfile
+
+    @classmethod
+    def of(cls, profile: assessment.WearProfile) -> Profile:
+        return cls(
+            path_position_mm=[s / MILLIMETRE for s in profile.path_position],
+            pinion=FlankProfile.of(profile.pinion),
+            gear=FlankProfile.of(profile.gear),
+        )
+
+
+class Validity(ContractModel):
+    """The depths up to which the model holds."""
+
+    contact_loss_from_um: float | None = Field(description="depth from which the teeth lose contact")
+    steady_state_to_um: float | None = Field(description="depth up to which a steady state is known")
+    valid: bool = Field(description="whether the present depth is below both")
+
+
+class LevelReading(ContractModel):
+    """The latest level under one operating condition."""
+
+    level: float | None = Field(description="RMS [m/s²]")
+    window: int
+
+
+class Relation(ContractModel):
+    """What a relation of level and depth was learned from."""
+
+    asset: str | None
+    causes: list[str]
+    sensor: str | None
+    band_hz: list[float] | None
+    note: str | None = Field(description="what the relation does not state")
+
+
+class Wear(ContractModel):
+    """Wear now, by the model of the machine or by a relation of level and depth."""
+
+    k_wear_per_n: float | None = Field(description="Archard coefficient K [1/N]")
+    specific_wear_rate_m2_per_n: float | None = Field(description="dimensional coefficient k [m²/N]")
+    max_depth_um: Depths
+    profile: Profile | None = Field(description="depth along both flanks")
+    method: str = Field(description="what set the depth")
+    dwell_time_s: float | None = None
+    dwell_time_at_hz: float | None = None
+    methods: Methods | None = Field(default=None, description="both methods of updating, side by side")
+    validity: Validity | None = None
+    relation: Relation | None = None
+    levels: dict[str, LevelReading] | None = None
+    reason: str | None = Field(default=None, description="why no upper bound of the depth is known")
+
+    @classmethod
+    def of(cls, wear: assessment.Wear | assessment.LevelWear) -> Wear:
+        return cls._of_level(wear) if isinstance(wear, assessment.LevelWear) else cls._of_model(wear)
+
+    @classmethod
+    def _of_model(cls, wear: assessment.Wear) -> Wear:
+        return cls(
+            k_wear_per_n=wear.wear_coefficient,
+            dwell_time_s=wear.dwell_time,
+            dwell_time_at_hz=wear.dwell_time_speed,
+            specific_wear_rate_m2_per_n=wear.specific_wear_rate,
+            max_depth_um=Depths(**{flank: Band.of(wear.depth[flank], MICROMETRE) for flank in assessment.FLANKS}),
+            profile=Profile.of(wear.profile),
+            method=wear.method,
+            validity=Validity(
+                contact_loss_from_um=in_unit(wear.validity.contact_loss_from, MICROMETRE),
+                steady_state_to_um=wear.validity.steady_state_to / MICROMETRE,
+                valid=wear.validity.valid,
+            ),
+            methods=Methods.of(wear.methods),
+        )
+
+    @classmethod
+    def _of_level(cls, wear: assessment.LevelWear) -> Wear:
+        missing = NotAvailable(status="not available", reason=wear.flank_reason)
+        origin = wear.relation
+        return cls(
+            k_wear_per_n=None,
+            specific_wear_rate_m2_per_n=None,
+            max_depth_um=Depths(combined=Band.of(wear.depth, MICROMETRE), pinion=missing, gear=missing),
+            profile=None,
+            method="level",
+            relation=Relation(
+                asset=origin.asset,
+                causes=list(origin.causes),
+                sensor=origin.sensor,
+                band_hz=None if origin.band is None else list(origin.band),
+                note=origin.note,
+            ),
+            levels={name: LevelReading(level=r.level, window=r.window) for name, r in wear.levels.items()},
+            reason=wear.reason,
+        )
+
+
+class Rul(ContractModel):
+    """Remaining useful life at the present operating condition."""
+
+    criterion: str
+    max_depth_um: float = Field(description="depth at the end of life")
+    reached: bool
+    revolutions: Band
+    hours: Band
+    speed_hz: float
+    torque_nm: float
+
+    @classmethod
+    def of(cls, life: assessment.Life) -> Rul:
+        return cls(
+            criterion=life.criterion,
+            max_depth_um=life.limit / MICROMETRE,
+            reached=life.reached,
+            revolutions=Band.of(life.revolutions),
+            hours=Band.of(life.time, HOUR),
+            speed_hz=life.speed,
+            torque_nm=life.torque,
+        )
+
+
+def part_of(value: Any, model: Any) -> dict[str, Any]:
+    """A part of the answer as JSON data: by its model, or as not available."""
+    if isinstance(value, assessment.Unavailable):
+        return NotAvailable.of(value).as_json()
+    return model.of(value).as_json()

@@ -1,0 +1,58 @@
+"""When a remaining life calls for attention.
+
+    P(life ≤ x) = Φ(ln(x/m)/s),      s = ln(m/p05)/z95
+
+m, p05  median and 5th percentile of the remaining life     [revolutions]
+x       how far ahead is looked                              [revolutions]
+
+Holds    a remaining life that is log-normal, as updating/remaining_life.py gives it
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import erf, log, sqrt
+
+from twin.assessment import Interval
+from twin.quantiles import Z95
+from twin.thresholds import deciding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatusLimits:
+    """When a remaining life calls for attention."""
+
+    horizon: float = deciding(
+        0.1,
+        of="revolutions run so far",
+        meaning="how far ahead the end of life is looked for",
+        source="not derived: chosen so that a tenth of the life so far is left to plan a repair",
+    )
+    possible: float = deciding(
+        0.05,
+        meaning="probability of reaching the end of life within the horizon from which the level is watch",
+        source="derivation: the 5th percentile of the remaining life lies within the horizon",
+    )
+    probable: float = deciding(
+        0.5,
+        meaning="the same, from which the level is alarm",
+        source="derivation: the median of the remaining life lies within the horizon",
+    )
+
+
+STATUS_LIMITS = StatusLimits()
+
+
+def probability_within(life: Interval, ahead: float) -> float:
+    """The probability that a remaining life, log-normal with this median and 5th percentile, is at most `ahead`.
+
+    Where only a lower bound is known, that is the 5th percentile: 0.05 beyond it, 0 before.
+    """
+    if ahead <= 0:
+        return 0.0
+    if life.median is None:
+        return 0.05 if ahead >= life.p05 else 0.0
+    if not 0 < life.p05 < life.median:
+        return float(life.median <= ahead)
+    spread = log(life.median / life.p05) / Z95
+    return 0.5 * (1 + erf(log(ahead / life.median) / (spread * sqrt(2))))

@@ -1,0 +1,162 @@
+"""Wear, life, residual and effects by the model of the machine, where the rig file suffices for one.
+
+A window that cannot update the model (a channel is missing, or no steady state was found) says so in its record and
+leaves the answer as the latest window has left it: that is not the same as a machine without a model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from twin.assessment import (
+    Assessment,
+    Event,
+    Life,
+    LifeEvent,
+    Unavailable,
+    UpdateEvent,
+    WindowAssessment,
+)
+from twin.capabilities.context import Context, Draft, carried_over
+from twin.errors import NotAvailable, NotConverged
+from twin.rig import Rig
+from twin.state import LatestParts, State
+from twin.tracing.attribution_loop import LoopResult, attribute_window
+from twin.tracing.stages import staged
+from twin.tracing.state import Tracing, TwinStage
+from twin.tracing.summary import attribution_of, effects_of
+from twin.tracing.unexplained import doubts_of, unexplained_of, with_unknown_content
+from twin.updating.calibrated import calibration_of
+from twin.updating.history import WindowInput, update_window
+from twin.updating.life import life_of
+from twin.updating.residual import WindowResidual, residual_of_window, residual_over
+from twin.updating.update import NEEDED, UpdateOutcome
+from twin.updating.wear_now import depth_of, methods_of, wear_coefficient, wear_of
+
+RATTLE = (
+    "tooth separation (rattle) detected: wear depth and remaining life are not available, because there is no steady "
+    "mesh to estimate them from"
+)
+RECENT = 3  # windows that the residual is computed over
+
+
+def applies(context: Context, draft: Draft) -> bool:
+    """Where the rig file gives all that a model needs."""
+    return context.rig.has(*NEEDED)
+
+
+def assess(context: Context, draft: Draft) -> Draft:
+    """The draft with everything that the model says, or with the reason why this window says nothing."""
+    rig, state, options = context.rig, context.state, context.options
+    try:
+        outcome = update_window(rig, state.memory, context.input, options.updating)
+    except NotAvailable as reason:
+        return carried_over(context, str(reason))
+    except NotConverged as reason:
+        return carried_over(context, f"the model found no steady state for this window and was not updated: {reason}")
+    if options.trace:
+        result = attribute_window(rig, state.tracing, context.input, outcome, options.updating)
+    else:
+        result = LoopResult(tracing=_updated(rig, state.tracing, context.input, outcome), outcome=outcome)
+    recent = recent_residuals(rig, state.recent, ((context.input, result.outcome),))
+    if result.again:
+        recent = recent_residuals(rig, (), result.again)
+    assessment = answer_of(rig, result.tracing, recent, result.outcome)
+    record = _record(context, result.outcome, result.tracing)
+    events: list[Event] = [*result.events]
+    if result.outcome.updated:
+        events.append(UpdateEvent(window=record))
+    if result.outcome.kind == "measurement" and isinstance(assessment.life, Life):
+        events.append(LifeEvent(life=assessment.life))
+    return replace(
+        draft,
+        state=replace(state, recent=recent, latest=latest_of(assessment), tracing=result.tracing),
+        assessment=replace(assessment, window=record, events=tuple(events)),
+        modelled=True,
+    )
+
+
+def answer_of(rig: Rig, tracing: Tracing, recent: tuple[WindowResidual, ...], outcome: UpdateOutcome) -> Assessment:
+    """The answer of a machine with a model, without a window's record."""
+    rattles = separates_teeth(tracing)
+    unexplained = unexplained_of(recent, doubts_of(rig, outcome), tracing.error)
+    return Assessment(
+        window=None,
+        wear=Unavailable(reason=RATTLE) if rattles else wear_of(rig, outcome),
+        life=Unavailable(reason=RATTLE) if rattles else life_of(rig, outcome),
+        residual=residual_over(recent),
+        effects=effects_of(tracing),
+        unexplained=with_unknown_content(tracing, unexplained),
+        calibration=calibration_of(rig, outcome.memory),
+        attribution=attribution_of(tracing),
+    )
+
+
+def latest_of(assessment: Assessment) -> LatestParts:
+    """The parts of an answer that later windows may carry over."""
+    return LatestParts(
+        wear=assessment.wear,
+        life=assessment.life,
+        residual=assessment.residual,
+        unexplained=assessment.unexplained,
+        calibration=assessment.calibration,
+    )
+
+
+def recent_residuals(
+    rig: Rig, before: tuple[WindowResidual, ...], windows: Iterable[tuple[WindowInput, UpdateOutcome]]
+) -> tuple[WindowResidual, ...]:
+    """The latest windows' residuals with more windows."""
+    recent = before
+    for window, outcome in windows:
+        if outcome.kind == "measurement":
+            residual = residual_of_window(window.features, outcome, rig.teeth)
+            if residual is not None:
+                recent = (*recent, residual)[-RECENT:]
+    return recent
+
+
+def separates_teeth(tracing: Tracing) -> bool:
+    """Whether an effect is in the twin that leaves no steady mesh."""
+    return any(found.addition.effect.facts.separates_teeth for found in tracing.found)
+
+
+def _updated(rig: Rig, tracing: Tracing, window: WindowInput, outcome: UpdateOutcome) -> Tracing:
+    """The memory after a window whose effects are not sought: of the twin in use alone."""
+    latest = tracing.stages[-1] if tracing.stages else TwinStage(memory=outcome.memory)
+    return replace(tracing, stages=(*tracing.stages[:-1], staged(rig, latest, window, outcome)))
+
+
+def _record(context: Context, outcome: UpdateOutcome, tracing: Tracing) -> WindowAssessment:
+    features, rig = context.features, context.rig
+    loss = None if outcome.expectation is None else outcome.expectation.contact_loss
+    record = WindowAssessment(
+        index=context.input.index,
+        kind=outcome.kind,
+        start_time_ns=features.start_time_ns,
+        revolutions=features.revolutions,
+        speed=features.speed_hz,
+        torque=features.torque_nm,
+        rms_measured=features.rms,
+        rms_predicted=float(outcome.rms_predicted),
+        rms_after=float(outcome.rms_after),
+        updated=outcome.updated,
+        wear_coefficient=wear_coefficient(rig, outcome),
+        depth=depth_of(outcome),
+        method=outcome.method,
+        methods=methods_of(rig, outcome),
+        contact_loss=None if loss is None or loss != loss else float(loss),
+        notes=outcome.notes,
+        unavailable=dict(features.unavailable),
+    )
+    if not separates_teeth(tracing):
+        return record
+    return replace(
+        record, wear_coefficient=None, depth=None, method=None, methods=None, notes=(*record.notes, RATTLE)
+    )  # fmt: skip
+
+
+def state_after(state: State, tracing: Tracing, recent: tuple[WindowResidual, ...], assessment: Assessment) -> State:
+    """The state after a change of the twin that no window made."""
+    return replace(state, recent=recent, latest=latest_of(assessment), tracing=tracing)

@@ -1,0 +1,107 @@
+"""What the twin remembers of one machine between windows: plain serialisable data with a schema version.
+
+    state.to_dict()["schema_version"] == SCHEMA_VERSION;   State.from_dict(state.to_dict()) == state
+
+A state of version 1 is migrated (`state_v1.py`); one of any other version is refused with a sentence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from twin.assessment import (
+    BaselineAssessment,
+    CalibrationAssessment,
+    EffectAssessment,
+    EncoderPair,
+    LevelReading,
+    LevelWear,
+    Life,
+    Residual,
+    UnattributedLines,
+    Unavailable,
+    Unexplained,
+    Wear,
+)
+from twin.errors import ParameterError
+from twin.serial import from_plain, to_plain
+from twin.state_v1 import migrated_state
+from twin.tracing.state import Tracing
+from twin.updating.memory import Memory
+from twin.updating.residual import WindowResidual
+
+SCHEMA_VERSION = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaselineParts:
+    """The latest comparison with a healthy baseline."""
+
+    residual: Residual
+    effects: tuple[EffectAssessment, ...]
+    unexplained: Unexplained
+    baseline: BaselineAssessment | None
+    unattributed_lines: tuple[UnattributedLines, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LatestParts:
+    """The parts of the latest answer, for windows that say nothing about them; None before the first that did."""
+
+    wear: Wear | LevelWear | Unavailable | None = None
+    life: Life | Unavailable | None = None
+    residual: Residual | Unavailable | None = None
+    unexplained: Unexplained | None = None
+    calibration: CalibrationAssessment | Unavailable | None = None
+    baseline: BaselineParts | None = None
+    encoder_pair: EncoderPair | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class State:
+    """What the twin remembers of a machine; plain serialisable data."""
+
+    windows_seen: int = 0
+    recent: tuple[WindowResidual, ...] = ()  # the latest windows' residuals, newest last
+    latest: LatestParts = field(default_factory=LatestParts)
+    levels: Mapping[str, LevelReading] = field(default_factory=dict)  # the latest under each operating condition
+    tracing: Tracing = field(default_factory=Tracing)  # the twin with 0, 1, … of its effects, and its history
+
+    @property
+    def memory(self) -> Memory:
+        """The memory of the twin in use."""
+        return self.tracing.memory
+
+    def to_dict(self) -> dict[str, Any]:
+        """The state as JSON-safe data."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "windows_seen": self.windows_seen,
+            "recent": to_plain(self.recent),
+            "latest": to_plain(self.latest),
+            "levels": to_plain(self.levels),
+            "tracing": self.tracing.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> State:
+        """The state from what `to_dict` gave, in this version or version 1; ParameterError for any other."""
+        if not isinstance(data, Mapping):
+            raise ParameterError(f"a state of the twin is a mapping with a schema_version, not {data!r:.60}")
+        version = data.get("schema_version", 1)
+        if version == 1:
+            data = migrated_state(data)
+        elif version != SCHEMA_VERSION:
+            raise ParameterError(
+                f"the state has schema version {version!r}, this program knows up to {SCHEMA_VERSION}: "
+                "it was written by a newer gear-twin, or is not a state of the twin"
+            )
+        return cls(
+            windows_seen=int(data["windows_seen"]),
+            recent=from_plain(tuple[WindowResidual, ...], data["recent"]),
+            latest=from_plain(LatestParts, data["latest"]),
+            levels=from_plain(Mapping[str, LevelReading], data["levels"]),
+            tracing=Tracing.from_dict(data["tracing"]),
+        )

@@ -1,0 +1,153 @@
+"""Whether held-out windows confirm the effects in the twin.
+
+Every effect is judged by the twin without it and with it, on the same windows: those that both can predict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from twin.errors import TwinError
+from twin.rig import Rig
+from twin.thresholds import deciding
+from twin.tracing.attribution import AttributedEffect
+from twin.tracing.held_out_error import (
+    HeldOutComparison,
+    LearnedFactors,
+    compare,
+    errors_of,
+    residual_by_band_and_order,
+)
+from twin.tracing.state import EffectErrors, Tracing, relevant
+from twin.tracing.trace import held_out
+from twin.updating.conditions import kind_of
+from twin.updating.history import WindowInput
+
+MOST_COMPARED = 3  # held-out windows that errors are computed on, the newest
+Row = Mapping[int, HeldOutComparison | str]  # by window: the comparison, or why it cannot be made
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConfirmationLimits:
+    """When held-out windows speak against an effect."""
+
+    growth: float = deciding(
+        1.02,
+        of="error without the effect",
+        meaning="error of held-out windows from which an effect is not confirmed",
+        source="not derived: chosen so that an effect that changes nothing (1.00) is not refused for rounding",
+    )
+    same_relative: float = deciding(
+        0.3,
+        meaning="relative difference of fitted numbers up to which a refuted effect is the same again",
+        source="not derived: chosen",
+    )
+    same_absolute: float = deciding(
+        0.1,
+        of="prior spread of the fitted number",
+        meaning="difference of fitted numbers up to which a refuted effect is the same again",
+        source="not derived: chosen below the least size that an effect is reported from (0.3)",
+    )
+
+
+CONFIRMATION_LIMITS = ConfirmationLimits()
+
+
+def with_errors(rig: Rig, tracing: Tracing) -> Tracing:
+    """The memory with the errors of the twin in use, and of the twin without and with each effect."""
+    windows, indices = _windows_to_compare(rig, tracing)
+    if not windows or not tracing.stages:
+        return replace(tracing, errors=(), error=None, residual=None)
+    learned = LearnedFactors.of(tracing.stages[-1].memory, indices)
+    rows = [_row(rig, tracing, count, learned, windows) for count in range(len(tracing.found) + 1)]
+    errors = tuple(_pair(before, after) for before, after in pairwise(rows))
+    final = _pair(rows[-1], rows[-1]).after
+    return replace(tracing, errors=errors, error=final, residual=_residual(rig, rows) if tracing.found else None)
+
+
+def _windows_to_compare(rig: Rig, tracing: Tracing) -> tuple[list[WindowInput], set[int]]:
+    """The newest held-out windows recorded since all effects are certainly there, and the indices of all held out."""
+    out = held_out([t.index for t in tracing.history if kind_of(t.features, rig) == "measurement"])
+    windows = [t for t in tracing.history if t.index in out]
+    latest = max((certain_since(tracing, f) for f in tracing.found), default=0.0)
+    return ([t for t in windows if (t.features.revolutions or 0.0) >= latest] or windows)[-MOST_COMPARED:], out
+
+
+def _row(rig: Rig, tracing: Tracing, count: int, learned: LearnedFactors, windows: Sequence[WindowInput]) -> Row:
+    """The windows compared with the twin with `count` of the effects."""
+    additions = [f.addition for f in tracing.found[:count]]
+    stage = tracing.stages[len(relevant(tracing.found[:count]))]
+    row: dict[int, HeldOutComparison | str] = {}
+    for window in windows:
+        depth = stage.depths.get(window.index, stage.depth)
+        try:
+            row[window.index] = compare(rig, stage.memory, additions, learned, window, depth)
+        except TwinError as reason:
+            row[window.index] = str(reason)
+    return row
+
+
+def _pair(before: Row, after: Row) -> EffectErrors:
+    """Errors of both twins on the windows that both can predict; the note names the others."""
+    first, second, left_out = [], [], []
+    for index, one in before.items():
+        other = after[index]
+        if isinstance(one, HeldOutComparison) and isinstance(other, HeldOutComparison):
+            first.append(one)
+            second.append(other)
+        else:
+            why = one if isinstance(one, str) else other
+            left_out.append(f"window {index} is left out: {why}")
+    note = "; ".join(left_out)
+    return EffectErrors(before=errors_of(first, note), after=errors_of(second, note))
+
+
+def _residual(rig: Rig, rows: Sequence[Row]):
+    """The residual of the newest window that the twin without effects and the twin in use can both predict."""
+    for index in reversed(list(rows[0])):
+        before, after = rows[0][index], rows[-1][index]
+        if isinstance(before, HeldOutComparison) and isinstance(after, HeldOutComparison):
+            return residual_by_band_and_order(before, after, rig.teeth[0])
+    return None
+
+
+def certain_since(tracing: Tracing, item: AttributedEffect) -> float:
+    """Revolutions from which an effect is certainly there: of the first fitted window after its onset."""
+    onset = item.addition.onset_revolutions
+    if not onset > 0:
+        return 0.0
+    later = [t.features.revolutions or 0.0 for t in tracing.history if t.index in tracing.latest.fitted]
+    return min((n for n in later if n >= onset), default=onset)
+
+
+def not_confirmed(
+    tracing: Tracing, known: Mapping[str, AttributedEffect], limits: ConfirmationLimits = CONFIRMATION_LIMITS
+) -> list[AttributedEffect]:
+    """New effects on the mesh that improve neither the vibration nor the transmission error of held-out windows."""
+    out = []
+    turns = {t.index: t.features.revolutions or 0.0 for t in tracing.history}
+    for item, errors in zip(tracing.found, tracing.errors, strict=False):
+        if item.addition.effect.facts.detector != "mesh" or item.name in known:
+            continue
+        if not any(turns[j] >= certain_since(tracing, item) for j in errors.after.windows):
+            continue  # no window was recorded since it is there
+        before, after = errors.before, errors.after
+        pairs = ((before.waveform, after.waveform), (before.transmission_error, after.transmission_error))
+        worse = [b > limits.growth * a for a, b in pairs if a is not None and b is not None]
+        if worse and all(worse):
+            out.append(item)
+    return out
+
+
+def refuted_before(
+    item: AttributedEffect, refuted: Mapping[str, Sequence[float]], limits: ConfirmationLimits = CONFIRMATION_LIMITS
+) -> bool:
+    """Whether held-out windows have spoken against much the same numbers before."""
+    before = refuted.get(item.name)
+    if before is None or len(before) != len(item.numbers):
+        return False
+    return bool(np.allclose(before, item.numbers, rtol=limits.same_relative, atol=limits.same_absolute))

@@ -1,0 +1,172 @@
+"""From the effects that a trace has found to the effects in the twin: kept, replaced, refused or dropped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.assessment import EffectEvent, SpectralLine
+from twin.rig import Rig
+from twin.thresholds import deciding
+from twin.tracing.attribution import AttributedEffect
+from twin.tracing.confirmation import not_confirmed, refuted_before, with_errors
+from twin.tracing.findings import NonGearContent
+from twin.tracing.log import changes, logged
+from twin.tracing.stages import Replayed, with_effects
+from twin.tracing.state import TraceSummary, Tracing, relevant
+from twin.tracing.trace import Traced
+from twin.updating.history import UpdateOptions
+from twin.updating.update import UpdateOutcome
+
+MOST_LINES = 12  # unattributed lines that are reported
+LEVEL_WINDOWS = 3  # latest windows whose level unattributed lines are compared with
+STAYING = ("accepted", "pinned")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JoiningLimits:
+    """When a refit replaces the effect in the twin."""
+
+    same_onset: float = deciding(
+        1.0,
+        unit="revolutions",
+        meaning="difference of onset up to which a refit is the same effect",
+        source="derivation: onsets are revolution counts of windows, so that equal ones differ by rounding only",
+    )
+    changed_std: float = deciding(
+        1.0,
+        of="standard deviation of the parameter",
+        meaning="change of a parameter that is worth replaying the history",
+        source="derivation: a smaller change is within the parameter's own uncertainty",
+    )
+    changed_share: float = deciding(
+        0.1,
+        of="value of the parameter",
+        meaning="change of a parameter that is worth replaying the history",
+        source="not derived: chosen",
+    )
+
+
+JOINING_LIMITS = JoiningLimits()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopResult:
+    """The memory after a window, the twin with what was found, and what happened."""
+
+    tracing: Tracing
+    outcome: UpdateOutcome
+    again: Replayed = ()  # the latest windows as the changed twin was updated by them, oldest first
+    events: tuple[EffectEvent, ...] = ()
+
+
+def joined(rig: Rig, tracing: Tracing, traced: Traced, outcome: UpdateOutcome, options: UpdateOptions) -> LoopResult:
+    """The twin with what a trace has found, less what held-out windows speak against."""
+    old = {f.name: f for f in tracing.found}
+    new = [f for f in _candidates(tracing, traced) if not refuted_before(f, tracing.refuted)]
+    tracing = _summarised(tracing, traced)
+    if _same_effects(new, tracing):
+        return LoopResult(tracing=with_errors(rig, replace(tracing, found=tuple(new))), outcome=outcome)
+    changed = with_found(rig, tracing, tuple(new), outcome, options)
+    doubted = not_confirmed(changed.tracing, old)
+    if not doubted:
+        return changed
+    tracing = replace(tracing, refuted={**tracing.refuted, **{f.name: tuple(f.numbers) for f in doubted}})
+    rest = tuple(f for f in new if f not in doubted)
+    if _same_effects(rest, tracing):
+        return LoopResult(tracing=with_errors(rig, replace(tracing, found=rest)), outcome=outcome)
+    return with_found(rig, tracing, rest, outcome, options)
+
+
+def with_found(
+    rig: Rig,
+    tracing: Tracing,
+    found: tuple[AttributedEffect, ...],
+    outcome: UpdateOutcome,
+    options: UpdateOptions,
+) -> LoopResult:
+    """The twin with other effects: the history is replayed for every stage that they change."""
+    stages, again = with_effects(
+        rig, tracing.stages, relevant(tracing.found), relevant(found), tracing.history, options
+    )  # fmt: skip
+    if again and again[-1][0] is tracing.history[-1]:
+        outcome = replace(again[-1][1], memory=stages[-1].memory)
+    else:
+        outcome = replace(outcome, memory=stages[-1].memory)
+    events = changes(tracing, tracing.found, found)
+    tracing = logged(replace(tracing, found=found, stages=stages, errors=()), events)
+    return LoopResult(tracing=with_errors(rig, tracing), outcome=outcome, again=again, events=events)
+
+
+def _candidates(tracing: Tracing, traced: Traced) -> list[AttributedEffect]:
+    """What the trace has found, where it is the same as before with the numbers of before; in the order found."""
+    old = {f.name: f for f in tracing.found}
+    new: list[AttributedEffect] = []
+    for item in traced.found:
+        known = old.get(item.name)
+        if known is not None and (tracing.decisions.get(item.name) == "pinned" or same_effect(known, item)):
+            item = replace(known, log_evidence=item.log_evidence, alike=item.alike, detail=item.detail)
+        new.append(item)
+    names = {f.name for f in new}
+    new += [f for f in tracing.found if f.name not in names and tracing.decisions.get(f.name) in STAYING]
+    rank = {name: i for i, name in enumerate(old)}
+    return sorted(new, key=lambda f: rank.get(f.name, len(rank)))
+
+
+def _summarised(tracing: Tracing, traced: Traced) -> Tracing:
+    """The memory with what a trace says beside its effects."""
+    return replace(
+        tracing,
+        unattributed=unattributed_lines(tracing, traced.non_gear),
+        unknown=traced.non_gear.sentence(),
+        latest=TraceSummary(
+            candidates=tuple((name, float(gain)) for name, gain in traced.table) or tracing.latest.candidates,
+            other_structure=bool(traced.other_structure),
+            misfit_before=_number(traced.misfit_before),
+            misfit_after=_number(traced.misfit_after),
+            held_out=tuple(traced.held_out),
+            fitted=tuple(traced.fitted),
+            skipped=tuple(traced.skipped),
+        ),
+    )
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None else float(value)
+
+
+def _same_effects(found: list[AttributedEffect] | tuple[AttributedEffect, ...], tracing: Tracing) -> bool:
+    return [f.addition for f in found] == [f.addition for f in tracing.found]
+
+
+def same_effect(old: AttributedEffect, new: AttributedEffect, limits: JoiningLimits = JOINING_LIMITS) -> bool:
+    """Whether a refit says what the twin has already."""
+    if abs(old.addition.onset_revolutions - new.addition.onset_revolutions) > limits.same_onset:
+        return False
+    if type(old.addition.effect) is not type(new.addition.effect) or set(old.parameters) != set(new.parameters):
+        return False
+    for name, (value, _, std) in new.parameters.items():
+        before = old.parameters[name][0]
+        if abs(value - before) > max(limits.changed_std * std, limits.changed_share * abs(before)):
+            return False
+    return True
+
+
+def unattributed_lines(tracing: Tracing, content: NonGearContent) -> tuple[SpectralLine, ...]:
+    """Lines that no gear makes, by frequency and order, the strongest first."""
+    windows = [t for t in tracing.history if t.features.speed_hz and t.features.rms]
+    if not content.unknown or not windows:
+        return ()
+    speed = windows[-1].features.speed_hz or 1.0
+    energy = float(np.mean([(t.features.rms or 0.0) ** 2 for t in windows[-LEVEL_WINDOWS:]]))
+    seen: list[tuple[float, float, float, str]] = [
+        (tone.frequency / speed, tone.frequency, max((a or 0.0) for a in tone.amplitudes), "steady in hertz")
+        for tone in content.tones
+    ]
+    seen += [(order, order * speed, amplitude, "order of no shaft") for order, amplitude in content.orders]
+    lines = [
+        SpectralLine(order=float(o), frequency=float(f), share=float(0.5 * a**2 / energy), kind=kind)
+        for o, f, a, kind in seen
+    ]
+    return tuple(sorted(lines, key=lambda line: -(line.share or 0.0))[:MOST_LINES])

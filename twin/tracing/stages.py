@@ -1,0 +1,81 @@
+"""The twin with 0, 1, … of its effects: one stage for each that changes a depth, all of them updated by every window.
+
+So depth and life are known before and after each effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from twin.assessment import Life
+from twin.effects.addition import Addition
+from twin.errors import NotAvailable, NotConverged
+from twin.rig import Rig
+from twin.tracing.schedule import MOST_HISTORY
+from twin.tracing.state import TwinStage
+from twin.updating.history import UpdateOptions, WindowInput, replay_history, update_window
+from twin.updating.life import life_of
+from twin.updating.update import UpdateOutcome
+
+Replayed = tuple[tuple[WindowInput, UpdateOutcome], ...]
+
+
+def staged(rig: Rig, stage: TwinStage, window: WindowInput, outcome: UpdateOutcome) -> TwinStage:
+    """A stage after the outcome of one window more."""
+    if outcome.kind != "measurement":
+        return replace(stage, memory=outcome.memory)
+    depths = {**stage.depths, window.index: outcome.depth}
+    for index in list(depths)[:-MOST_HISTORY]:
+        del depths[index]
+    life = life_of(rig, outcome)
+    return TwinStage(
+        memory=outcome.memory,
+        depth=outcome.depth,
+        depths=depths,
+        life=life.revolutions.median if isinstance(life, Life) else None,
+    )
+
+
+def advanced(rig: Rig, stage: TwinStage, window: WindowInput, options: UpdateOptions) -> TwinStage:
+    """A stage after one window more, unchanged where the window cannot update it."""
+    try:
+        outcome = update_window(rig, stage.memory, window, options)
+    except (NotAvailable, NotConverged):
+        return stage
+    return staged(rig, stage, window, outcome)
+
+
+def with_effects(
+    rig: Rig,
+    stages: Sequence[TwinStage],
+    old: Sequence[Addition],
+    new: Sequence[Addition],
+    history: Sequence[WindowInput],
+    options: UpdateOptions,
+) -> tuple[tuple[TwinStage, ...], Replayed]:
+    """The stages with other effects: those they have in common are kept, the history is replayed for the others.
+
+    The second value holds the windows as the last stage updated by them; empty where nothing was replayed.
+    """
+    common = 0
+    while common < min(len(old), len(new)) and old[common] == new[common]:
+        common += 1
+    out = list(stages[: common + 1])
+    again: Replayed = ()
+    for count in range(common + 1, len(new) + 1):
+        memory, outcomes = replay_history(rig, new[:count], history, options)
+        stage = TwinStage(memory=memory)
+        for window, result in zip(history, outcomes, strict=True):
+            if result is not None:
+                stage = staged(rig, stage, window, result)
+        out.append(stage)
+        again = _taken(history, outcomes)
+    if len(new) == common and common < len(old):  # effects have gone: the twin in use is an earlier stage
+        _, outcomes = replay_history(rig, new, history, options)
+        again = _taken(history, outcomes)
+    return tuple(out), again
+
+
+def _taken(history: Sequence[WindowInput], outcomes: Sequence[UpdateOutcome | None]) -> Replayed:
+    return tuple((w, o) for w, o in zip(history, outcomes, strict=True) if o is not None)

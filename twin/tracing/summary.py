@@ -1,0 +1,69 @@
+"""Effects and attribution of one machine as typed results, from what the attribution remembers."""
+
+from __future__ import annotations
+
+from twin.assessment import Attribution, DepthPair, EffectAssessment, HeldOutErrors
+from twin.tracing.log import evidence_of
+from twin.tracing.state import EffectErrors, Tracing, TwinStage, parameters_of, relevant
+
+NOT_COMPARED = EffectErrors(before=HeldOutErrors(), after=HeldOutErrors())
+
+
+def effects_of(tracing: Tracing) -> tuple[EffectAssessment, ...]:
+    """The effects in the twin, each with its parameters, evidence, and errors, depth and life without and with it."""
+    out = []
+    for i, item in enumerate(tracing.found):
+        without, present = (_stage(tracing, n) for n in (i, i + 1))
+        errors = tracing.errors[i] if i < len(tracing.errors) else NOT_COMPARED
+        out.append(
+            EffectAssessment(
+                name=item.name,
+                status=tracing.decisions.get(item.name, "found"),
+                parameters=parameters_of(item),
+                evidence=evidence_of(item),
+                error_before=errors.before,
+                error_after=errors.after,
+                depth_before=None if without is None else without.depth,
+                depth_after=None if present is None else present.depth,
+                life_before=None if without is None else without.life,
+                life_after=None if present is None else present.life,
+                onset_revolutions=item.addition.onset_revolutions,
+            )
+        )
+    return tuple(out)
+
+
+def _stage(tracing: Tracing, count: int) -> TwinStage | None:
+    """The twin with so many of the effects; None where the machine has no model."""
+    return tracing.stages[len(relevant(tracing.found[:count]))] if tracing.stages else None
+
+
+def attribution_of(tracing: Tracing) -> Attribution | None:
+    """What the effects rest on; None before the first window of the history."""
+    if not tracing.history:
+        return None
+    alone = tracing.stages[0].depths if tracing.stages else {}
+    now = tracing.stages[-1].depths if tracing.stages else {}
+    turns = {t.index: t.features.revolutions for t in tracing.history}
+    latest = tracing.latest
+    return Attribution(
+        reason=latest.reason,
+        candidates=latest.candidates,
+        misfit_before=latest.misfit_before,
+        misfit_after=latest.misfit_after,
+        other_structure=latest.other_structure,
+        held_out=latest.held_out,
+        fitted=latest.fitted,
+        not_confirmed=tuple(sorted(tracing.refuted)),
+        rejected=tracing.rejected,
+        errors=tracing.error,
+        depths=tuple(
+            DepthPair(index=i, revolutions=turns[i], before=alone[i], after=now[i])
+            for i in now
+            if i in alone and i in turns
+        ),
+        residual=tracing.residual,
+        unknown=tracing.unknown,
+        skipped=latest.skipped,
+        log=tracing.log,
+    )

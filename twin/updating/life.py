@@ -1,0 +1,66 @@
+"""Remaining life to the rig file's end-of-life criterion, at the operating condition of the latest window.
+
+    time left = revolutions left / speed
+
+Source   remaining_life.py, which gives the revolutions with their interval
+Limits   the condition stays as it is; where the depth rests on the RMS alone, its spread is RMS_SPREAD
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.assessment import Interval, Life, Unavailable
+from twin.rig import Rig
+from twin.thresholds import deciding
+from twin.updating.remaining_life import remaining_life
+from twin.updating.update import UpdateOutcome
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LifeSpread:
+    """Spread of a life that rests on the RMS alone."""
+
+    rms_spread: float = deciding(
+        0.35,
+        of="work and rate",
+        meaning="relative standard deviation of work and rate by the RMS method",
+        source="reference campaigns: true depth over that from the RMS alone scatters by ±35 %",
+    )
+
+
+LIFE_SPREAD = LifeSpread()
+
+
+def life_of(rig: Rig, outcome: UpdateOutcome, spread: LifeSpread = LIFE_SPREAD) -> Life | Unavailable:
+    """The remaining life after a window, or why it is not available."""
+    limit = rig.get("end_of_life.max_depth")
+    if limit is None:
+        return Unavailable(reason="remaining life is not available: the rig file gives no end_of_life.max_depth")
+    by_rms = outcome.method == "rms"
+    track = outcome.memory.track
+    if not (outcome.memory.rms_track.updates if by_rms else track.windows):
+        return Unavailable(reason="remaining life is not available: no worn window has been seen yet")
+    if by_rms:
+        own, relative = outcome.memory.rms_track, spread.rms_spread
+        track = replace(
+            track, work=own.work, rate=own.rate, var_work=(relative * own.work) ** 2, cov=0.0,
+            var_rate=(relative * own.rate) ** 2,
+        )  # fmt: skip
+    common = 0.0
+    if not by_rms and outcome.estimate is not None and outcome.estimate.depth > 0:
+        common = min(outcome.estimate.std / outcome.estimate.depth, 1.0)
+    found = remaining_life(track, outcome.curve, outcome.memory.segments[-1].start_work, limit, common)
+    median, p95 = (float(bound) if np.isfinite(bound) else None for bound in (found.median, found.p95))
+    revolutions = Interval(median=median, p05=float(found.p05), p95=p95)
+    return Life(
+        criterion=rig.get("end_of_life.criterion", "max_depth"),
+        limit=limit,
+        reached=found.reached,
+        revolutions=revolutions,
+        time=revolutions.scaled(1 / outcome.condition.speed_hz),
+        speed=outcome.condition.speed_hz,
+        torque=outcome.condition.torque,
+    )

@@ -1,0 +1,107 @@
+"""Wear after a window: coefficient, depths of both flanks, profile, and how far the model holds.
+
+depth of a flank = combined depth · share of the flank        shares as wear/archard.py: pinion_share
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.assessment import (
+    FlankProfile,
+    FusedEstimate,
+    Interval,
+    MethodEstimates,
+    ModelValidity,
+    RmsEstimate,
+    Wear,
+    WearProfile,
+)
+from twin.geometry import GearPair
+from twin.geometry.involute import roll_angle
+from twin.rig import Rig
+from twin.updating.update import UpdateOutcome, reference_rate
+from twin.wear.archard import pinion_share, specific_wear_rate
+from twin.wear.profile import WornProfile
+
+PROFILE_POINTS = 65
+
+
+def wear_of(rig: Rig, outcome: UpdateOutcome) -> Wear:
+    """Wear after a window that was updated by the model."""
+    pair = outcome.model.mesh.pair
+    share = pinion_share(pair)
+    combined = depth_of(outcome)
+    K = wear_coefficient(rig, outcome)
+    τ, f = rig.require("the wear coefficient", "wear.dwell_time", "operating.pinion_speed_hz")
+    loss = outcome.curve.loss_from
+    return Wear(
+        wear_coefficient=K,
+        specific_wear_rate=float(specific_wear_rate(pair, K, τ, f)),
+        dwell_time=τ,
+        dwell_time_speed=f,
+        depth={"combined": combined, "pinion": combined.scaled(share), "gear": combined.scaled(1 - share)},
+        profile=_profile(pair, outcome.curve.profile(outcome.depth), share),
+        method=outcome.method,
+        methods=methods_of(rig, outcome),
+        validity=ModelValidity(
+            contact_loss_from=None if loss is None else float(loss),
+            steady_state_to=float(outcome.curve.valid_to),
+            valid=bool(outcome.depth <= outcome.curve.valid_to and (loss is None or outcome.depth < loss)),
+        ),
+    )
+
+
+def depth_of(outcome: UpdateOutcome) -> Interval:
+    """The combined depth of a window [m]."""
+    low, high = outcome.depth_band
+    return Interval(median=float(outcome.depth), p05=float(low), p95=float(high))
+
+
+def wear_coefficient(rig: Rig, outcome: UpdateOutcome) -> float:
+    """K [1/N] by the method in use."""
+    rate = outcome.memory.rms_track.rate if outcome.method == "rms" else outcome.memory.track.rate
+    return float(rate / reference_rate(rig))
+
+
+def methods_of(rig: Rig, outcome: UpdateOutcome) -> MethodEstimates:
+    """What either method of updating gives for the window."""
+    reference = reference_rate(rig)
+    fused = rms = None
+    if outcome.estimate is not None:
+        fused = FusedEstimate(
+            wear_coefficient=float(outcome.memory.track.rate / reference),
+            depth=float(outcome.estimate.depth),
+            depth_std=float(outcome.estimate.std) if np.isfinite(outcome.estimate.std) else None,
+            depth_from_lines=float(outcome.estimate.from_lines),
+            misfit=float(outcome.estimate.misfit),
+        )
+    if outcome.rms_result is not None:
+        found = outcome.rms_result
+        rms = RmsEstimate(
+            wear_coefficient=float(outcome.memory.rms_track.rate / reference),
+            depth=float(outcome.rms_depth),
+            rms_predicted=float(found.rms_predicted),
+            rms_after=float(found.rms_after),
+            updated=bool(found.updated),
+            converged=bool(found.converged),
+            iterations=found.iterations,
+        )
+    return MethodEstimates(fused=fused, rms=rms)
+
+
+def _profile(pair: GearPair, profile: WornProfile, share: float) -> WearProfile:
+    """Depth of both flanks along the nominal path, by path position, radius and roll angle."""
+    s = np.linspace(pair.path_start, pair.path_end, PROFILE_POINTS)
+    depth, _ = profile.at(s)
+    flanks = []
+    for rb, ρ, part in zip(pair.base_radius, pair.curvature_radius(s), (share, 1 - share), strict=True):
+        radius = np.hypot(rb, ρ)
+        flanks.append(
+            FlankProfile(
+                radius=tuple(radius.tolist()),
+                roll_angle=tuple(roll_angle(radius, rb).tolist()),
+                depth=tuple((depth * part).tolist()),
+            )
+        )
+    return WearProfile(path_position=tuple(s.tolist()), pinion=flanks[0], gear=flanks[1])
