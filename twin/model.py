@@ -50,7 +50,7 @@ class Calibration:
 
     @classmethod
     def prior(cls, rig: Rig) -> Calibration:
-        """What the rig file says before any measurement."""
+        """The values of the rig file, before any measurement."""
         scale, ζ, τ, a = rig.require(
             "the calibration's prior",
             "mesh.stiffness_scale",

@@ -34,7 +34,7 @@ def refuse_contradictions(get: Get, gear_pair: Callable[[], GearPair]) -> None:
     _operating(get)
     try:
         pair = gear_pair()
-    except NotAvailable:  # said where the geometry is needed
+    except NotAvailable:  # the geometry's own error names what is missing
         pair = None
     if pair is not None:
         _path_of_contact(get, pair)

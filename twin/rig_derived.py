@@ -8,7 +8,7 @@
 
 L       span between the bearings                      [m]
 f       distance of the gear from the drive-side bearing over the span
-d, d_b  diameter of the shaft beside the gear, effective diameter in bending   [m]
+d, d_b  diameter of the shaft next to the gear, effective diameter in bending   [m]
 l       length of the shaft of diameter d, both sides  [m]
 c_m     damping of the mesh [N·s/m],  k_m its mean stiffness [N/m]
 

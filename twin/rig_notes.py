@@ -72,7 +72,7 @@ def rig_notes(rig: Rig, limits: NoteLimits = DEFAULT_LIMITS) -> tuple[str, ...]:
     notes = [*_shafts(rig, limits), *_wheels(rig, limits)]
     try:
         mesh = mesh_of(rig, SAMPLES)
-    except TwinError:  # said where the model is needed
+    except TwinError:  # the model's own error names what is missing
         return tuple(notes)
     return tuple([*notes, *_mesh(rig, mesh, limits), *_corners(rig, mesh, limits), *_wear(rig, mesh, limits)])
 

@@ -35,7 +35,7 @@ def load_rig(path: str | Path) -> Rig:
 
 
 def expected_channels(rig: Rig) -> tuple[str, ...]:
-    """Labels of the channels that a rig file says the machine has."""
+    """Labels of the channels that the machine has by its rig file."""
     labels = [f"accel/{rig.accelerometer}"] if rig.accelerometer else []
     labels += [f"encoder/{shaft}" for shaft in ("pinion", "gear") if rig.has(f"encoders.{shaft}_edges_per_rev")]
     if rig.has("sensors.torque"):

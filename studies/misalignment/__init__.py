@@ -1,1 +1,1 @@
-"""A pair as bodies on shafts, integrated in time: contacts by an impact law, bearings and shafts that give way."""
+"""A pair as bodies on shafts, integrated in time: contacts by an impact law, compliant bearings and shafts."""

@@ -2,11 +2,11 @@
 
 Source   D. Dąbrowski, J. Adamczyk, H. Plascencia Mora, A multi-body model of gears for simulation of vibration signals
          for gears misalignment, Diagnostyka 2(62) (2012) 15–22, Tables 1 and 2, chapters 2 and 3
-Reads    K = 2.9852·10⁵ is printed with the unit N/mm^3/2, that of the Hertzian exponent of eq. (3), and stands beside
-         the exponent 1.3. A solver takes the number as it is: N/mm^1.3. What the other readings give is in `READINGS`.
-         "Vertical" is taken for across the line of centres, as where the axes lie side by side; the paper does not say
-         how they lie. The study gives the rise along the line of centres beside it. Which way the axis is tilted by
-         "about 1 degree" is not said either: normal to the plane of the axes, with that in the plane beside it.
+Reads    K = 2.9852·10⁵ is printed with the unit N/mm^3/2, that of the Hertzian exponent of eq. (3), next to the
+         exponent 1.3. A solver takes the number as it is: N/mm^1.3. What the other readings give is in `READINGS`.
+         "Vertical" is read as across the line of centres, as where the axes lie side by side; the paper does not say
+         how they lie. The study also gives the rise along the line of centres. The direction in which the axis is tilted
+         by "about 1 degree" is not stated either: normal to the plane of the axes, and also in that plane.
 Bearing  deep groove 6206, 9 balls of 9.525 mm, δ = 4.36·10⁻⁴·(Q²/D)^⅓ mm with Q = 5·F_r/9 (A. Palmgren, Ball and
          roller bearing engineering, 3rd ed. 1959): 1.5·F_r/δ = 1.4·10⁸ N/m under half of the mesh force at 200 N·m
 """
@@ -64,7 +64,7 @@ def system() -> System:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A parameter that the paper does not give, why it was taken so, and between what it may lie."""
+    """A parameter that the paper does not give, the reason for its value, and its range."""
 
     name: str
     unit: str
@@ -111,7 +111,7 @@ ESTIMATES: tuple[Estimate, ...] = (
     Estimate(
         name="density of the discs", unit="kg/m³", scale=1, value=7850, low=4700, high=10000,
         change=lambda s, value: replace(s, density=value),
-        reason="steel, solid; less stands for webs, more for hubs",
+        reason="steel, solid; less with webs, more with hubs",
     ),
     Estimate(
         name="backlash", unit="mm", scale=1e-3, value=0.4, low=0.2, high=0.6, change=_pair("backlash"),
@@ -131,7 +131,7 @@ ESTIMATES: tuple[Estimate, ...] = (
     ),
     Estimate(
         name="place of the gears in the span", unit="", scale=1, value=0.5, low=0.35, high=0.65,
-        change=_shafts("place"), reason="no other is said", rigid_too=False,
+        change=_shafts("place"), reason="no other is stated", rigid_too=False,
     ),
     Estimate(
         name="bearing stiffness", unit="N/µm", scale=1e6, value=140, low=70, high=300,

@@ -19,7 +19,7 @@ equations are stiff: backward differences of order two, solved by Newton's metho
 
     v_n+1 − (4v_n − v_n−1)/3 = (2h/3)·M⁻¹·f(q_n+1, v_n+1, t_n+1),    q_n+1 = (4q_n − q_n−1)/3 + (2h/3)·v_n+1
 
-Where teeth give way each slice of a tooth is a spring k_t/m behind its contact, k_t·u = F(δ − u, δ' − u'): the energy
+With elastic teeth each slice of a tooth is a spring k_t/m behind its contact, k_t·u = F(δ − u, δ' − u'): the energy
 method's bending, shear, axial and foundation compliance (mesh/stiffness), without inertia.
 
 The slip and the generalised forces of friction come from one and the same h_i, at the place where the tilted flanks
@@ -386,7 +386,7 @@ def _arguments(case: Case, slices: int) -> tuple:
 
 
 def tooth_stiffness(pair: GearPair, s: np.ndarray) -> np.ndarray:
-    """k_t [N/m] of a pair of teeth at path positions s (n,): all that gives way but the contact itself."""
+    """k_t [N/m] of a pair of teeth at path positions s (n,): all compliances but the contact itself."""
     levels = np.linspace(pair.path_start, pair.path_end, 201)
     parts = pair_compliance(pair, levels)
     compliance = np.sum([value for name, value in parts.items() if name != "hertz"], axis=0)

@@ -55,7 +55,7 @@ def _panels(titles: list[str], rows: int, cols: int, **more: Any) -> Any:
 
 
 def _drawn_rises(study: Study) -> Any:
-    """Rise of the RMS over the estimates drawn, median and 10 … 90 %, beside the experiment."""
+    """Rise of the RMS over the estimates drawn, median and 10 … 90 %, with the experiment."""
     plot = _panels(list(SIGNALS), 1, 2)
     points = [_point(point) for point in POINTS]
     for j, of in enumerate(SIGNALS):
@@ -106,7 +106,7 @@ def _experiment(plot: Any, points: list[str], *, shown: bool, row: int, col: int
 
 
 def _rises(study: Study) -> Any:
-    """Rise of the RMS by variant, acceleration and force, beside the experiment; nominal estimates."""
+    """Rise of the RMS by variant, acceleration and force, with the experiment; nominal estimates."""
     titles = [f"{of}, {TILTED[tilt]}" for tilt in ("normal", "in_plane") for of in SIGNALS]
     plot = _panels(titles, 2, 2, vertical_spacing=0.14)
     points = [_point(point) for point in POINTS]

@@ -113,13 +113,13 @@ def _rise(r: Rise) -> dict[str, Any]:
 
 def text(study: Study) -> str:
     """The report as the command prints it: over the estimates drawn, then at the nominal ones."""
-    said = [
+    parts = [
         "Dąbrowski et al., Diagnostyka 2(62)/2012: pair 29/29, one gear misaligned by 1°\n"
         "rise of the RMS in mesh bands 1–5 ± 2 orders, %\n"
         "from exp.: mean distance of the four rises from the experiment's, %-points",
         *tables(study),
     ]
-    return "\n\n".join(said)
+    return "\n\n".join(parts)
 
 
 def tables(study: Study) -> list[str]:

@@ -4,7 +4,7 @@
 
 Compared are the second derivative of the force between the driver and its shaft, to which the acceleration of an
 elastic support is proportional, which the authors measured on the gearbox; and the force itself, which they took from
-their model. Both were vertical: read as across the line of centres, with that along it beside (`dabrowski_2012`).
+their model. Both were vertical: read as across the line of centres, and also along it (`dabrowski_2012`).
 
 Source   D. Dąbrowski et al., Diagnostyka 2(62) (2012), chapters 2 and 3
 Holds    steady runs: what is kept begins after a turn
@@ -33,7 +33,7 @@ from studies.misalignment.motion import SLICES, STEPS, Case, Motion, integrate
 from studies.misalignment.system import System, Tilt
 from twin.errors import NotConverged
 
-VARIANTS: dict[str, Mapping[str, bool]] = {  # what gives way
+VARIANTS: dict[str, Mapping[str, bool]] = {  # what is compliant
     "rigid": {},
     "bearings": {"bearings": True},
     "shafts": {"shafts": True},

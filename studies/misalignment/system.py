@@ -1,4 +1,4 @@
-"""Two gears on shafts in bearings: masses, what gives way, and how one gear is tilted.
+"""Two gears on shafts in bearings: masses, compliances, and how one gear is tilted.
 
 At a gear that sits at a from one bearing and b from the other, L = a + b, under a force and a couple in one plane
 through the axis, displacement w and slope φ are
@@ -73,10 +73,10 @@ class System:
 
     def __post_init__(self) -> None:
         if self.pair.teeth[0] != self.pair.teeth[1]:
-            raise ParameterError(f"teeth = {self.pair.teeth} must be equal: a turn of one gear is taken for both")
+            raise ParameterError(f"teeth = {self.pair.teeth} must be equal: the period is one turn of both gears")
 
     def giving(self, *, bearings: bool = False, shafts: bool = False, teeth: bool = False) -> System:
-        """The same with what gives way."""
+        """The same with some parts compliant."""
         return replace(self, bearings_give=bearings, shafts_give=shafts, teeth_give=teeth)
 
     @property
@@ -150,7 +150,7 @@ class System:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tilt:
-    """How the driven gear's teeth stand against the driver's."""
+    """Phase of the driven gear's teeth against the driver's."""
 
     angle: float = 0.0  # [rad]
     direction: str = "normal"  # to the plane of the axes (f_Σβ), or "in_plane" (f_Σδ): at angle zero where it turns

@@ -23,7 +23,7 @@ from the quasi-static solution.
 Source   alternating frequency/time harmonic balance: T. M. Cameron, J. H. Griffin, J. Appl. Mech. 56
          (1989) 149–154; Newton–Krylov: C. T. Kelley, Solving Nonlinear Equations with Newton's Method,
          SIAM 2003, ch. 3
-Holds    responses that repeat with the period; others do not converge and say so
+Holds    responses that repeat with the period; others do not converge, which `converged` reports
 """
 
 from __future__ import annotations
@@ -43,13 +43,16 @@ from twin.errors import NotConverged, ParameterError
 Map = Callable[[np.ndarray], np.ndarray]
 
 MAX_NEWTON = 40
-MAX_STALLED = 12  # Newton steps that hardly help, on the way through contacts that open and close
+MAX_STALLED = 12  # Newton steps with little progress, while contacts open and close
 MAX_HALVINGS = 8
 TOLERANCE = 1e-9  # of the mean force
-WIDEST = 30.0  # rounding of the contacts' corner at the start of the way through contact loss, of F/k̄
+WIDEST = 30.0  # rounding of the contacts' corner at the start of the continuation through contact loss, of F/k̄
 SHARP = 3e-3  # rounding from which the corner itself is tried, of F/k̄
 MAX_STAGES = 40
-LONG, MAX_LONG = 8192, 1200  # samples of a period from which the whole way may take so many products with its Jacobian
+LONG, MAX_LONG = (
+    8192,
+    1200,
+)  # samples of a period from which the whole continuation may take so many products with its Jacobian
 BEYOND_MODES = 2.0  # harmonics solved directly under contact loss reach this far beyond the fastest mode
 MAX_LOW_HARMONICS = 300
 
@@ -174,7 +177,7 @@ def solve_through_contact_loss(
 
     Rounded over 30 F/k̄ hardly any contact is ever lost and the solution is easily found; each stage starts from
     the one before, and one that fails is tried again with a smaller change. The last is the sharp corner itself. Over
-    many mesh periods the way is cut short: where it is that long, it hardly ever arrives.
+    many mesh periods the continuation is cut short: where it is that long, it hardly ever converges.
     """
     room = MAX_LONG if contacts.samples > LONG else None
     steady = solve(structure, contacts, mean_force, loads=loads, start=start, tolerance=tolerance, most=room)
@@ -226,7 +229,7 @@ class Balance:
 
     mean_force  mean mesh force T/r_b1 [N], > 0
     loads       forces that do not depend on the motion
-    rounding    ε [m] of contacts that open gradually, (x + sqrt(x² + ε²))/2 for max(0, x); an aid on the way
+    rounding    ε [m] of contacts that open gradually, (x + sqrt(x² + ε²))/2 for max(0, x); an aid of the continuation
     """
 
     def __init__(

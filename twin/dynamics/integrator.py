@@ -167,7 +167,7 @@ def integrate(
 ) -> Motion:
     """Integrates the motion under constant loads.
 
-    contacts          tables over one period of the phase, at the speed that their `period` stands for
+    contacts          tables over one period of the phase, at the speed that their `period` corresponds to
     load              constant generalised forces (21,): torques in and out in balance
     responses         directions to report (r, 21)
     keep              every how many steps to report

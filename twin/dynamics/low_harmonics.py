@@ -1,6 +1,6 @@
 """The low harmonics of the contact problem solved directly, to precondition the rest.
 
-Where contact is lost for part of the period the stiffness jumps between zero and k: its mean is a poor stand-in and
+Where contact is lost for part of the period the stiffness jumps between zero and k: its mean is a poor choice and
 GMRES needs a hundred steps. But only harmonics up to the structure's fastest mode move much; for the m lowest of them
 
     A·u = u + Σ_i r_i·rfft(t_i·irfft(w·u)),        (t·c)_k = Σ_j (t̂_{k−j}·c_j + t̂_{k+j}·c̄_j)

@@ -1,6 +1,6 @@
 """The mesh of one pair as the contacts that a solver sees.
 
-Contact p of the drive side stands at s_p(t) = s(t) + p·p_b on the path of contact, s' = ω1·r_b1. Its separation
+Contact p of the drive side is at s_p(t) = s(t) + p·p_b on the path of contact, s' = ω1·r_b1. Its separation
 is e_p = −h(s_p) − gap(s_p), with h the material worn off both flanks (positive) and gap the corner contact
 outside the nominal path. On the back side a tooth of the other flank closes the mesh where the drive side
 opens by the backlash.

@@ -1,4 +1,4 @@
-"""How a steady state changes with whatever stands in its equations, to first order.
+"""How a steady state changes with the parameters of its equations, to first order.
 
     R(d; p) = 0        J·∂d/∂p = −∂R/∂p,        J = ∂R/∂d
 
@@ -72,7 +72,7 @@ class Linearised:
     def moved(
         self, structure: Structure, contacts: Contacts, mean_force: float, loads: tuple[Load, ...] = ()
     ) -> SteadyState:
-        """The steady state of slightly other contacts, structure or loads; `converged` says nothing of its error.
+        """The steady state of slightly other contacts, structure or loads; `converged` does not refer to its error.
 
         Raises ParameterError where the period is not sampled alike.
         """

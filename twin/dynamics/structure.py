@@ -13,7 +13,7 @@ C   modal damping M Φ diag(2ζω) Φᵀ M with the mass-normalised modes of the
 Source   K. Feng et al., Wear 426–427 (2019) 1410–1415, eqs 1–5 and Fig. 3; the signs, which are partly
          lost in print, are those with which the mesh force does equal and opposite work on both gears
 Holds    small motions about a steady rotation
-Ignores  the overhung shaft ends: a coupling's lateral stiffness acts at the bearing beside it
+Ignores  the overhung shaft ends: a coupling's lateral stiffness acts at the bearing next to it
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ INDEX = {name: i for i, name in enumerate(DEGREES_OF_FREEDOM)}
 TORSION_NODES = (1, 2, 3, 5, 7, 8, 10, 12, 13)
 LATERAL_NODES = (4, 5, 6, 9, 10, 11)
 
-COUPLED_NODES = (4, 11)  # bearings beside the couplings to motor and brake, which stand on the ground
+COUPLED_NODES = (4, 11)  # bearings next to the couplings to motor and brake, which are fixed to the ground
 
 RIGID_HZ = 1.0  # a mode below this is a rotation of the whole, not a vibration
 

@@ -37,7 +37,7 @@ class ResidualRecord:
 
     @property
     def condition(self) -> tuple[str, str, float, float | None]:
-        """What tells one record from another."""
+        """The key of the record."""
         return self.sensor, self.gear, self.speed, self.torque
 
     def holds_for(self, sensor: str, gear: str, speed: float, torque: float | None) -> bool:

@@ -6,7 +6,7 @@ drive flank. So the back flanks obey the same geometry with a path position s_b 
     s_b = t·cos α − s  (modulo the base pitch)         ρ1 = r_b1·tan α + s_b
     d_b = −(r_b1·θ1 − r_b2·θ2) + (y1 − y2)·cos α + (x1 − x2)·sin α − j
 
-s    path position of the drive-flank contact, as the pinion's angle tells it: r_b1·θ1     [m]
+s    path position of the drive-flank contact, from the pinion's angle, r_b1·θ1       [m]
 s_b  path position of the back-flank contact of the same pinion tooth; moves against s     [m]
 t    tooth thickness of the pinion on its pitch circle                                     [m]
 j    backlash along the line of action                                                     [m]

@@ -1,4 +1,4 @@
-"""How far the gear's body gives way under a tooth: an elastic ring on a rigid bore.
+"""Compliance of the gear's body under a tooth (fillet foundation): an elastic ring on a rigid bore.
 
     1/k_f = cos²β/(E·W)·(L·(u/S)² + M·(u/S) + P·(1 + Q·tan²β))
     L, M, P, Q = A/θ² + B·h² + C·h/θ + D/θ + E·h + F,  with one row of A … F each

@@ -7,7 +7,7 @@ s  signed distance of the contact from the pitch point along the line of action 
 Outside the nominal path a tip corner still touches: the contact stays at that tip, so the stiffness
 levels off. s is replaced there by s_end ± l·tanh((s − s_end)/l), which joins with two derivatives.
 
-A curve from elsewhere (finite elements, say) may be given instead: `PairStiffness.given`.
+A curve from another source, such as finite elements, may be given instead: `PairStiffness.given`.
 
 Source   mesh/tooth_compliance, mesh/foundation, mesh/hertz
 """
@@ -39,7 +39,7 @@ def levelled_position(pair: GearPair, s):
 
 
 def pair_compliance(pair: GearPair, s, root_section: str = DEFAULT_ROOT_SECTION) -> dict[str, np.ndarray]:
-    """What gives way, per newton, by cause; path positions s (n,) [m] → arrays (n,) [m/N].
+    """Compliance of one tooth pair by cause; path positions s (n,) [m] → arrays (n,) [m/N].
 
     Keys: bending, shear, axial, foundation, each with _pinion or _gear, and hertz.
     """

@@ -1,4 +1,4 @@
-"""How far one tooth gives way under a normal force on its flank: bending, shear, axial compression.
+"""Compliance of one tooth under a normal force on its flank: bending, shear, axial compression.
 
 The tooth is a short cantilever of changing section, rooted where its fillet meets the root circle. A
 force F along the flank's normal stores the energy of a bending moment, a shear force and a thrust:
@@ -32,7 +32,7 @@ _SHEAR_FACTOR = 1.2  # rectangular section
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToothCompliance:
-    """What bends under a force, per newton, in the force's direction; each (n,) [m/N]."""
+    """Compliances of one tooth in the direction of the force; each (n,) [m/N]."""
 
     bending: np.ndarray
     shear: np.ndarray
