@@ -5,8 +5,8 @@ Source   D. Dąbrowski, J. Adamczyk, H. Plascencia Mora, A multi-body model of g
 Reads    K = 2.9852·10⁵ is printed with the unit N/mm^3/2, that of the Hertzian exponent of eq. (3), next to the
          exponent 1.3. A solver takes the number as it is: N/mm^1.3. What the other readings give is in `READINGS`.
          "Vertical" is read as across the line of centres, as where the axes lie side by side; the paper does not say
-         how they lie. The study also gives the rise along the line of centres. The direction in which the axis is tilted
-         by "about 1 degree" is not stated either: normal to the plane of the axes, and also in that plane.
+         how they lie. The study also gives the rise along the line of centres. The direction in which the axis is
+         tilted by "about 1 degree" is not stated either: normal to the plane of the axes, and also in that plane.
 Bearing  deep groove 6206, 9 balls of 9.525 mm, δ = 4.36·10⁻⁴·(Q²/D)^⅓ mm with Q = 5·F_r/9 (A. Palmgren, Ball and
          roller bearing engineering, 3rd ed. 1959): 1.5·F_r/δ = 1.4·10⁸ N/m under half of the mesh force at 200 N·m
 """
