@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.dynamics_cases import TEN, model, worn
+from tests.dynamics_cases import RIG, TEN, model, worn
 from twin.effects.response import Effect
+from twin.rig import Rig
 from twin.tracing.joint_fit import fit, inverse
 from twin.tracing.joint_problem import Problem, predict
 from twin.tracing.mesh_trials import mesh_trials, started
 from twin.tracing.mesh_windows import MeshWindows
-from twin.tracing.observed import Observed
-from twin.tracing.scatter import LineScatter
+from twin.tracing.observed import CHANNELS, Observed
+from twin.tracing.scatter import HealthyScatter
 
 TRIALS = mesh_trials()
 DEPTH = 25.6e-6  # rounds up to two digits: a curve from there on starts deeper
@@ -36,7 +37,7 @@ def unseen(o: Observed) -> Observed:
 def block_of(windows: list[Observed], depth: float = DEPTH) -> MeshWindows:
     return MeshWindows(
         model=model(), windows=tuple(windows), depth=np.array([w.worn * depth for w in windows]), phase=0.0,
-        scatter=LineScatter(),
+        scatter=HealthyScatter.of_rig(RIG),
     )  # fmt: skip
 
 
@@ -95,7 +96,29 @@ def test_undetermined_sum_of_two_depths_leaves_their_difference_and_the_rest_kno
 
 def test_problem_knows_which_trial_a_number_belongs_to():
     trials = (TRIALS["misalignment"], TRIALS["profile_error"])
-    problem = Problem(model=model(), windows=REPEATED[:2], profiles=lambda *_: model().unworn, trials=trials)
+    problem = Problem(
+        model=model(),
+        windows=REPEATED[:2],
+        profiles=lambda *_: model().unworn,
+        trials=trials,
+        scatter=HealthyScatter.of_rig(RIG),
+    )
     owners = [problem.acting_on(j) for j in range(problem.shared)]
     assert owners == [None] * 3 + [trials[0]] + [trials[1]] * 4
     assert problem.numbers_of(trials[1]) == slice(4, 8)
+
+
+def test_scatter_of_the_structure_grows_with_the_tolerance_that_the_rig_file_states():
+    loose = Rig.from_mapping({**RIG.values, "tolerances": {"stiffness": 0.06}})
+    usual, wide = HealthyScatter.of_rig(RIG), HealthyScatter.of_rig(loose)
+    for channel in CHANNELS:
+        np.testing.assert_allclose(wide.channels[channel].structure, 2 * np.array(usual.channels[channel].structure))
+        assert wide.channels[channel].windows == usual.channels[channel].windows
+
+
+def test_scatter_of_the_reference_rig_is_that_which_the_thresholds_were_tuned_with():
+    usual = HealthyScatter.of_rig(RIG)
+    assert (usual.common, usual.each) == pytest.approx((0.05e-6, 0.03e-6), rel=1e-4)
+    assert (usual.mean_std, usual.mean_drift) == pytest.approx((0.5e-6, 10e-6), rel=1e-4)
+    assert [usual.channels[c].per_depth for c in CHANNELS] == pytest.approx([200, 200, 400], rel=1e-4)
+    assert [usual.channels[c].floor for c in CHANNELS] == pytest.approx([0, 2e-3, 0.01])

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from tests.dynamics_cases import TEN, model
+from tests.dynamics_cases import RIG, TEN, model
 from twin.effects.response import Effect
 from twin.tracing import mesh_search
 from twin.tracing.joint_problem import predict
@@ -20,7 +20,7 @@ from twin.tracing.mesh_trials import mesh_trials, started
 from twin.tracing.mesh_wear import curve_with
 from twin.tracing.mesh_windows import MeshWindows
 from twin.tracing.observed import Observed
-from twin.tracing.scatter import LineScatter
+from twin.tracing.scatter import HealthyScatter
 
 DEPTHS = (0.0, 8e-6, 16e-6, 24e-6)
 TRIALS = mesh_trials()
@@ -49,7 +49,9 @@ def fits(*names: str) -> AlikeTeeth:
     """Windows of a machine with these effects."""
     effects = tuple(trial(n).make(np.array([SIZES[n]])) for n in names)
     windows = tuple(window(i, depth, effects) for i, depth in enumerate(DEPTHS))
-    mesh = MeshWindows(model=model(), windows=windows, depth=np.array(DEPTHS), phase=0.0, scatter=LineScatter())
+    mesh = MeshWindows(
+        model=model(), windows=windows, depth=np.array(DEPTHS), phase=0.0, scatter=HealthyScatter.of_rig(RIG)
+    )
     return AlikeTeeth(windows=mesh)
 
 

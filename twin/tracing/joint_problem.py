@@ -28,7 +28,7 @@ from twin.errors import NotConverged
 from twin.model import Model
 from twin.thresholds import deciding
 from twin.tracing.observed import CHANNELS, HARMONICS, Observed
-from twin.tracing.scatter import LineScatter, Weight, weight
+from twin.tracing.scatter import HealthyScatter, Weight, weight
 from twin.updating.calibration import NAMES
 from twin.wear.profile import WornProfile
 
@@ -48,15 +48,6 @@ class JointFitThresholds:
         "a calibration that may move as far would explain an effect away",
         source="an estimate of healthy machines, not derived; the tracing was tuned on T01–T58 with it",
     )
-    mean_std: float = deciding(
-        0.5e-6, unit="m",
-        meaning="scatter of the mean transmission error from window to window: torque wander, depth",
-        source="an estimate, not derived; the tracing was tuned on T01–T58 with it",
-    )  # fmt: skip
-    mean_drift: float = deciding(
-        10e-6, unit="m", meaning="drift of the discs' zeros over the whole campaign: heat, creep of a mounting",
-        source="an estimate, not derived; the tracing was tuned on T01–T58 with it",
-    )  # fmt: skip
     same_torque: float = deciding(
         0.1, of="torque", meaning="windows within this of one another are of one load: their means are compared",
         source="an estimate, not derived; the tracing was tuned on T01–T58 with it",
@@ -183,7 +174,7 @@ class Problem:
     channels: tuple[str, ...] = CHANNELS
     factors: Sequence[dict[str, np.ndarray]] | None = None  # of each window's lines, by effects of longer periods
     thresholds: JointFitThresholds = field(default_factory=JointFitThresholds)
-    scatter: LineScatter = field(default_factory=LineScatter)
+    scatter: HealthyScatter
 
     def __post_init__(self) -> None:
         limits = self.thresholds
@@ -302,8 +293,8 @@ class Problem:
         if there.sum() < 2 or "encoder" not in self.channels:
             return np.empty(0)
         turns = np.array([w.revolutions for w in self.windows])[there]
-        drift = self.thresholds.mean_drift * (turns - turns.mean()) / max(float(np.ptp(turns)), 1.0)
-        C = self.thresholds.mean_std**2 * np.eye(turns.size) + np.outer(drift, drift)
+        drift = self.scatter.mean_drift * (turns - turns.mean()) / max(float(np.ptp(turns)), 1.0)
+        C = self.scatter.mean_std**2 * np.eye(turns.size) + np.outer(drift, drift)
         zeros = self.load[there][:, None] == np.unique(self.load[there])  # one unknown zero for each load
         contrasts = null_space(zeros.T.astype(float))
         if contrasts.shape[1] == 0:

@@ -23,7 +23,7 @@ from twin.tracing.joint_problem import EffectTrial, Problem, Profiles
 from twin.tracing.mesh_trials import started
 from twin.tracing.mesh_wear import WearWithEffects, rounded, wear_condition, wear_until
 from twin.tracing.observed import CHANNELS, Observed
-from twin.tracing.scatter import LineScatter
+from twin.tracing.scatter import HealthyScatter
 
 ROUNDS = 2  # of fitting and of wearing with what was fitted
 FEWEST_WITHOUT_NEW = 3  # worn windows, where none of new flanks is there to compare with
@@ -71,7 +71,7 @@ class MeshWindows:
     phase: float  # of the mesh against the zero of the encoder [rad], a start
     factors: Sequence[dict[str, np.ndarray]] | None = None  # of each window's lines, by effects of longer periods
     channels: tuple[str, ...] = CHANNELS
-    scatter: LineScatter
+    scatter: HealthyScatter
     onset: OnsetThresholds = OnsetThresholds()
 
     def problem(

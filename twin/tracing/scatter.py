@@ -21,12 +21,14 @@ windows share the factor; the torque meter's line lies between.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin.rig import Rig
 from twin.rig_tolerances import Tolerances
+from twin.scales import Scales
 from twin.thresholds import deciding
 
 MODELLED = 0.08  # relative std of a fitted number of an effect, for what the structure of the twin is off
@@ -50,16 +52,33 @@ def _extended(values: tuple[float, ...], count: int) -> np.ndarray:
     return np.array([values[min(k, len(values) - 1)] for k in range(count)])
 
 
+PITCH = "base pitch"  # errors of gears and discs grow with their size, not with their load
 PERTURBED = "spread of predicted lines over 21 degrees of freedom perturbed by ±3 %, and one finite-element machine"
-ESTIMATE = "an estimate, not derived; the tracing was tuned on T01–T58 with it"
+ESTIMATE = "an estimate, not derived; attribution was tuned on T01–T58 with it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineScatter:
-    """What healthy machines differ by in their mesh lines; a tuple goes by mesh harmonic."""
+    """What healthy machines differ by in their mesh lines, in shares of the machine; a tuple goes by mesh harmonic."""
 
-    common: float = deciding(0.05e-6, unit="m", meaning="β: graduation and mean tooth form", source=ESTIMATE)
-    each: float = deciding(0.03e-6, unit="m", meaning="φ: what real teeth do that no model has", source=ESTIMATE)
+    common: float = deciding(
+        8.4684e-6, of=PITCH, meaning="β: graduation and mean tooth form", source=f"{ESTIMATE}: 0.05 µm"
+    )
+    each: float = deciding(
+        5.0811e-6, of=PITCH, meaning="φ: what real teeth do that no model has", source=f"{ESTIMATE}: 0.03 µm"
+    )
+    mean_std: float = deciding(
+        8.4684e-5,
+        of=PITCH,
+        meaning="scatter of the mean transmission error from window to window: torque wander, depth",
+        source=f"{ESTIMATE}: 0.5 µm",
+    )
+    mean_drift: float = deciding(
+        1.69369e-3,
+        of=PITCH,
+        meaning="drift of the discs' zeros over the whole campaign: heat, creep of a mounting",
+        source=f"{ESTIMATE}: 10 µm",
+    )
     teeth: float = deciding(
         0.25,
         meaning="τ: share of what pitch errors or a crack make of a mesh line that is not known",
@@ -80,42 +99,64 @@ class LineScatter:
         (0.03, 0.03, 0.03, 0.05), meaning="κ of the accelerometer on new flanks", source=ESTIMATE
     )
     per_depth: float = deciding(
-        200.0, unit="1/m", meaning="growth of κ with depth, times the harmonic", source=ESTIMATE
+        1.18085,
+        meaning="growth of κ with wear depth over base pitch, times the harmonic",
+        source=f"{ESTIMATE}: 200 1/m",
     )
     acceleration_per_depth: float = deciding(
-        400.0, unit="1/m", meaning="the same of the accelerometer", source=ESTIMATE
+        2.36171, meaning="the same of the accelerometer", source=f"{ESTIMATE}: 400 1/m"
     )
-    torque_floor: float = deciding(2e-3, unit="N·m", meaning="added to φ of the torque meter", source=ESTIMATE)
-    acceleration_floor: float = deciding(0.01, unit="m/s²", meaning="added to φ of the accelerometer", source=ESTIMATE)
+    torque_floor: float = deciding(
+        0.4, of="torque noise floor", meaning="added to φ of the torque meter", source=f"{ESTIMATE}: 2 mN·m"
+    )
+    acceleration_floor: float = deciding(
+        5.0, of="acceleration noise floor", meaning="added to φ of the accelerometer", source=f"{ESTIMATE}: 0.01 m/s²"
+    )
+
+    def on(self, rig: Rig, scales: Scales) -> HealthyScatter:
+        """The sizes on one machine; NotAvailable where its rig file does not suffice for the scales.
+
+        What the structure adds holds for the default tolerance of stiffness and grows in proportion to the rig file's.
+        """
+        p, wider = scales.base_pitch, rig.tolerances.stiffness / Tolerances().stiffness
+        floors = {
+            "encoder": 0.0,
+            "torque": self.torque_floor * scales.torque_noise,
+            "acceleration": self.acceleration_floor * scales.acceleration,
+        }
+        return HealthyScatter(
+            common=self.common * p,
+            each=self.each * p,
+            mean_std=self.mean_std * p,
+            mean_drift=self.mean_drift * p,
+            teeth=self.teeth,
+            channels={
+                channel: ChannelScatter(
+                    structure=tuple(wider * ρ for ρ in getattr(self, f"{channel}_structure")),
+                    windows=getattr(self, f"{channel}_windows"),
+                    per_depth=(self.acceleration_per_depth if channel == "acceleration" else self.per_depth) / p,
+                    floor=floor,
+                )
+                for channel, floor in floors.items()
+            },
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HealthyScatter:
+    """The same for one machine, in SI."""
+
+    common: float  # β [m]
+    each: float  # φ [m]
+    mean_std: float  # of the mean transmission error [m]
+    mean_drift: float  # of its zero over a campaign [m]
+    teeth: float  # τ
+    channels: Mapping[str, ChannelScatter]
 
     @classmethod
-    def of_rig(cls, rig: Rig) -> LineScatter:
-        """The scatter of machines within the rig file's tolerances: what the structure adds grows with their stiffness.
-
-        The sizes above hold for the default tolerance; to first order the lines move in proportion to it.
-        """
-        wider = rig.tolerances.stiffness / Tolerances().stiffness
-        usual = cls()
-        if wider == 1:
-            return usual
-        return cls(
-            encoder_structure=tuple(wider * ρ for ρ in usual.encoder_structure),
-            torque_structure=tuple(wider * ρ for ρ in usual.torque_structure),
-            acceleration_structure=tuple(wider * ρ for ρ in usual.acceleration_structure),
-        )
-
-    def of(self, channel: str) -> ChannelScatter:
-        """The sizes of one channel."""
-        on_housing = channel == "acceleration"
-        return ChannelScatter(
-            structure=getattr(self, f"{channel}_structure"),
-            windows=getattr(self, f"{channel}_windows"),
-            per_depth=self.acceleration_per_depth if on_housing else self.per_depth,
-            floor=0.0 if channel == "encoder" else getattr(self, f"{channel}_floor"),
-        )
-
-
-DEFAULT = LineScatter()
+    def of_rig(cls, rig: Rig, scales: Scales | None = None) -> HealthyScatter:
+        """Of machines within the rig file's tolerances."""
+        return LineScatter().on(rig, Scales.of(rig) if scales is None else scales)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -139,8 +180,8 @@ def weight(
     depth: np.ndarray,
     transfer: np.ndarray,
     group: np.ndarray,
-    by_teeth: np.ndarray | float = 0.0,
-    sizes: LineScatter = DEFAULT,
+    by_teeth: np.ndarray | float,
+    sizes: HealthyScatter,
 ) -> Weight:
     """Weight of line k (from 1) of a channel.
 
@@ -152,7 +193,7 @@ def weight(
     by_teeth   what teeth that differ from one another add to the prediction (W,)
     sizes      what healthy machines differ by
     """
-    scatter = sizes.of(channel)
+    scatter = sizes.channels[channel]
     ρ, κ = (size[k - 1] for size in scatter.sizes(k))
     κ = κ + scatter.per_depth * k * depth
     each = 2 * std**2 + (κ * np.abs(predicted)) ** 2 + scatter.floor**2 + (sizes.each * transfer) ** 2

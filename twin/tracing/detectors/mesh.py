@@ -26,7 +26,7 @@ from twin.tracing.mesh_search import MeshFindings, search_mesh
 from twin.tracing.mesh_trials import fitted_numbers, plain
 from twin.tracing.mesh_windows import MeshWindows
 from twin.tracing.observed import chosen
-from twin.tracing.scatter import MODELLED, LineScatter
+from twin.tracing.scatter import MODELLED, HealthyScatter
 from twin.tracing.tooth_factors import factors_of
 from twin.tracing.transfer_path import fit_sensor, quotients
 
@@ -90,7 +90,7 @@ def mesh_windows(context: TracingContext, limits: MeshThresholds = THRESHOLDS) -
         depth=start,
         phase=context.mesh_phase,
         factors=factors,
-        scatter=LineScatter.of_rig(context.rig),
+        scatter=HealthyScatter.of_rig(context.rig, context.scales),
     )
 
 
