@@ -28,7 +28,8 @@ SIZES = {"misalignment": 1.0, "tooth_friction": 0.6, "mesh_stiffness_loss": 2.0}
 
 
 def trial(name: str):
-    return started(TRIALS[name], np.array([SIZES[name]]), 0.0)
+    """The trial of an effect with its size here, or where it usually starts."""
+    return started(TRIALS[name], np.array([SIZES[name]]), 0.0) if name in SIZES else TRIALS[name]
 
 
 def window(index: int, depth: float, effects: tuple[Effect, ...]) -> Observed:
@@ -148,3 +149,9 @@ def test_explanation_within_what_an_effect_must_add_is_said_to_be_indistinguisha
         ("mesh_stiffness_loss",),
     )
     assert rivals(chosen, [other(chosen.gain - 7)]) == (("mesh_stiffness_loss", pytest.approx(7)), ())
+
+
+def test_effects_that_are_not_needed_do_not_keep_out_the_one_that_is():
+    kept = (trial("mesh_stiffness_loss"), trial("mesh_damping"), trial("profile_error"))
+    findings = search_mesh(fits("tooth_friction"), kept=kept)
+    assert names(findings) == {"tooth_friction"} and set(findings.pruned) == {t.name for t in kept}

@@ -28,6 +28,8 @@ from twin.tracing.mesh_trials import mesh_trials
 from twin.tracing.mesh_windows import Fitted, MeshWindows
 from twin.tracing.observed import Observed
 
+PASSES = 2  # of adding and pruning: what was pruned may have kept another effect out
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MeshFindings:
@@ -103,19 +105,31 @@ def search_mesh(
     gain = best.fit.log_evidence - base.fit.log_evidence
     found = [Candidate(trial=t, fitted=best, gain=gain) for t in best.fit.trials]
     progress = _Progress(base=base, best=best, found=found)
-    limits, quiet = fits.thresholds, max(fits.thresholds.quiet_misfit, tolerated)
+    quiet = max(fits.thresholds.quiet_misfit, tolerated)
+    for _ in range(PASSES):
+        _add(fits, progress, skip, quiet)
+        if not _prune(fits, progress, fixed):
+            break
+    return progress.findings(fits.windows)
+
+
+def _add(fits: Fits, progress: _Progress, skip: Sequence[str], quiet: float) -> None:
+    """Adds one effect after the other until nothing is left to explain, or none is believed."""
+    limits = fits.thresholds
     while len(progress.found) < limits.most_effects and (
         progress.best.fit.misfit > quiet or progress.best.fit.shared[0] < limits.softened
     ):
         if not _joined_by_one(fits, progress, skip):
             break
-    _prune(fits, progress, fixed)
-    return progress.findings(fits.windows)
 
 
-def _prune(fits: Fits, progress: _Progress, fixed: Collection[str]) -> None:
-    """Leaves what is needed; where several effects are, the gain of each becomes what leaving it out would lose."""
-    progress.best, losses, progress.gone = pruned(fits, progress.base, progress.best, fixed)
+def _prune(fits: Fits, progress: _Progress, fixed: Collection[str]) -> bool:
+    """Leaves what is needed, and says whether anything went.
+
+    Where several effects are, the gain of each becomes what leaving it out would lose.
+    """
+    progress.best, losses, gone = pruned(fits, progress.base, progress.best, fixed)
+    progress.gone = (*progress.gone, *gone)
     by_name = {t.name: t for t in progress.best.fit.trials}
     progress.found = [
         replace(
@@ -127,9 +141,10 @@ def _prune(fits: Fits, progress: _Progress, fixed: Collection[str]) -> None:
         for c in progress.found
         if c.trial.name in by_name
     ]
-    for name in progress.gone:
+    for name in gone:
         progress.runner_up.pop(name, None)
         progress.alike.pop(name, None)
+    return bool(gone)
 
 
 def _with_kept(fits: Fits, kept: Sequence[EffectTrial], base: Fitted) -> Fitted:
