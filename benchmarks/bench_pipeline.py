@@ -1,4 +1,4 @@
-"""What the way from frames to wear costs: time of a window, of a curve, of a campaign, and memory.
+"""What from frames to wear costs: time of a window, of a curve, of a campaign, and memory.
 
     python -m benchmarks.bench_pipeline
 
@@ -134,7 +134,7 @@ def one_window() -> list[Figure]:
         Figure(what="  of these, features", value=1e3 * statistics.median(features), unit="ms"),
         Figure(what="  the slowest window, wear curve known", value=1e3 * max(known), unit="ms"),
         Figure(
-            what="  wear curves made on the way, all together",
+            what="  wear curves computed meanwhile, all together",
             value=building,
             unit="s",
             note="each once, when calibration or half-width settle",
@@ -168,7 +168,7 @@ def master_curve() -> list[Figure]:
     reached = "" if curve.complete else f", steady states to {1e6 * curve.valid_to:.0f} µm"
     return [
         Figure(
-            what=f"master curve to {REVOLUTIONS:,} revolutions",
+            what=f"wear curve to {REVOLUTIONS:,} revolutions",
             value=taken,
             unit="s",
             aim=5.0,
@@ -238,7 +238,7 @@ def long_recording(folder: Path, minutes: float) -> list[Figure]:
 
 def main(minutes: float = 60.0) -> list[Figure]:
     """Prints all figures; answers them."""
-    print(f"{'the way from frames to wear':<58}{'found':>10} {'':<7}{'aim':>10} {'ratio':>7}")
+    print(f"{'from frames to wear':<58}{'found':>10} {'':<7}{'aim':>10} {'ratio':>7}")
     figures: list[Figure] = []
     with tempfile.TemporaryDirectory(prefix="gear-twin-bench-") as made:
         folder = Path(made)

@@ -72,7 +72,7 @@ def main() -> list[Figure]:
     tell(Figure(what="full trace of a campaign with one effect", value=taken, unit="s", aim=5.0,
                 note=f"{len(found.fitted)} windows fitted; found {names}"))  # fmt: skip
     _, taken = traced(rig, state, kept=state.tracing.found, tolerated=2 * (found.misfit_after or 0.0))
-    tell(Figure(what="  the same, what was found fitted anew", value=taken, unit="s"))
+    tell(Figure(what="  the same, with the effects fitted again", value=taken, unit="s"))
 
     rig, windows = windows_of(recording(HEALTHY))
     state = followed(rig, windows)

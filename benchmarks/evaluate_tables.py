@@ -50,7 +50,7 @@ def said(r: Traced) -> str:
     line = f"{', '.join(r.expected) or 'clean'}{level} → {', '.join(r.named) or 'nothing'}"
     more = [f"runner-up {r.runner_up}"] if r.runner_up else []
     unclear = sorted({name for others in r.alike for name in others})
-    more += [f"not told from {', '.join(unclear)}"] if unclear else []
+    more += [f"indistinguishable from {', '.join(unclear)}"] if unclear else []
     more += [r.verdict]
     if r.foreign_hz:
         more.append(f"{r.lines_found} of {len(r.foreign_hz)} tones found")
@@ -107,7 +107,7 @@ class Aim:
 AIMS = (
     Aim("single effects named right, all sizes", lambda r: r.kind == "single", lambda r: r.right, 90),
     Aim("  above their limits of visibility", lambda r: _above_limit(r), lambda r: r.right, 90),
-    Aim("  or among those said to be not told apart", lambda r: r.kind == "single", lambda r: r.in_class, 90),
+    Aim("  or among those reported as indistinguishable", lambda r: r.kind == "single", lambda r: r.in_class, 90),
     Aim("both of a pair named", lambda r: r.kind == "pair", lambda r: set(r.expected) <= set(r.named), 75),
     Aim("clean campaigns given an effect", lambda r: r.kind == "clean", lambda r: bool(r.false), 2, most=True),
     Aim(

@@ -115,13 +115,13 @@ def _fewer(readings, rig, shafts) -> None:
                 place[1] += 1
         return tally[True], tally[False]
 
-    print("\nhealthy recordings with a finding, beside every baseline of so many others")
+    print("\nhealthy recordings with a finding, for every baseline of so many others")
     print("recordings   load between those learned   beyond them")
     for count in range(2, len(LOADS)):
         (a, b), (c, d) = counted("h", count, lambda effect: True)
         print(f"{count:<12} {a:>12} of {b:<14} {c:>6} of {d}")
     (a, b), (c, d) = counted("b", FEWER, lambda effect: effect.name == "tooth_crack")
-    print(f"broken ones traced beside {FEWER}: {a} of {b} between the loads learned, {c} of {d} beyond")
+    print(f"broken ones found with {FEWER}: {a} of {b} inside the learned load range, {c} of {d} outside")
 
 
 def _short(effect) -> str:

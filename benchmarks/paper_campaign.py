@@ -5,7 +5,7 @@
 Feng et al. measured at 0, 6000, 12,000 and 18,000 revolutions, updated the wear coefficient once, at 6000, and found
 no second update needed at 12,000; at 18,000 their twin was 7 % off the wear depth and 13 % off the RMS. Here the same
 is done on recordings/paper-campaign.mcap with only those windows and with all of them, with one update (none after
-6000) and with further ones, by transmission error (fused) and by the RMS (paper's way), from the same run.
+6000) and with further ones, by transmission error (fused) and by the RMS (rms), from the same run.
 
 Source   K. Feng et al., Wear 426–427 (2019) 1410–1415, sections 4.2 and 5
 """
@@ -38,11 +38,11 @@ PAPERS = {18000: (7.0, 13.0)}  # error of wear depth and of RMS, by revolutions 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """One way at one revolution count; errors in percent, RMS before any update in that window."""
+    """One method at one revolution count; errors in percent, RMS before any update in that window."""
 
     windows: str  # "paper's" or "all"
     updates: str  # "one" or "further"
-    way: str  # "fused" or "paper"
+    method: str  # "fused" or "rms"
     revolutions: int
     true_um: float
     depth_um: float
@@ -82,13 +82,13 @@ def lines_of(records: Sequence[Mapping[str, Any]], truth: Mapping[str, Any], win
             continue
         near = min(truth["windows"], key=lambda w: abs(w["revolutions"] - record["revolutions"]))
         true, rms, paper = near["depth"]["combined_um"], record["rms_measured"], record["methods"]["rms"]
-        for way, depth, before, after, updated in (
+        for method, depth, before, after, updated in (
             ("fused", record["wear_depth_um"], record["rms_predicted"], record["rms_after"], record["updated"]),
-            ("paper", paper["wear_depth_um"], paper["rms_predicted"], paper["rms_after"], paper["updated"]),
+            ("rms", paper["wear_depth_um"], paper["rms_predicted"], paper["rms_after"], paper["updated"]),
         ):
             out.append(
                 Line(
-                    windows=windows, updates=updates, way=way, revolutions=n, true_um=true, depth_um=depth,
+                    windows=windows, updates=updates, method=method, revolutions=n, true_um=true, depth_um=depth,
                     depth_error=100 * (depth / true - 1), rms_error=100 * (before / rms - 1),
                     rms_error_after=100 * (after / rms - 1), updated=updated,
                 )
@@ -97,7 +97,7 @@ def lines_of(records: Sequence[Mapping[str, Any]], truth: Mapping[str, Any], win
 
 
 def paper_campaign(recording: Path = RECORDING) -> list[Line]:
-    """Every way, with the paper's windows and with all, with one update and with further ones."""
+    """Every method, with the paper's windows and with all, with one update and with further ones."""
     rig, every = windows_of(recording)
     path = truth_beside(recording)
     assert path is not None, f"{recording} has no truth beside it"
@@ -112,11 +112,11 @@ def paper_campaign(recording: Path = RECORDING) -> list[Line]:
 
 def table(lines: Sequence[Line]) -> list[str]:
     out = [
-        "windows  updates  way     revs    true µm   twin µm   depth error %   RMS error %   after update %",
+        "windows  updates  method  revs    true µm   twin µm   depth error %   RMS error %   after update %",
     ]
     for x in lines:
         out.append(
-            f"{x.windows:9}{x.updates:9}{x.way:6}{x.revolutions:6}{x.true_um:11.1f}{x.depth_um:10.1f}"
+            f"{x.windows:9}{x.updates:9}{x.method:6}{x.revolutions:6}{x.true_um:11.1f}{x.depth_um:10.1f}"
             f"{x.depth_error:+16.1f}{x.rms_error:+14.1f}" + (f"{x.rms_error_after:+15.1f}" if x.updated else "")
         )
     for n, (depth, rms) in PAPERS.items():

@@ -1,4 +1,4 @@
-"""The model beside what is known of it: natural frequencies, mesh stiffness, wear.
+"""The model compared with what is known of it: natural frequencies, mesh stiffness, wear.
 
 python -m benchmarks.physics
 """
@@ -83,7 +83,7 @@ def main() -> None:
         print(f"{i:<24} {measured:>10.2f} {paper:>15.2f} {here:>11.2f} {100 * (here / measured - 1):>+9.3f} %")
     closed, free = rigid_modes(rig)
     print(f"rigid-body modes: {closed} with the mesh closed, {free} without\n")
-    print("mesh stiffness beside ROSS 2.3.0   root section        mean        peak")
+    print("mesh stiffness against ROSS 2.3.0  root section        mean        peak")
     for name, section, mean, peak in stiffness_beside_ross():
         print(f"{name:<34} {section:<12} {100 * mean:>+9.1f} % {100 * peak:>+9.1f} %")
     depth, share, k = wear_at_6000(rig)

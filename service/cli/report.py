@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from html import escape
+from math import ceil, floor, log10
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ _STYLE = (
     "td,th{border-bottom:1px solid #ccc;padding:3px 8px;text-align:right}"
     "svg.chart{background:#fafafa;border:1px solid #ddd;margin:.5rem 0;max-width:100%;height:auto}"
 )
-_WIDTH, _HEIGHT, _EDGE = 640, 260, 45  # of a chart [px]
+_WIDTH, _HEIGHT, _EDGE = 640, 280, 50  # of a chart [px]
 
 
 def load_answer(path: Path) -> dict[str, Any]:
@@ -56,8 +57,8 @@ def html_report(answer: Mapping[str, Any]) -> str:
     said = (*summary_lines(answer), *pair.sentences(answer.get("pair")))
     summary = "".join(f"<li>{escape(line)}</li>" for line in said)
     title = f"Gear wear of {escape(answer['asset'])}"
-    rms = _chart(answer["windows"], {"measured": "rms_measured", "twin": "rms_predicted"}, "RMS [m/s²]")
-    depth = _chart(answer["windows"], {"twin": "wear_depth_um"}, "largest wear depth [µm]")
+    rms = _chart(answer["windows"], {"measured": "rms_measured", "model": "rms_predicted"}, "RMS [m/s²]")
+    depth = _chart(answer["windows"], {"model": "wear_depth_um"}, "largest wear depth [µm]")
     drawn = answer["effects"] or answer.get("pair") or answer.get("unattributed_lines")
     effects = f"{effects_part(answer)}{figures(answer)}" if drawn else ""
     return (
@@ -68,8 +69,11 @@ def html_report(answer: Mapping[str, Any]) -> str:
     )
 
 
+COLOURS = {"measured": "#444444", "model": "#1f77b4"}  # as on the service's page
+
+
 def _chart(records: Sequence[Mapping[str, Any]], series: Mapping[str, str], unit: str) -> str:
-    """Lines over the revolutions, as SVG."""
+    """Lines over the revolutions with labelled axes, as SVG."""
     points = {
         name: [
             (r["revolutions"], r[key])
@@ -81,21 +85,37 @@ def _chart(records: Sequence[Mapping[str, Any]], series: Mapping[str, str], unit
     flat = [point for line in points.values() for point in line]
     if not flat:
         return "<p>not available</p>"
-    right, top = max(x for x, _ in flat) or 1.0, max(y for _, y in flat) or 1.0
+    across, up = _ticks(max(x for x, _ in flat)), _ticks(max(y for _, y in flat))
 
-    def place(x: float, y: float) -> str:
-        across = _EDGE + x / right * (_WIDTH - 2 * _EDGE)
-        return f"{across:.1f},{_HEIGHT - _EDGE - y / top * (_HEIGHT - 2 * _EDGE):.1f}"
+    def place(x: float, y: float) -> tuple[float, float]:
+        width, height = _WIDTH - 2 * _EDGE, _HEIGHT - 2 * _EDGE
+        return round(_EDGE + x / across[-1] * width, 1), round(_HEIGHT - _EDGE - y / up[-1] * height, 1)
 
     parts = []
-    for (name, line), colour in zip(points.items(), ("#1f77b4", "#d62728"), strict=False):
-        marks = " ".join(place(x, y) for x, y in line)
+    for value in across:
+        x, y = place(value, 0.0)
+        parts.append(f'<text x="{x}" y="{y + 16}" text-anchor="middle" font-size="11">{value:g}</text>')
+    for value in up:
+        x, y = place(0.0, value)
+        parts.append(f'<path d="M{x},{y} H{_WIDTH - _EDGE}" stroke="#ddd" fill="none"/>')
+        parts.append(f'<text x="{x - 5}" y="{y + 4}" text-anchor="end" font-size="11">{value:g}</text>')
+    for row, (name, line) in enumerate(points.items()):
+        colour = COLOURS[name]
+        marks = " ".join("{},{}".format(*place(x, y)) for x, y in line)
         parts.append(f'<polyline points="{marks}" fill="none" stroke="{colour}" stroke-width="2"/>')
-        parts += ['<circle cx="{}" cy="{}" r="3" fill="{}"/>'.format(*place(x, y).split(","), colour) for x, y in line]
-        row = 18 * len([p for p in parts if p.startswith("<polyline")])
-        parts.append(f'<text x="{_EDGE + 10}" y="{_EDGE + row}" fill="{colour}">{escape(name)}</text>')
+        parts += ['<circle cx="{}" cy="{}" r="3" fill="{}"/>'.format(*place(x, y), colour) for x, y in line]
+        parts.append(f'<text x="{_EDGE + 10}" y="{_EDGE + 18 * (row + 1)}" fill="{colour}">{escape(name)}</text>')
     base = _HEIGHT - _EDGE
     parts.append(f'<path d="M{_EDGE},{_EDGE} V{base} H{_WIDTH - _EDGE}" stroke="#888" fill="none"/>')
-    parts.append(f'<text x="8" y="{_EDGE - 12}">{escape(unit)}, up to {top:.4g}</text>')
-    parts.append(f'<text x="{_WIDTH - 250}" y="{_HEIGHT - 12}">pinion revolutions, up to {right:.6g}</text>')
+    parts.append(f'<text x="8" y="{_EDGE - 14}">{escape(unit)}</text>')
+    parts.append(f'<text x="{_WIDTH - _EDGE}" y="{_HEIGHT - 10}" text-anchor="end">pinion revolutions</text>')
     return f'<svg class="chart" viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" role="img">{"".join(parts)}</svg>'
+
+
+def _ticks(top: float) -> list[float]:
+    """Round values from 0 to at least `top`, some five of them."""
+    if not top > 0:
+        return [0.0, 1.0]
+    power = 10.0 ** floor(log10(top / 4))
+    step = next(m * power for m in (1, 2, 2.5, 5, 10) if m * power >= top / 4)
+    return [i * step for i in range(ceil(round(top / step, 9)) + 1)]

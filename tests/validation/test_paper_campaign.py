@@ -33,7 +33,7 @@ def one_update():
     rig, windows, truth = given()
     _, estimates = run(rig, papers_windows(windows, rig), Options(update_until=ONE_UPDATE))
     lines = lines_of([e.record for e in estimates], truth, "paper's", "one")
-    return {(x.way, x.revolutions): x for x in lines}
+    return {(x.method, x.revolutions): x for x in lines}
 
 
 @lru_cache(maxsize=1)
@@ -68,7 +68,7 @@ def test_depth_12000_revolutions_after_the_only_update_is_within_the_papers_erro
 def test_papers_own_way_stays_shallow_where_damping_and_width_are_not_the_rig_files():
     """Side by side: the RMS alone is biased low, transmission error is not."""
     for revolutions in (6000, 12000, 18000):
-        paper, fused = one_update()["paper", revolutions], one_update()["fused", revolutions]
+        paper, fused = one_update()["rms", revolutions], one_update()["fused", revolutions]
         assert paper.depth_error < -10
         assert abs(fused.depth_error) < 0.5 * abs(paper.depth_error)
 

@@ -210,16 +210,16 @@ def non_gear_features(
 def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeatureThresholds) -> _Impacts:
     """Impulsiveness and envelope of a window; each part that cannot be computed is not available, with the reason."""
     if not signal.usable.all():
-        return _Impacts(fault="impacts are not sought: the acceleration has gaps")
+        return _Impacts(fault="impacts are not searched for: the acceleration has gaps")
     shafts = (("pinion", 1.0), ("gear", rig.teeth[0] / rig.teeth[1]))
     top, per_turn = rig.band[1], 2 * pi / signal.step
     try:
         rest = without_shaft_lines(signal, rig.teeth).values
         wide = [b for b in kurtogram(rest, per_turn) if b.high - b.low > limits.least_width * top / speed_hz]
     except TwinError as reason:
-        return _Impacts(fault=f"impacts are not sought: {reason}")
+        return _Impacts(fault=f"impacts are not searched for: {reason}")
     if not wide:
-        return _Impacts(fault="impacts are not sought: no band of the acceleration is wide enough")
+        return _Impacts(fault="impacts are not searched for: no band of the acceleration is wide enough")
     band = max(wide, key=lambda b: b.kurtosis)
     rates: tuple[tuple[float, float], ...] = ()
     modulation: tuple[tuple[str, float], ...] = ()
