@@ -137,7 +137,7 @@ def test_impacts_that_could_not_be_sought_are_not_taken_for_absent():
             duration=5.0, speed_hz=10.0, tones=(), lines=(), kurtosis=kurtosis, rates=(), fault=fault
         )
 
-    gaps = "impacts are not sought: the acceleration has gaps"
+    gaps = "impacts are not searched for: the acceleration has gaps"
     windows = [(1000.0 * n, features(None, gaps) if n < 3 else features(1.0, "")) for n in range(5)]
     content = non_gear.find_non_gear_content(windows, False)
     assert content.not_available == ((gaps, 3),)
