@@ -77,7 +77,7 @@ MEANINGS = {
     "shafts.bending_diameter_output": "effective, of the stepped shaft; as bearing_span",
     "shafts.bending_stiffness_input": "at the gear, between its bearings",
     "shafts.bending_stiffness_output": "at the gear, between its bearings",
-    "couplings.lateral_stiffness": "acts at the bearings beside the couplings to motor and brake, x and y",
+    "couplings.lateral_stiffness": "acts at the bearings next to the couplings to motor and brake, x and y",
     "sensors.encoder_input": "coordinate that the pinion's encoder measures; th7 where not stated",
     "sensors.encoder_output": "coordinate that the gear's encoder measures; th8 where not stated",
     "sensors.torque": "place of the torque meter, such as k_2_3*(th2-th3), or `measured`, which means that one",

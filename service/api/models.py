@@ -124,7 +124,7 @@ class TwinDepth(BaseModel):
 
 
 class InspectionAnswer(BaseModel):
-    """A measured depth with the twin's own figure beside it."""
+    """A measured depth with the twin's own figure for comparison."""
 
     inspection: Inspection
     twin: TwinDepth | NotAvailable

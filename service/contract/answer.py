@@ -85,7 +85,7 @@ def assemble(
     """
     blank = {name: [] if name == "effects" else not_available(NO_WINDOW) for name in SECTIONS}
     if report is not None:
-        blank["tracing"] = not_available("effects have not been sought in this asset's windows")
+        blank["tracing"] = not_available("no search for effects has been made in this asset's windows")
     windows = [dict(record) for record in records]
     parts = {**blank, **(report or {})}
     status = parts.pop("status", None) or none_yet(NO_WINDOW)

@@ -189,7 +189,7 @@ class Effect(ContractModel):
 
 
 class Unexplained(ContractModel):
-    """What is left beyond the model and its effects."""
+    """What the model with its effects does not explain."""
 
     share_percent: float | None = Field(description="of the measured energy over the noise floor")
     orders: list[Line]

@@ -28,7 +28,7 @@ from twin.updating.history import UpdateOptions, WindowInput
 from twin.updating.update import UpdateOutcome
 
 VERDICTS = {"accept": "accepted", "reject": "rejected", "pin": "pinned"}
-NON_GEAR_ONLY = "only non-gear content is sought, because no model of this machine was updated by a window"
+NON_GEAR_ONLY = "only non-gear content is searched for, because no model of this machine was updated by a window"
 
 __all__ = ["LoopResult", "attribute_non_gear_content", "attribute_window", "decide"]
 
