@@ -9,6 +9,8 @@ from pydantic import Field
 from service.contract.base import MICROMETRE, PERCENT, ContractModel, Figure, in_unit
 from twin import assessment
 
+CURVES = {"frequency": "frequency_hz"}  # keys of curves that say their unit
+
 
 class Line(ContractModel):
     """One line that is left."""
@@ -173,7 +175,7 @@ class Effect(ContractModel):
             parts = {
                 "channels": list(effect.channels),
                 "windows": list(effect.windows),
-                "curves": {name: list(values) for name, values in effect.curves.items()},
+                "curves": {CURVES.get(name, name): list(values) for name, values in effect.curves.items()},
             }
         return cls(
             name=effect.name,

@@ -212,7 +212,7 @@ def _paths(compared: Sequence[BaselineComparison]) -> list[Named]:
                 ),
                 windows=tuple(paths),
                 curves={
-                    "frequency_hz": (path.orders * compared[i].reading.speed_hz).tolist(),
+                    "frequency": (path.orders * compared[i].reading.speed_hz).tolist(),
                     "gain": np.abs(path.gain).tolist(),
                     "fitted": named.fitted,
                 },

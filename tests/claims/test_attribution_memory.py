@@ -1,0 +1,130 @@
+"""Held-out windows judge an effect by the same windows, and what they have said is not forgotten."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.mesh_pairs import UNSW_RIG
+from tests.stored_states import state_v1
+from twin.assessment import HeldOutErrors
+from twin.errors import NotAvailable, NotConverged
+from twin.rig import Rig
+from twin.state import State
+from twin.tracing import attribution_loop, confirmation
+from twin.tracing.confirmation import not_confirmed, with_errors
+from twin.tracing.held_out_error import HeldOutComparison
+from twin.tracing.summary import attribution_of
+from twin.tracing.unexplained import unexplained_of
+from twin.updating.history import UpdateOptions
+from twin.updating.residual import WindowResidual
+
+RIG = Rig.from_mapping(UNSW_RIG)
+OPTIONS = UpdateOptions(threshold=0.05, update="fused", update_until=float("inf"))
+
+
+@pytest.fixture
+def tracing():
+    return State.from_dict(state_v1("unsw-rig")).tracing
+
+
+def comparison(window, left):
+    y = np.array([1.0, 1.0])
+    return HeldOutComparison(
+        index=window.index, speed_hz=10.0, orders=np.array([19.0, 38.0]), measured=y, predicted=y - left,
+        std=np.zeros(2), rms_measured=1.0, rms_predicted=1.0, error_left=left**2, error_measured=1.0,
+    )  # fmt: skip
+
+
+def failing_with_the_effect(hard):
+    """Comparisons that the twin with the effect cannot make on the hard window, where the twin without it is bad."""
+
+    def compare(rig, memory, additions, learned, window, depth):
+        if additions and window.index == hard:
+            raise NotConverged("no steady state at 10 Hz with 1 effects")
+        return comparison(window, 0.9 if window.index == hard else 0.2 if additions else 0.1)
+
+    return compare
+
+
+def test_window_that_one_twin_cannot_predict_is_left_out_of_both_errors_and_named(tracing, monkeypatch):
+    hard = 2
+    monkeypatch.setattr(confirmation, "compare", failing_with_the_effect(hard))
+    errors = with_errors(RIG, tracing).errors[0]
+    assert errors.before.windows == errors.after.windows and hard not in errors.after.windows
+    assert errors.before.waveform == pytest.approx(0.1) and errors.after.waveform == pytest.approx(0.2)
+    assert f"window {hard} is left out: no steady state" in errors.after.note
+
+
+def test_effect_is_not_confirmed_by_the_windows_on_which_it_fails(tracing, monkeypatch):
+    monkeypatch.setattr(confirmation, "compare", failing_with_the_effect(2))
+    judged = with_errors(RIG, tracing)
+    assert [f.name for f in not_confirmed(judged, {})] == ["misalignment"]
+
+
+def test_errors_of_the_twin_in_use_are_computed_without_any_effect_too(tracing, monkeypatch):
+    monkeypatch.setattr(
+        confirmation, "compare", lambda rig, memory, additions, learned, window, depth: comparison(window, 0.1)
+    )
+    alone = with_errors(RIG, replace(tracing, found=(), stages=tracing.stages[:1]))
+    assert alone.errors == () and alone.error.waveform == pytest.approx(0.1) and alone.residual is None
+
+
+def test_trace_that_fails_forgets_neither_the_misfit_nor_what_held_out_windows_have_refuted(tracing, monkeypatch):
+    def fails(*given):
+        raise NotAvailable("effects are not traced before two measurement windows")
+
+    known = replace(tracing, refuted={"tooth_friction": (0.4,)}, next_trace=0)
+    window = known.history[-1]
+    outcome = outcome_of(known)
+    monkeypatch.setattr(attribution_loop, "trace_over_remounts", fails)
+    monkeypatch.setattr(attribution_loop, "advanced", lambda rig, stage, window, options: stage)
+    monkeypatch.setattr(attribution_loop, "staged", lambda rig, stage, window, outcome: stage)
+    monkeypatch.setattr(attribution_loop, "change_indicators", lambda rig, window, outcome: {})
+    after = attribution_loop.attribute_window(RIG, known, window, outcome, OPTIONS).tracing
+    assert after.refuted == known.refuted and after.latest.misfit_after == known.latest.misfit_after
+    assert after.latest.reason == "effects are not traced before two measurement windows"
+    said = attribution_of(after)
+    assert said.not_confirmed == ("tooth_friction",) and said.held_out == known.latest.held_out
+
+
+def outcome_of(tracing):
+    """As much of an outcome as the loop itself reads."""
+
+    class Outcome:
+        kind = "measurement"
+        memory = tracing.memory
+
+    return Outcome()
+
+
+RESIDUAL = WindowResidual(
+    rms_error=0.01, measured=1.0, left=0.01, noise=0.0, phase_known=True, bands=(), lines=()
+)  # fmt: skip
+GOOD = HeldOutErrors(rms=0.01, waveform=0.05, transmission_error=0.1, windows=(2, 5))
+
+
+def test_machine_is_explained_where_held_out_windows_confirm_both_channels():
+    found = unexplained_of([RESIDUAL], [], GOOD)
+    assert found.verdict == "explained" and found.reason == "" and 0 < found.limit < 1
+
+
+@pytest.mark.parametrize(
+    ("errors", "said"),
+    [
+        (None, "no held-out window"),
+        (HeldOutErrors(), "no held-out window"),
+        (replace(GOOD, waveform=0.5), "misses the acceleration of held-out windows by 50 %"),
+        (replace(GOOD, transmission_error=0.6), "misses the transmission error of held-out windows by 60 %"),
+        (replace(GOOD, transmission_error=None), "the transmission error of held-out windows is not available"),
+    ],
+)
+def test_machine_is_not_explained_without_held_out_windows_that_confirm_it(errors, said):
+    found = unexplained_of([RESIDUAL], [], errors)
+    assert found.verdict == "insufficient_data" and said in found.reason
+
+
+def test_doubt_or_unattributed_energy_leaves_a_machine_unexplained():
+    assert unexplained_of([RESIDUAL], ["the mesh is too soft"], GOOD).reason == "the mesh is too soft"
+    assert unexplained_of([replace(RESIDUAL, left=0.2)], [], GOOD).verdict == "insufficient_data"
+    assert unexplained_of([], [], GOOD).share is None
