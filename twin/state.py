@@ -60,6 +60,15 @@ class LatestParts:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FallenCount:
+    """A revolution count far below what was seen before: other gears, a counter that was reset, or another machine."""
+
+    revolutions: float  # of the pinion, by the latest window that was refused for it
+    time_ns: int  # its start [Unix ns]
+    refusals: int  # windows in a row
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class State:
     """What the twin remembers of a machine; plain serialisable data."""
 
@@ -68,6 +77,7 @@ class State:
     latest: LatestParts = field(default_factory=LatestParts)
     levels: Mapping[str, LevelReading] = field(default_factory=dict)  # the latest under each operating condition
     tracing: Tracing = field(default_factory=Tracing)  # the twin with 0, 1, … of its effects, and its history
+    fallen: FallenCount | None = None  # while windows of a lower count are refused
 
     @property
     def memory(self) -> Memory:
@@ -83,6 +93,7 @@ class State:
             "latest": to_plain(self.latest),
             "levels": to_plain(self.levels),
             "tracing": self.tracing.to_dict(),
+            "fallen": to_plain(self.fallen),
         }
 
     @classmethod
@@ -104,4 +115,5 @@ class State:
             latest=from_plain(LatestParts, data["latest"]),
             levels=from_plain(Mapping[str, LevelReading], data["levels"]),
             tracing=Tracing.from_dict(data["tracing"]),
+            fallen=from_plain(FallenCount | None, data.get("fallen")),
         )

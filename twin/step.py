@@ -16,6 +16,7 @@ from twin.capabilities.context import Context, carried_over
 from twin.capabilities.modelled import answer_of, recent_residuals, state_after
 from twin.encoder_pair.assessing import assess_pair
 from twin.errors import NotAvailable, WindowError
+from twin.fallen_count import with_count_checked
 from twin.features.extract import extract
 from twin.features.non_gear import non_gear_features
 from twin.features.window_features import WindowFeatures
@@ -37,9 +38,12 @@ __all__ = ["Options", "State", "decide", "step"]
 def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> tuple[State, Assessment]:
     """Updates the twin of a machine by one window; raises WindowError where the window cannot be used at all.
 
+    A CountFellError carries the state that remembers the fallen count; go on from it.
+
     What the rig file or the channels do not allow is reported as not available, with the reason.
     """
     context = _context(rig, state, window, options)
+    state = context.state
     draft = carried_over(context, _why_no_model(rig))
     for capability in CAPABILITIES:
         if capability.applies(context, draft):
@@ -59,7 +63,7 @@ def _context(rig: Rig, state: State, window: Window, options: Options) -> Contex
         )
     return Context(
         rig=rig,
-        state=state,
+        state=with_count_checked(rig, state, features),
         window=window,
         options=options,
         input=_window_input(rig, state, window, features, options),

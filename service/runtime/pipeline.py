@@ -28,6 +28,7 @@ from service.stream.frames import Frame
 from service.stream.quality import Quality
 from service.stream.wire.topics import Channel
 from twin.errors import NotAvailable, TwinError
+from twin.fallen_count import CountFellError
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
 from twin.windows import Window
@@ -217,6 +218,7 @@ class Pipeline:
                 state, answer = self._twin.process(progress.rig, progress.state, window)
             except TwinError as error:
                 grade, record = "refused", refused_record(str(error))
+                state = error.state if isinstance(error, CountFellError) else state
             else:
                 record, report, added = dict(answer.record), answer.report, answer.events
                 report = with_status_since(progress.report, report, window.start_time_ns, record.get("revolutions"))

@@ -1,0 +1,67 @@
+"""Windows of another revolution count never mix with those before, and one disturbed count ends nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from tests.dynamics_cases import RIG
+from twin.fallen_count import CountFellError, with_count_checked
+from twin.features.window_features import WindowFeatures
+from twin.state import State
+from twin.tracing.state import Tracing, TwinStage
+from twin.updating.memory import Memory
+from twin.updating.tracker import WearTrack
+
+SPEED = 10.0  # [Hz]
+SEEN = 9000.0  # revolutions of the machine before
+
+
+def state() -> State:
+    track = replace(WearTrack.unworn(1e-6), revolutions=SEEN, work=1e-3, windows=3)
+    return State(tracing=Tracing(stages=(TwinStage(memory=replace(Memory(), track=track)),)))
+
+
+def window(revolutions: float, time: float) -> WindowFeatures:
+    return WindowFeatures(
+        start_time_ns=int(time * 1e9), duration=2.0, quality="good", revolutions=revolutions, speed_hz=SPEED
+    )
+
+
+def after(counts_and_times) -> State:
+    """The state after windows, those refused remembered."""
+    now = state()
+    for revolutions, time in counts_and_times:
+        try:
+            now = with_count_checked(RIG, now, window(revolutions, time))
+        except CountFellError as refused:
+            now = refused.state
+    return now
+
+
+def test_another_machine_stays_refused_where_its_count_passes_that_of_the_first():
+    """Windows beyond the earlier count were mixed into the first machine's history."""
+    now = after([(500.0, 1000.0), (4000.0, 1400.0), (8000.0, 1800.0)])
+    with pytest.raises(CountFellError, match=r"continues a revolution count that had fallen to 8000 where 9000"):
+        with_count_checked(RIG, now, window(12000.0, 2200.0))
+
+
+def test_one_disturbed_count_is_refused_and_ends_nothing():
+    now = after([(500.0, 1000.0)])
+    assert now.fallen is not None and now.fallen.refusals == 1
+    assert with_count_checked(RIG, now, window(9500.0, 1050.0)).fallen is None
+
+
+def test_a_count_that_the_lower_one_cannot_have_reached_is_the_first_machines_again():
+    now = after([(500.0, 1000.0), (520.0, 1002.0)])
+    assert with_count_checked(RIG, now, window(9600.0, 1060.0)).fallen is None
+
+
+def test_a_rising_count_changes_nothing():
+    assert with_count_checked(RIG, state(), window(9200.0, 1000.0)) == state()
+
+
+def test_the_fallen_count_survives_a_restart():
+    now = after([(500.0, 1000.0), (520.0, 1002.0)])
+    assert State.from_dict(now.to_dict()).fallen == now.fallen

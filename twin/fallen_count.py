@@ -1,0 +1,87 @@
+"""A revolution count that has fallen: windows of other gears or of another machine never mix with those before.
+
+The first window below the count that was seen before is refused. Another one that follows it, and every later window
+that continues the lower count, is refused too, also where that count passes the earlier one:
+
+    0 ≤ n − n_refused ≤ s·f·(t − t_refused)
+
+n  revolution count of the pinion   t  time of the window [s]   f  pinion speed [Hz]
+s  margin for speeds that were not recorded
+
+A single refused window, or a count that does not continue the lower one, is taken for a disturbance of the counter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from twin.errors import WindowError
+from twin.features.window_features import WindowFeatures
+from twin.rig import Rig
+from twin.state import FallenCount, State
+from twin.thresholds import deciding
+from twin.updating.conditions import refuse_falling_count
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FallenCountThresholds:
+    """When windows continue a count that has fallen."""
+
+    refusals: int = deciding(
+        2, unit="windows in a row", meaning="windows of a lower count after which it is no disturbance",
+        source="not derived: a single one may be a counter's glitch",
+    )  # fmt: skip
+    speed_margin: float = deciding(
+        1.5, of="the larger of rated and present speed", meaning="highest mean speed between two windows of one count",
+        source="not derived: drives of constant speed stay within a few per cent",
+    )  # fmt: skip
+
+
+DEFAULT = FallenCountThresholds()
+
+
+class CountFellError(WindowError):
+    """A window of a count that has fallen; `state` remembers it."""
+
+    def __init__(self, message: str, state: State) -> None:
+        super().__init__(message)
+        self.state = state
+
+
+def with_count_checked(
+    rig: Rig, state: State, features: WindowFeatures, limits: FallenCountThresholds = DEFAULT
+) -> State:
+    """The state where the window continues the count seen before; raises CountFellError where it does not."""
+    revolutions, before = features.revolutions, state.fallen
+    if revolutions is None or not state.memory.track.windows:
+        return state
+    seen = state.memory.track.revolutions
+    try:
+        refuse_falling_count(revolutions, seen)
+    except WindowError as error:
+        refusals = 1 if before is None else before.refusals + 1
+        raise CountFellError(str(error), _remembered(state, features, revolutions, refusals)) from None
+    if before is None:
+        return state
+    if before.refusals < limits.refusals or not _continues(rig, before, features, revolutions, limits):
+        return replace(state, fallen=None)
+    raise CountFellError(
+        f"this window continues a revolution count that had fallen to {before.revolutions:.0f} where {seen:.0f} had "
+        "been seen: other gears, a counter that was reset, or another machine? The window is not used; record it under "
+        "another asset name",
+        _remembered(state, features, revolutions, before.refusals + 1),
+    )
+
+
+def _remembered(state: State, features: WindowFeatures, revolutions: float, refusals: int) -> State:
+    fallen = FallenCount(revolutions=revolutions, time_ns=features.start_time_ns, refusals=refusals)
+    return replace(state, fallen=fallen)
+
+
+def _continues(
+    rig: Rig, before: FallenCount, features: WindowFeatures, revolutions: float, limits: FallenCountThresholds
+) -> bool:
+    """Whether a count can have come from the lower one in the time since."""
+    elapsed = (features.start_time_ns - before.time_ns) * 1e-9
+    speed = max(features.speed_hz or 0.0, rig.get("operating.pinion_speed_hz", 0.0))
+    return 0 <= revolutions - before.revolutions <= limits.speed_margin * speed * max(elapsed, 0.0) + 1.0
