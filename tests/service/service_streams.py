@@ -33,6 +33,8 @@ def write_recording(path: Path, windows: int = 8, asset: str = "unsw", rig: Path
     """A campaign of short windows, minutes apart, whose level differs from window to window."""
     rng = np.random.default_rng(7)
     text = rig.read_bytes() if rig else None
+    for stated in (b"pinion_edges_per_rev = 1024", b"gear_edges_per_rev = 2048"):
+        text = text and text.replace(stated, stated.partition(b"=")[0] + b"= %d" % PER_REV)
     with RecordingWriter(path, rig_text=text, metadata={"asset": asset}) as writer:
         for w in range(windows):
             start = 1_700_000_000 * NS + round(w * PAUSE_S * NS)
