@@ -17,17 +17,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from math import pi
+from typing import Any
 
 from twin.errors import NotAvailable
 from twin.geometry import GearPair
 from twin.mesh.stiffness import PairStiffness
 from twin.model import Condition
 from twin.rig import Rig
+from twin.thresholds import rows_of
 
 UNITS = {
     "rated torque": "N·m",
     "rated speed": "Hz",
     "rated mesh force": "N",
+    "rated mesh force over squared speed": "kg·m",
     "static mesh deflection": "m",
     "base pitch": "m",
     "upper limit of the analysis band": "Hz",
@@ -69,6 +73,8 @@ class Scales:
                 force = abs(torque) / pair.base_radius[0]
                 scale = rig.get("mesh.stiffness_scale", 1.0)
                 values["rated mesh force"] = force
+                if speed:
+                    values["rated mesh force over squared speed"] = force / (2 * pi * speed) ** 2
                 values["static mesh deflection"] = force / (scale * _mean_stiffness(pair))
         return cls(values={name: float(value) for name, value in values.items() if value is not None})
 
@@ -83,6 +89,11 @@ class Scales:
     def get(self, name: str) -> float | None:
         """One quantity; None where it cannot be computed, or where the name is that of no scale."""
         return self.values.get(name)
+
+    def sized(self, thresholds: Any, name: str) -> float:
+        """A deciding number of a set in SI: times the quantity that it is a share of, where that is one of UNITS."""
+        (row,) = (row for row in rows_of(thresholds) if row.name == name)
+        return float(row.value * self[row.about.of]) if row.about.of in UNITS else float(row.value)
 
     @property
     def torque(self) -> float:

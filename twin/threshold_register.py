@@ -21,6 +21,7 @@ from twin.baseline.reading import ReadingThresholds
 from twin.baseline.spacing import SpacingThresholds
 from twin.baseline.transfer_path import PathThresholds
 from twin.effects.facts import DetectionThresholds
+from twin.effects.mass_unbalance import MassUnbalanceDetection
 from twin.effects.mesh_damping import MeshDampingDetection
 from twin.effects.mesh_stiffness_loss import MeshStiffnessLossDetection
 from twin.effects.misalignment import MisalignmentDetection
@@ -98,6 +99,7 @@ SETS: tuple[type, ...] = (
     SpacingThresholds,
     PathThresholds,
     DetectionThresholds,
+    MassUnbalanceDetection,
     MeshDampingDetection,
     MeshStiffnessLossDetection,
     MisalignmentDetection,

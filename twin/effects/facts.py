@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import exp
+from math import exp, inf
 
 from twin.effects.parameter import Parameter
 from twin.thresholds import deciding
@@ -34,6 +34,27 @@ class DetectionThresholds:
         meaning="evidence that this effect must add, where it is more than the mesh search asks of every effect",
         source="not derived: 0 leaves the decision to the mesh search",
     )
+    largest_size: float = deciding(
+        inf,
+        meaning="size that the model is given at most",
+        source="not derived: left to the parameter's bounds",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShaftLine:
+    """The line by which a force that turns with a shaft is found: `size` and `phase` are read from it.
+
+    The line is in proportion to the size, and turns with the phase: X ∝ size·e^{i·phase}.
+    """
+
+    channel: str  # that shows it: "torque" or "acceleration"
+    size: str  # parameter
+    phase: str  # parameter [rad]
+    order: str = ""  # parameter that holds the order of the pinion, where it is free; else the shaft's own order
+    shaft: str = "pinion"  # whose own order it is: "pinion" or "gear"
+    unit: float  # of the size, at which the response is taken: small enough to be linear
+    unit_of: str = ""  # quantity of the machine that the unit is a share of (twin/scales.py); "" where it is none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,6 +95,7 @@ class Facts:
     synchronous: bool = True  # whether its lines survive averaging over turns of a shaft
     separates_teeth: bool = False  # whether there is no steady mesh from which a wear depth could be estimated
     slices: int = 1  # across the face that it needs, whatever its size
+    shaft_line: ShaftLine | None = None  # for the detector of shaft forces
     fitted: tuple[FittedNumber, ...] = ()  # for the mesh search; from the parameters' priors where none are given
     detection: DetectionThresholds = DetectionThresholds()
 

@@ -21,7 +21,7 @@ from math import pi
 from typing import ClassVar
 
 from twin.dynamics.structure import direction
-from twin.effects.facts import Facts
+from twin.effects.facts import Facts, ShaftLine
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
@@ -46,6 +46,9 @@ class TorqueRipple:
         acts_on="shaft",
         periods=("pinion", "hunting"),
         detector="shaft_forces",
+        shaft_line=ShaftLine(
+            channel="torque", size="amplitude", phase="phase", order="order", unit=0.01, unit_of="rated torque"
+        ),
         changes_mesh_lines=False,
     )
 

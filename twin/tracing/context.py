@@ -273,9 +273,9 @@ class TracingContext:
 
     @property
     def tooth_features(self) -> list[WindowFeatures]:
-        """The same, without the transmission error's line at the order of a suspected torque ripple."""
-        ripple = self.findings.force("torque_ripple")
-        return self.features if ripple is None else without_order(self.features, int(ripple.parameters["order"][0]))
+        """The same, without the transmission error's line at the order of a suspected ripple of the torque."""
+        ripple = self.findings.force("torque")
+        return self.features if ripple is None else without_order(self.features, round(ripple.order))
 
     @property
     def non_gear(self) -> list[tuple[float, NonGearFeatures]]:

@@ -23,6 +23,8 @@ class ShaftForce:
     effect: Effect
     parameters: dict[str, tuple[float, str, float]]  # value, unit, std
     log_evidence: float
+    channel: str = "torque"  # that shows it
+    order: float  # of the pinion
 
     @property
     def name(self) -> str:
@@ -98,9 +100,9 @@ class Findings:
         """The effects found by which teeth differ from one another: their lines are at all orders of both shafts."""
         return tuple(f for f in self.effects if f.addition.effect.facts.acts_on == "teeth")
 
-    def force(self, name: str) -> ShaftForce | None:
-        """The suspected force of this name."""
-        return next((force for force in self.forces if force.name == name), None)
+    def force(self, channel: str) -> ShaftForce | None:
+        """The first suspected force that this channel shows."""
+        return next((force for force in self.forces if force.channel == channel), None)
 
     def adding(self, *effects: AttributedEffect, rejected: Collection[str] = ()) -> Findings:
         """With more effects, except those that an engineer has ruled out."""

@@ -116,15 +116,16 @@ def detect(context: TracingContext, limits: EccentricityThresholds = THRESHOLDS)
     fitting = context.fitting_mounted
     chosen = [fitting[i] for i in sorted({0, len(fitting) // 2, len(fitting) - 1})]
     windows = [_window(context, w) for w in chosen]
-    unbalance = findings.force("mass_unbalance")
-    explained: complex = 0.0
+    unbalance = findings.force("acceleration")
+    explained: dict[int, complex] = {}  # run-out of the shaft whose unbalance is suspected
     if unbalance is not None and not findings.tooth_errors:
-        explained = run_out_of(model, context.fitting[0].condition, unbalance.effect)
+        made = run_out_of(model, context.fitting[0].condition, unbalance.effect, unbalance.order)
+        explained[0 if unbalance.order == 1 else 1] = made
     orders: set[int] = set()
     found = []
     for shaft in (0, 1):
         fit = fit_eccentricity(
-            model, windows, context.mesh_phase, shaft, context.scales, explained if shaft == 0 else 0.0, limits
+            model, windows, context.mesh_phase, shaft, context.scales, explained.get(shaft, 0.0), limits
         )
         if fit is None or not is_proven(fit, context.scales, bool(findings.tooth_errors), limits):
             continue

@@ -124,6 +124,7 @@ def find_rattle(
             "order": (float(order), "", 0.0),
         },
         log_evidence=evidence_of_line(sizes, stds),
+        order=float(order),
     )
 
 
@@ -153,6 +154,7 @@ def _without_torque_meter(
         effect=EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=swing, order=float(order)),
         parameters={"order": (float(order), "", 0.0)},
         log_evidence=float(0.5 * sizes.size * (scatter / (limits.unsteadiness * size)) ** 2),
+        order=float(order),
     )
 
 

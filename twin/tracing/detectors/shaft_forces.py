@@ -15,10 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from twin.effects import EFFECTS
+from twin.effects.facts import ShaftLine
 from twin.effects.response import Effect, solve_with
 from twin.errors import TwinError
 from twin.features.window_features import WindowFeatures
@@ -74,17 +76,27 @@ class ShaftForceThresholds:
     least_torque_std: float = deciding(
         0.2, of="torque noise floor", meaning="noise that a ripple's line has at least", source="not derived: chosen"
     )
-    largest_unbalance_force: float = deciding(
-        0.352,
-        of="rated mesh force",
-        meaning="centrifugal force at the rated speed of the largest unbalance that the model is given",
-        source="0.05 kg·m on the reference rig, the bound of the effect's parameter; not derived",
-    )
+
+    def of_channel(self, channel: str, scales: Scales) -> _Floor:
+        """What a line of a channel must exceed."""
+        if channel == "torque":
+            least, std = self.least_torque * scales.torque_noise, self.least_torque_std * scales.torque_noise
+            return _Floor(least=least, deviations=self.torque_deviations, std=std)
+        least = self.least_acceleration * scales.acceleration
+        return _Floor(least=least, deviations=self.acceleration_deviations, std=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Floor:
+    """What a line must exceed, and the noise that it has at least, in the channel's unit."""
+
+    least: float
+    deviations: float
+    std: float
 
 
 THRESHOLDS = ShaftForceThresholds()
-ORDERS = range(1, 11)  # of the pinion
-UNIT_UNBALANCE = 1e-3  # at which the linear response is taken [kg·m]
+ORDERS = range(1, 11)  # of the pinion, where the order is free
 
 
 def detect(context: TracingContext, limits: ShaftForceThresholds = THRESHOLDS) -> Findings:
@@ -99,9 +111,9 @@ def confirm(context: TracingContext) -> Findings:
     findings = context.findings
     confirmed = []
     for force in findings.forces:
-        if force.name == "mass_unbalance" and findings.tooth_errors:
+        if force.channel == "acceleration" and findings.tooth_errors:
             continue
-        if force.name == "torque_ripple" and force.parameters["order"][0] in findings.run_out_orders:
+        if force.channel == "torque" and force.order in findings.run_out_orders:
             continue
         confirmed.append(force.attributed())
     return findings.adding(*confirmed, rejected=context.rejected)
@@ -115,11 +127,16 @@ def find_shaft_forces(
     scales: Scales,
     limits: ShaftForceThresholds = THRESHOLDS,
 ) -> list[ShaftForce]:
-    """Torque ripple and unbalance, from measurement windows (n,) and their conditions (n,)."""
-    unbalance = _unbalance(model, windows, conditions, phase, scales, limits)
-    taken = set() if unbalance is None else {1}
-    ripple = _ripple(model, windows, conditions, phase, taken, scales, limits)
-    return [found for found in (ripple, unbalance) if found is not None]
+    """The forces that effects of this detector declare, from measurement windows (n,) and their conditions (n,).
+
+    Those of a free order come first; they are not sought at an order that another force explains.
+    """
+    search = _Search(model, windows, conditions, phase, scales, limits)
+    kinds = [kind for kind in EFFECTS.values() if kind.facts.shaft_line is not None]
+    own = [f for kind in kinds if not kind.facts.shaft_line.order and (f := search.at_own_order(kind)) is not None]
+    taken = {f.order for f in own}
+    free = [f for kind in kinds if kind.facts.shaft_line.order and (f := search.at_any_order(kind, taken)) is not None]
+    return [*free, *own]
 
 
 def tooth_errors_explain(
@@ -146,81 +163,75 @@ def tooth_errors_explain(
     return bool(abs(measured - made) < limits.explained_share * abs(measured))
 
 
-def run_out_of(model: Model, condition: Condition, effect: Effect) -> complex:
-    """What an unbalance makes of the transmission error at the pinion's own order, in the model's angle [m]."""
-    (made,) = solve_with(model, (effect,), model.unworn, condition).transmission_error([1.0])
+def run_out_of(model: Model, condition: Condition, effect: Effect, order: float = 1.0) -> complex:
+    """What an unbalance makes of the transmission error at the order of its shaft, in the model's angle [m]."""
+    (made,) = solve_with(model, (effect,), model.unworn, condition).transmission_error([order])
     return complex(made)
 
 
-def _stands_out(seen: Sequence[Seen], least: float, deviations: float, least_windows: int) -> bool:
-    """Whether lines exceed a floor and their noise, whatever their phases."""
-    return len(seen) >= least_windows and rms(seen) > max(least, deviations * std_of_mean(seen))
+class _Search:
+    """The windows of one machine, searched for lines that a shaft drives."""
 
+    def __init__(
+        self,
+        model: Model,
+        windows: Sequence[WindowFeatures],
+        conditions: Sequence[Condition],
+        phase: float,
+        scales: Scales,
+        limits: ShaftForceThresholds,
+    ) -> None:
+        self.model, self.windows, self.conditions = model, windows, conditions
+        self.phase, self.scales, self.limits = phase, scales, limits
 
-def _ripple(
-    model: Model,
-    windows: Sequence[WindowFeatures],
-    conditions: Sequence[Condition],
-    phase: float,
-    taken: Collection[int],
-    scales: Scales,
-    limits: ShaftForceThresholds,
-) -> ShaftForce | None:
-    """The one order of the torque that stands out and keeps its phase; teeth that differ have lines at all orders."""
-    least = limits.least_torque * scales.torque_noise
-    swings = []
-    for p in ORDERS:
-        seen = lines_of(windows, "torque", (0, p, 0))
-        if _stands_out(seen, least, limits.torque_deviations, limits.least_windows):
-            swings.append((rms(seen), p, seen))
-    if not swings:
-        return None
-    size, p, seen = max(swings, key=lambda s: s[0])
-    next_largest = max((s for s, q, _ in swings if q != p), default=0.0)
-    if p in taken or size < limits.dominance * next_largest:
-        return None
-    unit = 0.01 * scales.torque  # small: the response is linear
-    ripple = EFFECTS["torque_ripple"](amplitude=unit, order=float(p))
-    units = unit_responses(model, conditions, ripple, "torque", p, phase, limits.same_speed)
-    line = None if units is None else steady_line(seen, units, limits.steadiness, limits.size_scatter)
-    if line is None:
-        return None
-    amplitude = unit * abs(line.multiple)
-    least_std = limits.least_torque_std * scales.torque_noise
-    return ShaftForce(
-        effect=EFFECTS["torque_ripple"](
-            amplitude=float(amplitude), order=float(p), phase=float(np.angle(line.multiple))
-        ),
-        parameters={
-            "amplitude": (float(amplitude), "N·m", float(np.hypot(unit * line.std, MODELLED * amplitude))),
-            "order": (float(p), "", 0.0),
-        },
-        log_evidence=evidence_of_line(line.size, max(line.line_std, least_std)),
-    )
+    def at_own_order(self, kind: Any) -> ShaftForce | None:
+        """A force at the own order of its shaft."""
+        line: ShaftLine = kind.facts.shaft_line
+        z1, z2 = self.model.mesh.pair.teeth
+        key, order = ((0, 1, 0), 1.0) if line.shaft == "pinion" else ((0, 0, 1), z1 / z2)
+        seen = lines_of(self.windows, line.channel, key)
+        return self._driven(kind, seen, order) if self._stands_out(seen, line.channel) else None
 
+    def at_any_order(self, kind: Any, taken: Collection[float]) -> ShaftForce | None:
+        """A force at the one order of the pinion that stands out; teeth that differ have lines at all orders."""
+        channel = kind.facts.shaft_line.channel
+        found = [(p, lines_of(self.windows, channel, (0, p, 0))) for p in ORDERS]
+        swings = [(rms(seen), p, seen) for p, seen in found if self._stands_out(seen, channel)]
+        if not swings:
+            return None
+        size, p, seen = max(swings, key=lambda s: s[0])
+        next_largest = max((s for s, q, _ in swings if q != p), default=0.0)
+        if p in taken or size < self.limits.dominance * next_largest:
+            return None
+        return self._driven(kind, seen, float(p))
 
-def _unbalance(
-    model: Model,
-    windows: Sequence[WindowFeatures],
-    conditions: Sequence[Condition],
-    phase: float,
-    scales: Scales,
-    limits: ShaftForceThresholds,
-) -> ShaftForce | None:
-    """What shakes the housing once a turn of the pinion, always at the same angle, as the square of the speed."""
-    seen = lines_of(windows, "acceleration", (0, 1, 0))
-    least = limits.least_acceleration * scales.acceleration
-    if not _stands_out(seen, least, limits.acceleration_deviations, limits.least_windows):
-        return None
-    unit = EFFECTS["mass_unbalance"](pinion=UNIT_UNBALANCE)
-    units = unit_responses(model, conditions, unit, "acceleration", 1.0, phase, limits.same_speed)
-    line = None if units is None else steady_line(seen, units, limits.steadiness, limits.size_scatter)
-    if line is None:
-        return None
-    U = float(UNIT_UNBALANCE * abs(line.multiple))
-    most = limits.largest_unbalance_force * scales.force / (2 * np.pi * scales.speed) ** 2
-    return ShaftForce(
-        effect=EFFECTS["mass_unbalance"](pinion=min(U, float(most)), pinion_heavy_point=float(np.angle(line.multiple))),
-        parameters={"pinion": (U, "kg·m", float(np.hypot(UNIT_UNBALANCE * line.std, MODELLED * U)))},
-        log_evidence=evidence_of_line(line.size, line.line_std),
-    )
+    def _stands_out(self, seen: Sequence[Seen], channel: str) -> bool:
+        """Whether lines exceed a floor and their noise, whatever their phases."""
+        if len(seen) < self.limits.least_windows:
+            return False
+        floor = self.limits.of_channel(channel, self.scales)
+        return rms(seen) > max(floor.least, floor.deviations * std_of_mean(seen))
+
+    def _driven(self, kind: Any, seen: Sequence[Seen], order: float) -> ShaftForce | None:
+        """The force whose line keeps size and phase as a multiple of the modelled response; None where it does not."""
+        line: ShaftLine = kind.facts.shaft_line
+        limits, scales = self.limits, self.scales
+        unit = line.unit * (scales[line.unit_of] if line.unit_of else 1.0)
+        at = {line.order: order} if line.order else {}
+        effect = kind(**{line.size: unit}, **at)
+        units = unit_responses(self.model, self.conditions, effect, line.channel, order, self.phase, limits.same_speed)
+        steady = None if units is None else steady_line(seen, units, limits.steadiness, limits.size_scatter)
+        if steady is None:
+            return None
+        size = float(unit * abs(steady.multiple))
+        given = min(size, scales.sized(kind.facts.detection, "largest_size"))
+        std = float(np.hypot(unit * steady.std, MODELLED * size))
+        parameter = next(p for p in kind.parameters if p.name == line.size)
+        floor = limits.of_channel(line.channel, scales)
+        return ShaftForce(
+            effect=kind(**{line.size: given, line.phase: float(np.angle(steady.multiple))}, **at),
+            parameters={line.size: (size, parameter.unit, std)} | {name: (o, "", 0.0) for name, o in at.items()},
+            log_evidence=evidence_of_line(steady.size, max(steady.line_std, floor.std)),
+            channel=line.channel,
+            order=order,
+        )

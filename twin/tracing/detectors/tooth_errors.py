@@ -80,14 +80,14 @@ def detect(context: TracingContext, limits: ToothErrorThresholds = THRESHOLDS) -
     if "pitch_error" in context.rejected:
         return findings
     found = _fitted(context, context.features, limits)
-    ripple = findings.force("torque_ripple")
+    ripple = findings.force("torque")
     if ripple is not None:
-        order = int(ripple.parameters["order"][0])
+        order = round(ripple.order)
         first = context.features[: PATTERNS.first_windows]
         if found is not None and tooth_errors_explain(
             context.model, first, context.fitting[0].condition, (found.effect,), context.mesh_phase, order
         ):
-            findings = findings.without("torque_ripple")
+            findings = findings.without(ripple.name)
         elif found is not None:
             found = _fitted(context, context.tooth_features, limits)
     if found is None or found.over_healthy <= limits.energy_over_healthy:
