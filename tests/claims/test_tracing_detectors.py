@@ -73,7 +73,7 @@ def test_detector_keeps_what_was_found_before_it(detector):
     tone = NonGearContent(modulated_by="gear")
     before = Findings(non_gear=tone, run_out_orders=frozenset({1}))
     found = detector.detect(healthy().with_findings(before))
-    assert found.run_out_orders == {1}
+    assert found.run_out_orders == (set() if detector.name == "eccentricity" else {1})
     assert found.non_gear == (NonGearContent() if detector.name == "non_gear" else tone)
 
 
