@@ -49,7 +49,7 @@ def window_table(result: Score) -> list[str]:
     """One line a measurement window."""
     out = [
         f"{result.name}: {', '.join(result.effects) or 'no effect'}",
-        "     revs    true   fused  5–95 % band      error    paper   error  RMS m/s²   before    after",
+        "     revs    true   fused  5–95 % band      error      rms   error  RMS m/s²   before    after",
         "               µm      µm           µm          %       µm       %                  %        %",
     ]
     for r in result.rows:
@@ -69,7 +69,7 @@ def summary_table(results: Sequence[tuple[Score, float]]) -> list[str]:
     """One line a campaign: worst errors from 20 µm on."""
     out = [
         "                      worst depth error %         RMS within   band      life left, revolutions     CPU",
-        "                 fused ≤150   >150  paper ≤150   >150   5 %   holds        true      twin  error %     s",
+        "                 fused ≤150   >150    rms ≤150   >150   5 %   holds        true      twin  error %     s",
     ]
     for s, used in results:
         out.append(

@@ -83,8 +83,7 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
 def _status(status: Any) -> list[str]:
     if not isinstance(status, Mapping) or not status.get("level"):
         return []
-    reasons = "; ".join(status.get("reasons") or ())
-    return [f"Status: {status['level'].replace('_', ' ')}" + (f" ({reasons})" if reasons else "")]
+    return [" ".join([f"Status: {status['level'].replace('_', ' ')}.", *(status.get("reasons") or ())])]
 
 
 def _wear(wear: Mapping[str, Any], mesh_stiffness: str | None) -> list[str]:

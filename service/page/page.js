@@ -33,7 +33,7 @@ function showStatus({ status, reason }) {
   const level = status?.level ?? status;
   badge.textContent = level.replaceAll("_", " ");
   badge.className = `badge ${LOOK[level] ?? level}`;
-  document.getElementById("reason").textContent = status?.reasons?.join("; ") || reason || "";
+  document.getElementById("reason").textContent = status?.reasons?.join(" ") || reason || "";
 }
 
 async function refresh() {
