@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.contract.base import Band, NotAvailable
+from service.contract.status import Status
 
 Flank = Literal["combined", "pinion", "gear"]
 
@@ -54,8 +55,9 @@ class AssetSummary(BaseModel):
     """One asset in the list."""
 
     asset: str
-    status: Literal["waiting", "ok", "degraded", "stale"]
-    reason: str
+    status: Status
+    data: Literal["waiting", "ok", "degraded", "stale"] = Field(description="whether usable data come")
+    reason: str = Field(description="of `data`")
     windows: int
     updates: int
     revolutions: float | None

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from service.contract.answer import assemble
+from service.contract.status import none_yet
 from service.results.change_signal import ChangeSignal
 from service.results.store import FaultTotals, ResultStore, StoredWindow, faults_of
 
@@ -78,8 +79,8 @@ class Snapshot:
             stale=None,
         )
 
-    def status(self) -> tuple[str, str]:
-        """waiting, ok, degraded or stale, and the reason."""
+    def data_status(self) -> tuple[str, str]:
+        """Whether usable data come: waiting, ok, degraded or stale, and the reason."""
         if self.stale is not None:
             return "stale", self.stale.reason
         if not self.records:
@@ -93,10 +94,11 @@ class Snapshot:
 
     def summary(self) -> dict[str, Any]:
         """The asset in the list of assets."""
-        status, reason = self.status()
+        data, reason = self.data_status()
         return {
             "asset": self.asset,
-            "status": status,
+            "status": self.whole.get("status") or none_yet(NO_WINDOW),
+            "data": data,
             "reason": reason,
             "windows": self.windows_total,
             "updates": self.updates,

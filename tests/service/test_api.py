@@ -68,7 +68,8 @@ def client(store, board):
 def test_assets_are_listed_with_their_status(client):
     listed = {a["asset"]: a for a in client.get("/v1/assets").json()}
     assert set(listed) == {"unsw", "spectraquest"}
-    assert listed["unsw"]["status"] == "ok" and listed["unsw"]["windows"] == 14
+    assert listed["unsw"]["status"]["level"] == "normal" and listed["unsw"]["data"] == "ok"
+    assert listed["unsw"]["windows"] == 14
     assert listed["unsw"]["updates"] == 1 and listed["unsw"]["rig"] == "unsw"
     assert listed["spectraquest"]["rig"] is None
 
@@ -76,7 +77,8 @@ def test_assets_are_listed_with_their_status(client):
 def test_degraded_window_shows_in_the_status(client, store, board):
     fakes.take(store, board, "unsw", 99, 19000.0, quality="degraded", faults=(fakes.FAULT,))
     summary = next(a for a in client.get("/v1/assets").json() if a["asset"] == "unsw")
-    assert summary["status"] == "degraded" and "gap in accel/y6" in summary["reason"]
+    assert summary["data"] == "degraded" and "gap in accel/y6" in summary["reason"]
+    assert summary["status"]["level"] == "no_verdict" and "gap in accel/y6" in summary["status"]["reasons"][0]
 
 
 def test_whole_state_has_the_names_of_the_contract_and_the_parts_are_the_same(client):
