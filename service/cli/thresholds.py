@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from service.files.rig import load_rig
+from service.stream.clock import ClockThresholds
 from service.stream.samples import RangeThresholds
 from twin.scales import Scales
 from twin.threshold_register import SETS, RegisterRow, register
 
 COLUMNS = ("set", "name", "value", "unit", "share of", "on this rig", "meaning", "source")
-SERVICE_SETS = (RangeThresholds,)  # numbers that the service decides by
+SERVICE_SETS = (ClockThresholds, RangeThresholds)  # numbers that the service decides by
 WIDTH = 230  # characters, where the output is no terminal
 
 
