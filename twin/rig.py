@@ -118,6 +118,11 @@ class Rig:
         return self.get("mesh.pair_s"), self.get("mesh.pair_stiffness")
 
     @property
+    def mesh_stiffness_source(self) -> str:
+        """In words, where the stiffness of the mesh comes from."""
+        return "potential-energy method" if self.given_pair_stiffness is None else "given in the rig file"
+
+    @property
     def tolerances(self) -> Tolerances:
         """How far machine and instruments may differ from the rig file; defaults where it states nothing."""
         return Tolerances.of(self.values)

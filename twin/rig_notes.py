@@ -62,11 +62,6 @@ class NoteLimits:
 DEFAULT_LIMITS = NoteLimits()
 
 
-def mesh_stiffness_source(rig: Rig) -> str:
-    """In words, where the stiffness of the mesh comes from."""
-    return "potential-energy method" if rig.given_pair_stiffness is None else "given in the rig file"
-
-
 def rig_notes(rig: Rig, limits: NoteLimits = DEFAULT_LIMITS) -> tuple[str, ...]:
     """Sentences on what a rig file states twice and differently; none where it agrees with itself."""
     notes = [*_shafts(rig, limits), *_wheels(rig, limits)]
@@ -143,7 +138,7 @@ def _mesh(rig: Rig, mesh: PairMesh, limits: NoteLimits) -> Iterator[str]:
     mean = scale * mesh.stiffness.mesh_mean
     if _differ(stated, mean, limits.mesh_stiffness):
         yield (
-            f"mesh.mean_stiffness = {stated:g} N/m; the mesh stiffness in use ({mesh_stiffness_source(rig)}) has a "
+            f"mesh.mean_stiffness = {stated:g} N/m; the mesh stiffness in use ({rig.mesh_stiffness_source}) has a "
             f"mean of {mean:g} N/m"
         )
     τ, c = rig.get("mesh.relative_damping_time"), rig.get("mesh.damping")

@@ -26,6 +26,7 @@ from twin.assessment import (
     Wear,
 )
 from twin.errors import ParameterError
+from twin.features.indicator_record import Records
 from twin.serial import from_plain, to_plain
 from twin.state_v1 import migrated_state
 from twin.tracing.state import Tracing
@@ -76,6 +77,7 @@ class State:
     recent: tuple[WindowResidual, ...] = ()  # the latest windows' residuals, newest last
     latest: LatestParts = field(default_factory=LatestParts)
     levels: Mapping[str, LevelReading] = field(default_factory=dict)  # the latest under each operating condition
+    residual_records: Records = ()  # variances of the gears' residuals, which NA4 compares with
     tracing: Tracing = field(default_factory=Tracing)  # the twin with 0, 1, … of its effects, and its history
     fallen: FallenCount | None = None  # while windows of a lower count are refused
 
@@ -92,6 +94,7 @@ class State:
             "recent": to_plain(self.recent),
             "latest": to_plain(self.latest),
             "levels": to_plain(self.levels),
+            "residual_records": to_plain(self.residual_records),
             "tracing": self.tracing.to_dict(),
             "fallen": to_plain(self.fallen),
         }
@@ -114,6 +117,7 @@ class State:
             recent=from_plain(tuple[WindowResidual, ...], data["recent"]),
             latest=from_plain(LatestParts, data["latest"]),
             levels=from_plain(Mapping[str, LevelReading], data["levels"]),
+            residual_records=from_plain(Records, data.get("residual_records", ())),
             tracing=Tracing.from_dict(data["tracing"]),
             fallen=from_plain(FallenCount | None, data.get("fallen")),
         )

@@ -196,6 +196,7 @@ def _calibration(calibration: Mapping[str, Any]) -> dict[str, Any]:
         "compliance_scale": calibration.get("compliance_scale"),
         "mesh_phase": _scaled(calibration.get("mesh_phase_deg"), DEGREE),
         "path_lines_learned": calibration.get("path_lines_learned"),
+        "mesh_stiffness": None,
     }
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from service.cli.encoder_pair import sentences
+from service.cli.indicators import indicator_lines
 from service.cli.show import number, reason, spread
 
 PIPED = 170  # columns where the output is no terminal
@@ -155,10 +156,13 @@ def _listed(indices: Sequence[str]) -> str:
 
 
 def answer_text(answer: Mapping[str, Any], width: int = PIPED) -> str:
-    """Summary, what two encoders show of the pair, and the window table."""
+    """Summary, what two encoders show of the pair, the window table and the latest condition indicators."""
     lines = [f"Asset {answer['asset']}", "", *summary_lines(answer), *sentences(answer.get("pair"))]
     if answer["windows"]:
         lines += ["", *window_table(answer["windows"], width)]
+    indicators = indicator_lines(answer["windows"])
+    if indicators:
+        lines += ["", *indicators]
     return "\n".join(lines)
 
 

@@ -23,6 +23,7 @@ class Calibration(ContractModel):
     compliance_scale: float | None = None
     mesh_phase_deg: float | None = None
     path_lines_learned: int | None = None
+    mesh_stiffness: str | None = Field(default=None, description="`potential-energy method` or `given in the rig file`")
 
     @classmethod
     def of(cls, calibration: assessment.CalibrationAssessment) -> Calibration:
@@ -40,6 +41,7 @@ class Calibration(ContractModel):
             values=dict(calibration.values),
             std_percent=None if std is None else {name: s / PERCENT for name, s in std.items()},
             windows=calibration.windows,
+            mesh_stiffness=calibration.mesh_stiffness,
             **parts,
         )
 

@@ -26,7 +26,7 @@ class RigSummary(ContractModel):
 @lru_cache(maxsize=16)
 def _summary(text: str) -> RigSummary:
     """Kept by the file's values: the notes on wear take half a second."""
-    from twin.rig_notes import mesh_stiffness_source, rig_notes
+    from twin.rig_notes import rig_notes
 
     rig = Rig.from_mapping(json.loads(text))
-    return RigSummary(name=rig.name, mesh_stiffness=mesh_stiffness_source(rig), notes=list(rig_notes(rig)))
+    return RigSummary(name=rig.name, mesh_stiffness=rig.mesh_stiffness_source, notes=list(rig_notes(rig)))

@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import Field
 
 from service.contract.base import MICROMETRE, PERCENT, ContractModel, in_unit
+from service.contract.indicators import SensorIndicators
 from twin import assessment
 
 
@@ -101,6 +102,7 @@ class WindowRecord(ContractModel):
     mesh_frequency_hz: float | None = None
     mesh_bands: list[float | None] | None = Field(default=None, description="RMS of the mesh harmonics' bands [m/s²]")
     temperatures: dict[str, SlowValue] | None = Field(default=None, description="slow channels, by place")
+    indicators: dict[str, SensorIndicators] | None = Field(default=None, description="by accelerometer")
     notes: list[str] | None = None
     not_available: dict[str, str] | None = Field(default=None, description="what the window does not have, and why")
     quality: str | None = Field(default=None, description="`good`, `repaired`, `degraded` or `refused`")
@@ -125,6 +127,8 @@ class WindowRecord(ContractModel):
                 "mesh_frequency_hz": window.mesh_frequency,
                 "mesh_bands": None if window.mesh_bands is None else list(window.mesh_bands),
             }
+        if window.indicators:
+            parts["indicators"] = {name: SensorIndicators.of(own) for name, own in window.indicators.items()}
         return cls(
             index=window.index,
             kind=window.kind,

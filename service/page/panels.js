@@ -307,6 +307,21 @@ function windowsPanel(windows) {
   return panel("Latest windows", table(heads, rows));
 }
 
+const SENSOR_INDICATORS = ["rms", "kurtosis", "crest_factor"];
+const GEAR_INDICATORS = ["fm0", "fm4", "na4", "m6a", "m8a", "energy_ratio", "sideband_level_factor"];
+
+// Condition indicators of every accelerometer and gear in the latest window that has any.
+function indicatorsPanel(windows) {
+  const latest = windows.findLast((w) => w.indicators && Object.keys(w.indicators).length);
+  if (!latest) return [];
+  const rows = Object.entries(latest.indicators).flatMap(([sensor, own]) =>
+    Object.entries(own.gears ?? { "–": {} }).map(([gear, found]) => [sensor,
+      ...SENSOR_INDICATORS.map((key) => number(own[key])), gear, ...GEAR_INDICATORS.map((key) => number(found[key]))]));
+  const heads = ["sensor", "RMS [m/s²]#", "kurtosis#", "crest factor#", "gear", "FM0#", "FM4#", "NA4#", "M6A#", "M8A#",
+    "energy ratio#", "sideband level factor#"];
+  return [panel(`Condition indicators, window ${latest.index}`, table(heads, rows))];
+}
+
 function inspectionsPanel(inspections) {
   const rows = inspections.slice(-8).reverse().map(({ inspection, twin, difference_um, within_band }) => {
     const own = isAvailable(twin) ? twin.max_depth_um : null;
@@ -340,6 +355,7 @@ export function drawTables(state, quality, inspections, decide) {
     effectsPanel(effects, unexplained, tracing, wear, decide),
     qualityPanel(quality),
     ...methodsPanel(wear),
+    ...indicatorsPanel(windows),
     ...pairPanel(pair),
     ...unattributedPanels(state.unattributed_lines),
     ...(isShared(calibration) ? []

@@ -10,7 +10,7 @@ from twin.errors import ParameterError
 from twin.mesh.stiffness import PairStiffness, pair_stiffness
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
-from twin.rig_notes import mesh_stiffness_source, rig_notes
+from twin.rig_notes import rig_notes
 
 OWN = PairStiffness.of(UNSW)
 TEN = Condition(speed_hz=10.0, torque=10.0)
@@ -71,8 +71,8 @@ def test_given_stiffness_changes_the_vibration_and_its_scale_multiplies_it():
 
 def test_source_of_the_stiffness_is_said():
     s, k = energy_table(41)
-    assert mesh_stiffness_source(Rig.from_mapping(UNSW_RIG)) == "potential-energy method"
-    assert mesh_stiffness_source(rig_given(s, k)) == "given in the rig file"
+    assert Rig.from_mapping(UNSW_RIG).mesh_stiffness_source == "potential-energy method"
+    assert rig_given(s, k).mesh_stiffness_source == "given in the rig file"
 
 
 def test_table_that_is_not_selected_is_compared_with_the_energy_method():

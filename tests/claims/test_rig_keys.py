@@ -13,7 +13,7 @@ from twin.errors import ParameterError
 from twin.features.window_features import WindowFeatures
 from twin.model import Calibration, mesh_of
 from twin.rig import Rig
-from twin.rig_notes import mesh_stiffness_source, rig_notes
+from twin.rig_notes import rig_notes
 from twin.updating.conditions import kind_of
 from twin.updating.model_cache import deepest
 from twin.wear.profile import WornProfile
@@ -125,7 +125,7 @@ def outputs(rig):
         windows_at(rig),
         expected_channels(rig),
         window_of_rig(rig, encoder_window()).faults,
-        mesh_stiffness_source(rig),
+        rig.mesh_stiffness_source,
         rig_notes(rig),
     )
     return repr((said, [(a.tobytes()) for a in arrays]))

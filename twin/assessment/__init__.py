@@ -45,6 +45,7 @@ from twin.assessment.encoder_pair import (
     SharpStep,
     StatedRatio,
 )
+from twin.assessment.indicators import GearIndicators, SensorIndicators
 from twin.assessment.values import FLANKS, Interval, ParameterValue, SpectralLine, Unavailable
 from twin.assessment.wear import (
     FlankProfile,
@@ -76,6 +77,7 @@ __all__ = [
     "Evidence",
     "FlankProfile",
     "FusedEstimate",
+    "GearIndicators",
     "HarmonicBand",
     "HeldOutBand",
     "HeldOutErrors",
@@ -98,6 +100,7 @@ __all__ = [
     "Residual",
     "RmsEstimate",
     "RunOut",
+    "SensorIndicators",
     "SharpStep",
     "SpectralLine",
     "SpectrumExcerpt",

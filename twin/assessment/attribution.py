@@ -22,6 +22,7 @@ class CalibrationAssessment:
     compliance_scale: float | None = None
     mesh_phase: float | None = None  # against the encoder's zero [rad]
     path_lines_learned: int | None = None
+    mesh_stiffness: str | None = None  # in words, where the stiffness of the mesh comes from
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from twin.assessment.indicators import SensorIndicators
 from twin.assessment.values import Interval
 
 
@@ -64,6 +65,7 @@ class WindowAssessment:
     speed_source: str | None = None  # the channel that gave the angle
     mesh_frequency: float | None = None  # [Hz]
     mesh_bands: tuple[float | None, ...] | None = None  # RMS of the mesh harmonics' bands [m/s²]
+    indicators: Mapping[str, SensorIndicators] = field(default_factory=dict)  # by accelerometer
     notes: tuple[str, ...] = ()
     unavailable: Mapping[str, str] = field(default_factory=dict)  # feature → reason
 

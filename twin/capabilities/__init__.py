@@ -13,6 +13,7 @@ from typing import Protocol
 
 from twin.capabilities import (
     baseline_comparison,
+    condition_indicators,
     encoder_pair,
     level_relation,
     mesh_bands,
@@ -43,4 +44,5 @@ CAPABILITIES: tuple[Capability, ...] = (
     encoder_pair,
     baseline_comparison,
     unattributed_spacing,
+    condition_indicators,
 )

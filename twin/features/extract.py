@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from twin.assessment import SensorIndicators
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack, angle_track
 from twin.features.despike import without_spikes
-from twin.features.indicators import SensorIndicators, sensor_indicators
+from twin.features.indicators import sensor_indicators
 from twin.features.level import band_level
 from twin.features.lines import mesh_keys, noise_rms, read_lines, shaft_keys
 from twin.features.mesh_speed import mesh_track

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from twin.features.indicators import GearIndicators, SensorIndicators
+from twin.assessment import GearIndicators, SensorIndicators
 from twin.features.window_features import WindowFeatures
 
 SAME_SPEED, SAME_TORQUE = 0.05, 0.1  # relative differences of one operating condition

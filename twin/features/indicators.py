@@ -27,12 +27,11 @@ Holds    an average with at least 4 values a tooth; indicators of windows of one
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from twin.assessment import GearIndicators, SensorIndicators
 from twin.errors import ParameterError, TwinError, WindowError
 from twin.features.angle import AngleTrack
 from twin.features.orders import synchronous_average
@@ -43,44 +42,6 @@ PER_TOOTH = 4  # values of an average, at least
 LEAST_TURNS = 3  # of a gear that an average is made of: fewer leave most of the noise in it
 ROUNDING = 1e-9  # of the average's RMS with its mean: what is smaller is rounding
 GEARS = ("pinion", "gear")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GearIndicators:
-    """Indicators of one gear by one accelerometer; None where the part they describe is empty."""
-
-    turns: int  # of the gear that the average is made of
-    fm0: float | None
-    fm4: float | None
-    m6a: float | None
-    m8a: float | None
-    energy_ratio: float | None
-    sideband_level_factor: float | None
-    residual_moments: tuple[float, float]  # μ_2 and μ_4 of the residual [(m/s²)²], [(m/s²)⁴]
-    na4: float | None = None  # needs the windows before: `twin/features/indicator_record.py`
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorIndicators:
-    """Indicators of one accelerometer in one window."""
-
-    rms: float  # [m/s²]
-    kurtosis: float | None
-    crest_factor: float | None
-    gears: Mapping[str, GearIndicators] = field(default_factory=dict)  # by `pinion`, `gear`
-    unavailable: Mapping[str, str] = field(default_factory=dict)  # gear → reason
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> SensorIndicators:
-        def gear(values: Mapping[str, Any]) -> GearIndicators:
-            variance, fourth = values["residual_moments"]
-            return GearIndicators(**{**values, "residual_moments": (variance, fourth)})
-
-        return cls(**{**data, "gears": {name: gear(values) for name, values in data["gears"].items()}})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

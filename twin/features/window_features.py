@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from twin.assessment import SensorIndicators
 from twin.errors import NotAvailable
-from twin.features.indicators import SensorIndicators
+from twin.serial import from_plain, to_plain
 
 Key = tuple[int, int, int]
 
@@ -127,7 +128,7 @@ class WindowFeatures:
             if isinstance(value, MeasuredLines):
                 value = value.to_dict()
             elif f.name == "indicators":
-                value = {sensor: own.to_dict() for sensor, own in value.items()}
+                value = to_plain(value)
             elif isinstance(value, tuple):
                 value = list(value)
             elif isinstance(value, Mapping):
@@ -144,5 +145,5 @@ class WindowFeatures:
         for name in ("band", "mesh_bands"):
             if values.get(name) is not None:
                 values[name] = tuple(values[name])
-        values["indicators"] = {k: SensorIndicators.from_dict(v) for k, v in values.get("indicators", {}).items()}
+        values["indicators"] = from_plain(Mapping[str, SensorIndicators], values.get("indicators", {}))
         return cls(**values)

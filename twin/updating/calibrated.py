@@ -18,7 +18,9 @@ def calibration_of(rig: Rig, memory: Memory) -> CalibrationAssessment | Unavaila
             prior = Calibration.prior(rig)
         except NotAvailable as missing:
             return Unavailable(reason=str(missing))
-        return CalibrationAssessment(source="rig file", values=prior.to_dict())
+        return CalibrationAssessment(
+            source="rig file", values=prior.to_dict(), mesh_stiffness=rig.mesh_stiffness_source
+        )
     return CalibrationAssessment(
         source="windows",
         values=fit.calibration.to_dict(),
@@ -29,4 +31,5 @@ def calibration_of(rig: Rig, memory: Memory) -> CalibrationAssessment | Unavaila
         compliance_scale=memory.compliance_scale,
         mesh_phase=memory.phase,
         path_lines_learned=len(memory.path),
+        mesh_stiffness=rig.mesh_stiffness_source,
     )
