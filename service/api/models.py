@@ -62,6 +62,7 @@ class AssetSummary(BaseModel):
     updates: int
     revolutions: float | None
     last_window: JsonValue = Field(description="start of the latest window")
+    last_frame: str | None = Field(description="when the newest frame was received, ISO 8601 by the service's clock")
     rig: str | None = Field(description="name of the rig file in use")
     last_event_id: int
 

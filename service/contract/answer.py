@@ -76,12 +76,12 @@ def assemble(
     report: Mapping[str, Any] | None,
     quality: Mapping[str, Any],
     windows_total: int | None = None,
-    stale: str | None = None,
+    stale: tuple[str, str] | None = None,
 ) -> dict[str, Any]:
     """The whole answer: window records, the twin's newest report and the data quality.
 
     windows_total  how many windows there are, where `records` are the latest of them only
-    stale          why no whole window has come for longer than the service allows, where none has
+    stale          why no whole window has come for longer than the service allows, and since when; None where one has
     """
     blank = {name: [] if name == "effects" else not_available(NO_WINDOW) for name in SECTIONS}
     if report is not None:
@@ -91,7 +91,8 @@ def assemble(
     status = parts.pop("status", None) or none_yet(NO_WINDOW)
     status = with_data_quality(status, windows[-1] if windows else None)
     if stale is not None:
-        status = lowered(status, f"{stale[:1].upper()}{stale[1:]}.")
+        reason, since = stale
+        status = lowered(status, f"{reason[:1].upper()}{reason[1:]}.", since)
     return {
         "schema_version": SCHEMA_VERSION,
         "asset": asset,

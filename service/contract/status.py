@@ -186,12 +186,18 @@ def with_data_quality(status: Mapping[str, Any], record: Mapping[str, Any] | Non
     return lowered(status, _sentence(f"The latest window is {grade}: {why}"))
 
 
-def lowered(status: Mapping[str, Any], reason: str) -> dict[str, Any]:
-    """A status that is at best `no_verdict`, for a reason: stale data, contradicting clocks, an unusable window."""
+def lowered(status: Mapping[str, Any], reason: str, since: str | None = None) -> dict[str, Any]:
+    """A status that is at best `no_verdict`, for a reason: stale data, contradicting clocks, an unusable window.
+
+    since  when that began, ISO 8601; it replaces the status's own where the level changes
+    """
     level = max(status["level"], "no_verdict", key=SEVERITY.index)
     others = [] if status["level"] == "normal" else list(status["reasons"])
     reasons = [reason, *others] if level == "no_verdict" else [*others, reason]
-    return {**status, "level": level, "reasons": list(dict.fromkeys(reasons))}
+    began = status.get("since")
+    if level != status["level"]:
+        began = None if since is None else Since(time=since, revolutions=None).as_json()
+    return {**status, "level": level, "reasons": list(dict.fromkeys(reasons)), "since": began}
 
 
 def with_status_since(

@@ -28,12 +28,11 @@ function link(live) {
 
 const LOOK = { normal: "ok", watch: "degraded", alarm: "lost", end_of_life: "lost" };
 
-function showStatus({ status, reason }) {
+function showStatus({ level, reasons }) {
   const badge = document.getElementById("status");
-  const level = status?.level ?? status;
   badge.textContent = level.replaceAll("_", " ");
   badge.className = `badge ${LOOK[level] ?? level}`;
-  document.getElementById("reason").textContent = status?.reasons?.join(" ") || reason || "";
+  document.getElementById("reason").textContent = reasons.join(" ");
 }
 
 async function refresh() {
@@ -51,7 +50,7 @@ async function refresh() {
     ]);
     if (asset === chosen.value) {
       const limit = rig.end_of_life?.max_depth ? rig.end_of_life.max_depth * 1e6 : null;
-      showStatus(assets.find((a) => a.asset === asset));
+      showStatus(assets.find((a) => a.asset === asset).status);
       noteMissing(state);
       drawCards(state);
       drawRms({ ...state, windows });
@@ -125,7 +124,7 @@ async function listAssets() {
   document.getElementById("empty").hidden = names.length > 0;
   document.getElementById("content").hidden = names.length === 0;
   if (!names.length) {
-    showStatus({ status: "waiting", reason: "" });
+    showStatus({ level: "waiting", reasons: [] });
     return;
   }
   const had = [...chosen.options].map((o) => o.value);

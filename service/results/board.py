@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from service.contract.answer import assemble
+from service.contract.base import iso_time
 from service.contract.status import none_yet
 from service.results.change_signal import ChangeSignal
 from service.results.store import FaultTotals, ResultStore, StoredWindow, faults_of
@@ -46,6 +47,7 @@ class Snapshot:
     quality: Mapping[str, Any] = field(default_factory=dict)
     last_event_id: int = 0
     received_ns: int | None = None  # when the newest window was committed, Unix time of this machine [ns]
+    last_frame_ns: int | None = None  # when the newest frame came, Unix time of this machine [ns]
     stale: Stale | None = None
     whole: Mapping[str, Any] = field(default_factory=dict)  # the contract's section 4
 
@@ -104,6 +106,7 @@ class Snapshot:
             "updates": self.updates,
             "revolutions": self.latest.get("revolutions"),
             "last_window": self.records[-1].get("start_time") if self.records else None,
+            "last_frame": None if self.last_frame_ns is None else iso_time(self.last_frame_ns),
             "rig": (self.rig or {}).get("name"),
             "last_event_id": self.last_event_id,
         }
@@ -176,7 +179,7 @@ class Board:
             snapshot.report,
             snapshot.quality,
             windows_total=snapshot.windows_total,
-            stale=None if snapshot.stale is None else snapshot.stale.reason,
+            stale=None if snapshot.stale is None else (snapshot.stale.reason, iso_time(snapshot.stale.since_ns)),
         )
         snapshot = replace(snapshot, whole=whole)
         self._snapshots[snapshot.asset] = snapshot

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from service.contract.trend import figures
+from service.contract.version_1 import current_record, current_report
 from service.errors import StoreError
 from service.json_text import plain
 from service.results.store import Event, StoredAsset, StoredDecision, StoredWindow, faults_of
@@ -235,7 +236,7 @@ class SqliteStore:
             asset=asset,
             rig=rig,
             state=state,
-            report=report,
+            report=None if report is None else current_report(report),
             assembly=assembly,
             quality=quality,
             windows=windows,
@@ -322,7 +323,8 @@ class SqliteStore:
     def _windows(self, which: str, values: Mapping[str, Any]) -> tuple[StoredWindow, ...]:
         rows = self._rows(f"SELECT start_ns, record, figures FROM windows WHERE {which}", values)
         return tuple(
-            StoredWindow(start_ns=start, record=_load(record), figures=_load(shown)) for start, record, shown in rows
+            StoredWindow(start_ns=start, record=current_record(_load(record)), figures=_load(shown))
+            for start, record, shown in rows
         )
 
     def _rows(self, query: str, values: Sequence[Any] | Mapping[str, Any] = ()) -> list[tuple]:

@@ -149,7 +149,8 @@ class Worker(threading.Thread):
             raise Ended
 
     def _show_quality(self, pipeline: Pipeline, asset: str) -> None:
-        self._board.update(asset, quality=pipeline.quality(asset))
+        last_frame_ns = pipeline.freshness(asset).last_arrival_ns
+        self._board.update(asset, quality=pipeline.quality(asset), last_frame_ns=last_frame_ns)
 
     def _count_fault(self) -> None:
         self._faults += 1

@@ -11,8 +11,8 @@ from service_streams import Sink
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import gear_twin
 from service.stream.sources.mcap import Recording, read_windows
+from twin.options import Options
 from twin.rig import Rig
-from twin.step import Options
 from twin.updating.model_cache import PATHS
 
 SHORT = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"

@@ -42,6 +42,9 @@ def test_asset_without_a_window_for_longer_than_stated_is_stale_and_says_since_w
     assert watched(3602.0) == "stale"
     assert watched.published == ["unsw"]
     _, reason = board.get("unsw").data_status()
+    status = board.get("unsw").whole["status"]
+    assert (status["level"], status["reasons"]) == ("no_verdict", [f"N{reason[1:]}."])
+    assert status["since"] == {"time": "2023-11-14T22:13:20.000000000Z", "revolutions": None}
     assert reason == "no whole measurement window has been received since 2023-11-14 22:13:20 UTC"
     event = store.events("unsw", 0)[-1]
     assert (event.kind, event.data["kind"], event.data["detail"]) == ("data_fault", "stale", reason)

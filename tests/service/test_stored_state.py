@@ -20,8 +20,8 @@ from service.runtime.rigs import Rigs, rig_change
 from service.runtime.twin_port import gear_twin
 from service.runtime.worker import restore
 from service.stream.sources.mcap import Recording
+from twin.options import Options
 from twin.rig import Rig
-from twin.step import Options
 
 ROOT = Path(__file__).parents[2]
 STORED = ROOT / "tests" / "data" / "store_v1.sqlite.gz"
@@ -55,11 +55,25 @@ def test_store_of_version_1_opens_with_all_its_windows_counted(old):
         counted = sum(f["count"] for w in windows for f in w.record["faults"])
         assert sum(count for count, _ in old.asset(asset).fault_totals.values()) == counted
     board = Board.from_store(old)
-    assert board.get("unsw-rig").whole["windows_total"] == 8
+    whole = board.get("unsw-rig").whole
+    assert whole["windows_total"] == 8 and whole["status"]["level"] == "no_verdict"
+    assert "earlier version" in whole["status"]["reasons"][0]
+    assert set(whole["wear"]["methods"]) == {"fused", "rms"} and whole["wear"]["method"]
+    assert "indistinguishable_from" in whole["effects"][0]["evidence"]
+    assert not {"not_told_from", "ways", "depth_from", "strange"} & set(_keys(whole))
+
+
+def _keys(value):
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield key
+            yield from _keys(item)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _keys(item)
 
 
 def test_states_of_version_1_are_restored_and_the_next_windows_follow(old):
-    pytest.importorskip("twin.state_v1")  # the core's migration
     """The store has six of the eight windows of the short campaign; replayed whole, two more are processed."""
     outcomes = []
     twin = gear_twin(Options(trace=False))
