@@ -161,7 +161,7 @@ def test_assets_are_chosen_by_the_selector_and_new_ones_join(open_page, store, b
     wait_for_windows(page, 1)
     page.select_option("#asset", "unsw")
     wait_for_windows(page, 14)
-    assert page.inner_text("#status") == "ok"
+    assert page.inner_text("#status") == "normal"
 
 
 def test_inspections_are_drawn_beside_the_twin(open_page, store, board):
