@@ -30,6 +30,7 @@ from twin.effects.tooth_friction import ToothFrictionDetection
 from twin.encoder_pair.assessing import RatioThresholds
 from twin.encoder_pair.jumps import JumpThresholds
 from twin.encoder_pair.motion import PairThresholds
+from twin.fallen_count import FallenCountThresholds
 from twin.features.despike import SpikeThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
@@ -134,6 +135,7 @@ SETS: tuple[type, ...] = (
     CalibrationFit,
     ConditionMatch,
     RevolutionCount,
+    FallenCountThresholds,
     DepthModel,
     DepthSearch,
     DiscRemount,
