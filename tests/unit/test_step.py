@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from service.cli.answer import WINDOW_COLUMNS, window_rows
+from service.contract.answer import Asset, assemble
 from service.contract.estimate import step
 from service.runtime.assess import rig_of
 from service.stream.sources.mcap import Recording, read_windows
@@ -76,6 +77,13 @@ def test_run_resumed_from_a_json_state_equals_the_uninterrupted_one_to_the_bit()
         assert strict(resumed.record) == strict(estimate.record)
         assert strict(resumed.report) == strict(estimate.report)
         assert strict(state.to_dict()) == strict(whole.to_dict())
+
+
+def test_every_key_of_the_answer_is_one_that_the_contract_declares():
+    for _, estimate in uninterrupted():
+        record = {**estimate.record, "start_time": "2024-01-01T00:00:00.000000000Z", "quality": "good", "faults": []}
+        answer = assemble("unsw", [record], estimate.report, {})
+        assert Asset.model_validate(answer).as_json() == answer
 
 
 def test_windows_at_the_rigs_calibration_points_are_calibration_and_the_rest_measurement():
