@@ -28,10 +28,11 @@ function link(live) {
 
 const LOOK = { normal: "ok", watch: "degraded", alarm: "lost", end_of_life: "lost" };
 
+// What a person should know first: the state of the machine, with its reasons.
 function showStatus({ level, reasons }) {
   const badge = document.getElementById("status");
   badge.textContent = level.replaceAll("_", " ");
-  badge.className = `badge ${LOOK[level] ?? level}`;
+  badge.className = `badge ${LOOK[level] ?? ""}`;
   document.getElementById("reason").textContent = reasons.join(" ");
 }
 
@@ -44,13 +45,13 @@ async function refresh() {
   const asset = chosen.value;
   const base = `/v1/assets/${encodeURIComponent(asset)}`;
   try {
-    const [state, windows, trend, quality, inspections, rig, assets] = await Promise.all([
+    const [state, windows, trend, quality, inspections, rig] = await Promise.all([
       get(base), get(`${base}/windows?resolution=${POINTS}`), get(`${base}/trend?resolution=${POINTS}`),
-      get(`${base}/quality`), get(`${base}/inspections`), get(`${base}/rig`), get("/v1/assets"),
+      get(`${base}/quality`), get(`${base}/inspections`), get(`${base}/rig`),
     ]);
     if (asset === chosen.value) {
       const limit = rig.end_of_life?.max_depth ? rig.end_of_life.max_depth * 1e6 : null;
-      showStatus(assets.find((a) => a.asset === asset).status);
+      showStatus(state.status);
       noteMissing(state);
       drawCards(state);
       drawRms({ ...state, windows });
@@ -124,7 +125,7 @@ async function listAssets() {
   document.getElementById("empty").hidden = names.length > 0;
   document.getElementById("content").hidden = names.length === 0;
   if (!names.length) {
-    showStatus({ level: "waiting", reasons: [] });
+    showStatus({ level: "waiting for data", reasons: [] });
     return;
   }
   const had = [...chosen.options].map((o) => o.value);

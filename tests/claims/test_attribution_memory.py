@@ -114,8 +114,8 @@ def test_machine_is_explained_where_held_out_windows_confirm_both_channels():
     [
         (None, "no held-out window"),
         (HeldOutErrors(), "no held-out window"),
-        (replace(GOOD, waveform=0.5), "misses the acceleration of held-out windows by 50 %"),
-        (replace(GOOD, transmission_error=0.6), "misses the transmission error of held-out windows by 60 %"),
+        (replace(GOOD, waveform=0.5), "the error of the acceleration on held-out windows is 50 %"),
+        (replace(GOOD, transmission_error=0.6), "the error of the transmission error on held-out windows is 60 %"),
         (replace(GOOD, transmission_error=None), "the transmission error of held-out windows is not available"),
     ],
 )

@@ -161,7 +161,9 @@ def test_assets_are_chosen_by_the_selector_and_new_ones_join(open_page, store, b
     wait_for_windows(page, 1)
     page.select_option("#asset", "unsw")
     wait_for_windows(page, 14)
-    assert page.inner_text("#status") == "normal"
+    status = page.request.get(f"{page.url.partition('#')[0]}v1/assets/unsw").json()["status"]
+    assert page.inner_text("#status") == status["level"].replace("_", " ")
+    assert page.inner_text("#reason") == " ".join(status["reasons"])
 
 
 def test_inspections_are_drawn_beside_the_twin(open_page, store, board):

@@ -31,7 +31,7 @@ RETIRED = (
     r"\bpart and strike\b",
     r"\bbelongings?\b",
     r"\bset beside\b|\bwhen it is well\b|\bis well\b",
-    r"\bwhat (it|the twin) (leaves|misses|lacks)\b|\bwhat is left\b(?! of)|\bwhat no gear makes\b",
+    r"\bwhat (it|the twin) (leaves|misses|lacks)\b|\bwhat is left\b(?! of)|\b(that are|is) left\b(?! (of|out|to|;|no))|\bmodel lacks\b|\btwin misses\b|\bwhat no gear makes\b",
     r"\bin view of th(is|ese)\b|\blimits of evidence\b",
     r"\bformulation of its own\b",
     r"\bblames? (?!wear for everything)",

@@ -56,8 +56,8 @@ def doubts_of(rig: Rig, outcome: UpdateOutcome, limits: VerdictLimits = VERDICT_
     estimate = outcome.estimate
     if estimate is not None and estimate.misfit > limits.doubtful_misfit:
         out.append(
-            f"the encoders' mesh lines miss the model by {np.sqrt(estimate.misfit):.1f} times what the rig file's "
-            "tolerance allows: another structure, or an effect that the model lacks"
+            f"the encoders' mesh lines differ from the model by {np.sqrt(estimate.misfit):.1f} times what the rig "
+            "file's tolerances allow: another structure, or an effect that is not in the model"
         )
     return out
 
@@ -82,7 +82,7 @@ def unexplained_of(
     share = max(0.0, sum(r.left - r.noise for r in recent)) / measured
     reasons = list(doubts)
     if share >= limits.left_share:
-        reasons.append("the lines that are left have not been attributed to an effect")
+        reasons.append("the remaining lines have not been attributed to an effect")
     reasons += _not_confirmed(errors, limits.held_out_error)
     return Unexplained(
         verdict="insufficient_data" if reasons else "explained",
@@ -103,7 +103,7 @@ def _not_confirmed(errors: HeldOutErrors | None, limit: float) -> list[str]:
             out.append(f"the {what} of held-out windows is not available, so the twin is not confirmed by it")
         elif error > limit:
             out.append(
-                f"the twin misses the {what} of held-out windows by {100 * error:.0f} % (limit {100 * limit:.0f} %)"
+                f"the error of the {what} on held-out windows is {100 * error:.0f} % (limit {100 * limit:.0f} %)"
             )
     return out
 

@@ -203,7 +203,7 @@ def outliers(rig: Rig, fit: Fit) -> list[str]:
         if abs(np.log(value / given)) > FIT.doubtful * spread:
             out.append(
                 f"{name} = {value:.3g} lies {abs(np.log(value / given)) / spread:.1f} spreads of its prior from the "
-                f"rig file's {given:.3g}: an effect that the model lacks may be at work, and the depth with it"
+                f"rig file's {given:.3g}: an effect that is not in the model may be present, and would affect the depth"
             )
     return out
 
