@@ -13,7 +13,7 @@ CURVES = {"frequency": "frequency_hz"}  # keys of curves that say their unit
 
 
 class Line(ContractModel):
-    """One line that is left."""
+    """One unexplained line."""
 
     order: float | None = Field(description="of pinion rotation")
     frequency_hz: float | None

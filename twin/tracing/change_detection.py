@@ -45,7 +45,7 @@ class ChangeLimits:
     waveform: float = deciding(
         0.01,
         of="energy of the measured lines",
-        meaning="floor of the energy that the twin misses",
+        meaning="floor of the energy that the twin does not predict",
         source="not derived: chosen; a waveform error of a tenth",
     )
     tooth_lines: float = deciding(
