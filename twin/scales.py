@@ -39,6 +39,8 @@ UNITS = {
     "torque noise floor": "N·m",
     "pinion once-per-turn error": "m",
     "gear once-per-turn error": "m",
+    "pinion graduation error": "m",
+    "gear graduation error": "m",
 }
 
 
@@ -62,6 +64,8 @@ class Scales:
             "torque noise floor": tolerances.torque_floor,
             "pinion once-per-turn error": tolerances.pinion_once_per_turn,
             "gear once-per-turn error": tolerances.gear_once_per_turn,
+            "pinion graduation error": tolerances.pinion_graduation,
+            "gear graduation error": tolerances.gear_graduation,
         }
         try:
             pair = rig.gear_pair()
@@ -134,6 +138,11 @@ class Scales:
     def once_per_turn(self) -> tuple[float, float]:
         """Standard deviation of the discs' errors at one cycle a turn, pinion and gear [m]."""
         return self["pinion once-per-turn error"], self["gear once-per-turn error"]
+
+    @property
+    def graduation(self) -> tuple[float, float]:
+        """Standard deviation of the discs' errors at the next few cycles a turn, pinion and gear [m]."""
+        return self["pinion graduation error"], self["gear graduation error"]
 
 
 @lru_cache(maxsize=16)

@@ -90,7 +90,8 @@ def test_sizes_on_the_reference_rig_are_those_that_were_tuned_on_it():
     assert sizes["ShaftForceThresholds", "least_acceleration"] == pytest.approx(2e-3)
     assert sizes["NonGearThresholds", "tone_amplitude"] == pytest.approx(0.05)
     assert sizes["WindowThresholds", "disc_moved"] == pytest.approx(15e-6, rel=2e-3)
-    assert sizes["ToothErrorThresholds", "healthy_pattern"] == pytest.approx((0.12e-6, 0.22e-6), rel=2e-3)
+    assert sizes["ToothErrorThresholds", "line_noise"] == pytest.approx(0.03e-6)
+    assert sizes["TransferPathThresholds", "least_error"] == pytest.approx(0.3e-6)
     assert sizes["EccentricityThresholds", "least_without_run_out"] == pytest.approx(10e-6, rel=5e-3)
     assert sizes["TransferPathThresholds", "resonance_band"] == pytest.approx((500.0, 6000.0))
 

@@ -46,8 +46,8 @@ class WindowThresholds:
         4, meaning="measurement windows from which any is held out", source="not derived: chosen"
     )
     disc_moved: float = deciding(
-        7.41,
-        of="static mesh deflection",
+        10.0,
+        of="gear once-per-turn error",
         meaning="jump of the mean transmission error from one window to the next that is a moved encoder disc's",
         source="15 µm on the reference rig: half an edge of a disc of 10,000 edges on its gear",
     )
@@ -215,7 +215,7 @@ class TracingContext:
                 depths=depths,
                 held_out=out,
                 phase=phase,
-                least_jump=limits.disc_moved * scales.deflection,
+                least_jump=limits.disc_moved * scales.once_per_turn[1],
             )
         return cls(
             rig=rig,

@@ -46,14 +46,14 @@ class TransferPathThresholds:
         0.02, meaning="of a quotient's logarithm beyond the structure's tolerance", source="not derived: chosen"
     )
     least_error: float = deciding(
-        0.148,
-        of="static mesh deflection",
+        0.5,
+        of="pinion graduation error",
         meaning="line of the transmission error that is more than graduation and noise",
         source="0.3 µm on the reference rig; tuned on D00–D13 and T01–T58; not derived",
     )
     error_noise: float = deciding(
-        0.0247,
-        of="static mesh deflection",
+        0.0833,
+        of="pinion graduation error",
         meaning="noise of a line of the transmission error",
         source="measured: 0.05 µm on the reference rig",
     )
@@ -172,7 +172,7 @@ def quotients(
     fit: JointFit,
     windows: Sequence[Observed],
     teeth: int,
-    deflection: float,
+    graduation: float,
     limits: TransferPathThresholds = THRESHOLDS,
 ) -> list[Quotient]:
     """Quotients of all windows, against the model's own lines.
@@ -180,10 +180,10 @@ def quotients(
     Where the transmission error is too weak to be read, the model's is used, with what its shape may be off.
 
     teeth       of the pinion
-    deflection  static mesh deflection at the rated torque [m]
+    graduation  standard deviation of an encoder disc's graduation error [m]
     """
     out = []
-    least, noise = limits.least_error * deflection, limits.error_noise * deflection
+    least, noise = limits.least_error * graduation, limits.error_noise * graduation
     for window, predicted in zip(windows, fit.predictions, strict=True):
         error, heard = predicted.lines["encoder"], predicted.lines["acceleration"]
         for k in range(1, heard.size + 1):

@@ -56,8 +56,8 @@ class CrackThresholds:
     """When a local change is a crack."""
 
     healthy_local_pattern: tuple[float, float] = deciding(
-        (0.0593, 0.0494),
-        of="static mesh deflection",
+        (0.2, 0.0625),
+        of="graduation error of the gear's disc",
         meaning="rms of the lines of pinion and gear in the first windows that a local pattern from the start exceeds",
         source="measured: 0.12 and 0.10 µm on healthy campaigns of the reference rig; not verified on another",
     )
@@ -75,8 +75,8 @@ class CrackThresholds:
     )
     suddenness: float = deciding(3.0, of="median change", meaning="change against those of other windows", source=TUNED)
     least_quiet: float = deciding(
-        0.00494,
-        of="static mesh deflection",
+        0.0167,
+        of="pinion graduation error",
         meaning="change from window to window, and noise of a line's change, that is assumed at least",
         source="0.01 µm on the reference rig; not derived: chosen",
     )
@@ -161,7 +161,7 @@ def find_crack(
         seen = patterns(windows, teeth, phase, gear)
         if len(seen) < 2:
             continue
-        change = local_change(seen, teeth[gear], gear, scales.deflection, limits)
+        change = local_change(seen, teeth[gear], gear, scales, limits)
         if change is None:
             continue
         i = min(change.window + 1, len(windows) - 1)
@@ -183,7 +183,7 @@ def find_crack(
 
 
 def local_change(
-    seen: Sequence[Pattern], z: int, gear: int, deflection: float, limits: CrackThresholds = THRESHOLDS
+    seen: Sequence[Pattern], z: int, gear: int, scales: Scales, limits: CrackThresholds = THRESHOLDS
 ) -> LocalChange | None:
     """The window with a local change and the change that came with it; None where none stands out.
 
@@ -192,7 +192,7 @@ def local_change(
     m = seen[0].orders
     X = np.array([p.lines for p in seen])
     steps = np.array([rms_of(b - a) for a, b in pairwise(X)])
-    least = limits.least_quiet * deflection
+    least = limits.least_quiet * scales.graduation[0]
     noise = max(float(np.median(steps)) * np.sqrt(2 / m.size), least)
     candidates = []
     for at in range(1, len(seen)):
@@ -200,13 +200,13 @@ def local_change(
         quiet = float(np.median(np.delete(steps, at - 1))) if steps.size > 1 else 0.0
         share, spread = local_share(X[at] - X[at - 1], m, z)
         sudden = steps[at - 1] > limits.suddenness * max(quiet, least)
-        if rms_of(change) > limits.least_change * deflection and sudden and share > spread:
+        if rms_of(change) > limits.least_change * scales.deflection and sudden and share > spread:
             candidates.append((steps[at - 1], at, change))
     latest = max(candidates, key=lambda c: c[0]) if candidates else None
     first = PATTERNS.first_windows
     start = X[: first if latest is None else min(latest[1], first)].mean(axis=0)
     share, spread = local_share(start, m, z)
-    floor = limits.healthy_local_pattern[gear] * deflection
+    floor = limits.healthy_local_pattern[gear] * scales.graduation[gear]
     # what was local before a change was there from the start: wear alone makes it change once more
     if rms_of(start) > floor and share > spread and share > limits.local_share:
         return LocalChange(window=0, lines=X[:first].mean(axis=0), noise=max(noise, floor * np.sqrt(2 / m.size)))

@@ -60,8 +60,8 @@ class EccentricityThresholds:
         1.5, of="acceleration noise floor", meaning="noise of a sideband of the acceleration", source=TUNED
     )
     error_floor: float = deciding(
-        0.01975,
-        of="static mesh deflection",
+        0.0667,
+        of="pinion graduation error",
         meaning="noise of a sideband of the transmission error",
         source="0.04 µm on the reference rig; " + TUNED,
     )
@@ -230,7 +230,7 @@ def _sidebands(
         return []
     teeth = response.model.mesh.pair.teeth
     z1, own = teeth[0], (1.0, teeth[0] / teeth[1])[shaft]
-    at, floor = response.transmission_error, limits.error_floor * scales.deflection
+    at, floor = response.transmission_error, limits.error_floor * scales.graduation[0]
     if channel == "acceleration":
         at, floor = response.acceleration, limits.acceleration_floor * scales.acceleration
     out = []

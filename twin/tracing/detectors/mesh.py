@@ -105,7 +105,7 @@ def _other_structure(context: TracingContext, mesh: MeshWindows, base: JointFit,
     """Whether the path to the accelerometer alone says that the structure is not the rig file's."""
     if any(o.pinion_only for o in mesh.windows):
         return False
-    seen = quotients(base, mesh.windows, context.model.mesh.pair.teeth[0], context.scales.deflection)
+    seen = quotients(base, mesh.windows, context.model.mesh.pair.teeth[0], context.scales.graduation[0])
     fits = fit_sensor(context.rig, context.model.calibration.modal_damping, seen)
     least = limits.out_of_proportion * max(base.misfit, limits.granted_misfit)
     return bool(fits) and max(s.over_other for s in fits) < -least

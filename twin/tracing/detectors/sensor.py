@@ -55,7 +55,7 @@ def detect(context: TracingContext, limits: SensorThresholds = THRESHOLDS) -> Fi
     mesh = wear_alone(context) if findings.mesh is None else findings.mesh
     if any(o.pinion_only for o in mesh.windows):
         return findings
-    seen = quotients(mesh.best, mesh.windows, context.model.mesh.pair.teeth[0], context.scales.deflection)
+    seen = quotients(mesh.best, mesh.windows, context.model.mesh.pair.teeth[0], context.scales.graduation[0])
     step = gain_step(seen, context.rig.tolerances.accelerometer_gain)
     if step is not None and step.log_evidence > limits.step_evidence and abs(np.log(step.gain)) > limits.least_gain:
         return findings.adding(_of_step(step), rejected=context.rejected)

@@ -52,8 +52,8 @@ class ToothErrorThresholds:
     """When lines at a gear's own orders are pitch errors, and how well they are known."""
 
     healthy_pattern: tuple[float, float] = deciding(
-        (0.0593, 0.1086),
-        of="static mesh deflection",
+        (0.2, 0.1375),
+        of="graduation error of the gear's disc",
         meaning="rms of the pattern of a healthy machine's pinion and gear in its first windows",
         source="measured: 0.12 and 0.22 µm on healthy campaigns of the reference rig; not verified on another",
     )
@@ -64,7 +64,7 @@ class ToothErrorThresholds:
         source="tuned on D00–D13 and T01–T58; not derived",
     )
     line_noise: float = deciding(
-        0.0148, of="static mesh deflection", meaning="noise of a line", source="measured: 0.03 µm on the reference rig"
+        0.05, of="pinion graduation error", meaning="noise of a line", source="measured: 0.03 µm on the reference rig"
     )
     line_scatter: float = deciding(
         0.05, of="line", meaning="what the modelled response may be off", source="not derived: chosen"
@@ -191,7 +191,7 @@ def find_pitch_errors(
     strength, counts, measured = [], [], []
     for gear in (0, 1):
         lines = _mean_lines(patterns(first, teeth, phase, gear))
-        strength.append(rms_of(lines) / (limits.healthy_pattern[gear] * scales.deflection))
+        strength.append(rms_of(lines) / (limits.healthy_pattern[gear] * scales.graduation[gear]))
         counts.append(lines.size)
         measured.append(_with_low_orders(first, teeth, phase, gear))
     if max(strength) < 1.0:
@@ -212,7 +212,7 @@ def find_pitch_errors(
         m, z = pattern.orders, teeth[gear]
         one, following = (made_by(_one_tooth(gear, z, k, unit), gear, m) for k in (0, 1))
         response = (one / unit)[:, None] * tooth_shifts(z, m, one, following)
-        noise = limits.line_noise * scales.deflection
+        noise = limits.line_noise * scales.graduation[0]
         low = np.where(m < PATTERNS.lowest_order[gear], graduation[gear], 0.0)
         std = np.hypot(noise, limits.line_scatter * np.abs(pattern.lines)) + low
         whitened = (response.real / std[:, None], response.imag / std[:, None], np.eye(z) / PRIOR)
