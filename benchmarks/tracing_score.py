@@ -76,7 +76,7 @@ class Traced:
     expected: tuple[str, ...]
     named: tuple[str, ...]  # in the order found
     tolerated: tuple[str, ...]
-    alike: tuple[tuple[str, ...], ...]  # of each one named: what it is said to be not told from
+    alike: tuple[tuple[str, ...], ...]  # of each one named: what it is indistinguishable from
     runner_up: str | None
     verdict: str
     lines_hz: tuple[float, ...]  # that are left unexplained, strongest first
@@ -113,7 +113,7 @@ class Traced:
 
     @property
     def in_class(self) -> bool:
-        """Right, or wrong only in which of those that it calls not told apart comes first."""
+        """Right, or wrong only in which of the indistinguishable names comes first."""
         if self.right or self.failed or UNKNOWN in self.expected:
             return self.right
         classes = [{name, *others} for name, others in zip(self.named, self.alike, strict=True)]

@@ -36,8 +36,11 @@ def test_capabilities_that_apply_follow_from_rig_file_channels_and_options():
     rig, windows = recorded()
     assert "modelled" in applying(context(rig, windows[3]))
     alone = context(minimal_rig(), windows[3], State())
-    assert applying(alone) == {"mesh_bands", "non_gear_content", "unattributed_spacing"}
-    assert applying(context(minimal_rig(), windows[3], State(), trace=False)) == {"mesh_bands"}
+    assert applying(alone) == {"condition_indicators", "mesh_bands", "non_gear_content", "unattributed_spacing"}
+    assert applying(context(minimal_rig(), windows[3], State(), trace=False)) == {
+        "condition_indicators",
+        "mesh_bands",
+    }
 
 
 def test_solver_that_does_not_converge_on_a_modelled_machine_is_not_a_missing_rig_file(monkeypatch):

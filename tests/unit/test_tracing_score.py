@@ -123,13 +123,13 @@ def test_a_name_that_is_not_there_is_false_even_beside_the_right_one():
     assert scored(tolerant, changed(ANSWER, effects=[FOUND, more])).right
 
 
-def test_a_name_may_be_one_of_those_that_are_said_to_be_not_told_apart():
+def test_a_name_may_be_one_of_those_that_are_reported_as_indistinguishable():
     soft = changed(TRUTH, expected_names=["mesh_stiffness_loss"])
     assert not scored(soft).in_class
     unsure = changed(FOUND, evidence={"runner_up": None, "indistinguishable_from": ["mesh_stiffness_loss"]})
     r = scored(soft, changed(ANSWER, effects=[unsure]))
     assert r.in_class and not r.right and r.false == ("misalignment",)
-    assert "not told from mesh_stiffness_loss" in campaign_table([r])[2]
+    assert "indistinguishable from mesh_stiffness_loss" in campaign_table([r])[2]
     more = changed(FOUND, name="tooth_friction", parameters={})
     assert not scored(soft, changed(ANSWER, effects=[unsure, more])).in_class
     assert scored().in_class
