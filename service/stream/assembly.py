@@ -111,7 +111,7 @@ class Assembler:
             self._add_slow(label, frame, now_ns)
             return
         lane = self._lanes.setdefault(label, self._lane())
-        fate, disorder = (order.CLOCK, False) if self._is_ahead(lane, frame, now_ns) else lane.offer(frame)
+        fate, disorder = (order.CLOCK, False) if self._is_ahead(frame, now_ns) else lane.offer(frame)
         if disorder:
             self.count(label, "disorder")
         if fate == order.CLOCK:
@@ -125,6 +125,9 @@ class Assembler:
 
     def finish(self) -> Iterator[tuple[Window, dict[str, Any]]]:
         """As `flush`, each window with the resume state that goes with it."""
+        held, lanes = self._contradictions.held, self._lanes.values()
+        if held and not any(lane.last or lane.queue for lane in lanes):  # all that came contradicts the host's clock
+            yield from self._resynchronise(held[-1], None)
         yield from self._force()
         if self._open is not None:
             for label, lane in self._lanes.items():
@@ -228,13 +231,19 @@ class Assembler:
             yield from self._force()
         yield from self._merge()
 
-    def _is_ahead(self, lane: order.Lane, frame: Frame, now_ns: int | None) -> bool:
-        """Whether a frame ends after the host's clock, and does not follow what its key has sent before."""
+    def _is_ahead(self, frame: Frame, now_ns: int | None) -> bool:
+        """Whether a frame ends after the host's clock, though the asset's frames so far agree with that clock.
+
+        A stream that already runs ahead (a recording made with a wrong clock, say) is not compared with the host's
+        clock any more: there, the time until the next frame is a pause of the machine.
+        """
         ahead = round(self._contradictions.thresholds.ahead * NS)
         if now_ns is None or frame.end_time_ns <= now_ns + ahead:
             return False
-        newest = lane.queue[-1][2].end_time_ns if lane.queue else lane.last[2] if lane.last else 0
-        return frame.start_time_ns > newest + ahead
+        queued = (lane.queue[-1][2].end_time_ns for lane in self._lanes.values() if lane.queue)
+        released = (lane.last[2] for lane in self._lanes.values() if lane.last)
+        newest = max(self._closed_until, *queued, *released, 0)
+        return newest <= now_ns + ahead and frame.start_time_ns > newest + ahead
 
     def _leave_out_contradictions(self) -> None:
         """The frames held for their times are given up, since others go on as before."""

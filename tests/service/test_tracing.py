@@ -42,6 +42,11 @@ def test_effects_appear_online_and_a_kill_in_between_changes_nothing(answer, tmp
     with service(tmp_path) as (endpoint, address, _):
         replay(RECORDING, [endpoint], 0.0)
         found = answer_of(address, asset, windows, PATIENCE)
+        clocks = [fault for window in found["windows"] for fault in window["faults"] if fault["kind"] == "clock"]
+        assert {fault["window"] for fault in clocks} == {0}  # the campaign's time lies in the future
+        first, *_ = found["windows"]
+        assert first["quality"] == "repaired"
+        first["quality"], first["faults"] = "good", []
         assert_same(found, answer)
         assert differences(answer["tracing"], found["tracing"], "tracing") == []
         effects = fetch(f"{address}/v1/assets/{asset}/effects")

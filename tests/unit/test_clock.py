@@ -132,6 +132,27 @@ def test_a_clock_that_runs_ahead_and_stays_ahead_is_accepted_with_a_fault():
     assert clock_faults(windows)[0][2] == "repaired"
 
 
+@pytest.mark.parametrize("pause", [2.0, 61.0, 3600.0])
+@pytest.mark.parametrize("per_burst", [3, 6, 12])
+def test_a_recording_from_the_future_loses_nothing_in_its_pauses(pause, per_burst):
+    """After each pause of over a minute, frames were left out until eight of a key had come in good order."""
+    frames = bursts(6, frames=per_burst, pause=pause)
+    assembler = Assembler(AssemblySettings(settle=4))
+    windows = [w for f in frames for w in assembler.add(f, T0 - YEAR)] + assembler.flush()
+    assert [w.start_time_ns for w in windows] == [w.start_time_ns for w in whole(frames)]
+    assert [w.accelerations["y6"].values.size for w in windows] == [per_burst * 250] * 6
+    assert sorted(clock_faults(windows)) == sorted((0, channel.label, "repaired") for channel in CHANNELS)
+
+
+def test_a_short_recording_from_the_future_is_not_lost():
+    """Fewer frames than show that a clock was set were held, and never given up."""
+    frames = bursts(1, frames=3)
+    assembler = Assembler(AssemblySettings(settle=4))
+    windows = [w for f in frames for w in assembler.add(f, T0 - YEAR)] + assembler.flush()
+    assert [w.accelerations["y6"].values.size for w in windows] == [750]
+    assert sorted(clock_faults(windows)) == sorted((0, channel.label, "repaired") for channel in CHANNELS)
+
+
 def test_a_clock_that_was_ahead_and_is_set_right_is_followed():
     frames = bursts(8, frames=12)
     sent = [*moved(frames[:192], 399 * DAY), *frames[192:]]
