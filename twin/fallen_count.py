@@ -9,6 +9,9 @@ n  revolution count of the pinion   t  time of the window [s]   f  pinion speed 
 s  margin for speeds that were not recorded
 
 A single refused window, or a count that does not continue the lower one, is taken for a disturbance of the counter.
+
+A window that arrives late is none of these: its time lies before that of windows already used, and its count between
+the counts of the windows before and after that time.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.state import FallenCount, State
 from twin.thresholds import deciding
-from twin.updating.conditions import refuse_falling_count
+from twin.updating.conditions import COUNT, refuse_falling_count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +62,8 @@ def with_count_checked(
     try:
         refuse_falling_count(revolutions, seen)
     except WindowError as error:
+        if _arrives_late(state, features, revolutions):
+            return state
         refusals = 1 if before is None else before.refusals + 1
         raise CountFellError(str(error), _remembered(state, features, revolutions, refusals)) from None
     if before is None:
@@ -71,6 +76,16 @@ def with_count_checked(
         "another asset name",
         _remembered(state, features, revolutions, before.refusals + 1),
     )
+
+
+def _arrives_late(state: State, features: WindowFeatures, revolutions: float) -> bool:
+    """Whether the count belongs between those of the windows used before and after this window's time."""
+    used = [(w.features.start_time_ns, w.features.revolutions) for w in state.tracing.history]
+    before = [count for time, count in used if count is not None and time <= features.start_time_ns]
+    after = [count for time, count in used if count is not None and time > features.start_time_ns]
+    if not before or not after:
+        return False
+    return max(before) - COUNT.most_fall <= revolutions <= min(after)
 
 
 def _remembered(state: State, features: WindowFeatures, revolutions: float, refusals: int) -> State:

@@ -11,6 +11,7 @@ from twin.fallen_count import CountFellError, with_count_checked
 from twin.features.window_features import WindowFeatures
 from twin.state import State
 from twin.tracing.state import Tracing, TwinStage
+from twin.updating.history import WindowInput
 from twin.updating.memory import Memory
 from twin.updating.tracker import WearTrack
 
@@ -56,6 +57,26 @@ def test_one_disturbed_count_is_refused_and_ends_nothing():
 def test_a_count_that_the_lower_one_cannot_have_reached_is_the_first_machines_again():
     now = after([(500.0, 1000.0), (520.0, 1002.0)])
     assert with_count_checked(RIG, now, window(9600.0, 1060.0)).fallen is None
+
+
+def with_history(*times_and_counts) -> State:
+    """The state where windows have been traced at these times [s] and counts."""
+    inputs = tuple(WindowInput(index=i, features=window(n, t)) for i, (t, n) in enumerate(times_and_counts))
+    return replace(state(), tracing=replace(state().tracing, history=inputs))
+
+
+def test_a_window_that_arrives_late_is_no_fallen_count():
+    """It was refused as that of another machine."""
+    traced = with_history((0.0, 100.0), (400.0, 4500.0), (800.0, SEEN))
+    assert with_count_checked(RIG, traced, window(4800.0, 450.0)) == traced
+    assert with_count_checked(RIG, traced, window(4500.0, 400.0)) == traced  # the same window again
+
+
+@pytest.mark.parametrize("time, count", [(450.0, 3000.0), (300.0, 4800.0), (900.0, 4800.0), (-100.0, 50.0)])
+def test_a_count_that_is_not_that_of_its_time_is_refused(time, count):
+    traced = with_history((0.0, 100.0), (400.0, 4500.0), (800.0, SEEN))
+    with pytest.raises(CountFellError):
+        with_count_checked(RIG, traced, window(count, time))
 
 
 def test_a_rising_count_changes_nothing():

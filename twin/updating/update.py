@@ -11,7 +11,7 @@ from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.updating import encoders
 from twin.updating.calibration import calibrate, compliance_scale
-from twin.updating.conditions import MATCH, Measured, refuse_falling_count
+from twin.updating.conditions import MATCH, Measured
 from twin.updating.depth_search import phase_of_known_depth
 from twin.updating.measurement import SCATTER, measurement_window, projected_std, unworn_model
 from twin.updating.memory import Memory
@@ -90,12 +90,11 @@ def update_twin(
 ) -> UpdateOutcome:
     """Updates the twin by one window.
 
-    Raises NotAvailable where the rig file or the window does not suffice, WindowError where the revolution count
-    contradicts earlier windows.
+    Raises NotAvailable where the rig file or the window does not suffice. That the revolution count continues the
+    count seen before is the caller's to check (twin/fallen_count.py).
     """
     rig.require("wear", *NEEDED)
     window = Measured.of(features, rig, level_fault)
-    refuse_falling_count(window.revolutions, memory.track.revolutions)
     memory = with_profiles(rig, _started(rig, memory))
     if _calibrates(memory, window):
         memory = _calibrated(rig, memory, features)
