@@ -127,6 +127,7 @@ def test_wear_series_has_its_assemblies(wear_series):
 
 @needs
 @pytest.mark.slow
+@pytest.mark.timeout(1200)  # nine time-domain curves of the levels, half a minute each on a slow core
 def test_levels_of_the_wear_series_beside_curves_that_know_nothing_of_gears(wear_series):
     s = wear_series
     tried = try_all(s.rig, s.conditions, s.cases, stated=s.stated, spreads=s.estimated, draws=2)
