@@ -12,7 +12,8 @@ from twin.errors import NotAvailable, ParameterError
 from twin.model import Calibration, Model
 from twin.rig import Rig
 from twin.wear.curve import MasterCurve
-from twin.wear.laws import LAWS, law_of
+from twin.wear.law_of_rig import law_of
+from twin.wear.laws import LAWS
 from twin.wear.laws.law import WearLaw
 from twin.wear.laws.running_in import RunningIn
 

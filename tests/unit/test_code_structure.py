@@ -29,18 +29,10 @@ def module_of(file: Path) -> str:
 
 
 def imported(file: Path, known: set[str]) -> set[str]:
-    """Modules of the project that a file imports anywhere, type checking apart."""
+    """Modules of the project that a file imports anywhere, also inside functions and for type checking."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
-    only_typing = {
-        id(inner)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
-        for inner in ast.walk(node)
-    }
     found = set()
     for node in ast.walk(tree):
-        if id(node) in only_typing:
-            continue
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:

@@ -22,7 +22,7 @@ from twin.dynamics.harmonic_balance import Contacts, SteadyState, quasi_static_d
 from twin.errors import ParameterError
 from twin.model import Condition, Model
 from twin.wear.evolution import evolve
-from twin.wear.laws import law_of
+from twin.wear.law_of_rig import law_of
 from twin.wear.profile import WornProfile
 
 Wear = Callable[[float], WornProfile]  # largest combined depth [m] → worn flanks

@@ -18,7 +18,7 @@ from twin.errors import NotConverged
 from twin.model import Condition, Model
 from twin.wear.archard import wear_per_revolution
 from twin.wear.evolution import WearPoint, evolve
-from twin.wear.laws import law_of
+from twin.wear.law_of_rig import law_of
 from twin.wear.profile import WornProfile
 
 LINES = 12  # mesh harmonics kept of every response
