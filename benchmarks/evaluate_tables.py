@@ -165,7 +165,7 @@ def _levels(results: Sequence[Traced]) -> list[str]:
     out.append(f"{'names given to what is not there':46s}{false:4d} in {len(results)} campaigns")
     tones = sum(len(r.foreign_hz) for r in results)
     if tones:
-        out.append(f"{'foreign tones among the lines left':46s}{sum(r.lines_found for r in results):4d} of {tones}")
+        out.append(f"{'non-gear tones among the lines left':46s}{sum(r.lines_found for r in results):4d} of {tones}")
     failed = sum(r.failed is not None for r in results)
     if failed:
         out.append(f"{'campaigns without an answer':46s}{failed:4d} of {len(results)}")

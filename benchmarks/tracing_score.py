@@ -16,7 +16,7 @@ from benchmarks.scoring import life_left
 UNKNOWN = "unknown_effect"
 VISIBLE = 31.6  # waveform error before, from which the residual holds a tenth of the energy [%]
 DEPTH_AIM = 5.0, 2.0  # error of the depth allowed: percent, or µm where that is more
-LINE_WIDTH = 1.0  # within which an unexplained line is the foreign tone [Hz]
+LINE_WIDTH = 1.0  # within which an unexplained line is the non-gear tone [Hz]
 TO_UM, TO_G_MM = 1e6, 1e6  # from m and from kg·m
 
 Known = tuple[str, tuple[str, ...], float]  # truth's key, the twin's names for it, factor from the twin's SI unit
@@ -133,7 +133,7 @@ class Traced:
 
     @property
     def lines_found(self) -> int:
-        """How many of the foreign tones are among the lines said to be left."""
+        """How many of the non-gear tones are among the lines said to be left."""
         return sum(any(abs(line - f) <= LINE_WIDTH for line in self.lines_hz) for f in self.foreign_hz)
 
     def depth_error(self, when: str) -> float | None:
@@ -187,7 +187,7 @@ def score_tracing(
         runner_up=runner_up(effects),
         verdict=str(unexplained.get("verdict", unexplained.get("status"))),
         lines_hz=tuple(line["frequency_hz"] for line in orders if line.get("frequency_hz") is not None),
-        foreign_hz=tuple(foreign_tones(truth)),
+        foreign_hz=tuple(non_gear_tones(truth)),
         figures=tuple(f for n in expected if n in said and n in true for f in figures(true[n], said[n])),
         onset_true=tuple(true[n]["onset_revolutions"] for n in expected if n in true),
         onset_said=tuple(said[n]["onset_revolutions"] if n in said else None for n in expected if n in true),
@@ -221,7 +221,7 @@ def kind_of(truth: Mapping[str, Any], expected: Sequence[str]) -> str:
     return "unknown" if UNKNOWN in expected else ("clean", "single", "pair")[min(len(expected), 2)]
 
 
-def foreign_tones(truth: Mapping[str, Any]) -> Iterable[float]:
+def non_gear_tones(truth: Mapping[str, Any]) -> Iterable[float]:
     """Frequencies [Hz] of tones in the recording that are no effect of the list."""
     for effect in truth["effects"]:
         p = effect["parameters"]

@@ -11,7 +11,7 @@ RATE, Z1, Z2 = 12800.0, 29, 71
 
 
 def machine(speed, seconds=5.0, seed=0, noise=0.3, wander=0.001, sidebands=0.3, foreign=2.0):
-    """Two accelerometers: mesh lines, sidebands, a strong foreign tone and noise; speed wanders slowly."""
+    """Two accelerometers: mesh lines, sidebands, a strong non-gear tone and noise; speed wanders slowly."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * RATE)) / RATE
     θ = 2 * np.pi * speed * (t + wander / 2 * np.sin(2 * t))

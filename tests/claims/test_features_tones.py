@@ -8,7 +8,7 @@ import pytest
 from service.stream.sources.mcap import read_windows
 from twin.features.angle import angle_track
 from twin.features.extract import pinion_angle
-from twin.features.tones import foreign_tones, window_tones
+from twin.features.tones import non_gear_tones, window_tones
 from twin.rig import Rig
 from twin.windows import Edges, Samples
 
@@ -74,13 +74,13 @@ def test_noise_and_order_lines_alone_give_no_tone(colour):
 
 def test_at_a_steady_speed_nothing_is_claimed():
     windows = [window_tones(*machine(seed, [(50.0, 1.0)], wander=0.0), TEETH) for seed in (1, 2)]
-    assert foreign_tones(windows, [SECONDS] * 2) == ()
+    assert non_gear_tones(windows, [SECONDS] * 2) == ()
 
 
 @pytest.mark.parametrize("wander", [1e-4, 3e-4, 1.5e-3])
 def test_a_line_locked_to_the_angle_at_a_strange_order_is_no_foreign_tone(wander):
     windows = [window_tones(*machine(seed, strange=((7.31, 1.0),), wander=wander), TEETH) for seed in range(4)]
-    assert foreign_tones(windows, [SECONDS] * 4) == ()
+    assert non_gear_tones(windows, [SECONDS] * 4) == ()
 
 
 def test_windows_together_are_surer_than_one_and_say_which_hold_the_tone():
@@ -88,7 +88,7 @@ def test_windows_together_are_surer_than_one_and_say_which_hold_the_tone():
         window_tones(*machine(seed, [(150.0, 0.2)] if seed > 1 else [], speed=10 + 0.03 * seed), TEETH)
         for seed in range(5)
     ]
-    (tone,) = foreign_tones(windows, [SECONDS] * 5)
+    (tone,) = non_gear_tones(windows, [SECONDS] * 5)
     assert tone.frequency == pytest.approx(150.0, abs=0.01)
     assert [a is None for a in tone.amplitudes] == [True, True, False, False, False]
     assert tone.frequency_std < min(t.frequency_std for w in windows for t in w)
@@ -99,7 +99,7 @@ def campaign(shared, name):
     rig, _, windows = read_windows(shared / "campaigns" / f"{name}.mcap")
     rig = Rig.from_mapping(rig)
     found = [window_tones(w.accelerations["y6"], pinion_angle(rig, w, w.accelerations), rig.teeth) for w in windows]
-    return foreign_tones(found, [w.duration for w in windows]), found
+    return non_gear_tones(found, [w.duration for w in windows]), found
 
 
 @pytest.mark.shared

@@ -39,7 +39,7 @@ def test_eccentric_gear_is_named_and_the_depth_left_alone(shared):
     check(campaign(shared, "D04"))
 
 
-def test_foreign_tones_are_named_by_their_frequencies_and_given_no_effects_name(shared):
+def test_non_gear_tones_are_named_by_their_frequencies_and_given_no_effects_name(shared):
     score = campaign(shared, "D08")
     assert score.right and score.named == () and score.lines_found == 3
 

@@ -11,7 +11,7 @@ w   Hann window
 
 A line of S stands where its power passes the floor between the lines (noise_floor.py) with the false-alarm
 probability stated, over all rates searched. Signals on an even grid of angle give rates in orders, on an even grid
-of time in hertz; a defect that rolls along with the shaft is sharp in order, a foreign one in hertz.
+of time in hertz; a defect that rolls along with the shaft is sharp in order, a non-gear one in hertz.
 
 Source   J. Antoni, Mech. Syst. Signal Process. 20 (2006) 282–307 (spectral kurtosis), 21 (2007) 108–124 (kurtogram);
          R. B. Randall, J. Antoni, Mech. Syst. Signal Process. 25 (2011) 485–520 (envelope analysis)

@@ -121,7 +121,7 @@ def agreed_phase(lines, half_width: float) -> Phase | None:
     phases -= phases.mean(axis=1, keepdims=True)
     slopes = np.polyfit(t, phases.T, 1)[0] / (2 * np.pi)
     middle = np.sort(slopes)[slopes.size // 2]
-    agree = np.flatnonzero(np.abs(slopes - middle) < 0.1 * bin_width)  # not a foreign tone, nor a lost phase
+    agree = np.flatnonzero(np.abs(slopes - middle) < 0.1 * bin_width)  # not a non-gear tone, nor a lost phase
     if agree.size < LEAST_AGREED * slopes.size:
         return None
     share = np.array([lines[i][0] for i in agree])

@@ -10,7 +10,7 @@ o    all pinion orders and all gear orders in reach, with an amplitude that may 
 c, f the tone sought, f free                                                               [unit], [Hz]
 w    Hann window
 
-A peak of the spectrum is a foreign tone where
+A peak of the spectrum is a non-gear tone where
 
     gain = (E_orders − E_tone)/(s²·n·Σw⁴/(Σw²)²)   exceeds what noise gives among all bins with probability α, and
     evidence = Σ_windows (E_order − E_tone)/s²     in nats, tone against one more line locked to the angle at any
@@ -70,7 +70,7 @@ class Tone:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ForeignTone:
+class NonGearTone:
     """A tone steady in hertz over several windows."""
 
     frequency: float  # weighted mean [Hz]
@@ -125,12 +125,12 @@ def _record(samples: Samples, track: AngleTrack) -> _Record:
     low = max(0, int(np.ceil((first - samples.start) * samples.rate)))
     high = min(samples.values.size, int((last - samples.start) * samples.rate))
     if high - low < 1024 or not np.isfinite(samples.values[low:high]).any():
-        raise NotAvailable(f"foreign tones are not available: {max(high - low, 0)} samples and angles in common")
+        raise NotAvailable(f"non-gear tones are not available: {max(high - low, 0)} samples and angles in common")
     n = _fast_length(high - low)
     values, usable = filled(samples.values[low : low + n], 2)
     weight = hann(n) * taper(usable, round(0.02 * samples.rate))
     if (weight @ weight) < 0.3 * (hann(n) @ hann(n)):
-        raise NotAvailable("foreign tones are not available: gaps take most of the record")
+        raise NotAvailable("non-gear tones are not available: gaps take most of the record")
     spectrum = fft.rfft(weight * (values - (weight @ values) / weight.sum()))
     floor = noise_floor(np.abs(spectrum) ** 2)
     grid = np.linspace(track.start, track.stop, max(64, int(64 * track.turns)))
@@ -408,7 +408,7 @@ def window_tones(
     return tuple(sorted(tones, key=lambda tone: -tone.evidence))
 
 
-def foreign_tones(windows: Sequence[tuple[Tone, ...]], durations: Sequence[float]) -> tuple[ForeignTone, ...]:
+def non_gear_tones(windows: Sequence[tuple[Tone, ...]], durations: Sequence[float]) -> tuple[NonGearTone, ...]:
     """Tones of several windows put together by frequency, those with evidence enough, the strongest first.
 
     windows    what `window_tones` gave for each
@@ -430,13 +430,13 @@ def foreign_tones(windows: Sequence[tuple[Tone, ...]], durations: Sequence[float
     return tuple(sorted(out, key=lambda tone: -tone.evidence))
 
 
-def _together(group: dict[int, Tone], count: int) -> ForeignTone:
+def _together(group: dict[int, Tone], count: int) -> NonGearTone:
     f = np.array([tone.frequency for tone in group.values()])
     variance = np.array([tone.frequency_std for tone in group.values()]) ** 2
     mean = float(f @ (1 / variance) / (1 / variance).sum())
     excess = max(0.0, float(((f - mean) ** 2 - variance).mean())) if f.size > 1 else 0.0
     weight = 1 / (variance + excess)
-    return ForeignTone(
+    return NonGearTone(
         frequency=float(f @ weight / weight.sum()),
         frequency_std=float(1 / sqrt(weight.sum())),
         spread=sqrt(excess),

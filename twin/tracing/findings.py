@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from twin.effects.addition import name_of
 from twin.effects.bearing_defect import BearingDefect
 from twin.effects.response import Effect
-from twin.features.tones import ForeignTone
+from twin.features.tones import NonGearTone
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.mesh_search import MeshFindings
 
@@ -51,7 +51,7 @@ class NonGearContent:
     """Vibration that no gear makes, over all windows."""
 
     defect: BearingFinding | None = None
-    tones: tuple[ForeignTone, ...] = ()
+    tones: tuple[NonGearTone, ...] = ()
     orders: tuple[tuple[float, float], ...] = ()  # lines that belong to no shaft: order, amplitude [m/s²]
     impacts: bool = False  # irregular ones
     modulated_by: str | None = None  # the shaft whose turn modulates the broadband noise, though no tooth strikes

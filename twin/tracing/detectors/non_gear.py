@@ -24,7 +24,7 @@ import numpy as np
 
 from twin.effects.bearing_defect import BearingDefect
 from twin.features.non_gear import NonGearFeatures
-from twin.features.tones import ForeignTone, foreign_tones
+from twin.features.tones import NonGearTone, non_gear_tones
 from twin.rig_tolerances import Tolerances
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
@@ -76,7 +76,7 @@ class NonGearThresholds:
         source="a window of 5 s at 10 Hz holds 100 at order 2",
     )
     tone_amplitude: float = deciding(
-        25.0, of="acceleration noise floor", meaning="amplitude of a foreign tone that is reported", source=TUNED
+        25.0, of="acceleration noise floor", meaning="amplitude of a non-gear tone that is reported", source=TUNED
     )
     tone_windows_share: float = deciding(
         0.3, of="windows", meaning="share of them that must show the tone", source=TUNED
@@ -84,7 +84,7 @@ class NonGearThresholds:
     same_frequency: float = deciding(
         1.0,
         unit="Hz",
-        meaning="difference of frequency within which a line at an order of no shaft is a foreign tone",
+        meaning="difference of frequency within which a line at an order of no shaft is a non-gear tone",
         source="not derived: chosen; ten resolution steps of a window of 10 s",
     )
     line_windows_share: float = deciding(
@@ -230,7 +230,7 @@ def find_non_gear_content(
     noise_floor   amplitude of an acceleration line below which nothing is read [m/s²]
     """
     defect = _defect(windows, limits)
-    tones: tuple[ForeignTone, ...] = ()
+    tones: tuple[NonGearTone, ...] = ()
     orders: list[tuple[float, float]] = []
     impulsive: list[float] = []
     if defect is None:
@@ -261,9 +261,9 @@ def find_non_gear_content(
 
 def _steady_tones(
     windows: Sequence[tuple[float, NonGearFeatures]], least: float, limits: NonGearThresholds
-) -> tuple[ForeignTone, ...]:
+) -> tuple[NonGearTone, ...]:
     """Tones of fixed frequency that enough windows show, with amplitudes above the least [m/s²]."""
-    tones = foreign_tones([w.as_tones() for _, w in windows], [w.duration for _, w in windows])
+    tones = non_gear_tones([w.as_tones() for _, w in windows], [w.duration for _, w in windows])
     enough = max(limits.least_windows, limits.tone_windows_share * len(windows))
     often = [t for t in tones if sum(a is not None for a in t.amplitudes) >= enough]
     return tuple(t for t in often if max(a or 0.0 for a in t.amplitudes) > least)
@@ -285,7 +285,7 @@ def _modulated_by(windows: Sequence[NonGearFeatures], limits: NonGearThresholds)
 
 
 def _common_orders(
-    windows: Sequence[NonGearFeatures], tones: Sequence[ForeignTone], limits: NonGearThresholds
+    windows: Sequence[NonGearFeatures], tones: Sequence[NonGearTone], limits: NonGearThresholds
 ) -> list[tuple[float, float]]:
     """Lines at the same order in half of the windows, without the tones of fixed frequency."""
     every = sorted(
