@@ -15,6 +15,7 @@ from twin.step import Options, State, step
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import TracingContext
 from twin.tracing.detectors import DETECTORS, Detector
+from twin.tracing.findings import ShaftForce
 from twin.tracing.settling import ask, settled
 from twin.tracing.trace import trace
 
@@ -61,6 +62,50 @@ def test_in_the_usual_order_nothing_is_asked_twice():
 
     asked([counted(d) for d in TWO])
     assert count == ["tooth_errors", "eccentricity"]
+
+
+RIPPLE = AttributedEffect.of(EFFECTS["torque_ripple"](amplitude=1.0, order=7.0), parameters={}, log_evidence=1.0)
+SUSPECTED = ShaftForce(effect=RIPPLE.addition.effect, parameters={}, log_evidence=1.0, order=7.0)
+BETTER = AttributedEffect.of(EFFECTS["pitch_error"](pinion=(2e-6,) * 19), parameters={}, log_evidence=1.0)
+
+
+def suspects_ripple(context):
+    return replace(context.findings, forces=(SUSPECTED,))
+
+
+def confirms_ripple(context):
+    return context.findings.adding(RIPPLE)
+
+
+def refines_pitch(context):
+    return replace(context.findings, effects=tuple(BETTER if e is PITCH else e for e in context.findings.effects))
+
+
+FORCES_AND_TEETH = (
+    Detector(name="shaft_forces", detect=suspects_ripple),
+    Detector(name="tooth_errors", detect=finds_pitch, consults=("shaft_forces", "eccentricity")),
+    Detector(
+        name=next(d.name for d in DETECTORS if d.refines == "tooth_errors"),
+        detect=refines_pitch,
+        finds="none",
+        refines="tooth_errors",
+        consults=("tooth_errors",),
+    ),
+    Detector(name="shaft forces that nothing else explains", detect=confirms_ripple, finds="shaft_forces"),
+)
+
+
+def test_a_suspected_force_that_is_confirmed_is_no_new_finding():
+    """Pitch errors were fitted again without the effects on the mesh, and came out twice as large."""
+    effects = asked(FORCES_AND_TEETH).findings.effects
+    assert {e.name for e in effects} == {"torque_ripple", "pitch_error"}
+    assert any(e is BETTER for e in effects)
+
+
+def test_what_a_later_step_has_refined_is_refined_again_after_a_second_answer():
+    eccentric = Detector(name="eccentricity", detect=lambda c: c.findings.adding(RUN_OUT))
+    effects = asked((*FORCES_AND_TEETH, eccentric)).findings.effects  # what tooth errors consult comes last
+    assert any(e is BETTER for e in effects) and not any(e is PITCH for e in effects)
 
 
 def test_every_detector_consults_detectors_that_there_are():

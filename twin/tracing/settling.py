@@ -25,6 +25,9 @@ def ask(context: TracingContext, detector: Detector, known: Known) -> TracingCon
     """The context with the findings of one detector; `known` notes what its answer rests on."""
     findings = detector.detect(context.with_findings(without_own(context.findings, detector)))
     known[detector.name] = consulted(without_own(findings, detector), detector)  # it may have ruled some out itself
+    for step in DETECTORS:  # what it had made better of this detector's findings has gone with them
+        if step.refines == detector.reports:
+            known.pop(step.name, None)
     return context.with_findings(findings)
 
 
@@ -38,28 +41,31 @@ def settled(context: TracingContext, known: Known, detectors: Sequence[Detector]
         effects = tuple(e for e in context.findings.effects if EFFECTS[e.name].facts.separates_teeth)
         return context.with_findings(Findings(effects=effects, teeth_separate=True))
     rank = {d.name: i for i, d in enumerate(DETECTORS)}
+    asked = set(known)
     for _ in range(MOST_ROUNDS):
         stale = [
             d
             for d in sorted(detectors, key=lambda d: rank.get(d.name, len(rank)))
-            if d.name in known and known[d.name] != consulted(without_own(context.findings, d), d)
+            if d.name in asked and known.get(d.name) != consulted(without_own(context.findings, d), d)
         ]
         if not stale:
             break
         context = ask(context, stale[0], known)
         for detector in stale[1:]:
-            if known[detector.name] != consulted(without_own(context.findings, detector), detector):
+            if known.get(detector.name) != consulted(without_own(context.findings, detector), detector):
                 context = ask(context, detector, known)
     return context.with_findings(_in_order(context.findings))
 
 
 def consulted(findings: Findings, detector: Detector) -> frozenset[str]:
     """What there is of the findings that a detector's answer rests on: names of effects, and of suspected forces."""
+    suspected = {f.name for f in findings.forces if _by(f.name) in detector.consults}
     effects = {
-        f"{e.name} from {e.addition.onset_revolutions:g}" for e in findings.effects if _by(e.name) in detector.consults
+        f"{e.name} from {e.addition.onset_revolutions:g}"
+        for e in findings.effects
+        if _by(e.name) in detector.consults and e.name not in suspected  # confirming a suspicion changes nothing
     }
-    forces = {f"suspected {f.name}" for f in findings.forces if _by(f.name) in detector.consults}
-    return frozenset(effects | forces)
+    return frozenset(effects | {f"suspected {name}" for name in suspected})
 
 
 def without_own(findings: Findings, detector: Detector) -> Findings:

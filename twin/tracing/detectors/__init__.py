@@ -37,6 +37,7 @@ class Detector:
     needs_phase: bool = True  # whether it needs the phase of the mesh against the encoder's zero
     finds: str = ""  # whose effects it reports, as effects declare it; its name where empty
     consults: tuple[str, ...] = ()  # detectors whose findings, effects or suspected forces, its answer rests on
+    refines: str = ""  # detector whose effects it replaces by better ones: asked again whenever that one is
 
     @property
     def reports(self) -> str:
@@ -59,6 +60,7 @@ DETECTORS = (
         name="tooth errors fitted again with the effects on the mesh",
         detect=tooth_errors.refit,
         finds="none",
+        refines="tooth_errors",
         consults=("mesh", "tooth_errors"),
     ),
     Detector(name="sensor", detect=sensor.detect, consults=("mesh", "tooth_errors")),
