@@ -20,6 +20,7 @@ from benchmarks.trace_campaigns import tune
 from benchmarks.trace_campaigns.generate import FOLDER, make_all
 from twin.options import Options
 from twin.rig import Rig
+from twin.scales import Scales
 from twin.state import State
 from twin.step import step
 from twin.tracing.change_detection import change_indicators, is_new
@@ -84,7 +85,7 @@ def main() -> list[Figure]:
         rig, state.memory, latest, UpdateOptions(threshold=0.05, update="fused", update_until=float("inf"))
     )
     begun = time.process_time()
-    is_new(change_indicators(rig, latest, outcome), state.tracing.signs)
+    is_new(change_indicators(rig, latest, outcome), state.tracing.signs, Scales.of(rig))
     tell(Figure(what="  the watch of one window", value=1e3 * (time.process_time() - begun), unit="ms"))
 
     with tempfile.TemporaryDirectory(prefix="gear-twin-bench-") as folder:

@@ -14,9 +14,10 @@ from twin.errors import ParameterError
 from twin.features.non_gear import NonGearFeatures
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
+from twin.scales import Scales
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.attribution_loop import attribute_non_gear_content
-from twin.tracing.change_detection import is_new, widened
+from twin.tracing.change_detection import floors, is_new, widened
 from twin.tracing.decisions import Decision
 from twin.tracing.detectors.non_gear import find_non_gear_content
 from twin.tracing.held_out_error import HeldOutComparison, errors_of, residual_by_band_and_order
@@ -257,10 +258,20 @@ def test_memory_of_the_tracing_is_plain_data_and_comes_back_whole():
 def test_sign_is_new_where_it_stands_out_from_what_was_traced_and_from_its_floor():
     traced = widened({"misfit": 0.4}, {"misfit": 2.0, "kurtosis": 3.0})
     assert traced == {"misfit": 2.0, "kurtosis": 3.0}
-    assert not is_new({"misfit": 2.9, "kurtosis": 7.0}, traced)
-    assert is_new({"misfit": 3.1}, traced)
-    assert is_new({"kurtosis": 9.0}, traced)
-    assert is_new({"pinion": 1e-6}, {})
+    scales = Scales.of(Rig.from_mapping(UNSW_RIG))
+    assert not is_new({"misfit": 2.9, "kurtosis": 7.0}, traced, scales)
+    assert is_new({"misfit": 3.1}, traced, scales)
+    assert is_new({"kurtosis": 9.0}, traced, scales)
+    assert is_new({"pinion": 1e-6}, {}, scales)
+
+
+def test_floors_of_signs_follow_the_instruments_of_the_machine():
+    tolerances = {"pinion_graduation": 6e-6, "gear_graduation": 16e-6, "acceleration_floor": 0.02}
+    fine = floors(Scales.of(Rig.from_mapping(UNSW_RIG)))
+    coarse = floors(Scales.of(Rig.from_mapping({**UNSW_RIG, "tolerances": tolerances})))
+    assert {k: coarse[k] / fine[k] for k in fine} == pytest.approx(
+        {k: 10 if k in ("pinion", "gear", "unattributed") else 1 for k in fine}
+    )
 
 
 @pytest.mark.parametrize(("name", "verb"), [("rust", "pin"), ("none", "pin"), ("misalignment", "ignore")])

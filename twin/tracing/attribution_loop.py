@@ -14,6 +14,7 @@ from dataclasses import replace
 from twin.assessment import EffectEvent
 from twin.errors import NotAvailable, NotConverged
 from twin.rig import Rig
+from twin.scales import Scales
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.change_detection import change_indicators, is_new, widened
 from twin.tracing.decisions import Decision
@@ -49,7 +50,7 @@ def attribute_window(
     if not measurement or tracing.measured < LEAST_WINDOWS:
         return LoopResult(tracing=tracing, outcome=outcome)
     shown = change_indicators(rig, window, outcome)
-    if not trace_due(tracing) and not is_new(shown, tracing.signs):
+    if not trace_due(tracing) and not is_new(shown, tracing.signs, Scales.of(rig)):
         return LoopResult(tracing=tracing, outcome=outcome)
     search = search_due(tracing)
     tracing = replace(after_trace(tracing), signs=widened(tracing.signs, shown))

@@ -19,6 +19,7 @@ import numpy as np
 
 from twin.features.window_features import MeasuredLines
 from twin.rig import Rig
+from twin.scales import Scales
 from twin.thresholds import deciding
 from twin.updating.history import WindowInput
 from twin.updating.residual import residual_of_window
@@ -48,11 +49,17 @@ class ChangeLimits:
         meaning="floor of the energy that the twin does not predict",
         source="not derived: chosen; a waveform error of a tenth",
     )
-    tooth_lines: float = deciding(
-        0.15e-6,
-        unit="m",
-        meaning="floor of the transmission error at tooth orders",
-        source="not derived: chosen for the reference rig",
+    pinion_lines: float = deciding(
+        0.25,
+        of="pinion graduation error",
+        meaning="floor of the transmission error at tooth orders of the pinion",
+        source="not derived: chosen near the pattern of a healthy pinion (a fifth of the graduation error)",
+    )
+    gear_lines: float = deciding(
+        0.09375,
+        of="gear graduation error",
+        meaning="floor of the transmission error at tooth orders of the gear",
+        source="not derived: chosen below the pattern of a healthy gear (a seventh of the graduation error)",
     )
     between: float = deciding(
         0.05,
@@ -61,10 +68,10 @@ class ChangeLimits:
         source="not derived: chosen",
     )
     unattributed: float = deciding(
-        0.1,
-        unit="m/s²",
-        meaning="floor of the amplitude of unattributed lines",
-        source="not derived: chosen for the reference rig",
+        50.0,
+        of="acceleration noise floor",
+        meaning="floor of the amplitude of unattributed lines, all together",
+        source="not derived: chosen",
     )
     kurtosis: float = deciding(
         8.0,
@@ -113,22 +120,24 @@ def _rms_of(name: str, lines: MeasuredLines, keys: list[tuple[int, int, int]]) -
     return {name: float(np.sqrt(0.5 * np.sum(np.square(seen))))} if seen else {}
 
 
-def floors(limits: ChangeLimits = CHANGE_LIMITS) -> dict[str, float]:
-    """The floor of every sign, by name."""
+def floors(scales: Scales, limits: ChangeLimits = CHANGE_LIMITS) -> dict[str, float]:
+    """The floor of every sign of a machine, by name."""
     return {
         "misfit": limits.misfit,
         "waveform": limits.waveform,
-        "pinion": limits.tooth_lines,
-        "gear": limits.tooth_lines,
+        "pinion": limits.pinion_lines * scales.graduation[0],
+        "gear": limits.gear_lines * scales.graduation[1],
         "between": limits.between,
-        "unattributed": limits.unattributed,
+        "unattributed": limits.unattributed * scales.acceleration,
         "kurtosis": limits.kurtosis,
     }
 
 
-def is_new(shown: Mapping[str, float], traced: Mapping[str, float], limits: ChangeLimits = CHANGE_LIMITS) -> bool:
+def is_new(
+    shown: Mapping[str, float], traced: Mapping[str, float], scales: Scales, limits: ChangeLimits = CHANGE_LIMITS
+) -> bool:
     """Whether any sign has grown beyond what has been traced before."""
-    least = floors(limits)
+    least = floors(scales, limits)
     return any(value > max(limits.growth * traced.get(name, 0.0), least[name]) for name, value in shown.items())
 
 
