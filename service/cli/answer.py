@@ -123,6 +123,9 @@ def _validity(validity: Any) -> list[str]:
 def _life(answer: Mapping[str, Any]) -> list[str]:
     """Remaining life; a reason that is that of the wear depth, too, is not repeated."""
     life = answer["rul"]
+    if isinstance(life.get("hours"), Mapping) and life["hours"].get("median") is None and life.get("reason"):
+        hours, revolutions = (number((life.get(key) or {}).get("p05")) for key in ("hours", "revolutions"))
+        return [f"Remaining life: at least {hours} h, {revolutions} revolutions (95 % confidence); {life['reason']}"]
     if isinstance(life.get("hours"), Mapping):
         revolutions = spread(life.get("revolutions"), "revolutions")
         return [f"Remaining life: {spread(life['hours'], 'h')}; {revolutions}"]

@@ -146,6 +146,7 @@ class Rul(ContractModel):
     hours: Band
     speed_hz: float
     torque_nm: float
+    reason: str | None = Field(default=None, description="why only the lower bound is known")
 
     @classmethod
     def of(cls, life: assessment.Life) -> Rul:
@@ -157,6 +158,7 @@ class Rul(ContractModel):
             hours=Band.of(life.time, HOUR),
             speed_hz=life.speed,
             torque_nm=life.torque,
+            reason=life.reason,
         )
 
 

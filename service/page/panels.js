@@ -42,11 +42,18 @@ export function noteMissing({ wear, rul, calibration, residual, tracing, unexpla
   notice.hidden = !lines.length;
 }
 
+// The hours left, or why there is no more than a lower bound of them.
+function lifeOf({ hours, reason }) {
+  if (!hours) return { status: "not available" };
+  if (hours.median !== null || !reason) return hours;
+  return { status: "not available", reason: `at least ${fixed(hours.p05)} h; ${reason}` };
+}
+
 export function drawCards(state) {
   const { wear, rul, windows } = state;
   const depth = isAvailable(wear) ? wear.max_depth_um : wear;
   const combined = isAvailable(depth) ? depth.combined ?? { status: "not available" } : depth;
-  const hours = isAvailable(rul) ? rul.hours ?? { status: "not available" } : rul;
+  const hours = isAvailable(rul) ? lifeOf(rul) : rul;
   const k = isAvailable(wear) && wear.k_wear_per_n === null ? { status: "not available" } : wear;
   const last = windows.filter((w) => w.kind !== "calibration").at(-1) ?? windows.at(-1);
   const measured = last && Number.isFinite(last.rms_measured) ? last

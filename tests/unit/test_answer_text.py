@@ -98,3 +98,13 @@ def test_the_modules_of_the_command_line_import_each_other_in_one_direction():
 
     for name in imported:
         reached(name, ())
+
+
+def test_a_life_without_an_upper_bound_is_stated_as_a_lower_bound_with_the_reason():
+    """It was "not available; not available"."""
+    unbounded = {"median": None, "p05": 120.0, "p95": None}
+    rul = {"hours": unbounded, "revolutions": unbounded | {"p05": 4.3e6}, "reason": "the wear rate is not known yet"}
+    (line,) = [line for line in summary_lines(answer(rul=rul)) if line.startswith("Remaining life")]
+    assert line == (
+        "Remaining life: at least 120 h, 4.3e+06 revolutions (95 % confidence); the wear rate is not known yet"
+    )

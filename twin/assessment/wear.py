@@ -92,3 +92,4 @@ class Life:
     time: Interval  # left [s]
     speed: float  # of the condition [Hz]
     torque: float  # [N·m]
+    reason: str | None = None  # why only the lower bound of the life is known

@@ -18,6 +18,8 @@ from twin.thresholds import deciding
 from twin.updating.remaining_life import remaining_life
 from twin.updating.update import UpdateOutcome
 
+NO_RATE = "the wear rate cannot be distinguished from zero yet, so only a lower bound of the remaining life is known"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LifeSpread:
@@ -63,4 +65,5 @@ def life_of(rig: Rig, outcome: UpdateOutcome, spread: LifeSpread = LIFE_SPREAD) 
         time=revolutions.scaled(1 / outcome.condition.speed_hz),
         speed=outcome.condition.speed_hz,
         torque=outcome.condition.torque,
+        reason=None if found.measurable else NO_RATE,
     )
