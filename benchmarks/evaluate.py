@@ -2,13 +2,14 @@
 
     python -m benchmarks.evaluate [--set judge|fresh|tune|shared|all …] [--only TEXT …] [--json OUT] [--processes N]
                                   [--channels all|accel+encoders|accel] [--conditions own|one|two] [--folder DIR]
-                                  [--spreads N]
+                                  [--spreads N] [--draw N]
 
 The campaigns of the tables `judge`, `fresh` and `tune` are made by the project's own generator where they are not kept
 yet; `shared` are the reference campaigns beside the project (GEAR_TWIN_SHARED sets where). With `--spreads 2` the
 machines that are made are twice as far from the rig file as the twin takes them to be, in structure, teeth and discs:
-the generator's usual spreads are the twin's default tolerances. Prints one line a campaign, the parameters against the
-truth, and a summary with the aims. The status is 0 whenever it ran: an aim missed is a line.
+the generator's usual spreads are the twin's default tolerances. `--draw 2` draws the fresh set again. Prints one line
+a campaign, the parameters against the truth, and a summary with the aims. The status is 0 whenever it ran: an aim
+missed is a line.
 """
 
 from __future__ import annotations
@@ -30,13 +31,19 @@ from benchmarks.realised import with_draws
 from benchmarks.scoring import ROOT, read_truth, truth_beside
 from benchmarks.trace_campaigns import judge, tune
 from benchmarks.trace_campaigns.generate import FOLDER, make_all
+from benchmarks.trace_campaigns.table import Row
 from benchmarks.tracing_score import Traced, no_answer, score_tracing
 from service.errors import InputError
 from service.runtime.assess import assess
 from twin.options import Options
 
-TABLES = {"judge": judge.ROWS, "fresh": judge.FRESH, "tune": tune.ROWS}
+SETS_MADE = ("judge", "fresh", "tune")
 CONDITIONS = {"own": None, "one": False, "two": True}
+
+
+def rows_of(table: str, draw: int = 1) -> Sequence[Row]:
+    """The campaigns of a set that is made; `draw` is that of the fresh ones."""
+    return {"judge": judge.ROWS, "fresh": judge.fresh(draw), "tune": tune.ROWS}[table]
 
 
 def without_tracing() -> Options | None:
@@ -72,12 +79,13 @@ def campaigns(
     names: Sequence[str],
     conditions: str,
     spreads: float = 1.0,
+    draw: int = 1,
 ) -> Iterator[Path]:
     """The recordings of some sets; those that are missing are made."""
-    for table, rows in TABLES.items():
+    for table in SETS_MADE:
         if table not in chosen and "all" not in chosen:
             continue
-        wanted = [row for row in rows if _named(row.name, names)]
+        wanted = [row for row in rows_of(table, draw) if _named(row.name, names)]
         made = make_all(wanted, folder, processes, CONDITIONS[conditions], spreads)
         for i, (row, path, why) in enumerate(made, start=1):
             _tell(f"campaign {i} of {len(wanted)}: {row.name}")
@@ -116,7 +124,7 @@ def evaluated(paths: Sequence[Path], processes: int, channels: str = "all") -> l
 def arguments_of(parser: argparse.ArgumentParser) -> None:
     """What this command and the ablation share."""
     parser.add_argument(
-        "--set", nargs="+", choices=[*TABLES, "shared", "all"], default=["judge", "shared"], help="which campaigns"
+        "--set", nargs="+", choices=[*SETS_MADE, "shared", "all"], default=["judge", "shared"], help="which campaigns"
     )
     parser.add_argument("--only", nargs="+", metavar="TEXT", default=[], help="campaigns with this in their name")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write all figures to this file")
@@ -134,11 +142,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--spreads", type=float, default=1.0, metavar="N", help="times the usual spreads of structure and instruments"
     )
+    parser.add_argument(
+        "--draw", type=int, default=1, metavar="N", help="which draw of the fresh set, 1 or more; look at each once"
+    )
     given = parser.parse_args(arguments)
+    if given.draw < 1:
+        parser.error(f"--draw {given.draw}: draws are numbered from 1")
     if given.spreads != 1 and {"shared", "all"} & set(given.set):
         print("--spreads makes campaigns: the reference campaigns are as they are and are left out", file=sys.stderr)
-        given.set = [name for name in (TABLES if "all" in given.set else given.set) if name != "shared"]
-    paths = list(campaigns(given.set, given.folder, given.processes, given.only, given.conditions, given.spreads))
+        given.set = [name for name in (SETS_MADE if "all" in given.set else given.set) if name != "shared"]
+    paths = list(
+        campaigns(given.set, given.folder, given.processes, given.only, given.conditions, given.spreads, given.draw)
+    )
     if not paths:
         print(f"no campaign of {', '.join(given.set)} is named {' or '.join(given.only)}", file=sys.stderr)
         return 2

@@ -1,4 +1,4 @@
-"""Campaigns to judge by. ROWS have been looked at since; what is changed after that is judged by FRESH alone."""
+"""Campaigns to judge by. ROWS have been looked at since; what is changed after that is judged by a fresh draw alone."""
 
 from __future__ import annotations
 
@@ -116,5 +116,12 @@ def _clean() -> list[Row]:
 
 ROWS: tuple[Row, ...] = (*_singles(), *_pairs(), *_unknown(), *_clean())
 
-FRESH: tuple[Row, ...] = tuple(replace(row, name=f"L{row.name[1:]}", seed=row.seed + 1_010_009) for row in ROWS)
-"""The same campaigns in other draws, looked at once: whoever changes tracing in their light draws anew."""
+DRAWS_APART = 1_010_009  # between the seeds of two draws
+
+
+def fresh(draw: int = 1) -> tuple[Row, ...]:
+    """The same campaigns in another draw of machines and sizes, 1 or more.
+
+    A draw is looked at once: whoever changes the tracing because of it judges by the next one.
+    """
+    return tuple(replace(row, name=f"L{row.name[1:]}", seed=row.seed + draw * DRAWS_APART) for row in ROWS)
