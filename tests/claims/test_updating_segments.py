@@ -12,7 +12,6 @@ import pytest
 
 from tests.dynamics_cases import RIG
 from tests.updating_cases import TEN, curve, model, seen
-from twin.errors import WindowError
 from twin.model import Condition
 from twin.updating.history import UpdateOptions, WindowInput, update_window
 from twin.updating.memory import KEPT_SEGMENTS, Memory, Segment, StoredProfile
@@ -106,12 +105,6 @@ def worn(revolutions: float) -> Memory:
 def taken(memory: Memory, revolutions: float) -> Memory:
     window = WindowInput(index=9, features=seen(WornProfile.unworn(model().mesh.pair), revolutions=revolutions))
     return update_window(RIG, memory, window, OPTIONS).memory
-
-
-def test_a_revolution_count_that_falls_far_is_refused_with_a_question():
-    """Two machines, or old gears and new ones, were mixed under one asset name without a word."""
-    with pytest.raises(WindowError, match=r"500 revolutions .* 9000 .* gears been replaced.* another machine\?"):
-        taken(worn(9000.0), 500.0)
 
 
 def test_a_window_that_arrives_a_little_late_is_used():

@@ -41,6 +41,12 @@ def after(counts_and_times) -> State:
     return now
 
 
+def test_a_revolution_count_that_falls_far_is_refused_with_a_question():
+    """Two machines, or old gears and new ones, were mixed under one asset name without a word."""
+    with pytest.raises(CountFellError, match=r"500 revolutions .* 9000 .* gears been replaced.* another machine\?"):
+        with_count_checked(RIG, state(), window(500.0, 1000.0))
+
+
 def test_another_machine_stays_refused_where_its_count_passes_that_of_the_first():
     """Windows beyond the earlier count were mixed into the first machine's history."""
     now = after([(500.0, 1000.0), (4000.0, 1400.0), (8000.0, 1800.0)])
