@@ -3,13 +3,14 @@
     plain = to_plain(value);   value == from_plain(type, plain)
 
 Holds for dataclasses whose fields are numbers, strings, booleans, None, dataclasses, tuples, mappings by string, and
-unions of these. A union of dataclasses is told by its fields: no two members may have the same names.
+unions of these. A union of dataclasses is told by its fields: no two members may have the same names. A field that has
+a default may be absent: it was added after the data had been written.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -41,7 +42,7 @@ def from_plain(kind: Any, data: Any) -> Any:
         return {key: from_plain(member, item) for key, item in data.items()}
     if is_dataclass(kind):
         types = _types(kind)  # type: ignore[arg-type]
-        if not isinstance(data, Mapping) or data.keys() != types.keys():
+        if not isinstance(data, Mapping) or not _fits(kind, data):
             raise ValueError(f"{getattr(kind, '__name__', kind)} has the fields {', '.join(types)}, not {data!r:.80}")
         return kind(**{name: from_plain(types[name], item) for name, item in data.items()})  # type: ignore[operator]
     return data
@@ -52,13 +53,20 @@ def _member(members: tuple[Any, ...], data: Any) -> Any:
     if data is None and NoneType in members:
         return None
     if isinstance(data, Mapping):
-        for member in members:
-            if is_dataclass(member) and _types(member).keys() == data.keys():  # type: ignore[arg-type]
-                return from_plain(member, data)
+        kinds = [member for member in members if is_dataclass(member)]
+        exact = [kind for kind in kinds if _types(kind).keys() == data.keys()]  # type: ignore[arg-type]
+        for member in exact or [kind for kind in kinds if _fits(kind, data)]:
+            return from_plain(member, data)
     rest = [m for m in members if m is not NoneType and not is_dataclass(m)]
     if not rest:
         raise ValueError(f"no type of {', '.join(str(m) for m in members)} has the fields of {data!r:.80}")
     return from_plain(rest[0], data)
+
+
+def _fits(kind: Any, data: Mapping[str, Any]) -> bool:
+    """Whether data have the fields of a dataclass, those with a default perhaps left out."""
+    required = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
+    return required <= data.keys() <= _types(kind).keys()
 
 
 @cache

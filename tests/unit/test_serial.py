@@ -33,3 +33,15 @@ def test_data_of_other_fields_are_refused(data):
         from_plain(Unavailable, data)
     with pytest.raises(ValueError, match="no type"):
         from_plain(Interval | Unavailable, data)
+
+
+@dataclass(frozen=True)
+class _Grown:
+    first: float
+    later: str | None = None  # added after data had been written
+
+
+def test_field_with_a_default_may_be_absent_from_older_data():
+    assert from_plain(_Grown | None, {"first": 1.0}) == _Grown(first=1.0)
+    with pytest.raises(ValueError, match="_Grown has the fields first, later"):
+        from_plain(_Grown, {"later": "x"})
