@@ -76,6 +76,7 @@ def test_effect_that_is_there_is_found_with_its_size(name):
     assert findings.found[0].numbers[0] == pytest.approx(SIZES[name], rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("there", [("misalignment",), ("tooth_friction", "mesh_stiffness_loss")])
 def test_order_in_which_effects_are_tried_does_not_decide_what_is_found(there, monkeypatch):
     one = found(*there)
@@ -151,6 +152,7 @@ def test_explanation_within_what_an_effect_must_add_is_said_to_be_indistinguisha
     assert rivals(chosen, [other(chosen.gain - 7)]) == (("mesh_stiffness_loss", pytest.approx(7)), ())
 
 
+@pytest.mark.slow
 def test_effects_that_are_not_needed_do_not_keep_out_the_one_that_is():
     kept = (trial("mesh_stiffness_loss"), trial("mesh_damping"), trial("profile_error"))
     findings = search_mesh(fits("tooth_friction"), kept=kept)

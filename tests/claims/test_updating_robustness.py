@@ -93,10 +93,12 @@ def test_machine_first_seen_worn_is_measured_without_an_unworn_window():
     check(scored(lambda windows: windows[4:]))
 
 
+@pytest.mark.slow
 def test_coefficient_ten_times_too_small_does_not_bound_the_depth_of_a_first_window():
     check(scored(lambda windows: windows[:3] + windows[6:], with_wear_coefficient(0.1)))
 
 
+@pytest.mark.slow
 def test_gear_encoder_that_lost_a_count_is_found_out():
     """One edge of 2048 is 150 µm of transmission error, two hundred of wear."""
     score = scored(lambda windows: windows[:WORN] + [turned(w, 0, -1) for w in windows[WORN:]])

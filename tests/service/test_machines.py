@@ -60,6 +60,7 @@ def test_two_encoders_alone_are_answered_by_a_running_service(tmp_path):
         assert fetch(f"{address}/v1/assets")[0]["status"]["level"] == "no_verdict"
 
 
+@pytest.mark.slow
 def test_measured_pair_and_measured_rig_are_answered_by_one_service(brought, tmp_path):
     pair = brought("spur-pair-dual-encoder", "encoders.npz")
     rig = brought("spur-rig-28ch-2000rpm", "channels.npz")
@@ -90,6 +91,7 @@ def test_measured_pair_and_measured_rig_are_answered_by_one_service(brought, tmp
         assert answer["residual"]["bands"][0]["measured"] > 0 and answer["residual"]["bands"][0]["predicted"] is None
 
 
+@pytest.mark.slow
 def test_measured_broken_tooth_is_told_from_its_baseline_by_a_running_service(brought, tmp_path):
     def file(state, percent):
         return brought("spectraquest-broken-tooth", f"{state}30hz{percent}.csv.gz")

@@ -175,6 +175,7 @@ def test_scatter_within_a_case_is_of_a_sample_and_not_known_of_one_record(series
     assert scatter[2] == pytest.approx(np.sqrt(2)) and np.isnan(scatter[-1])
 
 
+@pytest.mark.slow
 def test_relate_prints_writes_and_draws(series, short, capsys):
     series.write_text(series.read_text().replace("[levels.fast]", '[sensor]\nname = "a2"\n[levels.fast]'))
     out = {name: series.with_name(name) for name in ("page.html", "relation.json", "answer.json")}

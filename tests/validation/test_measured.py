@@ -32,6 +32,7 @@ def brought(tmp_path_factory):
 
 
 @needs
+@pytest.mark.slow
 def test_broken_tooth_is_traced_to_its_shaft_and_the_healthy_load_left_out_has_nothing(brought):
     def file(state, percent):
         return brought("spectraquest-broken-tooth", f"{state}30hz{percent}.csv.gz")

@@ -13,6 +13,8 @@ The table  python -m benchmarks.paper_campaign
 
 from functools import lru_cache
 
+import pytest
+
 from benchmarks.paper_campaign import ONE_UPDATE, RECORDING, lines_of, papers_windows
 from benchmarks.scoring import Score, read_truth, run, score_run, truth_beside, windows_of
 from twin.options import Options
@@ -73,16 +75,19 @@ def test_papers_own_way_stays_shallow_where_damping_and_width_are_not_the_rig_fi
         assert abs(fused.depth_error) < 0.5 * abs(paper.depth_error)
 
 
+@pytest.mark.slow
 def test_depth_in_every_window_up_to_300_micrometres():
     for row in every_window().worn:
         if row.true <= 300:
             assert abs(row.depth_error) < (3.0 if row.true <= 150 else 7.0), f"{row.depth:.1f} for {row.true:.1f} µm"
 
 
+@pytest.mark.slow
 def test_bands_hold_the_true_depth_to_the_end():
     assert every_window().coverage >= 0.9
 
 
+@pytest.mark.slow
 def test_level_after_an_update_is_within_the_threshold_or_says_why():
     score = every_window()
     assert score.within(THRESHOLD) >= 0.9
