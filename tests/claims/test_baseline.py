@@ -227,6 +227,7 @@ def of_a(reading):
     return replace(reading, channels={"a": reading.channels["a"]})
 
 
+@pytest.mark.slow
 def test_two_resonances_that_cancel_are_no_resonance_that_moved():
     f = np.arange(4.0, 200.0, 8.0)
     rng = np.random.default_rng(2)

@@ -24,6 +24,7 @@ def followed(trace):
     return rig, state, out
 
 
+@pytest.mark.slow
 def test_traced_and_untraced_twin_say_the_same_to_the_bit():
     _, with_it, traced = followed(True)
     _, without, plain = followed(False)

@@ -130,6 +130,7 @@ def test_ended_service_has_every_decision_that_it_answered_and_none_twice(tmp_pa
         assert counted(again) == pytest.approx(len(log))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slow", [1.0, 60.0], ids=["a short window", "a window that does not end"])
 def test_decision_that_waits_does_not_hold_the_end_up_and_is_carried_out_by_the_next_start(tmp_path, recording, slow):
     with service(tmp_path) as running:

@@ -119,6 +119,7 @@ def test_process_that_has_loaded_zenoh_flushes_and_ends_without_tearing_the_inte
     assert (done.returncode, done.stdout, done.stderr) == (3, "said\n", "")
 
 
+@pytest.mark.slow
 def test_stream_is_held_up_by_slow_windows_without_a_loss_and_its_last_window_closes_as_soon(tmp_path):
     short = write_recording(tmp_path / "short.mcap", 4)
     with service(tmp_path / "data", slow=2.5, QUEUE_FRAMES="16") as running:
