@@ -53,13 +53,13 @@ class ChangeLimits:
         0.25,
         of="pinion graduation error",
         meaning="floor of the transmission error at tooth orders of the pinion",
-        source="not derived: chosen near the pattern of a healthy pinion (a fifth of the graduation error)",
+        source="0.15 µm on the reference rig, just above a healthy pinion's pattern; not derived: chosen",
     )
     gear_lines: float = deciding(
         0.09375,
         of="gear graduation error",
         meaning="floor of the transmission error at tooth orders of the gear",
-        source="not derived: chosen below the pattern of a healthy gear (a seventh of the graduation error)",
+        source="0.15 µm on the reference rig, as for the pinion; not derived: chosen",
     )
     between: float = deciding(
         0.05,
@@ -71,7 +71,7 @@ class ChangeLimits:
         50.0,
         of="acceleration noise floor",
         meaning="floor of the amplitude of unattributed lines, all together",
-        source="not derived: chosen",
+        source="0.1 m/s² on the reference rig; not derived: chosen",
     )
     kurtosis: float = deciding(
         8.0,
