@@ -8,115 +8,32 @@ makes a committed window outlive the process and the machine's power.
 
 from __future__ import annotations
 
-import json
 import sqlite3
-import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from service.contract.trend import figures
 from service.contract.version_1 import current_record, current_report
-from service.errors import StoreError
 from service.json_text import plain
+from service.results.database import Database, dump, load
 from service.results.store import Event, StoredAsset, StoredDecision, StoredWindow, faults_of
-
-MIGRATIONS = (
-    """
-    CREATE TABLE assets (
-        asset TEXT PRIMARY KEY,
-        rig TEXT,
-        state TEXT,
-        report TEXT,
-        assembly TEXT,
-        quality TEXT
-    );
-    CREATE TABLE windows (
-        asset TEXT NOT NULL REFERENCES assets(asset),
-        start_ns INTEGER NOT NULL,
-        record TEXT NOT NULL,
-        figures TEXT NOT NULL,
-        PRIMARY KEY (asset, start_ns)
-    ) WITHOUT ROWID;
-    CREATE TABLE events (
-        id INTEGER PRIMARY KEY AUTOINCREMENT,
-        asset TEXT NOT NULL REFERENCES assets(asset),
-        kind TEXT NOT NULL,
-        data TEXT NOT NULL
-    );
-    CREATE INDEX events_of_asset ON events (asset, id);
-    CREATE TABLE inspections (
-        id INTEGER PRIMARY KEY AUTOINCREMENT,
-        asset TEXT NOT NULL REFERENCES assets(asset),
-        received_ns INTEGER NOT NULL,
-        inspection TEXT NOT NULL,
-        answer TEXT NOT NULL
-    );
-    """,
-    """
-    CREATE TABLE decisions (
-        id INTEGER PRIMARY KEY AUTOINCREMENT,
-        asset TEXT NOT NULL REFERENCES assets(asset),
-        received_ns INTEGER NOT NULL,
-        name TEXT NOT NULL,
-        verb TEXT NOT NULL,
-        done INTEGER NOT NULL DEFAULT 0,
-        refused TEXT
-    );
-    CREATE INDEX decisions_waiting ON decisions (done, id);
-    """,
-    """
-    ALTER TABLE windows ADD COLUMN number INTEGER NOT NULL DEFAULT 0;
-    UPDATE windows SET number = json_extract(record, '$.index');
-    CREATE INDEX windows_by_number ON windows (asset, number);
-    ALTER TABLE assets ADD COLUMN windows INTEGER NOT NULL DEFAULT 0;
-    ALTER TABLE assets ADD COLUMN updates INTEGER NOT NULL DEFAULT 0;
-    ALTER TABLE assets ADD COLUMN received_ns INTEGER;
-    UPDATE assets SET
-        windows = (SELECT COUNT(*) FROM windows AS w WHERE w.asset = assets.asset),
-        updates = (
-            SELECT COUNT(*) FROM windows AS w WHERE w.asset = assets.asset AND json_extract(w.record, '$.updated')
-        );
-    CREATE TABLE fault_totals (
-        asset TEXT NOT NULL REFERENCES assets(asset),
-        kind TEXT NOT NULL,
-        channel TEXT NOT NULL,
-        action TEXT NOT NULL,
-        count INTEGER NOT NULL,
-        windows INTEGER NOT NULL,
-        PRIMARY KEY (asset, kind, channel, action)
-    ) WITHOUT ROWID;
-    INSERT INTO fault_totals
-        SELECT w.asset, json_extract(f.value, '$.kind'), json_extract(f.value, '$.channel'),
-            json_extract(f.value, '$.action'), SUM(json_extract(f.value, '$.count')), COUNT(DISTINCT w.start_ns)
-        FROM windows AS w, json_each(w.record, '$.faults') AS f
-        GROUP BY 1, 2, 3, 4;
-    """,
-)
-"""The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""
 
 
 class SqliteStore:
     """A `ResultStore` in one file. Safe to use from several threads of one process."""
 
     def __init__(self, path: Path) -> None:
-        self.path = Path(path)
-        self._lock = threading.RLock()
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._db = sqlite3.connect(self.path, isolation_level=None, check_same_thread=False, timeout=10)
-            self._db.execute("PRAGMA journal_mode = WAL")
-            self._db.execute("PRAGMA synchronous = FULL")
-            self._db.execute("PRAGMA foreign_keys = ON")
-            self._migrate()
-        except (sqlite3.Error, OSError) as error:
-            raise StoreError(f"{self.path} cannot be used as the service's database: {error}") from error
+        self.database = Database(path)
+        self._transaction, self._rows = self.database.transaction, self.database.rows
+
+    @property
+    def path(self) -> Path:
+        return self.database.path
 
     def close(self) -> None:
-        with self._lock:
-            self._db.close()
+        self.database.close()
 
     def __enter__(self) -> SqliteStore:
         return self
@@ -146,7 +63,7 @@ class SqliteStore:
             self._ensure(db, asset)
             inserted = db.execute(
                 "INSERT OR IGNORE INTO windows (asset, start_ns, record, figures, number) VALUES (?, ?, ?, ?, ?)",
-                (asset, start_ns, _dump(record), _dump(shown), record["index"]),
+                (asset, start_ns, dump(record), dump(shown), record["index"]),
             )
             if inserted.rowcount == 0:
                 return None
@@ -182,7 +99,7 @@ class SqliteStore:
             self._ensure(db, asset)
             row = db.execute(
                 "INSERT INTO inspections (asset, received_ns, inspection, answer) VALUES (?, ?, ?, ?)",
-                (asset, received, _dump(inspection), _dump(answer)),
+                (asset, received, dump(inspection), dump(answer)),
             )
             return {"inspection": {"id": row.lastrowid, "received_ns": received, **inspection}, **answer}
 
@@ -230,7 +147,7 @@ class SqliteStore:
         if not rows:
             return StoredAsset(asset=asset)
         *texts, windows, updates, received_ns = rows[0]
-        rig, state, report, assembly, quality = (_load(text) for text in texts)
+        rig, state, report, assembly, quality = (load(text) for text in texts)
         totals = self._rows("SELECT kind, channel, action, count, windows FROM fault_totals WHERE asset = ?", (asset,))
         return StoredAsset(
             asset=asset,
@@ -264,7 +181,7 @@ class SqliteStore:
             "SELECT id, kind, data FROM events WHERE asset = ? AND id > ? ORDER BY id LIMIT ?",
             (asset, after, limit),
         )
-        return tuple(Event(id=i, asset=asset, kind=kind, data=_load(data)) for i, kind, data in rows)
+        return tuple(Event(id=i, asset=asset, kind=kind, data=load(data)) for i, kind, data in rows)
 
     def last_event_id(self, asset: str) -> int:
         return self._rows("SELECT COALESCE(MAX(id), 0) FROM events WHERE asset = ?", (asset,))[0][0]
@@ -276,7 +193,7 @@ class SqliteStore:
             (asset, after, limit),
         )
         return tuple(
-            {"inspection": {"id": i, "received_ns": received, **_load(given)}, **_load(answer)}
+            {"inspection": {"id": i, "received_ns": received, **load(given)}, **load(answer)}
             for i, received, given, answer in rows
         )
 
@@ -299,37 +216,12 @@ class SqliteStore:
 
     # -- within --------------------------------------------------------------------------------------
 
-    def _migrate(self) -> None:
-        (version,) = self._db.execute("PRAGMA user_version").fetchone()
-        if version > len(MIGRATIONS):
-            raise StoreError(
-                f"{self.path} has schema version {version}, this program knows up to {len(MIGRATIONS)}: "
-                "it was written by a newer gear-twin"
-            )
-        for number, script in enumerate(MIGRATIONS[version:], start=version + 1):
-            self._db.executescript(f"BEGIN IMMEDIATE; {script} PRAGMA user_version = {number}; COMMIT;")
-
-    @contextmanager
-    def _transaction(self):
-        with self._lock:
-            self._db.execute("BEGIN IMMEDIATE")
-            try:
-                yield self._db
-            except BaseException:
-                self._db.execute("ROLLBACK")
-                raise
-            self._db.execute("COMMIT")
-
     def _windows(self, which: str, values: Mapping[str, Any]) -> tuple[StoredWindow, ...]:
         rows = self._rows(f"SELECT start_ns, record, figures FROM windows WHERE {which}", values)
         return tuple(
-            StoredWindow(start_ns=start, record=current_record(_load(record)), figures=_load(shown))
+            StoredWindow(start_ns=start, record=current_record(load(record)), figures=load(shown))
             for start, record, shown in rows
         )
-
-    def _rows(self, query: str, values: Sequence[Any] | Mapping[str, Any] = ()) -> list[tuple]:
-        with self._lock:
-            return self._db.execute(query, values).fetchall()
 
     def _decisions(self, which: str, values: Sequence[Any] = ()) -> tuple[StoredDecision, ...]:
         rows = self._rows(f"SELECT id, asset, received_ns, name, verb, done, refused FROM decisions {which}", values)
@@ -346,19 +238,11 @@ class SqliteStore:
     def _keep(db: sqlite3.Connection, asset: str, **columns: Mapping[str, Any] | None) -> None:
         for column, value in columns.items():
             if value is not None:
-                db.execute(f"UPDATE assets SET {column} = ? WHERE asset = ?", (_dump(value), asset))
+                db.execute(f"UPDATE assets SET {column} = ? WHERE asset = ?", (dump(value), asset))
 
     @staticmethod
     def _add_events(db: sqlite3.Connection, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
         db.executemany(
             "INSERT INTO events (asset, kind, data) VALUES (?, ?, ?)",
-            [(asset, kind, _dump(data)) for kind, data in events],
+            [(asset, kind, dump(data)) for kind, data in events],
         )
-
-
-def _dump(value: Any) -> str | None:
-    return None if value is None else json.dumps(plain(value), allow_nan=False, separators=(",", ":"))
-
-
-def _load(text: str | None) -> Any:
-    return None if text is None else json.loads(text)

@@ -168,7 +168,7 @@ def test_metrics_that_wait_for_the_store_hold_no_other_request_up(client, store)
     held, release = threading.Event(), threading.Event()
 
     def busy():
-        with store._lock:
+        with store.database._lock:
             held.set()
             release.wait(20)
 

@@ -96,7 +96,7 @@ def test_a_long_history_is_thinned_evenly_and_ends_with_the_newest_window(store,
 
 def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long):
     read = []
-    trace = store._db.set_trace_callback
+    trace = store.database._db.set_trace_callback
     rows = store._windows
     store._windows = lambda *given: read.append(len(found := rows(*given))) or found
     trace(lambda sql: read.append(sql) if "COUNT(" in sql else None)

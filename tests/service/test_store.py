@@ -14,7 +14,8 @@ import service_fakes as fakes
 
 from service.errors import StoreError
 from service.results.board import Board
-from service.results.sqlite_store import MIGRATIONS, SqliteStore
+from service.results.migrations import MIGRATIONS
+from service.results.sqlite_store import SqliteStore
 
 ROOT = Path(__file__).parents[2]
 

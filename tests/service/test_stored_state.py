@@ -14,7 +14,8 @@ from service_streams import RIG, Sink
 
 from service.errors import InputError, StoreError
 from service.results.board import Board
-from service.results.sqlite_store import MIGRATIONS, SqliteStore
+from service.results.migrations import MIGRATIONS
+from service.results.sqlite_store import SqliteStore
 from service.runtime.pipeline import Pipeline
 from service.runtime.rigs import Rigs, rig_change
 from service.runtime.twin_port import gear_twin

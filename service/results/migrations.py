@@ -1,0 +1,77 @@
+"""The steps of the database's schema, from an empty file to the present one."""
+
+from __future__ import annotations
+
+MIGRATIONS = (
+    """
+    CREATE TABLE assets (
+        asset TEXT PRIMARY KEY,
+        rig TEXT,
+        state TEXT,
+        report TEXT,
+        assembly TEXT,
+        quality TEXT
+    );
+    CREATE TABLE windows (
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        start_ns INTEGER NOT NULL,
+        record TEXT NOT NULL,
+        figures TEXT NOT NULL,
+        PRIMARY KEY (asset, start_ns)
+    ) WITHOUT ROWID;
+    CREATE TABLE events (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        kind TEXT NOT NULL,
+        data TEXT NOT NULL
+    );
+    CREATE INDEX events_of_asset ON events (asset, id);
+    CREATE TABLE inspections (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        received_ns INTEGER NOT NULL,
+        inspection TEXT NOT NULL,
+        answer TEXT NOT NULL
+    );
+    """,
+    """
+    CREATE TABLE decisions (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        received_ns INTEGER NOT NULL,
+        name TEXT NOT NULL,
+        verb TEXT NOT NULL,
+        done INTEGER NOT NULL DEFAULT 0,
+        refused TEXT
+    );
+    CREATE INDEX decisions_waiting ON decisions (done, id);
+    """,
+    """
+    ALTER TABLE windows ADD COLUMN number INTEGER NOT NULL DEFAULT 0;
+    UPDATE windows SET number = json_extract(record, '$.index');
+    CREATE INDEX windows_by_number ON windows (asset, number);
+    ALTER TABLE assets ADD COLUMN windows INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE assets ADD COLUMN updates INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE assets ADD COLUMN received_ns INTEGER;
+    UPDATE assets SET
+        windows = (SELECT COUNT(*) FROM windows AS w WHERE w.asset = assets.asset),
+        updates = (
+            SELECT COUNT(*) FROM windows AS w WHERE w.asset = assets.asset AND json_extract(w.record, '$.updated')
+        );
+    CREATE TABLE fault_totals (
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        kind TEXT NOT NULL,
+        channel TEXT NOT NULL,
+        action TEXT NOT NULL,
+        count INTEGER NOT NULL,
+        windows INTEGER NOT NULL,
+        PRIMARY KEY (asset, kind, channel, action)
+    ) WITHOUT ROWID;
+    INSERT INTO fault_totals
+        SELECT w.asset, json_extract(f.value, '$.kind'), json_extract(f.value, '$.channel'),
+            json_extract(f.value, '$.action'), SUM(json_extract(f.value, '$.count')), COUNT(DISTINCT w.start_ns)
+        FROM windows AS w, json_each(w.record, '$.faults') AS f
+        GROUP BY 1, 2, 3, 4;
+    """,
+)
+"""The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""
