@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from twin.rig_estimated import PARTS
 from twin.wear.laws import LAWS
 
 MEANINGS = {
@@ -91,6 +92,10 @@ MEANINGS = {
     "tolerances.accelerometer_gain": "std of the logarithm of an accelerometer's gain; 0.2",
     "tolerances.acceleration_floor": "amplitude of a line below which nothing is read from it; 0.002",
     "tolerances.torque_floor": "the same of the torque meter; 5e-4 of the rated torque",
+    "estimated.by": "program or person that made the estimates",
+    "estimated.parts": f"what of the file is estimated, each with its spread: {', '.join(PARTS)}",
+    "estimated.derived": "keys whose values follow from given ones by a formula or a standard",
+    "estimated.assumed": "keys whose values are generic",
     "operating.measurement_interval_revs": "planned between measurements; compared with the life that wear.K predicts",
     "operating.end_revs": "planned end of operation; compared with the life that wear.K predicts",
     "wear.max_depth_at_6000": "of both flanks together; compared with what wear.K predicts",
@@ -128,6 +133,8 @@ MEANINGS = {
     "bearings.ky_input": "each bearing of the pinion's shaft to the ground, y",
     "bearings.ky_output": "each bearing of the gear's shaft to the ground, y",
 } | {f"wear.{law.name}.{p.key}": p.meaning for law in LAWS.values() for p in law.parameters}
+
+MEANINGS |= {f"estimated.spread.{part}": f"std of the logarithm of {meaning}" for part, meaning in PARTS.items()}
 
 
 def table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:

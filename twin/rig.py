@@ -17,6 +17,7 @@ from twin.errors import NotAvailable
 from twin.geometry.gear_pair import GearPair
 from twin.rig_consistency import MEASURED, refuse_contradictions, torque_meter_nodes
 from twin.rig_derived import DERIVED
+from twin.rig_estimated import Estimated
 from twin.rig_schema import SCHEMA, checked
 from twin.rig_tolerances import Tolerances
 
@@ -126,6 +127,11 @@ class Rig:
     def tolerances(self) -> Tolerances:
         """How far machine and instruments may differ from the rig file; defaults where it states nothing."""
         return Tolerances.of(self.values)
+
+    @property
+    def estimated(self) -> Estimated:
+        """Which values of the rig file are estimates, and how far off they may be; nothing where it does not say so."""
+        return Estimated.of(self.values)
 
     def sensor_range(self, kind: str, channel: str) -> float | None:
         """Full scale of a channel, `accel` [m/s²] or `torque` [N·m]; None where the rig file does not state it."""

@@ -16,6 +16,7 @@ from twin.errors import NotAvailable, ParameterError
 from twin.geometry.gear_pair import GearPair
 from twin.mesh.stiffness import PairStiffness
 from twin.rig_derived import Get
+from twin.rig_estimated import PARTS
 from twin.rig_schema import DEGREES_OF_FREEDOM, TORSION_CHAINS, TORSION_LINKS
 
 ROUNDING = 1e-3  # relative difference that the rounding of a repeated value may make
@@ -32,6 +33,7 @@ def refuse_contradictions(get: Get, gear_pair: Callable[[], GearPair]) -> None:
     _layout(get)
     _sensors(get)
     _operating(get)
+    _estimated(get)
     try:
         pair = gear_pair()
     except NotAvailable:  # the geometry's own error names what is missing
@@ -132,6 +134,25 @@ def _operating(get: Get) -> None:
         raise ParameterError(
             f"operating.measurement_interval_revs = {interval:g} must not exceed operating.end_revs = {end:g}"
         )
+
+
+def _estimated(get: Get) -> None:
+    """Every estimated part has its spread, and every key that is listed has a value in the file."""
+    parts, spread = get("estimated.parts") or (), get("estimated.spread") or {}
+    for part in parts:
+        if part not in PARTS:
+            raise ParameterError(f"estimated.parts names {part!r}; known: {', '.join(PARTS)}")
+        if part not in spread:
+            raise ParameterError(
+                f"estimated.spread.{part} is missing: how far may the machine differ, as a deviation of ln?"
+            )
+    for part in spread:
+        if part not in parts:
+            raise ParameterError(f"estimated.spread.{part} is stated, but estimated.parts does not name {part}")
+    for kind in ("derived", "assumed"):
+        for key in get(f"estimated.{kind}") or ():
+            if get(key) is None:
+                raise ParameterError(f"estimated.{kind} names {key!r}, which has no value in the file")
 
 
 def _path_of_contact(get: Get, pair: GearPair) -> None:

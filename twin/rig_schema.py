@@ -14,6 +14,7 @@ from math import inf
 from typing import Any
 
 from twin.errors import ParameterError
+from twin.rig_estimated import PARTS
 from twin.wear.laws import LAWS
 
 DEGREES_OF_FREEDOM = (
@@ -204,6 +205,13 @@ SCHEMA: dict[str, Any] = {
         "accelerometer_gain": _Number("", 0, 3, "percent?"),
         "acceleration_floor": _Number("m/s²", 0, 1e3, "a level in g or mm/s²?"),
         "torque_floor": _Number("N·m", 0, 1e5, "N·mm?"),
+    },
+    "estimated": {
+        "by": _Text(),
+        "parts": _Names(),
+        "spread": {part: _Number("", 0, 3, "percent?") for part in PARTS},
+        "derived": _Names(),
+        "assumed": _Names(),
     },
     "operating": {
         "pinion_speed_hz": _Number("Hz", 0, 2000, "rev/min?"),

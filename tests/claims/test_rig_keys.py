@@ -27,6 +27,10 @@ FULL["tolerances"] |= {"accelerometer_gain": 0.2, "acceleration_floor": 0.002, "
 FULL["sensors"] |= {"temperature": ["oil"], "ranges": {"accel": {"y6": 500.0}, "torque": 50.0}}
 FULL["mesh"] |= {"stiffness_source": "energy"}
 FULL["couplings"]["lateral_stiffness"] = 1e6
+FULL["estimated"] = {
+    "by": "gear-twin init", "parts": ["structure"], "spread": {"structure": 0.5}, "derived": ["gears.addendum"],
+    "assumed": ["bearings.kx_input"],
+}  # fmt: skip
 
 DESCRIPTIVE = ("reference.",)  # the table that is declared as not used by the model
 OTHER_TEXT = {
@@ -38,6 +42,7 @@ OTHER_TEXT = {
     "sensors.encoder_output": "th10",
     "sensors.torque": "k_12_13*(th12-th13)",
     "end_of_life.criterion": "rms",
+    "estimated.by": "another",
 }
 
 
@@ -116,6 +121,7 @@ def outputs(rig):
         rig.accelerometer,
         rig.band,
         rig.tolerances,
+        rig.estimated,
         rig.sensor_range("accel", "y6"),
         rig.sensor_range("torque", "pinion"),
         Calibration.prior(rig),

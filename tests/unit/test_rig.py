@@ -11,6 +11,7 @@ from service.files.rig import expected_channels
 from tests.mesh_pairs import UNSW_RIG
 from twin.errors import NotAvailable, ParameterError
 from twin.rig import Rig
+from twin.rig_estimated import Estimated
 from twin.rig_schema import DEGREES_OF_FREEDOM, SCHEMA
 from twin.rig_tolerances import Tolerances
 
@@ -315,3 +316,40 @@ def test_torque_meter_that_is_no_torsional_spring_is_refused_with_those_that_are
 def test_torque_meter_without_a_place_is_between_motor_and_pinion():
     assert Rig.from_mapping(rig_with("sensors.torque", "measured")).torque_meter == (2, 3)
     assert Rig.from_mapping(rig_with("sensors.torque", "k_10_12*(th10-th12)")).torque_meter == (10, 12)
+
+
+ESTIMATED = {
+    "by": "gear-twin init",
+    "parts": ["structure", "wear"],
+    "spread": {"structure": 0.7, "wear": 1.0},
+    "derived": ["gears.addendum"],
+    "assumed": ["bearings.kx_input", "wear.K"],
+}
+
+
+def test_estimated_values_are_listed_with_their_spread():
+    estimated = Rig.from_mapping({**UNSW_RIG, "estimated": ESTIMATED}).estimated
+    assert estimated.parts == ("structure", "wear")
+    assert estimated.spread == {"structure": 0.7, "wear": 1.0}
+    assert (estimated.by, estimated.derived) == ("gear-twin init", ("gears.addendum",))
+    assert estimated.assumed == ("bearings.kx_input", "wear.K")
+
+
+def test_a_rig_file_without_the_table_is_not_estimated():
+    assert Rig.from_mapping(UNSW_RIG).estimated == Estimated()
+    assert Rig.from_mapping(UNSW_RIG).estimated.parts == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"parts": ["structure", "wear", "bearing"]}, "estimated.parts names 'bearing'; known: structure, inertias"),
+        ({"spread": {"structure": 0.7}}, "estimated.spread.wear is missing"),
+        ({"parts": ["wear"]}, "estimated.spread.structure is stated, but estimated.parts does not name structure"),
+        ({"assumed": ["bearings.kz_input"]}, "estimated.assumed names 'bearings.kz_input', which has no value"),
+        ({"spread": {"structure": 70, "wear": 1.0}}, "estimated.spread.structure = 70 is outside (0, 3]; percent?"),
+    ],
+)
+def test_an_estimated_table_that_cannot_be_is_refused(change, message):
+    with pytest.raises(ParameterError, match=re.escape(message)):
+        Rig.from_mapping({**UNSW_RIG, "estimated": ESTIMATED | change})
