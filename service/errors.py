@@ -4,6 +4,7 @@ ServiceError
 ├── InputError   something handed in that cannot be used: what, where, what would be right (exit status 2)
 │   ├── FrameError   one frame that breaks the contract: topic, field, value, allowed range
 │   └── StoreError   a database, or a state in it, that cannot be used: which, and why
+├── NotKept      raw signals that are not on disk, or not any more: which window, and which are
 └── DeliveryError    a stream that could not be delivered or joined in time
     └── NotReachable     the other side does not answer yet; it may later
 """
@@ -23,6 +24,10 @@ class FrameError(InputError):
 
 class StoreError(InputError):
     """Stored results that cannot be used."""
+
+
+class NotKept(ServiceError):
+    """Raw signals of a window that is not kept."""
 
 
 class DeliveryError(ServiceError):

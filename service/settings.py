@@ -60,7 +60,10 @@ class Settings(BaseSettings):
     )
 
     # results
-    data: Path = Field(default=Path(".gear-twin"), description="directory of the database")
+    data: Path = Field(default=Path(".gear-twin"), description="directory of the database and of the raw signals")
+    signal_bytes: int = Field(
+        default=256 * 2**20, ge=0, le=2**50, description="raw signals kept for viewing, an asset [bytes]; 0: none"
+    )
     http: str = Field(default="127.0.0.1:8080", pattern=_HOST_PORT, description="HOST:PORT of REST and the page")
 
     @field_validator("listen", "connect")

@@ -11,6 +11,7 @@ from fastapi import FastAPI
 from service.api import assets, effects, events, metrics, models, pages, problems
 from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
+from service.results.signal_store import SignalStore
 from service.results.store import ResultStore
 
 DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered as waiting [s]
@@ -23,12 +24,14 @@ def create_app(
     *,
     not_ready: Callable[[], str | None] = lambda: None,
     gauges: Callable[[], Mapping[str, float]] = dict,
+    signals: SignalStore | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
     queue      where decisions on effects are submitted; None where nobody carries them out: they are kept
     not_ready  why the service takes no frames yet, or None
     gauges     figures of the process for /metrics, by name: `queue_frames`, …
+    signals    raw signals of windows; None where none are kept
     """
     app = FastAPI(
         title="gear-twin",
@@ -38,6 +41,7 @@ def create_app(
         redoc_url=None,
     )
     app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
+    app.state.signals = signals
     app.state.queue = queue or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.registry = metrics.registry(board, store, gauges)

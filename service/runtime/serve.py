@@ -19,17 +19,20 @@ from service.errors import InputError
 from service.files.rig import checked_rig, load_mapping
 from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
+from service.results.signal_store import SignalStore
 from service.results.sqlite_store import SqliteStore
 from service.results.store import ResultStore
 from service.runtime import SERVES
 from service.runtime.http_server import HttpServer, address_of, listening_at
 from service.runtime.rigs import Rigs
+from service.runtime.signal_writer import SignalWriter
 from service.runtime.twin_port import Twin, gear_twin
 from service.runtime.worker import Worker
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
 
 DATABASE = "gear-twin.sqlite"
+SIGNALS = "signals"
 CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
 
 OpenStore = Callable[[], AbstractContextManager[ResultStore]]
@@ -63,8 +66,10 @@ def run(
         rigs.check()
         listening = stack.enter_context(listening_at(settings.http_host, settings.http_port))
         queue = DecisionQueue(store)
-        worker = Worker(settings, store, board, queue, rigs, twin, open_transport or _zenoh_of(settings))
-        app = create_app(board, store, queue, not_ready=worker.not_ready, gauges=worker.gauges)
+        signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
+        writer = SignalWriter(signals)
+        worker = Worker(settings, store, board, queue, rigs, twin, open_transport or _zenoh_of(settings), writer)
+        app = create_app(board, store, queue, not_ready=worker.not_ready, gauges=worker.gauges, signals=signals)
 
         def ending() -> None:
             worker.stop()
@@ -77,6 +82,7 @@ def run(
             server.run(sockets=[listening])
         finally:
             worker.end()
+            writer.end()
     if worker.failure is not None:
         raise worker.failure
     return 0

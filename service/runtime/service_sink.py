@@ -9,6 +9,7 @@ from collections.abc import Callable
 from service.results.board import Board
 from service.results.store import ResultStore, StoredWindow
 from service.runtime.pipeline import WindowOutcome
+from service.runtime.signal_writer import SignalWriter
 from service.runtime.state_publication import StatePublication
 
 log = logging.getLogger(__name__)
@@ -23,7 +24,9 @@ class ServiceSink:
         board: Board,
         publication: StatePublication,
         clock: Callable[[], int] = time.time_ns,
+        signals: SignalWriter | None = None,
     ) -> None:
+        self._signals = signals
         self._store, self._board, self._publication, self._clock = store, board, publication, clock
         self._received_ns = 0
         self._committed: StoredWindow | None = None
@@ -58,3 +61,5 @@ class ServiceSink:
             last_event_id=self._store.last_event_id(outcome.asset),
         )
         self._publication.publish(outcome.asset)
+        if self._signals is not None:
+            self._signals.offer(outcome)

@@ -17,6 +17,7 @@ from service.runtime.pipeline import Checkpoint, Pipeline, assembly_settings
 from service.runtime.pump import pump
 from service.runtime.rigs import OfferedRigs, Rigs
 from service.runtime.service_sink import ServiceSink
+from service.runtime.signal_writer import SignalWriter
 from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, StalenessWatch
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Twin, guarded
@@ -44,7 +45,9 @@ class Worker(threading.Thread):
         rigs: Rigs,
         twin: Twin,
         open_transport: OpenTransport,
+        signals: SignalWriter | None = None,
     ) -> None:
+        self._signals = signals
         super().__init__(name="twin", daemon=True)
         self._settings, self._store, self._board, self._queue = settings, store, board, queue
         self._rigs, self._twin, self._open_transport = rigs, guarded(twin, self._count_fault), open_transport
@@ -104,6 +107,7 @@ class Worker(threading.Thread):
             "missed_frames": network.get("missed_frames", 0),
             "callback_errors": self._inbox.errors + network.get("callback_errors", 0),
             "program_faults": self._faults,
+            **(self._signals.gauges() if self._signals else {}),
         }
 
     @contextmanager
@@ -126,7 +130,7 @@ class Worker(threading.Thread):
             pipeline = Pipeline(
                 lambda asset: self._rigs.of(asset, offered),
                 self._twin,
-                ServiceSink(self._store, self._board, publication),
+                ServiceSink(self._store, self._board, publication, signals=self._signals),
                 assembly=assembly_settings(self._settings),
                 before_window=self._end_if_stopping,
                 host_clock=time.time_ns,

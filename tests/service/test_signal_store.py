@@ -1,0 +1,258 @@
+"""Raw signals of windows: what is kept comes back as it was, takes no more room than it may, and survives a crash."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.errors import NotKept, StoreError
+from service.results.signal_store import SignalStore
+from service.results.signal_thinning import FIRST, NEWEST, REFUSED, KeptWindow, given_up
+from service.runtime.pipeline import WindowOutcome
+from service.runtime.signal_writer import SignalWriter
+from twin.windows import Edges, Fault, Samples, SlowValue, Window
+
+ROOT = Path(__file__).parents[2]
+START = 1_700_000_000_000_000_000
+
+
+def window(number: int = 0, samples: int = 4000, **changes) -> Window:
+    rng = np.random.default_rng(number)
+    values = rng.standard_normal(samples).astype(np.float32).astype(np.float64)
+    given = {
+        "start_time_ns": START + number * 10**9,
+        "accelerations": {"y6": Samples(rate=2000.0, start=0.0125, values=values)},
+        "torques": {"pinion": Samples(rate=2000.0, start=0.0, values=10 + rng.standard_normal(samples) / 3)},
+        "encoders": {"pinion": Edges(per_rev=64, first_index=2**53 + 1, times=np.cumsum(rng.random(100)) / 64)},
+        "slow": {"temperature/oil": SlowValue(value=341.5, count=3, age=0.2)},
+        "faults": (Fault(kind="gap", channel="accel/y6", count=3, action="repaired", detail="3 samples"),),
+        "quality": "repaired",
+    }
+    return Window(**given | changes)
+
+
+def outcome(number: int, **changes) -> WindowOutcome:
+    given = {
+        "asset": "unsw", "index": number, "window": window(number), "record": {"revolutions": 100.0 * number},
+        "state": None, "report": None, "events": (), "assembly": {}, "quality": {},
+    }  # fmt: skip
+    return WindowOutcome(**given | changes)
+
+
+def same(one: Window, other: Window) -> bool:
+    for field in ("accelerations", "torques", "encoders"):
+        a, b = getattr(one, field), getattr(other, field)
+        assert a.keys() == b.keys()
+        for name in a:
+            for attribute in type(a[name]).__slots__:
+                np.testing.assert_array_equal(getattr(a[name], attribute), getattr(b[name], attribute))
+    rest = ("start_time_ns", "slow", "faults", "quality")
+    return all(getattr(one, name) == getattr(other, name) for name in rest)
+
+
+def test_a_window_comes_back_exactly_as_it_was_also_after_a_restart(tmp_path):
+    lost = window(3)
+    lost.accelerations["y6"].values[17:20] = np.nan
+    SignalStore(tmp_path, 2**30).keep("unsw", 3, lost, revolutions=4095.25)
+    again = SignalStore(tmp_path, 2**30)
+    assert same(again.window("unsw", 3), lost)
+    (kept,) = again.kept("unsw")
+    assert (kept.number, kept.start_ns, kept.revolutions) == (3, lost.start_time_ns, 4095.25)
+    assert kept.bytes == sum(p.stat().st_size for p in tmp_path.rglob("*.npz"))
+
+
+def test_samples_that_arrived_as_float32_take_four_bytes_and_others_lose_nothing(tmp_path):
+    store = SignalStore(tmp_path, 2**30)
+    store.keep("unsw", 0, window())
+    (path,) = tmp_path.rglob("*.npz")
+    with np.load(path) as archive:
+        assert archive["accel/y6"].dtype == np.float32
+        assert archive["torque/pinion"].dtype == np.float64
+        assert archive["encoder/pinion"].dtype == np.float64
+
+
+def test_a_window_that_is_not_kept_says_which_are(tmp_path):
+    store = SignalStore(tmp_path, 2**30)
+    with pytest.raises(NotKept, match="none of this asset's windows are kept"):
+        store.window("unsw", 0)
+    store.keep("unsw", 4, window())
+    with pytest.raises(NotKept, match=r"window 0 of unsw are not kept; kept are 4$"):
+        store.window("unsw", 0)
+    (path,) = tmp_path.rglob("*.npz")
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(NotKept, match="is damaged"):
+        store.window("unsw", 4)
+
+
+def test_a_folder_that_cannot_be_used_is_one_clear_error(tmp_path):
+    (tmp_path / "signals").write_text("a file")
+    with pytest.raises(StoreError, match="cannot hold raw signals"):
+        SignalStore(tmp_path / "signals", 2**30)
+
+
+@pytest.mark.parametrize("asset", [".", "..", "a.b-c_1"])
+def test_no_name_of_an_asset_leaves_the_folder(tmp_path, asset):
+    store = SignalStore(tmp_path / "signals", 2**30)
+    store.keep(asset, 0, window())
+    assert [p.parent.parent for p in tmp_path.rglob("*.npz")] == [tmp_path / "signals"]
+    assert SignalStore(tmp_path / "signals", 2**30).indices(asset) == (0,)
+
+
+def test_nothing_is_kept_where_the_limit_is_zero(tmp_path):
+    store = SignalStore(tmp_path, 0)
+    assert not store.keep("unsw", 0, window())
+    assert store.indices("unsw") == ()
+
+
+def kept(number: int, **changes) -> KeptWindow:
+    return KeptWindow(**{"number": number, "start_ns": number, "revolutions": 10.0 * number, "bytes": 100} | changes)
+
+
+def thinned(windows, limit: int) -> list[KeptWindow]:
+    held: list[KeptWindow] = []
+    for w in windows:
+        held.append(w)
+        gone = given_up(held, limit)
+        held = [h for h in held if h not in gone]
+        assert sum(h.bytes for h in held) <= limit or len(held) == 1
+    return held
+
+
+def test_a_long_history_keeps_its_beginning_its_end_and_what_was_found_and_thins_the_rest_evenly():
+    held = thinned((kept(n, found=n in (333, 777)) for n in range(2000)), 6000)
+    numbers = [w.number for w in held]
+    assert numbers[:FIRST] == list(range(FIRST))
+    assert numbers[-NEWEST:] == list(range(2000 - NEWEST, 2000))
+    assert {333, 777} <= set(numbers) and len(numbers) == 60
+    steps = np.diff(numbers[FIRST - 1 : -NEWEST + 1])
+    assert steps.max() <= 4 * np.median(steps)
+
+
+def test_thinning_is_even_in_revolutions_not_in_windows():
+    turns = [*range(0, 1000, 10), *range(1000, 101_000, 1000)]
+    held = thinned((kept(n, revolutions=float(t)) for n, t in enumerate(turns)), 5000)
+    middle = [w for w in held[FIRST:-NEWEST]]
+    assert sum(w.revolutions > 1000 for w in middle) > 0.9 * len(middle)
+
+
+def test_of_refused_windows_only_the_newest_few_are_kept():
+    held = thinned((kept(n, refused=n % 2 == 0) for n in range(40)), 10**6)
+    assert [w.number for w in held if w.refused] == [40 - 2 * (i + 1) for i in range(REFUSED)][::-1]
+    assert sum(not w.refused for w in held) == 20
+
+
+def test_the_newest_window_is_kept_however_large_it_is_and_found_ones_give_way_at_last():
+    assert [w.number for w in thinned((kept(n, found=True) for n in range(100)), 1000)] == list(range(90, 100))
+    assert thinned([kept(0), kept(1, bytes=10**9)], 1000) == [kept(1, bytes=10**9)]
+
+
+def test_windows_without_a_revolution_count_are_thinned_by_their_number():
+    held = thinned((kept(n, revolutions=None) for n in range(500)), 4000)
+    steps = np.diff([w.number for w in held][FIRST - 1 : -NEWEST + 1])
+    assert steps.max() <= 4 * np.median(steps)
+
+
+def test_the_store_deletes_what_is_given_up(tmp_path):
+    store = SignalStore(tmp_path, 10**6)
+    store.keep("unsw", 0, window())
+    size = store.kept("unsw")[0].bytes
+    store = SignalStore(tmp_path, 30 * size)
+    for number in range(1, 60):
+        store.keep("unsw", number, window(number), revolutions=float(number))
+    assert sum(p.stat().st_size for p in tmp_path.rglob("*.npz")) <= 30 * size
+    assert len(list(tmp_path.rglob("*.npz"))) == len(store.indices("unsw"))
+    assert SignalStore(tmp_path, 30 * size).indices("unsw") == store.indices("unsw")
+
+
+def test_a_window_that_is_kept_again_replaces_the_earlier_one(tmp_path):
+    store = SignalStore(tmp_path, 2**30)
+    store.keep("unsw", 0, window(0), revolutions=1.0)
+    store.keep("unsw", 0, window(1), revolutions=2.0)
+    assert len(list(tmp_path.rglob("*.npz"))) == 1
+    assert same(store.window("unsw", 0), window(1))
+
+
+def test_the_writer_keeps_what_was_committed_and_marks_windows_at_which_an_effect_changed(tmp_path):
+    store = SignalStore(tmp_path, 2**30)
+    writer = SignalWriter(store)
+    for n in range(5):
+        writer.offer(outcome(n, events=(("effect", {}),) if n == 3 else ()))
+    writer.end()
+    assert store.indices("unsw") == (0, 1, 2, 3, 4)
+    assert [w.number for w in store.kept("unsw") if w.found] == [3]
+    assert writer.gauges() == {"signal_windows_waiting": 0, "signal_windows_left_out": 0}
+
+
+class Blocked(SignalStore):
+    """A store on a disk that does not answer until let go, or that is full."""
+
+    def __init__(self, folder, error: OSError | None = None):
+        super().__init__(folder, 2**30)
+        self.go, self.error = threading.Event(), error
+
+    def keep(self, *given, **options):
+        if self.error:
+            raise self.error
+        self.go.wait(30)
+        return super().keep(*given, **options)
+
+
+def test_a_slow_disk_holds_nobody_up_and_what_is_left_out_is_counted(tmp_path):
+    store = Blocked(tmp_path)
+    writer = SignalWriter(store, waiting_bytes=300_000)
+    begun = time.monotonic()
+    for n in range(20):
+        writer.offer(outcome(n))
+    assert time.monotonic() - begun < 1
+    left_out = writer.gauges()["signal_windows_left_out"]
+    assert 0 < left_out < 20
+    store.go.set()
+    writer.end()
+    assert len(store.indices("unsw")) == 20 - left_out
+
+
+def test_a_full_disk_is_counted_and_ends_nothing(tmp_path):
+    writer = SignalWriter(Blocked(tmp_path, OSError(28, "No space left on device")))
+    for n in range(3):
+        writer.offer(outcome(n))
+    writer.end()
+    assert writer.gauges() == {"signal_windows_waiting": 0, "signal_windows_left_out": 3}
+
+
+WRITES = """
+import sys, numpy as np
+from pathlib import Path
+from service.results.signal_store import SignalStore
+from tests.service.test_signal_store import window
+store = SignalStore(Path(sys.argv[1]), 2**30)
+for n in range(10_000):
+    store.keep("unsw", n, window(n, 40_000))
+    print(n, flush=True)
+"""
+
+
+def test_a_killed_process_leaves_whole_windows_only(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITES, str(tmp_path)], cwd=ROOT, stdout=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert process.stdout is not None
+    for line in process.stdout:
+        if int(line) == 5:
+            break
+    process.send_signal(signal.SIGKILL)
+    process.wait(10)
+    process.stdout.close()
+    store = SignalStore(tmp_path, 2**30)
+    assert set(range(6)) <= set(store.indices("unsw"))
+    for number in store.indices("unsw"):
+        assert same(store.window("unsw", number), window(number, 40_000))
+    assert not list(tmp_path.rglob("*.part"))
