@@ -38,3 +38,11 @@ def write_text(path: str | Path, text: str) -> None:
         Path(path).write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
+
+
+def wrote_json(value: Any, path: Path | None) -> bool:
+    """Writes a value where `--json` says so; whether that is standard output, which then carries nothing else."""
+    if path is None:
+        return False
+    write_text(path, json_text(value))
+    return str(path) == "-"

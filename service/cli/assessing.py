@@ -51,11 +51,9 @@ def assessed(
 
 def give(answer: dict[str, Any], json: Path | None) -> None:
     from service.cli.answer import print_answer
-    from service.json_text import json_text, write_text
+    from service.json_text import wrote_json
 
-    if json is not None:
-        write_text(json, json_text(answer))
-    if str(json) != "-":
+    if not wrote_json(answer, json):
         print_answer(answer)
 
 

@@ -8,18 +8,32 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell, windowing
 from service.cli.effects import app as effects
 from service.cli.example import app as example
+from service.json_text import write_text, wrote_json
+
+GROUPS = ("Get started", "Assess a machine", "Learn and calibrate", "Recordings and data")
+
+
+class Grouped(TyperGroup):
+    """Commands in the order in which people meet them."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """The names of the commands, by group and then in the order in which they were registered."""
+        names = super().list_commands(ctx)
+        return sorted(names, key=lambda name: GROUPS.index(getattr(self.commands[name], "rich_help_panel", DATA)))
+
 
 app = typer.Typer(
-    add_completion=False,
+    cls=Grouped,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Digital twin of gear wear: vibration in, wear depth and remaining life out.",
 )
-START, ANSWER, MODEL, DATA = "Get started", "Assess a machine", "Learn and calibrate", "Recordings and data"
+START, ANSWER, MODEL, DATA = GROUPS
 
 
 def _version(wanted: bool) -> None:
@@ -57,7 +71,6 @@ JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
 ]
 NoTrace = Annotated[bool, typer.Option("--no-trace", help="Model wear alone: do not search for other effects.")]
-JsonFlag = Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")]
 Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a service or router, such as tcp/127.0.0.1:7447.")]
 Listen = Annotated[list[str] | None, typer.Option(help="Endpoint at which to open a Zenoh router.")]
 
@@ -76,7 +89,6 @@ def assess(
     prefix: Prefix = "gearbox",
 ) -> None:
     """Evaluate a whole recording, as the service would: wear depth, remaining life, other effects."""
-    from service.json_text import json_text, write_text
     from service.runtime.assess import Unassessable
 
     try:
@@ -84,8 +96,7 @@ def assess(
             recording, rig, update.value, asset, prefix, trace=searches_effects(no_trace), relation=relation
         )
     except Unassessable as error:
-        if json is not None:
-            write_text(json, json_text(error.answer))
+        wrote_json(error.answer, json)
         raise
     give(answer, json)
 
@@ -101,9 +112,8 @@ def calibrate(
     asset: Asset = None,
     prefix: Prefix = "gearbox",
 ) -> None:
-    """Fit mesh stiffness, damping and contact width to low-speed and unworn windows; prints JSON."""
-    from service.cli.show import say
-    from service.json_text import json_text, write_text
+    """Fit mesh stiffness, damping and contact width to low-speed and unworn windows."""
+    from service.cli.calibration import calibration_text
 
     def enough(records: Any) -> bool:
         return sum(r["kind"] == "measurement" and r["quality"] != "refused" for r in records) >= unworn
@@ -111,24 +121,20 @@ def calibrate(
     answer = assessed(recording, rig, Update.fused.value, asset, prefix, enough, trace=False)
     used = [r["index"] for r in answer["windows"] if r["quality"] != "refused"]
     found = {"asset": answer["asset"], "windows": used, "calibration": answer["calibration"]}
-    write_text(json or "-", json_text(found))
-    if json is not None and str(json) != "-":
-        say(f"calibration from {len(used)} windows written to {json}")
+    if not wrote_json(found, json):
+        print(calibration_text(found))
 
 
 @app.command(rich_help_panel=ANSWER)
 def thresholds(
     rig: Annotated[Path | None, typer.Option(help="Rig file: show the sizes on this machine, too.")] = None,
-    json: JsonFlag = False,
+    json: JsonFile = None,
 ) -> None:
     """Print every number that decides a verdict, with its unit, meaning and source."""
     from service.cli.thresholds import described, print_table, rows
-    from service.json_text import json_text
 
     found = rows(rig)
-    if json:
-        print(json_text(described(found)))
-    else:
+    if not wrote_json(described(found), json):
         print_table(found, with_rig=rig is not None)
 
 
@@ -147,11 +153,10 @@ def replay(
     ] = float("inf"),
     wait: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for a router and a subscriber.")] = 30.0,
     prefix: Prefix = "gearbox",
-    json: JsonFlag = False,
+    json: JsonFile = None,
 ) -> None:
     """Publish a recording on Zenoh as it was recorded, or faster; ends when all of it has been delivered."""
     from service.cli.show import progress_bar
-    from service.json_text import json_text
     from service.runtime.replay import replay as run
 
     demand_finite("speed", speed)
@@ -169,11 +174,8 @@ def replay(
             on_fault=tell,
         )
     seconds = time.monotonic() - begun
-    print(
-        json_text({"frames": delivered, "seconds": seconds})
-        if json
-        else f"{delivered} frames delivered in {seconds:.2f} s"
-    )
+    if not wrote_json({"frames": delivered, "seconds": seconds}, json):
+        print(f"{delivered} frames delivered in {seconds:.2f} s")
 
 
 @app.command(rich_help_panel=DATA)
@@ -187,18 +189,14 @@ def record(
     rig: RigFile = None,
     description: Annotated[str, typer.Option(help="Text for the recording's metadata.")] = "recorded live",
     prefix: Prefix = "gearbox",
-    json: JsonFlag = False,
+    json: JsonFile = None,
 ) -> None:
     """Record a live stream into a file (MCAP)."""
     from service.cli.live import record_live
-    from service.json_text import json_text
 
     frames, refused = record_live(out, connect, listen, duration, rig, description, prefix)
-    print(
-        json_text({"recording": str(out), "frames": frames, "refused": refused})
-        if json
-        else f"{frames} frames recorded, {refused} refused: {out}"
-    )
+    if not wrote_json({"recording": str(out), "frames": frames, "refused": refused}, json):
+        print(f"{frames} frames recorded, {refused} refused: {out}")
 
 
 @app.command(rich_help_panel=DATA)
@@ -206,14 +204,13 @@ def simulate(
     spec: Annotated[Path, typer.Argument(metavar="SPEC", help="Specification of the campaign (TOML).")],
     out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
     truth: Annotated[Path | None, typer.Option(help="File for the true wear and effects (JSON).")] = None,
-    json: JsonFlag = False,
+    json: JsonFile = None,
 ) -> None:
     """Simulate a wear campaign into a recording, with an independent simulator."""
     from recordings import simulate_file
     from recordings.generator.errors import SpecError
     from service.cli.show import progress_bar
     from service.errors import InputError
-    from service.json_text import json_text
 
     with progress_bar("simulating") as bar:
         try:
@@ -222,7 +219,8 @@ def simulate(
             raise InputError(str(error)) from None
         except OSError as error:
             raise InputError(f"{error.filename}: {(error.strerror or 'fault').lower()}") from None
-    print(json_text({"recording": str(out), "truth": str(truth) if truth else None}) if json else f"simulated: {out}")
+    if not wrote_json({"recording": str(out), "truth": str(truth) if truth else None}, json):
+        print(f"simulated: {out}")
 
 
 @app.command(name="import", rich_help_panel=DATA)
@@ -234,16 +232,16 @@ def import_(
     source: Annotated[
         Path | None, typer.Option(help="Data file (CSV, CSV.gz, NPZ) instead of the one that the mapping names.")
     ] = None,
-    json: JsonFlag = False,
+    json: JsonFile = None,
 ) -> None:
     """Convert measured columns (CSV, NPZ) into a recording."""
     from service.cli.show import progress_bar
     from service.files.import_recording import import_recording
-    from service.json_text import json_text
 
     with progress_bar("importing") as bar:
         found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source)
-    print(json_text(found) if json else f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
+    if not wrote_json(found, json):
+        print(f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
     for label, counts in found["encoders"].items():
         if counts["illegal_transitions"] or counts["reversals"]:
             tell(f"{label}: {found['notes'][label]}")
@@ -254,7 +252,7 @@ def serve(
     listen: Listen = None,
     connect: Connect = None,
     http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080.")] = None,
-    rig: RigFile = None,
+    rig: Annotated[Path | None, typer.Option(help="Rig file of all assets that no other names.")] = None,
     data: Annotated[Path | None, typer.Option(help="Directory of the database; default: .gear-twin.")] = None,
     update: Annotated[Update | None, typer.Option(help="Method that sets the depth; default: fused.")] = None,
     no_trace: NoTrace = False,
@@ -277,12 +275,16 @@ def demo(
     exit_after: Annotated[
         bool, typer.Option("--exit", help="End after the summary; the exit status is 1 if anything failed.")
     ] = False,
-    http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080.")] = None,
+    http: Annotated[
+        str | None,
+        typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080, or a free port if it is in use."),
+    ] = None,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open the page in a browser.")] = False,
 ) -> int:
-    """Start the service, replay a bundled campaign into it, and print the result."""
+    """Start the service, replay a healthy and a faulty machine into it, and print what it says of them."""
     from service.runtime.demo import run
 
-    return run(settings_of(http=http), exit_after=exit_after)
+    return run(settings_of(http=http), exit_after=exit_after, browser=not (no_browser or exit_after))
 
 
 @app.command(rich_help_panel=ANSWER)
@@ -295,23 +297,21 @@ def report(
     no_trace: NoTrace = False,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
-    json: JsonFlag = False,
+    json: JsonFile = None,
 ) -> None:
     """Summarise an assessment as text or as one HTML page."""
     from service.cli.report import html_report, load_answer, text_report
-    from service.json_text import json_text, write_text
 
     answered = source.suffix == ".json"
     trace = searches_effects(no_trace)
     answer = load_answer(source) if answered else assessed(source, rig, Update.fused.value, asset, prefix, trace=trace)
     if out is not None:
         write_text(out, html_report(answer))
-    if json:
-        print(json_text(answer))
-    elif out is None:
+    printed = wrote_json(answer, json)
+    if out is not None:
+        tell(f"report written to {out}")
+    elif not printed:
         print(text_report(answer))
-    else:
-        print(f"report: {out}")
 
 
 @app.command(rich_help_panel=MODEL)
@@ -319,19 +319,19 @@ def baseline(
     recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING…", help="Recordings of the healthy machine.")],
     out: Annotated[Path, typer.Option(help="Baseline file to write.")],
     rig: RigFile = None,
-    json: JsonFlag = False,
+    json: JsonFile = None,
 ) -> None:
     """Learn a healthy baseline for a machine without a model: every spectral line against load and speed."""
     from service.cli.baseline_report import learned_text
     from service.contract.baseline import Baseline
     from service.files.baseline import learned, save
-    from service.json_text import json_text
     from twin.baseline.comparison import described
 
     found = learned(recordings, rig, windowing())
     save(found, out)
     said = Baseline.of(described(found)).as_json()
-    print(json_text(said) if json else learned_text(said))
+    if not wrote_json(said, json):
+        print(learned_text(said))
     tell(f"baseline written to {out}")
 
 
@@ -354,7 +354,6 @@ def relate(
     from service.errors import InputError
     from service.files import relation as relating
     from service.files.series import load_series
-    from service.json_text import json_text, write_text
     from twin.errors import TwinError
     from twin.levels.trials import try_all
 
@@ -373,13 +372,12 @@ def relate(
         except TwinError as error:
             raise InputError(f"{series}: {error}") from None
     answer = relating.answer(known, tried)
-    if json is not None:
-        write_text(json, json_text(answer))
+    printed = wrote_json(answer, json)
     if relation is not None:
         relating.save_relation(known, tried, relation)
     if out is not None:
         write_text(out, shown.page(answer))
-    if str(json) != "-":
+    if not printed:
         print(shown.text(answer))
     for path, what in ((out, "figures"), (relation, "relation")):
         if path is not None:
@@ -411,7 +409,6 @@ def diagnose(
     from service.cli.encoder_pair import with_assumed_radii
     from service.cli.report import load_answer
     from service.files.baseline import energy_of
-    from service.json_text import json_text, write_text
 
     if baseline is not None:
         answer = baseline_report.answered(source, baseline, rig)
@@ -423,11 +420,10 @@ def diagnose(
             answer["energy_breakdown"] = energy_of(source, rig, windowing())
     if base_radii_mm is not None:
         answer = with_assumed_radii(answer, base_radii_mm)
-    if json is not None:
-        write_text(json, json_text(answer))
+    printed = wrote_json(answer, json)
     if out is not None:
         write_text(out, page(answer) if baseline is None else baseline_figures.page(answer))
-    if str(json) != "-":
+    if not printed:
         print(text(answer) if baseline is None else baseline_report.text(answer))
     if out is not None:
         tell(f"figures written to {out}")

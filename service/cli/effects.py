@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import json
+import json as json_module
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any
 from urllib.error import HTTPError, URLError
 from urllib.parse import quote
@@ -21,7 +22,9 @@ Names = Annotated[
         help="The effect, such as misalignment; before it the asset, if the service has several.",
     ),
 ]
-JsonFlag = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
+]
 LOCAL = "http://127.0.0.1:8080"
 WAIT = 60.0  # [s]
 
@@ -30,18 +33,17 @@ WAIT = 60.0  # [s]
 def list_(
     asset: Annotated[str | None, typer.Argument(metavar="ASSET", help="The asset; all where none is given.")] = None,
     url: Url = LOCAL,
-    json: JsonFlag = False,
+    json: JsonFile = None,
 ) -> None:
     """Show the effects with their evidence."""
     from rich.console import Console
 
     from service.cli.diagnosis import effect_table
-    from service.json_text import json_text
+    from service.json_text import wrote_json
 
     names = [asset] if asset else [a["asset"] for a in _call(url, "/v1/assets")]
     found = {name: _call(url, f"/v1/assets/{quote(name, safe='')}/effects") for name in names}
-    if json:
-        print(json_text(found))
+    if wrote_json(found, json):
         return
     console = Console()
     console = console if console.is_terminal else Console(width=170)
@@ -53,41 +55,39 @@ def list_(
 
 
 @app.command()
-def accept(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
+def accept(names: Names, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Confirm an effect: it stays, its size may still be refined."""
     _decide(url, names, "accept", json)
 
 
 @app.command()
-def reject(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
+def reject(names: Names, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Remove an effect from the model; it is not added again until released."""
     _decide(url, names, "reject", json)
 
 
 @app.command()
-def pin(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
+def pin(names: Names, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Keep an effect with exactly these numbers, whatever later windows show."""
     _decide(url, names, "pin", json)
 
 
 @app.command()
-def release(names: Names, url: Url = LOCAL, json: JsonFlag = False) -> None:
+def release(names: Names, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Let the data decide on an effect again."""
     _decide(url, names, "release", json)
 
 
-def _decide(url: str, names: list[str], verb: str, as_json: bool) -> None:
+def _decide(url: str, names: list[str], verb: str, json: Path | None) -> None:
     from service.errors import InputError
-    from service.json_text import json_text
+    from service.json_text import wrote_json
 
     *before, name = names
     if len(before) > 1:
         raise InputError(f"{' '.join(names)}: one effect at a time, after its asset's name")
     asset = before[0] if before else _only_asset(url)
     answer = _call(url, f"/v1/assets/{quote(asset, safe='')}/effects/{quote(name, safe='')}", {"decision": verb})
-    if as_json:
-        print(json_text(answer))
-    else:
+    if not wrote_json(answer, json):
         when = "done" if answer["done"] else "queued; applied after the current window"
         print(f"{verb} {name} of {asset}: {when}")
 
@@ -107,14 +107,14 @@ def _call(url: str, path: str, body: Mapping[str, Any] | None = None) -> Any:
     """The service's answer; InputError with its own words where it refuses, or where nothing answers."""
     from service.errors import InputError
 
-    data = None if body is None else json.dumps(body).encode()
+    data = None if body is None else json_module.dumps(body).encode()
     try:
         request = Request(url.rstrip("/") + path, data, {"Content-Type": "application/json"})
         with urlopen(request, timeout=WAIT) as response:
-            return json.load(response)
+            return json_module.load(response)
     except HTTPError as error:
         try:
-            detail = json.load(error)["detail"]
+            detail = json_module.load(error)["detail"]
         except (ValueError, KeyError, TypeError):
             detail = f"status {error.code}"
         raise InputError(f"{url}: {detail}") from None

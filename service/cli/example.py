@@ -33,18 +33,17 @@ def misalignment(
     """Spur gears misaligned by 1° as bodies on shafts (Dąbrowski et al. 2012); about 50 s plus the draws."""
     from service.cli.figure_style import STYLE
     from service.cli.show import progress_bar, say
-    from service.json_text import json_text, write_text
+    from service.json_text import write_text, wrote_json
     from studies.misalignment.plots import page
     from studies.misalignment.report import as_numbers, text
     from studies.misalignment.study import study
 
     with progress_bar("computing") as bar:
         found = study(bar, draws=draws)
-    if json is not None:
-        write_text(json, json_text(as_numbers(found)))
+    printed = wrote_json(as_numbers(found), json)
     if out is not None:
         write_text(out, page(found, STYLE))
-    if str(json) != "-":
+    if not printed:
         print(text(found))
     if out is not None:
         say(f"figures written to {out}")

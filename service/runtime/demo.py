@@ -1,4 +1,4 @@
-"""The whole of gear-twin at once: a service, a recorded campaign replayed into it, and what came of it.
+"""The whole of gear-twin at once: a service, two machines replayed into it, and what it says of them.
 
 The service is a process of its own, the replay a client of its Zenoh endpoint, and the figures come from
 its REST answers: nothing here differs from real use.
@@ -6,6 +6,7 @@ its REST answers: nothing here differs from real use.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import random
@@ -18,8 +19,9 @@ import threading
 import time
 import urllib.error
 import urllib.request
+import webbrowser
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -35,7 +37,9 @@ from service.runtime.replay import replay
 from service.settings import Settings
 from service.stream.sources.mcap import read_windows
 
-RECORDING = Path(__file__).parents[2] / "recordings" / "paper-campaign.mcap"
+BUNDLED = Path(__file__).parents[2] / "recordings"
+RECORDINGS = (BUNDLED / "short-campaign.mcap", BUNDLED / "faulty-campaign.mcap")  # a healthy machine and a faulty one
+HTTP = "127.0.0.1:8080"  # where it is free
 START_WAIT = 60.0  # how long the service may take to start [s]
 STALL_WAIT = 180.0  # how long the service may take for one window [s]
 STOP_WAIT = 20.0
@@ -59,47 +63,68 @@ class Terminated(BaseException):
 def run(
     settings: Settings,
     exit_after: bool = False,
-    recording: Path = RECORDING,
+    recordings: Sequence[Path] = RECORDINGS,
     console: Console | None = None,
     command: Sequence[str] = (sys.executable, "-m", "service", "serve"),
+    browser: bool = False,
 ) -> int:
     """Runs the demo; 0 where all went well. Without `exit_after` the service runs on until interrupted.
 
     Whatever ends the demo, a termination signal included, ends its service first.
+
+    browser  whether to open the page in a browser, where there is one
     """
     console = console or Console()
-    if not Path(recording).exists():
-        raise InputError(f"{recording}: there is no such recording to replay")
+    for recording in recordings:
+        if not Path(recording).exists():
+            raise InputError(f"{recording}: there is no such recording to replay")
     try:
         with _termination_raises():
-            return _run(settings, exit_after, Path(recording), console, command)
+            return _run(settings, exit_after, [Path(r) for r in recordings], console, command, browser)
     except Terminated:
         console.print("ended")
         return TERMINATED
 
 
-def _run(settings: Settings, exit_after: bool, recording: Path, console: Console, command: Sequence[str]) -> int:
+def _run(
+    settings: Settings,
+    exit_after: bool,
+    recordings: Sequence[Path],
+    console: Console,
+    command: Sequence[str],
+    browser: bool,
+) -> int:
     with ExitStack() as stack:
         settings = _on_free_ports(settings, stack)
         try:
             service = stack.enter_context(_service(settings, command))
             address = f"http://{settings.http}"
-            asset, answer = _replayed(settings, address, recording, service, console)
-            counts = next(a for a in _get(f"{address}/v1/assets") if a["asset"] == asset)
-            quality = answer.get("data_quality", {}).get("windows", {})
-            console.print(_summary(counts, answer))
-            console.print(f"Page:  {address}/    REST:  {address}/docs")
-            _demand(answer, quality)
+            console.print(f"Page:  {address}/    REST:  {address}/docs", highlight=False)
+            if browser:
+                _open(f"{address}/")
+            for recording in recordings:
+                asset, answer = _replayed(settings, address, recording, service, console)
+                counts = next(a for a in _get(f"{address}/v1/assets") if a["asset"] == asset)
+                console.print(_summary(counts, answer))
+                _demand(answer, answer.get("data_quality", {}).get("windows", {}))
         except (DemoFailed, DeliveryError) as error:
             console.print(f"[bold red]failed:[/] {error}", highlight=False)
             return 1
         if not exit_after:
-            console.print("Service is running. Press Ctrl-C to stop.")
+            console.print(f"Service is running at {address}/. Press Ctrl-C to stop.", highlight=False)
             try:
                 return service.wait()
             except KeyboardInterrupt:
                 console.print("ended")
     return 0
+
+
+def _open(address: str) -> None:
+    """Opens the page in a graphical browser, where there is one; says nothing where there is none."""
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return
+    with suppress(webbrowser.Error):
+        webbrowser.open(address)
 
 
 @contextmanager
@@ -125,7 +150,8 @@ def _on_free_ports(settings: Settings, stack: ExitStack) -> Settings:
     changes: dict[str, Any] = {}
     ports = iter(random.sample(PORTS, TRIED))
     if "http" not in given:
-        changes["http"] = f"127.0.0.1:{free_port(ports)}"
+        preferred = int(HTTP.rpartition(":")[2])
+        changes["http"] = f"127.0.0.1:{free_port(itertools.chain([preferred], ports))}"
     if "listen" not in given:
         changes["listen"] = [f"tcp/127.0.0.1:{free_port(ports)}"]
     if "data" not in given:
@@ -209,6 +235,7 @@ def _replayed(
     with Progress(*columns, console=console) as progress:
         task = progress.add_task(f"Replaying {recording.name}", total=expected)
         delivering.start()
+        before = sum(_window_counts(address).values())
         newest, since, replayed = 0, time.monotonic(), dict[str, int]()
         while newest < expected:
             time.sleep(POLL)
@@ -216,8 +243,8 @@ def _replayed(
                 raise DemoFailed(f"the replay failed: {failed[0]}")
             if service.poll() is not None:
                 raise DemoFailed(f"the service ended with status {service.returncode}")
-            replayed = {a["asset"]: a["windows"] for a in _get(f"{address}/v1/assets") or []}
-            taken = sum(replayed.values())
+            replayed = _window_counts(address)
+            taken = sum(replayed.values()) - before
             if taken > newest:
                 newest, since = taken, time.monotonic()
                 progress.update(task, completed=newest)
@@ -229,6 +256,11 @@ def _replayed(
     if answer is None:
         raise DemoFailed(f"the service does not know {asset}")
     return asset, answer
+
+
+def _window_counts(address: str) -> dict[str, int]:
+    """How many windows the service has of each asset."""
+    return {a["asset"]: a["windows"] for a in _get(f"{address}/v1/assets") or []}
 
 
 def _demand(answer: Mapping[str, Any], quality: Mapping[str, int]) -> None:
@@ -245,6 +277,8 @@ def _summary(counts: Mapping[str, Any], answer: Mapping[str, Any]) -> Table:
     windows, wear, rul = answer["windows"], answer["wear"], answer["rul"]
     last = windows[-1] if windows else {}
     table = Table(title=f"{counts['asset']} after {_number(last.get('revolutions'), 6)} revolutions", show_header=False)
+    status = answer["status"]
+    table.add_row("status", "\n".join([status["level"].replace("_", " "), *status["reasons"]]))
     table.add_row("windows", str(counts["windows"]))
     table.add_row("updates", str(counts["updates"]))
     if is_available(wear):

@@ -186,7 +186,7 @@ def test_effects_command_lists_and_decides(tmp_path, recording):
         assert done.returncode == 0 and done.stdout == "accept misalignment of unsw: done\n"
         assert call("pin", "misalignment").stdout == "pin misalignment of unsw: done\n"  # there is one asset alone
         assert "one effect at a time" in call("pin", "unsw", "misalignment", "tooth_crack").stderr
-        listed = json.loads(call("list", "--json").stdout)
+        listed = json.loads(call("list", "--json", "-").stdout)
         assert [e["name"] for e in listed["unsw"]] == ["misalignment"]
         wrong = call("pin", "unsw", "tooth_friction")
         assert wrong.returncode == 2 and wrong.stderr.count("\n") == 1 and "not in the twin" in wrong.stderr

@@ -29,13 +29,18 @@ def said(monkeypatch):
     return io.StringIO()
 
 
+def here(**given):
+    """Settings at a free address, since other tests may run a demo at the same time."""
+    return Settings(http=f"127.0.0.1:{free_port()}", **given)
+
+
 def show(said):
     return Console(file=said, width=120, color_system=None)
 
 
 def test_demo_replays_sums_up_and_ends_with_status_0(tmp_path, said):
     recording = write_recording(tmp_path / "short.mcap", 4)
-    status = run(Settings(), exit_after=True, recording=recording, console=show(said), command=FAKE)
+    status = run(here(), exit_after=True, recordings=[recording], console=show(said), command=FAKE)
     text = said.getvalue()
     assert status == 0, text
     for words in ("windows", "4", "updates", "2.7e-06 /N", "maximum wear depth", "remaining life", "http://127"):
@@ -44,16 +49,16 @@ def test_demo_replays_sums_up_and_ends_with_status_0(tmp_path, said):
 
 def test_demo_waits_for_the_windows_that_its_settings_make(tmp_path, said):
     recording = write_recording(tmp_path / "short.mcap", 2)
-    chosen = Settings(window_length=0.5)
+    chosen = here(window_length=0.5)
     expected = len(read_windows(recording, assembly_settings(chosen))[2])
     assert expected > 4
-    status = run(chosen, exit_after=True, recording=recording, console=show(said), command=FAKE)
+    status = run(chosen, exit_after=True, recordings=[recording], console=show(said), command=FAKE)
     assert status == 0 and f"{expected}/{expected} windows" in said.getvalue(), said.getvalue()
 
 
 def test_demo_of_a_machine_whose_wear_is_not_available_fails_and_says_why(tmp_path, said):
     recording = write_recording(tmp_path / "bare.mcap", 2, rig=None)
-    status = run(Settings(), exit_after=True, recording=recording, console=show(said), command=FAKE)
+    status = run(here(), exit_after=True, recordings=[recording], console=show(said), command=FAKE)
     assert status == 1
     assert "failed: wear is not available: the rig file does not give gears.module" in said.getvalue()
 
@@ -61,20 +66,20 @@ def test_demo_of_a_machine_whose_wear_is_not_available_fails_and_says_why(tmp_pa
 def test_demo_whose_service_does_not_start_fails_and_says_why(tmp_path, said):
     recording = write_recording(tmp_path / "short.mcap", 1)
     command = (sys.executable, "-c", "raise SystemExit('no room on this machine')")
-    status = run(Settings(), exit_after=True, recording=recording, console=show(said), command=command)
+    status = run(here(), exit_after=True, recordings=[recording], console=show(said), command=command)
     assert status == 1 and "no room on this machine" in said.getvalue()
 
 
 def test_demo_without_its_recording_names_it(tmp_path):
     with pytest.raises(InputError, match=r"absent\.mcap: there is no such recording"):
-        run(Settings(), exit_after=True, recording=tmp_path / "absent.mcap")
+        run(here(), exit_after=True, recordings=[tmp_path / "absent.mcap"])
 
 
 def test_demo_at_an_address_in_use_fails_and_does_not_show_the_other_service_as_its_own(tmp_path, said):
     recording = write_recording(tmp_path / "short.mcap", 1)
     with service(tmp_path / "other") as other:
         settings = Settings(http=other.http)
-        status = run(settings, exit_after=True, recording=recording, console=show(said), command=FAKE)
+        status = run(settings, exit_after=True, recordings=[recording], console=show(said), command=FAKE)
         assert status == 1 and other.get("/v1/assets") == []
     assert "the service did not start" in said.getvalue() and "address already in use" in said.getvalue()
 
@@ -89,7 +94,7 @@ from service.settings import Settings
 
 console = Console(width=120, color_system=None)
 recording, twin, http = sys.argv[1:]
-leave(run(Settings(http=http), recording=Path(recording), console=console, command=(sys.executable, twin)))
+leave(run(Settings(http=http), recordings=[Path(recording)], console=console, command=(sys.executable, twin)))
 """
 
 
@@ -98,7 +103,7 @@ def test_terminated_demo_takes_its_service_with_it(tmp_path, said):
     command = [sys.executable, "-c", DEMO, str(recording), FAKE[1], http]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as demo:
         for line in demo.stdout:
-            if "Service is running. Press Ctrl-C to stop." in line:
+            if "Press Ctrl-C to stop." in line:
                 break
         with urllib.request.urlopen(f"http://{http}/healthz", timeout=10) as answer:
             assert answer.status == 200
@@ -106,3 +111,25 @@ def test_terminated_demo_takes_its_service_with_it(tmp_path, said):
         assert demo.wait(30) == 128 + signal.SIGTERM
     with pytest.raises(urllib.error.URLError, match="refused"):
         urllib.request.urlopen(f"http://{http}/healthz", timeout=10)
+
+
+def test_demo_prints_the_address_of_the_page_before_it_replays(tmp_path, said):
+    recordings = [write_recording(tmp_path / f"{name}.mcap", 2, asset=name) for name in ("healthy", "faulty")]
+    assert run(here(), exit_after=True, recordings=recordings, console=show(said), command=FAKE) == 0
+    text = said.getvalue()
+    assert text.index("Page:  http://127") < text.index("Replaying healthy.mcap") < text.index("Replaying faulty.mcap")
+    for asset in ("healthy", "faulty"):
+        assert f"{asset} after" in text
+
+
+def test_demo_opens_the_page_only_where_there_is_a_graphical_browser(tmp_path, said, monkeypatch):
+    recording, opened = write_recording(tmp_path / "short.mcap", 1), []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    given = {"exit_after": True, "recordings": [recording], "console": show(said), "command": FAKE}
+    assert run(here(), browser=True, **given) == 0 and opened == []
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert run(here(), browser=True, **given) == 0
+    assert len(opened) == 1 and opened[0].startswith("http://127.0.0.1:")

@@ -119,7 +119,7 @@ def test_scales_of_a_rig_file_with_tooth_counts_alone_are_those_that_need_no_mor
 
 def test_command_prints_the_register_with_sizes_on_a_rig():
     command = [sys.executable, "-m", "service", "thresholds", "--rig", "recordings/rigs/unsw.toml"]
-    done = subprocess.run([*command, "--json"], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run([*command, "--json", "-"], cwd=ROOT, capture_output=True, text=True, check=True)
     rows = {(row["set"], row["name"]): row for row in json.loads(done.stdout)}
     swing = rows["RattleThresholds", "largest_swing"]
     assert (swing["share_of"], swing["on_this_rig_unit"]) == ("rated torque", "N·m")
