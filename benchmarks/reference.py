@@ -97,6 +97,7 @@ MEANINGS = {
     "estimated.derived": "keys whose values follow from given ones by a formula or a standard",
     "estimated.assumed": "keys whose values are generic",
     "operating.measurement_interval_revs": "planned between measurements; compared with the life that wear.K predicts",
+    "operating.hours_per_day": "running time per day, from which the date of the end of life follows",
     "operating.end_revs": "planned end of operation; compared with the life that wear.K predicts",
     "wear.max_depth_at_6000": "of both flanks together; compared with what wear.K predicts",
     "wear.pinion_share": "z2/(z1 + z2); checked where given",

@@ -218,6 +218,7 @@ SCHEMA: dict[str, Any] = {
         "input_torque": _Number("N·m", -1e6, 1e6, "N·mm?"),
         "calibration_points": _Numbers(),
         "measurement_interval_revs": _Number("rev", 0, 1e12),
+        "hours_per_day": _Number("h", 0, 24),
         "end_revs": _Number("rev", 0, 1e15),
     },
     "wear": {

@@ -32,6 +32,7 @@ from twin.state_v1 import migrated_state
 from twin.tracing.state import Tracing
 from twin.updating.memory import Memory
 from twin.updating.residual import WindowResidual
+from twin.updating.running_time import Marks
 
 SCHEMA_VERSION = 2
 
@@ -80,6 +81,7 @@ class State:
     residual_records: Records = ()  # variances of the gears' residuals, which NA4 compares with
     tracing: Tracing = field(default_factory=Tracing)  # the twin with 0, 1, … of its effects, and its history
     fallen: FallenCount | None = None  # while windows of a lower count are refused
+    running: Marks = ()  # running time and clock at some of the windows
 
     @property
     def memory(self) -> Memory:
@@ -97,6 +99,7 @@ class State:
             "residual_records": to_plain(self.residual_records),
             "tracing": self.tracing.to_dict(),
             "fallen": to_plain(self.fallen),
+            "running": to_plain(self.running),
         }
 
     @classmethod
@@ -120,4 +123,5 @@ class State:
             residual_records=from_plain(Records, data.get("residual_records", ())),
             tracing=Tracing.from_dict(data["tracing"]),
             fallen=from_plain(FallenCount | None, data.get("fallen")),
+            running=from_plain(Marks, data.get("running", ())),
         )

@@ -26,6 +26,7 @@ from twin.state import State
 from twin.tracing.attribution_loop import decide as decided
 from twin.tracing.decisions import Decision
 from twin.updating.history import WindowInput, replay_history
+from twin.updating.running_time import with_mark
 from twin.updating.update import NEEDED
 from twin.windows import Window
 
@@ -61,9 +62,11 @@ def _context(rig: Rig, state: State, window: Window, options: Options) -> Contex
         raise WindowError(
             f"the window has neither a usable vibration level nor a shaft speed: {'; '.join(dict.fromkeys(reasons))}"
         )
+    state = with_count_checked(rig, state, features)
+    marks = with_mark(state.running, window.start_time_ns, features.revolutions, features.speed_hz)
     return Context(
         rig=rig,
-        state=with_count_checked(rig, state, features),
+        state=replace(state, running=marks),
         window=window,
         options=options,
         input=_window_input(rig, state, window, features, options),
@@ -113,7 +116,7 @@ def decide(rig: Rig, state: State, decision: Decision, options: Options = DEFAUL
     outcome = replace(known[-1][1], memory=state.memory)
     result = decided(rig, state.tracing, decision, outcome, options.updating)
     recent = recent_residuals(rig, (), result.again or tuple(known))
-    assessment = answer_of(rig, result.tracing, recent, result.outcome)
+    assessment = answer_of(rig, state, result.tracing, recent, result.outcome)
     event = EffectEvent(action=decision.verb, name=decision.name, window=latest.index)
     assessment = replace(assessment, events=(*result.events, event))
     return state_after(state, result.tracing, recent, assessment), assessment

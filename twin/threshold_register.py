@@ -75,6 +75,7 @@ from twin.updating.measurement import DepthScatter
 from twin.updating.model_cache import CurveDepths
 from twin.updating.prediction import LearnedFactors
 from twin.updating.remaining_life import LifeScatter
+from twin.updating.running_time import RunningLimits
 from twin.updating.segments import SegmentLimits
 from twin.updating.tracker import RateDrift
 from twin.updating.update import CalibrationWindows
@@ -146,6 +147,7 @@ SETS: tuple[type, ...] = (
     CurveDepths,
     LearnedFactors,
     LifeScatter,
+    RunningLimits,
     SegmentLimits,
     RateDrift,
     CalibrationWindows,

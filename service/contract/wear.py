@@ -6,7 +6,17 @@ from typing import Any
 
 from pydantic import Field
 
-from service.contract.base import DEGREE, HOUR, MICROMETRE, MILLIMETRE, Band, ContractModel, NotAvailable, in_unit
+from service.contract.base import (
+    DEGREE,
+    HOUR,
+    MICROMETRE,
+    MILLIMETRE,
+    Band,
+    ContractModel,
+    NotAvailable,
+    in_unit,
+    iso_time,
+)
 from service.contract.window import Methods
 from twin import assessment
 
@@ -136,6 +146,44 @@ class Wear(ContractModel):
         )
 
 
+class LifeDistribution(ContractModel):
+    """Quantiles of a remaining life: with each probability, no more than this is left."""
+
+    probability: list[float]
+    revolutions: list[float | None] = Field(description="null where no bound is known")
+    hours: list[float | None]
+
+    @classmethod
+    def of(cls, life: assessment.Life) -> LifeDistribution:
+        left = [revolutions for _, revolutions in life.distribution]
+        return cls(
+            probability=[p for p, _ in life.distribution],
+            revolutions=left,
+            hours=[in_unit(n, HOUR * life.speed) for n in left],
+        )
+
+
+class LifeDate(ContractModel):
+    """When the remaining life ends, at a running time per day; null where no bound is known within a hundred years."""
+
+    median: str | None = Field(description="ISO 8601, by the recordings' clock")
+    p05: str | None
+    p95: str | None
+    since: str = Field(description="start of the window from which it is counted")
+    hours_per_day: float
+    source: str = Field(description="of the running time per day: `rig file` or `observed`")
+
+    @classmethod
+    def of(cls, date: assessment.LifeDate) -> LifeDate:
+        median, p05, p95 = (
+            None if time is None else iso_time(time) for time in (date.median_ns, date.p05_ns, date.p95_ns)
+        )
+        return cls(
+            median=median, p05=p05, p95=p95, since=iso_time(date.since_ns), hours_per_day=24 * date.running_share,
+            source=date.source,
+        )  # fmt: skip
+
+
 class Rul(ContractModel):
     """Remaining useful life at the present operating condition."""
 
@@ -147,9 +195,17 @@ class Rul(ContractModel):
     speed_hz: float
     torque_nm: float
     reason: str | None = Field(default=None, description="why only the lower bound is known")
+    distribution: LifeDistribution | None = Field(default=None, description="the life as a distribution")
+    date: LifeDate | NotAvailable | None = Field(default=None, description="when it ends")
 
     @classmethod
     def of(cls, life: assessment.Life) -> Rul:
+        parts: dict[str, Any] = {}
+        if life.distribution:
+            parts["distribution"] = LifeDistribution.of(life)
+        if life.date is not None:
+            date = life.date
+            parts["date"] = NotAvailable.of(date) if isinstance(date, assessment.Unavailable) else LifeDate.of(date)
         return cls(
             criterion=life.criterion,
             max_depth_um=life.limit / MICROMETRE,
@@ -159,6 +215,7 @@ class Rul(ContractModel):
             speed_hz=life.speed,
             torque_nm=life.torque,
             reason=life.reason,
+            **parts,
         )
 
 

@@ -94,3 +94,25 @@ def test_a_machine_that_does_not_wear_has_no_upper_bound_of_its_life_but_a_lower
 
 def test_a_life_is_stated_once_the_wear_rate_is_above_its_uncertainty():
     assert life(track(spread=0.6)).measurable and not life(track(spread=0.62)).measurable
+
+
+def test_quantiles_and_probabilities_are_of_one_distribution():
+    found = life(track())
+    for p in (0.01, 0.2, 0.5, 0.8, 0.99):
+        assert 1 - found.beyond(found.quantile(p)) == pytest.approx(p)
+    assert found.quantile(0.5) == pytest.approx(found.median)
+    assert found.quantile(0.05) == pytest.approx(found.p05, rel=1e-4)
+    assert found.beyond(0.0) == 1.0 and found.beyond(1e9) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_reached_end_leaves_the_chance_that_it_is_not():
+    found = remaining_life(track(share=0.93), CURVE, 0.0, 55e-6, 0.03)
+    assert 0 < found.beyond(0.0) < 0.5
+    assert 1 - found.beyond(found.p95) == pytest.approx(0.95, abs=1e-3)
+
+
+def test_life_without_an_upper_bound_states_a_probability_up_to_its_lower_bound_only():
+    idle = replace(track(share=0.01), var_rate=(10 * RATE) ** 2)
+    found = life(idle)
+    assert found.beyond(0.5 * found.p05) == 0.95 and found.beyond(2 * found.p05) is None
+    assert found.quantile(0.05) == pytest.approx(found.p05, rel=1e-3) and found.quantile(0.1) == float("inf")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from twin.assessment.values import Interval
+from twin.assessment.values import Interval, Unavailable
 from twin.assessment.window import MethodEstimates
 
 
@@ -82,6 +82,18 @@ class LevelWear:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LifeDate:
+    """When a remaining life ends; None where no bound is known, or it lies further ahead than a date is stated for."""
+
+    since_ns: int  # start of the window from which it is counted [Unix ns]
+    running_share: float  # of the time
+    source: str  # of the running share: "rig file" or "observed"
+    median_ns: int | None
+    p05_ns: int | None
+    p95_ns: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Life:
     """Remaining useful life at the present operating condition."""
 
@@ -93,3 +105,5 @@ class Life:
     speed: float  # of the condition [Hz]
     torque: float  # [N·m]
     reason: str | None = None  # why only the lower bound of the life is known
+    distribution: tuple[tuple[float, float | None], ...] = ()  # probability, revolutions left at most; None: no bound
+    date: LifeDate | Unavailable | None = None

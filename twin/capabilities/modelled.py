@@ -31,6 +31,7 @@ from twin.updating.calibrated import calibration_of
 from twin.updating.history import WindowInput, update_window
 from twin.updating.life import life_of
 from twin.updating.residual import WindowResidual, residual_of_window, residual_over
+from twin.updating.running_time import dated
 from twin.updating.update import NEEDED, UpdateOutcome
 from twin.updating.wear_now import depth_of, methods_of, wear_coefficient, wear_of
 
@@ -62,7 +63,7 @@ def assess(context: Context, draft: Draft) -> Draft:
     recent = recent_residuals(rig, state.recent, ((context.input, result.outcome),))
     if result.again:
         recent = recent_residuals(rig, (), result.again)
-    assessment = answer_of(rig, result.tracing, recent, result.outcome)
+    assessment = answer_of(rig, state, result.tracing, recent, result.outcome)
     record = _record(context, result.outcome, result.tracing)
     events: list[Event] = [*result.events]
     if result.outcome.updated:
@@ -77,14 +78,16 @@ def assess(context: Context, draft: Draft) -> Draft:
     )
 
 
-def answer_of(rig: Rig, tracing: Tracing, recent: tuple[WindowResidual, ...], outcome: UpdateOutcome) -> Assessment:
+def answer_of(
+    rig: Rig, state: State, tracing: Tracing, recent: tuple[WindowResidual, ...], outcome: UpdateOutcome
+) -> Assessment:
     """The answer of a machine with a model, without a window's record."""
     rattles = separates_teeth(tracing)
     unexplained = unexplained_of(recent, doubts_of(rig, outcome), tracing.error)
     return Assessment(
         window=None,
         wear=Unavailable(reason=RATTLE) if rattles else wear_of(rig, outcome),
-        life=Unavailable(reason=RATTLE) if rattles else life_of(rig, outcome),
+        life=Unavailable(reason=RATTLE) if rattles else dated(rig, life_of(rig, outcome), state.running),
         residual=residual_over(recent),
         effects=effects_of(tracing),
         unexplained=with_unknown_content(tracing, unexplained),

@@ -15,9 +15,10 @@ import numpy as np
 from twin.assessment import Interval, Life, Unavailable
 from twin.rig import Rig
 from twin.thresholds import deciding
-from twin.updating.remaining_life import remaining_life
+from twin.updating.remaining_life import RemainingLife, remaining_life
 from twin.updating.update import UpdateOutcome
 
+PROBABILITIES = (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # of the quantiles stated
 NO_RATE = "the wear rate cannot be distinguished from zero yet, so only a lower bound of the remaining life is known"
 
 
@@ -55,8 +56,7 @@ def life_of(rig: Rig, outcome: UpdateOutcome, spread: LifeSpread = LIFE_SPREAD) 
     if not by_rms and outcome.estimate is not None and outcome.estimate.depth > 0:
         common = min(outcome.estimate.std / outcome.estimate.depth, 1.0)
     found = remaining_life(track, outcome.curve, outcome.memory.segments[-1].start_work, limit, common)
-    median, p95 = (float(bound) if np.isfinite(bound) else None for bound in (found.median, found.p95))
-    revolutions = Interval(median=median, p05=float(found.p05), p95=p95)
+    revolutions = interval_of(found)
     return Life(
         criterion=rig.get("end_of_life.criterion", "max_depth"),
         limit=limit,
@@ -66,4 +66,14 @@ def life_of(rig: Rig, outcome: UpdateOutcome, spread: LifeSpread = LIFE_SPREAD) 
         speed=outcome.condition.speed_hz,
         torque=outcome.condition.torque,
         reason=None if found.measurable else NO_RATE,
+        distribution=tuple((p, _bound(found.quantile(p))) for p in PROBABILITIES),
     )
+
+
+def interval_of(found: RemainingLife) -> Interval:
+    """Median and band [revolutions]."""
+    return Interval(median=_bound(found.median), p05=float(found.p05), p95=_bound(found.p95))
+
+
+def _bound(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -16,13 +16,32 @@ logarithm of their ratio its standard deviation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import exp, inf, log
+from statistics import NormalDist
+from typing import Protocol
 
 import numpy as np
 
 from twin.quantiles import Z95
 from twin.thresholds import deciding
 from twin.updating.tracker import RATE, WearTrack
-from twin.wear.curve import MasterCurve
+
+NORMAL = NormalDist()
+
+
+class WorkCurve(Protocol):
+    """What a life reads of a wear curve: of one operating condition, or of several in turn."""
+
+    @property
+    def loss_from(self) -> float | None: ...
+
+    def work_at(self, depth: float) -> float: ...
+
+    def depth_at(self, work: float) -> float: ...
+
+    def work_per_depth(self, depth: float) -> float: ...
+
+    def valid_within(self, depth: float) -> float: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +77,7 @@ class LifeScatter:
 LIFE = LifeScatter()
 
 
-def _through_contact_loss(curve: MasterCurve, depth: float, end_depth: float) -> tuple[float, float]:
+def _through_contact_loss(curve: WorkCurve, depth: float, end_depth: float) -> tuple[float, float]:
     """What contact loss adds to the curve's work between two depths [rad/N], and its standard deviation."""
     if curve.loss_from is None or end_depth <= max(curve.loss_from, depth):
         return 0.0, 0.0
@@ -71,18 +90,56 @@ def _through_contact_loss(curve: MasterCurve, depth: float, end_depth: float) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RemainingLife:
-    """Pinion revolutions to the end-of-life depth."""
+    """Pinion revolutions to the end-of-life depth, as a distribution."""
 
-    median: float
-    p05: float
-    p95: float
-    reached: bool  # the depth is already beyond the criterion
+    to_go: float  # work still to go [rad/N], negative beyond the end
+    rate: float  # κ [rad/N per revolution]
+    rate_std: float
+    end_std: float = 0.0  # of the work still to go, where the end is reached [rad/N]
+    spread: float = 0.0  # standard deviation of ln N, where the life is log-normal
+    reached: bool = False  # the depth is already beyond the criterion
     measurable: bool = True  # False where no wear rate is measurable: then p05 alone holds, the others are infinite
+
+    @property
+    def median(self) -> float:
+        return self.at(0.0)
+
+    @property
+    def p05(self) -> float:
+        return self.at(-Z95)
+
+    @property
+    def p95(self) -> float:
+        return self.at(Z95)
+
+    def quantile(self, probability: float) -> float:
+        """The revolutions that are left at most with a probability."""
+        return self.at(NORMAL.inv_cdf(probability))
+
+    def at(self, score: float) -> float:
+        """The revolutions left at a standard normal score; infinite where there is no bound."""
+        if self.reached:
+            return max(0.0, (self.to_go + score * self.end_std) / self.rate)
+        if not self.measurable:
+            return self.to_go / (self.rate - score * self.rate_std) if score < 1e-3 - Z95 else inf
+        return self.to_go / self.rate * exp(score * self.spread)
+
+    def beyond(self, revolutions: float) -> float | None:
+        """The probability that more than so many revolutions are left; None where only a lower bound is known."""
+        if revolutions < 0:
+            return 1.0
+        if self.reached:
+            return NORMAL.cdf((self.to_go - self.rate * revolutions) / self.end_std) if self.end_std > 0 else 0.0
+        if not self.measurable:
+            return None if revolutions > self.p05 else 0.95
+        if revolutions == 0:
+            return 1.0
+        return 1 - NORMAL.cdf(log(revolutions * self.rate / self.to_go) / self.spread)
 
 
 def remaining_life(
     track: WearTrack,
-    curve: MasterCurve,
+    curve: WorkCurve,
     base_work: float,
     end_depth: float,
     common_scatter: float = 0.0,
@@ -98,14 +155,12 @@ def remaining_life(
     end = base_work + curve.work_at(end_depth)
     to_go = end - track.work
     if to_go <= 0:
-        perhaps = to_go + Z95 * float(np.hypot(common_scatter * end, track.work_std))
-        return RemainingLife(median=0.0, p05=0.0, p95=max(0.0, perhaps / track.rate), reached=True)
+        end_std = float(np.hypot(common_scatter * end, track.work_std))
+        return RemainingLife(to_go=to_go, rate=track.rate, rate_std=track.rate_std, end_std=end_std, reached=True)
     added, unsure = _through_contact_loss(curve, curve.depth_at(track.work - base_work), end_depth)
     to_go += added
     if track.rate <= scatter.measurable * track.rate_std:
-        least = to_go / (track.rate + Z95 * track.rate_std)
-        return RemainingLife(median=float("inf"), p05=least, p95=float("inf"), reached=False, measurable=False)
-    median = to_go / track.rate
+        return RemainingLife(to_go=to_go, rate=track.rate, rate_std=track.rate_std, measurable=False)
     beyond = (
         max(0.0, end - max(track.work, base_work + curve.work_at(min(curve.valid_within(end_depth), end_depth))))
         / to_go
@@ -119,5 +174,6 @@ def remaining_life(
         + (scatter.extrapolated * beyond) ** 2
         + (unsure / to_go) ** 2
     )
-    spread = float(np.exp(Z95 * np.sqrt(np.log1p(relative**2))))
-    return RemainingLife(median=median, p05=median / spread, p95=median * spread, reached=False)
+    return RemainingLife(
+        to_go=to_go, rate=track.rate, rate_std=track.rate_std, spread=float(np.sqrt(np.log1p(relative**2)))
+    )
