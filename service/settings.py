@@ -11,7 +11,10 @@ from typing import Literal
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from twin.attention import StatusLimits
+
 _HOST_PORT = r"^(\[[0-9A-Fa-f:.]+\]|[^:\s]+):\d{1,5}$"
+HOUR = 3600.0  # [s]
 
 
 class Settings(BaseSettings):
@@ -59,6 +62,14 @@ class Settings(BaseSettings):
         default=True, description="whether to search for effects besides wear, and to add them to the model"
     )
 
+    life_horizon_hours: float = Field(
+        default=0.0,
+        ge=0,
+        le=1e6,
+        description="how far ahead the status looks for the end of life [h of operation], where that is more than "
+        "a tenth of the revolutions so far",
+    )
+
     # results
     data: Path = Field(default=Path(".gear-twin"), description="directory of the database and of the raw signals")
     signal_bytes: int = Field(
@@ -74,6 +85,11 @@ class Settings(BaseSettings):
             if not (protocol and slash and address):
                 raise ValueError(f"endpoint {endpoint!r} must read protocol/address, such as tcp/127.0.0.1:7447")
         return endpoints
+
+    @property
+    def status_limits(self) -> StatusLimits:
+        """When a depth or a life calls for attention."""
+        return StatusLimits(horizon_time=self.life_horizon_hours * HOUR)
 
     @property
     def http_host(self) -> str:

@@ -1,4 +1,4 @@
-"""When a remaining life calls for attention.
+"""When a wear depth or a remaining life calls for attention.
 
     P(life ≤ x) = Φ(ln(x/m)/s),      s = ln(m/p05)/z95
 
@@ -20,13 +20,25 @@ from twin.thresholds import deciding
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatusLimits:
-    """When a remaining life calls for attention."""
+    """When a wear depth or a remaining life calls for attention."""
 
     horizon: float = deciding(
         0.1,
         of="revolutions run so far",
         meaning="how far ahead the end of life is looked for",
         source="not derived: chosen so that a tenth of the life so far is left to plan a repair",
+    )
+    horizon_time: float = deciding(
+        0.0,
+        unit="s",
+        meaning="the same as a time of operation; the wider of the two counts",
+        source="not derived: a setting of the user (GEAR_TWIN_LIFE_HORIZON_HOURS); 0 leaves the share of revolutions",
+    )
+    depth_share: float = deciding(
+        0.8,
+        of="wear depth at the end of life",
+        meaning="wear depth from which the level is watch",
+        source="not derived: chosen so that a fifth of the allowed depth is left to plan a repair",
     )
     possible: float = deciding(
         0.05,
@@ -41,6 +53,28 @@ class StatusLimits:
 
 
 STATUS_LIMITS = StatusLimits()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Horizon:
+    """How far ahead the end of life is looked for."""
+
+    revolutions: float  # of the pinion
+    time: float  # the same at the present speed [s]
+    stated: bool  # whether the stated time is the wider; else the share of the revolutions run so far
+
+
+def horizon_of(run: float | None, speed: float, limits: StatusLimits = STATUS_LIMITS) -> Horizon | None:
+    """The wider of the share of the revolutions run so far and of the stated time; None where neither is known.
+
+    run    pinion revolutions so far; None where they are not known
+    speed  of the pinion at the present condition [Hz]
+    """
+    shared, stated = limits.horizon * (run or 0.0), limits.horizon_time * speed
+    ahead = max(shared, stated)
+    if ahead <= 0 or speed <= 0:
+        return None
+    return Horizon(revolutions=ahead, time=ahead / speed, stated=stated > shared)
 
 
 def probability_within(life: Interval, ahead: float) -> float:

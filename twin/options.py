@@ -1,10 +1,11 @@
-"""How the twin is updated by a window."""
+"""How the twin is updated by a window, and when what it finds calls for attention."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
 
+from twin.attention import STATUS_LIMITS, StatusLimits
 from twin.baseline.learned import Baseline
 from twin.errors import ParameterError
 from twin.levels.relation import Relation
@@ -15,7 +16,7 @@ UPDATES = ("fused", "rms")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """How the twin is updated."""
+    """How the twin is updated and judged."""
 
     update: str = "fused"  # what sets the wear depth: the encoders ("fused") or the RMS ("rms")
     error_threshold: float = 0.05  # relative RMS error above which a window updates the twin (paper 4.2)
@@ -23,6 +24,7 @@ class Options:
     trace: bool = True  # whether effects that the model lacks are sought and added
     baseline: Baseline | None = None  # a healthy baseline, for machines without a model
     relation: Relation | None = None  # of level and wear depth, for machines without a model
+    status_limits: StatusLimits = STATUS_LIMITS  # when a depth or a life calls for attention
 
     def __post_init__(self) -> None:
         if self.update not in UPDATES:

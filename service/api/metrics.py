@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -14,6 +14,8 @@ from prometheus_client.registry import Collector
 from service.api import models
 from service.api.problems import problem, responses
 from service.contract.base import iso_time
+from service.contract.findings import SEVERITY
+from service.contract.status import DATA_LEVELS
 from service.results.board import Board, Snapshot
 from service.results.store import ResultStore
 
@@ -65,6 +67,7 @@ class BoardCollector(Collector):
 
     def collect(self) -> Iterator[Metric]:
         snapshots = [s for name in self._board.assets() if (s := self._board.get(name))]
+        yield from _health(snapshots)
         frames = CounterMetricFamily("gear_twin_frames", "Frames received", labels=("asset", "channel"))
         stream = CounterMetricFamily(
             "gear_twin_frame_faults",
@@ -115,6 +118,18 @@ class BoardCollector(Collector):
         yield from (frames, stream, windows, faults, updates, received, stale, effects, decisions, depth, life)
         for key, value in self._gauges().items():
             yield GaugeMetricFamily(f"gear_twin_{key}", key.replace("_", " "), value=value)
+
+
+def _health(snapshots: Sequence[Snapshot]) -> Iterator[Metric]:
+    """Status and data quality, each as one gauge a level: 1 at the level that holds, 0 at the others."""
+    status = GaugeMetricFamily("gear_twin_status", "1 at the machine's status, 0 elsewhere", labels=("asset", "level"))
+    data = GaugeMetricFamily("gear_twin_data", "1 at the quality of the data, 0 elsewhere", labels=("asset", "level"))
+    for snapshot in snapshots:
+        for family, key, levels in ((status, "status", SEVERITY), (data, "data", DATA_LEVELS)):
+            holds = snapshot.whole[key]["level"]
+            for level in levels:
+                family.add_metric((snapshot.asset, level), float(level == holds))
+    yield from (status, data)
 
 
 def _add_frames(snapshot: Snapshot, frames: CounterMetricFamily, faults: CounterMetricFamily) -> None:

@@ -71,7 +71,7 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
     counts = answer["data_quality"]["windows"]
     listed = ", ".join(f"{count} {grade}" for grade, count in counts.items() if count)
     return [
-        *_status(answer.get("status")),
+        *status_lines(answer.get("status"), answer.get("data")),
         *_wear(answer["wear"], (answer.get("rig") or {}).get("mesh_stiffness")),
         *_life(answer),
         f"Effects besides wear: {', '.join(names) if names else 'none found'}",
@@ -81,10 +81,16 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _status(status: Any) -> list[str]:
+def status_lines(status: Any, data: Any = None) -> list[str]:
+    """The machine's health with its reasons, what to do, and apart from it whether the data are usable."""
     if not isinstance(status, Mapping) or not status.get("level"):
         return []
-    return [" ".join([f"Status: {status['level'].replace('_', ' ')}.", *(status.get("reasons") or ())])]
+    lines = [" ".join([f"Status: {status['level'].replace('_', ' ')}.", *(status.get("reasons") or ())])]
+    if status.get("action"):
+        lines.append(f"Action: {status['action']}")
+    if isinstance(data, Mapping) and data.get("level"):
+        lines.append(f"Data: {data['level']}; {data.get('reason')}")
+    return lines
 
 
 def _wear(wear: Mapping[str, Any], mesh_stiffness: str | None) -> list[str]:

@@ -32,7 +32,7 @@ def assessed(
         from service.files.relation import read_relation
 
         known = read_relation(relation)
-    options = Options(update=update, trace=trace, relation=known)
+    options = Options(update=update, trace=trace, relation=known, status_limits=settings_of().status_limits)
     with progress_bar("assessing") as bar:
         answer = run(
             recording,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from pydantic import Field
@@ -13,7 +13,7 @@ from service.contract.baseline import Baseline, UnattributedLines
 from service.contract.effects import Effect, Residual, Unexplained
 from service.contract.encoder_pair import EncoderPair
 from service.contract.rig import RigSummary
-from service.contract.status import Status, lowered, none_yet, with_data_quality
+from service.contract.status import Added, DataStatus, Status, data_of, none_yet, shown
 from service.contract.wear import Rul, Wear, part_of
 from service.contract.window import WindowRecord
 from twin import assessment
@@ -22,6 +22,7 @@ SCHEMA_VERSION = 2
 WINDOWS_SHOWN = 100  # latest window records that the service's answer about an asset carries
 SECTIONS = ("wear", "rul", "residual", "effects", "unexplained", "calibration", "tracing")
 NO_WINDOW = "no window has been assessed by the twin yet"
+NO_WHOLE_WINDOW = "no whole measurement window has been received yet"
 
 
 class Asset(ContractModel):
@@ -30,6 +31,7 @@ class Asset(ContractModel):
     schema_version: int
     asset: str
     status: Status
+    data: DataStatus = Field(description="whether usable data come; separate from the machine's health")
     windows: list[WindowRecord] = Field(description="the service carries the latest 100; `assess` all of them")
     windows_total: int
     wear: Wear | NotAvailable
@@ -70,6 +72,18 @@ def report_of(found: assessment.Assessment, status: Status) -> dict[str, Any]:
     return parts
 
 
+def health_of(
+    report: Mapping[str, Any] | None,
+    records: Sequence[Mapping[str, Any]],
+    stale: tuple[str, str] | None = None,
+    added: Sequence[Added] = (),
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """`status` and `data` as they are shown; the arguments are those of `assemble`."""
+    data = data_of(records, stale, NO_WHOLE_WINDOW)
+    status = (report or {}).get("status") or none_yet(NO_WINDOW)
+    return shown(status, data, added), data.as_json()
+
+
 def assemble(
     asset: str,
     records: Iterable[Mapping[str, Any]],
@@ -77,26 +91,26 @@ def assemble(
     quality: Mapping[str, Any],
     windows_total: int | None = None,
     stale: tuple[str, str] | None = None,
+    added: Sequence[Added] = (),
 ) -> dict[str, Any]:
     """The whole answer: window records, the twin's newest report and the data quality.
 
     windows_total  how many windows there are, where `records` are the latest of them only
     stale          why no whole window has come for longer than the service allows, and since when; None where one has
+    added          what the service found besides the assessment: active alarms
     """
     blank = {name: [] if name == "effects" else not_available(NO_WINDOW) for name in SECTIONS}
     if report is not None:
         blank["tracing"] = not_available("no search for effects has been made in this asset's windows")
     windows = [dict(record) for record in records]
     parts = {**blank, **(report or {})}
-    status = parts.pop("status", None) or none_yet(NO_WINDOW)
-    status = with_data_quality(status, windows[-1] if windows else None)
-    if stale is not None:
-        reason, since = stale
-        status = lowered(status, f"{reason[:1].upper()}{reason[1:]}.", since)
+    parts.pop("status", None)
+    status, data = health_of(report, windows, stale, added)
     return {
         "schema_version": SCHEMA_VERSION,
         "asset": asset,
         "status": status,
+        "data": data,
         "windows": windows,
         "windows_total": len(windows) if windows_total is None else windows_total,
         **parts,

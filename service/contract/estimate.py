@@ -18,6 +18,7 @@ from service.contract.status import status_of
 from service.contract.wear import Rul
 from service.contract.window import WindowRecord
 from twin import assessment
+from twin.attention import STATUS_LIMITS, StatusLimits
 from twin.options import Options
 from twin.rig import Rig
 from twin.state import State
@@ -44,20 +45,20 @@ class Estimate:
 def step(rig: Rig, state: State, window: Window, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
     """`twin.step.step` with its assessment as an estimate."""
     state, found = twin.step.step(rig, state, window, options)
-    return state, estimate_of(found)
+    return state, estimate_of(found, options.status_limits)
 
 
 def decide(rig: Rig, state: State, decision: Decision, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
     """`twin.step.decide` with its assessment as an estimate."""
     state, found = twin.step.decide(rig, state, decision, options)
-    return state, estimate_of(found)
+    return state, estimate_of(found, options.status_limits)
 
 
-def estimate_of(found: assessment.Assessment) -> Estimate:
+def estimate_of(found: assessment.Assessment, limits: StatusLimits = STATUS_LIMITS) -> Estimate:
     """An assessment as strict JSON data."""
     return Estimate(
         record={} if found.window is None else WindowRecord.of(found.window).as_json(),
-        report=report_of(found, status_of(found)),
+        report=report_of(found, status_of(found, limits)),
         events=tuple(_event(event) for event in found.events),
     )
 

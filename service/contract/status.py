@@ -1,39 +1,35 @@
-"""`status`: what a person should know first about a machine.
+"""`status` and `data`: what a person should know first about a machine, and whether usable data come from it.
 
-The level is the most severe that any rule of RULES gives; every rule that applies adds its sentence. `normal` is said
-only where no rule applies, so that nothing that the contract names as an alarm can pass for normal:
+The level is that of the most severe finding (service/contract/findings.py), the reasons are those of all findings, and
+the action is that of the first. `normal` is said only where there is no finding, so that nothing that the contract
+names as an alarm can pass for normal. What the service knows besides the assessment is added where the state is shown:
 
-| rule | level |
+| what | level |
 | --- | --- |
-| the end-of-life criterion is reached | end_of_life |
-| the end of life is probable within the horizon | alarm |
-| the end of life is possible within the horizon | watch |
-| an effect of the alarm class | alarm |
-| any other effect, or a change against a baseline | watch |
-| content that no effect makes (`unknown_effect`) | watch |
-| the wear depth is beyond the validity of the model | watch |
-| the encoders contradict the stated ratio | watch |
-| no wear depth, no baseline and no pair to judge by | no_verdict |
-| the verdict is `insufficient_data` | no_verdict |
 | the latest window is refused or degraded | no_verdict |
 | no whole window for longer than the service allows | no_verdict |
+| an active alarm on a level, an indicator or a temperature | that of the alarm |
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 from pydantic import Field
 
-from service.contract.base import HOUR, MICROMETRE, ContractModel, iso_time
+from service.contract.base import ContractModel, iso_time
+from service.contract.findings import SEVERITY, Finding, Level, by_severity, findings_of, sentence
 from twin import assessment
-from twin.attention import STATUS_LIMITS, StatusLimits, probability_within
-from twin.effects import EFFECTS
+from twin.attention import STATUS_LIMITS, StatusLimits
 
-Level = Literal["normal", "no_verdict", "watch", "alarm", "end_of_life"]
-SEVERITY: tuple[Level, ...] = ("normal", "no_verdict", "watch", "alarm", "end_of_life")
+DataLevel = Literal["waiting", "ok", "degraded", "stale"]
+DATA_LEVELS: tuple[DataLevel, ...] = ("waiting", "ok", "degraded", "stale")
+NORMAL_REASON = "The twin explains the vibration, and wear is far from its limit."
+NO_ACTION = "No action needed."
+WAIT = "Send the first measurement window: nothing can be said of the machine before."
+RENEW = "Send a new measurement window: it renews the figures."
+CHECK = "Check the data before the machine is judged"
 
 
 class Since(ContractModel):
@@ -48,156 +44,56 @@ class Status(ContractModel):
 
     level: Level
     reasons: list[str] = Field(description="one sentence each, most important first")
+    action: str = Field(default=NO_ACTION, description="what to do: one sentence in the imperative")
+    findings: list[Finding] = Field(default=[], description="what the level is made of, most severe first")
     since: Since | None = Field(default=None, description="when this level was reached")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
-    """One rule that applies."""
+class DataStatus(ContractModel):
+    """Whether usable data come; says nothing of the machine's health."""
 
-    level: Level
+    level: DataLevel
     reason: str
+    since: str | None = Field(default=None, description="when it became degraded or stale, ISO 8601")
 
 
-Rule = Callable[[assessment.Assessment, StatusLimits], Iterable[Finding]]
+class Added(ContractModel):
+    """A finding of the service that is not in the assessment."""
+
+    finding: Finding
+    since: str | None = None  # ISO 8601
 
 
-def _life(found: assessment.Assessment, limits: StatusLimits) -> Iterable[Finding]:
-    life = found.life
-    if not isinstance(life, assessment.Life):
-        return
-    depth = _depth(found)
-    if life.reached or (depth is not None and depth >= life.limit):
-        at = "" if depth is None else f"{depth / MICROMETRE:.1f} µm of "
-        yield Finding(level="end_of_life", reason=f"The wear depth has reached {at}{life.limit / MICROMETRE:.1f} µm.")
-        return
-    run = None if found.window is None else found.window.revolutions
-    if not run:
-        return
-    ahead = limits.horizon * run
-    chance = probability_within(life.revolutions, ahead)
-    if chance > limits.possible:
-        level: Level = "alarm" if chance > limits.probable else "watch"
-        hours = ahead / life.speed / HOUR
-        yield Finding(
-            level=level,
-            reason=f"The end of life ({life.limit / MICROMETRE:.0f} µm) is reached within {ahead:,.0f} revolutions "
-            f"({hours:.3g} h) with a probability of {100 * chance:.0f} %.",
-        )
-
-
-def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterable[Finding]:
-    for effect in found.effects:
-        known = EFFECTS.get(effect.name)
-        alarm = known is not None and known.facts.alarm_class == "alarm"
-        label = effect.name.replace("_", " ") if known is None else known.facts.label
-        what = f"{label[:1].upper()}{label[1:]}"
-        where = f" in {', '.join(effect.channels)}" if effect.channels else ""
-        sizes = ", ".join(_size(name, p) for name, p in effect.parameters.items())
-        yield Finding(
-            level="alarm" if alarm else "watch",
-            reason=f"{what} was found{where}" + (f": {sizes}." if sizes else "."),
-        )
-
-
-def _size(name: str, parameter: assessment.ParameterValue) -> str:
-    value, unit = parameter.value, parameter.unit
-    if unit == "m":
-        value, unit = value / MICROMETRE, "µm"
-    return f"{name.replace('_', ' ')} {value:.3g}" + (f" {unit}" if unit else "")
-
-
-def _unknown(found: assessment.Assessment, limits: StatusLimits) -> Iterable[Finding]:
-    left = found.unexplained
-    if left.verdict == "unknown_effect":
-        reason = _sentence(f"The vibration has a cause that no effect explains: {left.reason}")
-        yield Finding(level="watch", reason=reason)
-
-
-def _validity(found: assessment.Assessment, limits: StatusLimits) -> Iterable[Finding]:
-    wear, depth = found.wear, _depth(found)
-    if isinstance(wear, assessment.Wear) and depth is not None and not wear.validity.valid:
-        ends = [wear.validity.steady_state_to, wear.validity.contact_loss_from or wear.validity.steady_state_to]
-        yield Finding(
-            level="watch",
-            reason=f"The wear depth of {depth / MICROMETRE:.1f} µm is beyond the validity of "
-            f"the model ({min(ends) / MICROMETRE:.1f} µm).",
-        )
-
-
-def _pair(found: assessment.Assessment, limits: StatusLimits) -> Iterable[Finding]:
-    pair = found.encoder_pair
-    if isinstance(pair, assessment.EncoderPair) and pair.stated is not None and pair.stated.contradicted:
-        yield Finding(
-            level="watch",
-            reason=f"The encoders' ratio {pair.ratio.value:.4f} contradicts {pair.stated.source}.",
-        )
-
-
-def _basis(found: assessment.Assessment, limits: StatusLimits) -> Iterable[Finding]:
-    if isinstance(found.wear, assessment.Unavailable) and found.baseline is None:
-        reason = _sentence(f"The machine cannot be judged: {found.wear.reason}")
-        yield Finding(level="no_verdict", reason=reason)
-
-
-def _insufficient(found: assessment.Assessment, limits: StatusLimits) -> Iterable[Finding]:
-    left = found.unexplained
-    if left.verdict == "insufficient_data":
-        yield Finding(level="no_verdict", reason=_sentence(f"The vibration is not explained yet: {left.reason}"))
-
-
-RULES: tuple[Rule, ...] = (_life, _effects, _unknown, _validity, _pair, _basis, _insufficient)
+# -- of an assessment --------------------------------------------------------------------------------------
 
 
 def status_of(found: assessment.Assessment, limits: StatusLimits = STATUS_LIMITS) -> Status:
     """The status that an assessment alone gives, without `since`."""
-    return _most_severe([finding for rule in RULES for finding in rule(found, limits)])
+    return of_findings(findings_of(found, limits))
 
 
-def _most_severe(findings: Sequence[Finding]) -> Status:
-    if not findings:
-        return Status(level="normal", reasons=["The twin explains the vibration, and wear is far from its limit."])
-    ordered = sorted(findings, key=lambda f: -SEVERITY.index(f.level))
-    return Status(level=ordered[0].level, reasons=list(dict.fromkeys(f.reason for f in ordered)))
+def of_findings(findings: Iterable[Finding]) -> Status:
+    """The status that findings make."""
+    ordered = by_severity(findings)
+    if not ordered:
+        return Status(level="normal", reasons=[NORMAL_REASON], action=NO_ACTION, findings=[])
+    return Status(
+        level=ordered[0].level,
+        reasons=list(dict.fromkeys(f.reason for f in ordered)),
+        action=ordered[0].action,
+        findings=ordered,
+    )
 
 
-def _depth(found: assessment.Assessment) -> float | None:
-    wear = found.wear
-    if isinstance(wear, assessment.Wear):
-        return wear.depth["combined"].median
-    return wear.depth.median if isinstance(wear, assessment.LevelWear) else None
+def without_verdict(reason: str, action: str) -> dict[str, Any]:
+    """A status that gives no verdict, for one reason, as JSON data."""
+    finding = Finding(subject="data", level="no_verdict", reason=sentence(reason), action=action)
+    return of_findings([finding]).as_json()
 
 
-def _sentence(text: str) -> str:
-    return text if text.endswith(".") else f"{text}."
-
-
-# -- what the service adds ---------------------------------------------------------------------------------
-
-
-def with_data_quality(status: Mapping[str, Any], record: Mapping[str, Any] | None) -> dict[str, Any]:
-    """A status with the quality of the latest window: one that could not be used leaves nothing `normal`."""
-    grade = (record or {}).get("quality")
-    if grade not in ("degraded", "refused"):
-        return dict(status)
-    assert record is not None
-    faults = dict.fromkeys(f"{f['kind']} in {f['channel']}" for f in record.get("faults") or ())
-    why = record.get("reason") or ", ".join(faults) or "the cause was not recorded"
-    return lowered(status, _sentence(f"The latest window is {grade}: {why}"))
-
-
-def lowered(status: Mapping[str, Any], reason: str, since: str | None = None) -> dict[str, Any]:
-    """A status that is at best `no_verdict`, for a reason: stale data, contradicting clocks, an unusable window.
-
-    since  when that began, ISO 8601; it replaces the status's own where the level changes
-    """
-    level = max(status["level"], "no_verdict", key=SEVERITY.index)
-    others = [] if status["level"] == "normal" else list(status["reasons"])
-    reasons = [reason, *others] if level == "no_verdict" else [*others, reason]
-    began = status.get("since")
-    if level != status["level"]:
-        began = None if since is None else Since(time=since, revolutions=None).as_json()
-    return {**status, "level": level, "reasons": list(dict.fromkeys(reasons)), "since": began}
+def none_yet(reason: str) -> dict[str, Any]:
+    """The status of an asset before its first assessment."""
+    return without_verdict(reason, WAIT)
 
 
 def with_status_since(
@@ -215,6 +111,76 @@ def with_status_since(
     return {**now, "status": {**status, "since": since}}
 
 
-def none_yet(reason: str) -> dict[str, Any]:
-    """The status of an asset before its first assessment."""
-    return Status(level="no_verdict", reasons=[_sentence(reason)]).as_json()
+# -- what the service adds ---------------------------------------------------------------------------------
+
+
+def data_of(
+    records: Sequence[Mapping[str, Any]], stale: tuple[str, str] | None = None, waiting: str = "no window yet"
+) -> DataStatus:
+    """Whether usable data come.
+
+    records  the latest windows, oldest first
+    stale    why no whole window has come for longer than the service allows, and since when; None where one has
+    waiting  what is said before the first window
+    """
+    if stale is not None:
+        return DataStatus(level="stale", reason=stale[0], since=stale[1])
+    if not records:
+        return DataStatus(level="waiting", reason=waiting)
+    grade, since = _grade(records[-1]), None
+    if grade not in ("degraded", "refused"):
+        return DataStatus(level="ok", reason=f"the latest window is {grade}")
+    for record in reversed(records):
+        if _grade(record) not in ("degraded", "refused"):
+            break
+        since = record.get("start_time")
+    faults = dict.fromkeys(f"{f['kind']} in {f['channel']}" for f in records[-1].get("faults") or ())
+    why = records[-1].get("reason") or ", ".join(faults) or "the cause was not recorded"
+    return DataStatus(level="degraded", reason=f"the latest window is {grade}: {why}", since=since)
+
+
+def shown(status: Mapping[str, Any], data: DataStatus, added: Sequence[Added] = ()) -> dict[str, Any]:
+    """A report's status as it is shown: with the quality of the data, and with what the service found besides."""
+    bad = [_data_finding(data)] if data.level in ("degraded", "stale") else []
+    return _with(status, [*bad, *added])
+
+
+def _with(status: Mapping[str, Any], added: Sequence[Added]) -> dict[str, Any]:
+    before = status["level"]
+    findings = by_severity([*_findings_in(status), *(a.finding for a in added)])
+    # of the same level, what questions the data comes first: nothing else can be judged before it is cured
+    findings.sort(key=lambda f: (-SEVERITY.index(f.level), f.subject != "data" or f.level != "no_verdict"))
+    now = of_findings(findings).as_json()
+    if not findings:
+        now["reasons"] = list(status["reasons"])
+    since = status.get("since")
+    if now["level"] != before:
+        began = next((a.since for a in added if a.finding.level == now["level"]), None)
+        since = None if began is None else Since(time=began, revolutions=None).as_json()
+    return {**status, **now, "since": since}
+
+
+def _findings_in(status: Mapping[str, Any]) -> list[Finding]:
+    """The findings of a report; those of a report without any (of an earlier version) are made of its reasons."""
+    kept = status.get("findings")
+    if kept is not None:
+        return [Finding.model_validate(finding) for finding in kept]
+    if status["level"] == "normal":
+        return []
+    action = status.get("action") or RENEW
+    return [Finding(subject="report", level=status["level"], reason=r, action=action) for r in status["reasons"]]
+
+
+def _data_finding(data: DataStatus) -> Added:
+    reason = sentence(f"{data.reason[:1].upper()}{data.reason[1:]}")
+    action = (
+        "Check the acquisition and the connection: no usable measurement window is received."
+        if data.level == "stale"
+        else f"{CHECK}: {sentence(data.reason)}"
+    )
+    finding = Finding(subject="data", level="no_verdict", reason=reason, action=action)
+    return Added(finding=finding, since=data.since)
+
+
+def _grade(record: Mapping[str, Any]) -> str:
+    return record.get("quality") or "good"

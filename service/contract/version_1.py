@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from service.contract.status import Status
+from service.contract.status import RENEW, without_verdict
 
 RENAMED = {
     "not_told_from": "indistinguishable_from",
@@ -24,7 +24,7 @@ def current_report(report: Mapping[str, Any]) -> dict[str, Any]:
     wear = out.get("wear")
     if isinstance(wear, dict) and "from" in wear:
         wear["method"] = wear.pop("from")
-    return {"status": Status(level="no_verdict", reasons=[EARLIER]).as_json(), **out}
+    return {"status": without_verdict(EARLIER, RENEW), **out}
 
 
 def current_record(record: Mapping[str, Any]) -> dict[str, Any]:

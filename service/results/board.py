@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from service.contract.answer import assemble
+from service.contract.answer import NO_WHOLE_WINDOW, assemble, health_of
 from service.contract.base import iso_time
 from service.contract.status import none_yet
 from service.results.change_signal import ChangeSignal
@@ -21,7 +21,6 @@ from service.results.store import FaultTotals, ResultStore, StoredWindow, faults
 
 TAIL = 100  # windows that a snapshot carries, the newest
 REFUSED = "refused"
-NO_WINDOW = "no whole measurement window has been received yet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,27 +80,24 @@ class Snapshot:
             stale=None,
         )
 
-    def data_status(self) -> tuple[str, str]:
-        """Whether usable data come: waiting, ok, degraded or stale, and the reason."""
-        if self.stale is not None:
-            return "stale", self.stale.reason
-        if not self.records:
-            return "waiting", NO_WINDOW
-        record = self.records[-1]
-        grade = record.get("quality", "good")
-        if grade in ("good", "repaired"):
-            return "ok", f"the latest window is {grade}"
-        found = dict.fromkeys(f"{f['kind']} in {f['channel']}" for f in record.get("faults", ()))
-        return "degraded", f"the latest window is {grade}: {record.get('reason') or ', '.join(found)}"
+    def health_after(self, **changes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+        """`status` and `data` as they would be shown with a changed `report`, `records` or `stale`."""
+        then = replace(self, **changes)
+        return health_of(then.report, then.records, then.stale_text)
+
+    @property
+    def stale_text(self) -> tuple[str, str] | None:
+        """Why the figures are out of date, and since when (ISO 8601)."""
+        return None if self.stale is None else (self.stale.reason, iso_time(self.stale.since_ns))
 
     def summary(self) -> dict[str, Any]:
         """The asset in the list of assets."""
-        data, reason = self.data_status()
+        data = self.whole.get("data") or {"level": "waiting", "reason": NO_WHOLE_WINDOW}
         return {
             "asset": self.asset,
-            "status": self.whole.get("status") or none_yet(NO_WINDOW),
-            "data": data,
-            "reason": reason,
+            "status": self.whole.get("status") or none_yet(NO_WHOLE_WINDOW),
+            "data": data["level"],
+            "reason": data["reason"],
             "windows": self.windows_total,
             "updates": self.updates,
             "revolutions": self.latest.get("revolutions"),
@@ -179,7 +175,7 @@ class Board:
             snapshot.report,
             snapshot.quality,
             windows_total=snapshot.windows_total,
-            stale=None if snapshot.stale is None else (snapshot.stale.reason, iso_time(snapshot.stale.since_ns)),
+            stale=snapshot.stale_text,
         )
         snapshot = replace(snapshot, whole=whole)
         self._snapshots[snapshot.asset] = snapshot

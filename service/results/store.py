@@ -19,7 +19,7 @@ class Event:
 
     id: int
     asset: str
-    kind: str  # window, update, effect, rul, data_fault
+    kind: str  # window, update, effect, rul, data_fault, status
     data: Mapping[str, Any]
 
 

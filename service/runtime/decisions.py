@@ -9,6 +9,7 @@ from service.results.decision_queue import DecisionQueue
 from service.results.store import ResultStore
 from service.runtime.pipeline import Pipeline
 from service.runtime.state_publication import StatePublication
+from service.runtime.status_events import status_events
 from twin.errors import TwinError
 
 
@@ -43,8 +44,13 @@ class DecisionWorker:
             except TwinError as reason:
                 self._store.refuse(waiting, str(reason))
                 continue
+            before = self._board.get(waiting.asset)
+            changed = status_events(before, *before.health_after(report=outcome.report)) if before else ()
             if self._store.carry_out(
-                waiting, state=outcome.state.to_dict(), report=outcome.report, events=outcome.events
+                waiting,
+                state=outcome.state.to_dict(),
+                report=outcome.report,
+                events=(*outcome.events, *changed),
             ):
                 self._pipeline.accept(outcome)
                 last = self._store.last_event_id(waiting.asset)

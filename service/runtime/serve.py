@@ -108,6 +108,7 @@ def _twin_of(settings: Settings) -> Twin:
             trace=settings.trace,
             baseline=baseline,
             relation=relation,
+            status_limits=settings.status_limits,
         )
     )
 

@@ -6,11 +6,12 @@ import logging
 import time
 from collections.abc import Callable
 
-from service.results.board import Board
+from service.results.board import TAIL, Board, Snapshot
 from service.results.store import ResultStore, StoredWindow
 from service.runtime.pipeline import WindowOutcome
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.state_publication import StatePublication
+from service.runtime.status_events import status_events
 
 log = logging.getLogger(__name__)
 
@@ -34,6 +35,12 @@ class ServiceSink:
     def commit(self, outcome: WindowOutcome) -> bool:
         """Keeps a window with everything that a restart needs, in one transaction."""
         self._received_ns = self._clock()
+        before = self._board.get(outcome.asset)
+        status, data = (before or Snapshot(asset=outcome.asset)).health_after(
+            report=outcome.report,
+            records=(*(before.records if before else ()), outcome.record)[-TAIL:],
+            stale=None,
+        )
         self._committed = self._store.commit(
             outcome.asset,
             outcome.window.start_time_ns,
@@ -43,7 +50,7 @@ class ServiceSink:
             assembly=outcome.assembly,
             quality=outcome.quality,
             received_ns=self._received_ns,
-            events=outcome.events,
+            events=(*outcome.events, *status_events(before, status, data)),
         )
         if self._committed is None:
             log.error("%s: window %s had been committed before", outcome.asset, outcome.record["start_time"])

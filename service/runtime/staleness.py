@@ -15,6 +15,8 @@ from datetime import UTC, datetime
 from service.results.board import Board, Stale
 from service.results.store import ResultStore
 from service.runtime.state_publication import StatePublication
+from service.runtime.status_events import status_events
+from service.runtime.twin_port import Events
 
 log = logging.getLogger(__name__)
 
@@ -108,13 +110,17 @@ class StalenessWatch:
                 self._show(asset, found)
 
     def _show(self, asset: str, found: Stale | None) -> None:
+        before = self._board.get(asset)
+        events: Events = () if before is None else status_events(before, *before.health_after(stale=found))
         if found is not None:
             log.warning("%s: %s", asset, found.reason)
             fault = {
                 "window": None, "kind": "stale", "channel": "all", "count": 1, "action": "none",
                 "detail": found.reason,
             }  # fmt: skip
-            self._store.note(asset, [("data_fault", fault)])
+            events = (("data_fault", fault), *events)
+        if events:
+            self._store.note(asset, events)
         self._board.update(asset, stale=found, last_event_id=self._store.last_event_id(asset))
         self._publication.publish(asset)
 

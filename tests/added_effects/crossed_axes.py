@@ -35,6 +35,7 @@ class CrossedAxes:
     signature: ClassVar[Signature] = Signature(shape="alike")
     facts: ClassVar[Facts] = Facts(
         label="crossed axes",
+        action="Check the alignment of the shafts.",
         acts_on="mesh",
         periods=("mesh",),
         detector="mesh",

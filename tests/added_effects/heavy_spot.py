@@ -38,6 +38,7 @@ class HeavySpot:
     signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("pinion",))
     facts: ClassVar[Facts] = Facts(
         label="a heavy spot on the pinion",
+        action="Check the balance of the shaft.",
         acts_on="shaft",
         periods=("pinion",),
         detector="shaft_forces",

@@ -34,7 +34,9 @@ class SlidingFriction:
 
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter(name="friction", unit="", low=0.0, high=0.4, prior=0.1),)
     signature: ClassVar[Signature] = Signature(shape="alike")
-    facts: ClassVar[Facts] = Facts(label="dry flanks", acts_on="mesh", periods=("mesh",), detector="mesh")
+    facts: ClassVar[Facts] = Facts(
+        label="dry flanks", action="Check the lubrication.", acts_on="mesh", periods=("mesh",), detector="mesh"
+    )
     period: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:

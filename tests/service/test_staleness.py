@@ -31,7 +31,7 @@ def watched(store, board):
         if frame:
             watch.heard("unsw")
         watch()
-        return board.get("unsw").data_status()[0]
+        return board.get("unsw").whole["data"]["level"]
 
     at.published = published
     return at
@@ -41,20 +41,21 @@ def test_asset_without_a_window_for_longer_than_stated_is_stale_and_says_since_w
     assert watched(3599.0) == "ok"
     assert watched(3602.0) == "stale"
     assert watched.published == ["unsw"]
-    _, reason = board.get("unsw").data_status()
+    reason = board.get("unsw").whole["data"]["reason"]
     status = board.get("unsw").whole["status"]
     assert (status["level"], status["reasons"]) == ("no_verdict", [f"N{reason[1:]}."])
     assert status["since"] == {"time": "2023-11-14T22:13:20.000000000Z", "revolutions": None}
     assert reason == "no whole measurement window has been received since 2023-11-14 22:13:20 UTC"
-    event = store.events("unsw", 0)[-1]
-    assert (event.kind, event.data["kind"], event.data["detail"]) == ("data_fault", "stale", reason)
-    assert board.get("unsw").last_event_id == event.id
+    fault, changed = store.events("unsw", 0)[-2:]
+    assert (fault.kind, fault.data["kind"], fault.data["detail"]) == ("data_fault", "stale", reason)
+    assert (changed.kind, changed.data["level"], changed.data["data"]["level"]) == ("status", "no_verdict", "stale")
+    assert board.get("unsw").last_event_id == changed.id
 
 
 def test_a_new_window_ends_it(watched, store, board):
     assert watched(4000.0) == "stale"
     fakes.take(store, board, "unsw", 7, 20.0)  # 4200 s after the first
-    assert board.get("unsw").data_status()[0] == "ok"
+    assert board.get("unsw").whole["data"]["level"] == "ok"
     assert watched(4300.0) == "ok"
 
 
@@ -63,9 +64,8 @@ def test_frames_that_never_become_a_window_make_an_asset_stale_much_sooner(watch
     for second in range(10, 125, 5):
         assert watched(float(second), frame=True) == "ok"
     assert watched(135.0, frame=True) == "stale"
-    assert (
-        "frames have been received since 2023-11-14 22:13:30 UTC without a whole" in board.get("unsw").data_status()[1]
-    )
+    reason = board.get("unsw").whole["data"]["reason"]
+    assert "frames have been received since 2023-11-14 22:13:30 UTC without a whole" in reason
 
 
 def test_frames_with_windows_between_them_are_in_order(watched, store, board):
@@ -87,10 +87,10 @@ def test_asset_that_never_had_a_window_is_measured_from_the_start_of_the_service
     watch = StalenessWatch(store, board, Published(), LIMITS, clock=lambda: BEGIN + now[0] * NS)
     now[0] = 3000
     watch()
-    assert board.get("fresh").data_status()[0] == "waiting"
+    assert board.get("fresh").whole["data"]["level"] == "waiting"
     now[0] = 3700
     watch()
-    assert board.get("fresh").data_status()[0] == "stale"
+    assert board.get("fresh").whole["data"]["level"] == "stale"
 
 
 def test_readiness_and_metrics_name_the_stale_asset(watched, store, board):

@@ -1,34 +1,39 @@
 """The status of a machine: every rule of the table, the most severe first, and nothing that the contract forbids."""
 
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 
 import pytest
 
-from service.contract.status import SEVERITY, lowered, none_yet, status_of, with_data_quality, with_status_since
+from service.contract.findings import SEVERITY, Finding
+from service.contract.status import Added, data_of, none_yet, shown, status_of, with_status_since
 from twin.assessment import (
     Assessment,
     EffectAssessment,
+    EncoderPair,
     Evidence,
     FlankProfile,
     Interval,
     Life,
     MethodEstimates,
     ModelValidity,
+    PairCurve,
+    PairSpeeds,
     ParameterValue,
+    StatedRatio,
     Unavailable,
     Unexplained,
     Wear,
     WearProfile,
     WindowAssessment,
 )
-from twin.attention import probability_within
+from twin.attention import StatusLimits, horizon_of, probability_within
 from twin.effects import EFFECTS
 
 FLANK = FlankProfile(radius=(), roll_angle=(), depth=())
 
 
-def wear(depth=100e-6, valid=True):
-    interval = Interval(median=depth, p05=0.9 * depth, p95=1.1 * depth)
+def wear(depth=100e-6, valid=True, spread=1.1):
+    interval = Interval(median=depth, p05=depth / spread, p95=spread * depth)
     return Wear(
         wear_coefficient=1e-6, specific_wear_rate=1e-12, dwell_time=1e-4, dwell_time_speed=10.0,
         depth={"combined": interval, "pinion": interval, "gear": interval},
@@ -43,6 +48,17 @@ def life(median=1e6, spread=1.3, reached=False, limit=500e-6):
     return Life(
         criterion="max_depth", limit=limit, reached=reached, revolutions=revolutions,
         time=revolutions.scaled(0.1), speed=10.0, torque=10.0,
+    )  # fmt: skip
+
+
+def pair(contradicted):
+    stated = StatedRatio(ratio=2.7, source="the rig file", deviations=9.0, contradicted=contradicted)
+    ratio = ParameterValue(value=2.5, unit="", std=1e-4)
+    return EncoderPair(
+        window=0, ratio=ratio, tooth_counts=(), stated=stated, turns=(5.0, 2.0), speed_mean=1.0, speed_highest=1.0,
+        run_out=(), base_radii=None, rest_before=0.0, rest_after=0.0, missed_counts=(), sharp_steps=(),
+        transmission_error=PairCurve(pinion_turns=(), before=(), after=()),
+        speed=PairSpeeds(time=(), pinion=(), gear=()),
     )  # fmt: skip
 
 
@@ -68,25 +84,56 @@ def test_machine_that_is_explained_and_far_from_its_end_of_life_is_normal():
 
 
 @pytest.mark.parametrize(
-    ("changes", "level", "said"),
+    ("changes", "level", "said", "action"),
     [
-        ({"life": life(reached=True)}, "end_of_life", "has reached 100.0 µm of 500.0 µm"),
-        ({"wear": wear(510e-6), "life": life(0.0, reached=False)}, "end_of_life", "510.0 µm of 500.0 µm"),
-        ({"life": life(500.0)}, "alarm", "within 1,000 revolutions (0.0278 h) with a probability of 100 %"),
-        ({"life": life(1250.0)}, "watch", "with a probability of 8 %"),
-        ({"effects": (effect("misalignment"),)}, "watch", "lead gap 30 µm"),
-        ({"effects": (effect("mesh_change", ("a",)),)}, "watch", "Mesh change was found in a"),
-        ({"unexplained": Unexplained(verdict="unknown_effect", reason="tones of 50 Hz")}, "watch", "tones of 50 Hz."),
-        ({"wear": wear(valid=False)}, "watch", "beyond the validity of the model (500.0 µm)"),
-        ({"wear": Unavailable(reason="no module given"), "life": Unavailable(reason="-")}, "no_verdict", "no module"),
-        ({"unexplained": Unexplained(verdict="insufficient_data", reason="too few")}, "no_verdict", "too few."),
+        ({"life": life(reached=True)}, "end_of_life", "end of life: 100 µm of 500 µm", "replace the gear pair: 100 µm"),
+        ({"wear": wear(511e-6), "life": life(0.0)}, "end_of_life", "511 µm of 500 µm", "Stop the machine and replace"),
+        (
+            {"life": life(500.0)},
+            "alarm",
+            "within 1,000 revolutions (0.0278 h, 10 % of the revolutions so far) with a probability of 100 %",
+            "Replace the gear pair within 0.0107 h of operation",
+        ),
+        ({"life": life(1250.0)}, "watch", "with a probability of 8 %", "Prepare the replacement"),
+        ({"wear": wear(410e-6)}, "watch", "410 µm of 500 µm (82 %)", "Plan the replacement of the gear pair"),
+        ({"wear": wear(399e-6, spread=1.3)}, "watch", "95th percentile is 518.7 µm", "measure the wear depth"),
+        ({"effects": (effect("misalignment"),)}, "watch", "lead gap 30 µm", "Check the alignment of the shafts"),
+        ({"effects": (effect("mesh_change", ("a",)),)}, "watch", "Mesh change was found in a", "Inspect the flanks"),
+        (
+            {"effects": (effect("sensor_gain", ("a1",)),)},
+            "watch",
+            "found in a1",
+            "Check the gain and the calibration of the accelerometer (a1).",
+        ),
+        (
+            {"unexplained": Unexplained(verdict="unknown_effect", share=0.2, reason="tones of 50 Hz")},
+            "watch",
+            "explains (20 % of the measured energy): tones of 50 Hz.",
+            "Find the cause",
+        ),
+        ({"wear": wear(valid=False)}, "watch", "beyond the validity of the model (500.0 µm)", "Measure the wear depth"),
+        ({"encoder_pair": pair(contradicted=True)}, "watch", "ratio 2.5000 contradicts the rig file", "tooth counts"),
+        (
+            {"wear": Unavailable(reason="no module given"), "life": Unavailable(reason="-")},
+            "no_verdict",
+            "no module",
+            "Complete the rig file",
+        ),
+        (
+            {"unexplained": Unexplained(verdict="insufficient_data", reason="too few")},
+            "no_verdict",
+            "too few.",
+            "Record further windows",
+        ),
     ],
 )
-def test_every_rule_gives_its_level_and_a_sentence_with_figures(changes, level, said):
+def test_every_rule_gives_its_level_a_sentence_with_figures_and_an_action(changes, level, said, action):
     status = status_of(replace(HEALTHY, **changes))
     assert status.level == level
     assert any(said in reason for reason in status.reasons), status.reasons
     assert all(reason.endswith(".") for reason in status.reasons)
+    assert action in status.action and status.action.endswith("."), status.action
+    assert status.findings[0].level == level and [f.reason for f in status.findings] == status.reasons
 
 
 @pytest.mark.parametrize("name", ALARMING)
@@ -116,16 +163,81 @@ def test_probability_grows_with_the_horizon_and_is_that_of_the_interval_at_its_e
     assert probability_within(bounded_below, 600.0) == 0.0 and probability_within(bounded_below, 1e9) == 0.05
 
 
+FAULT = {"kind": "gap", "channel": "accel/y6"}
+GOOD, BAD = {"quality": "good", "start_time": "t0"}, {"quality": "degraded", "faults": [FAULT], "start_time": "t1"}
+
+
 def test_window_that_could_not_be_used_and_stale_data_leave_nothing_normal():
     normal = status_of(HEALTHY).as_json()
-    fault = {"kind": "gap", "channel": "accel/y6"}
-    degraded = with_data_quality(normal, {"quality": "degraded", "faults": [fault]})
+    data = data_of([GOOD, BAD, {**BAD, "start_time": "t2"}])
+    assert (data.level, data.since) == ("degraded", "t1") and "gap in accel/y6" in data.reason
+    degraded = shown(normal, data)
     assert degraded["level"] == "no_verdict" and "gap in accel/y6" in degraded["reasons"][0]
-    assert with_data_quality(normal, {"quality": "repaired"}) == normal
-    stale = lowered(status_of(replace(HEALTHY, life=life(reached=True))).as_json(), "No window for an hour.")
+    assert degraded["action"].startswith("Check the data") and degraded["since"]["time"] == "t1"
+    assert shown(normal, data_of([BAD, {**GOOD, "quality": "repaired"}])) == {**normal, "since": None}
+    worn = status_of(replace(HEALTHY, life=life(reached=True))).as_json()
+    stale = shown(worn, data_of([GOOD], ("no window for an hour", "t3")))
     assert stale["level"] == "end_of_life" and stale["reasons"][-1] == "No window for an hour."
-    assert none_yet("no window yet")["level"] == "no_verdict"
+    assert stale["action"].startswith("Stop the machine")
+    assert none_yet("no window yet")["level"] == "no_verdict" and data_of([]).level == "waiting"
     assert SEVERITY.index("normal") == 0
+
+
+def test_active_alarm_of_the_service_is_part_of_the_status():
+    finding = Finding(subject="rms/a1", level="alarm", reason="RMS of a1 is 9 m/s².", action="Inspect the machine.")
+    status = shown(status_of(HEALTHY).as_json(), data_of([GOOD]), [Added(finding=finding, since="t4")])
+    assert status["level"] == "alarm" and status["reasons"] == ["RMS of a1 is 9 m/s²."]
+    assert status["action"] == "Inspect the machine." and status["since"]["time"] == "t4"
+
+
+def test_report_of_an_earlier_version_keeps_its_level_and_has_an_action():
+    old = {"level": "watch", "reasons": ["Misalignment was found."], "since": {"time": "t", "revolutions": 1.0}}
+    status = shown(old, data_of([GOOD]))
+    assert status["level"] == "watch" and status["action"].endswith(".") and status["since"] == old["since"]
+    assert shown({"level": "normal", "reasons": ["All good."]}, data_of([GOOD]))["reasons"] == ["All good."]
+
+
+@dataclass(frozen=True)
+class Preliminary:
+    reasons: tuple[str, ...] = ("the wear coefficient is only that of the rig file",)
+    remedies: tuple[str, ...] = ("record a run at low speed",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreliminaryWear(Wear):
+    preliminary: Preliminary = Preliminary()
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreliminaryLife(Life):
+    preliminary: Preliminary = Preliminary()
+
+
+def values_of(part):
+    return {f.name: getattr(part, f.name) for f in fields(part)}
+
+
+@pytest.mark.parametrize("depth", [100e-6, 511e-6])
+def test_preliminary_depth_or_life_is_never_more_than_watch_and_says_what_would_settle_it(depth):
+    ended = life(1.0, reached=depth > 500e-6)
+    for changes in (
+        {"wear": PreliminaryWear(**values_of(wear(depth))), "life": ended},
+        {"wear": wear(depth), "life": PreliminaryLife(**values_of(ended))},
+    ):
+        status = status_of(replace(HEALTHY, **changes))
+        assert status.level == "watch", status
+        assert "preliminary: the wear coefficient is only that of the rig file." in status.reasons[0]
+        assert status.action == "Record a run at low speed."
+
+
+def test_horizon_is_the_wider_of_the_stated_hours_and_the_share_of_the_revolutions():
+    hours = StatusLimits(horizon_time=3600.0)
+    assert horizon_of(10_000.0, 10.0).stated is False and horizon_of(10_000.0, 10.0, hours).revolutions == 36_000.0
+    assert horizon_of(None, 10.0) is None and horizon_of(None, 10.0, hours).time == 3600.0
+    far = replace(HEALTHY, life=life(30_000.0))
+    assert status_of(far).level == "normal"
+    status = status_of(far, hours)
+    assert status.level == "alarm" and "36,000 revolutions (1 h, the stated horizon)" in status.reasons[0]
 
 
 def test_since_is_when_the_level_was_reached():

@@ -46,6 +46,7 @@ class BacklashRattle:
     signature: ClassVar[Signature] = Signature(shape="parting")
     facts: ClassVar[Facts] = Facts(
         label="rattle in the backlash",
+        action="Raise the load or smooth the torque until the teeth stay in contact, and inspect the flanks.",
         acts_on="shaft",
         periods=("pinion", "hunting"),
         detector="rattle",

@@ -94,6 +94,7 @@ class BearingDefect:
     signature: ClassVar[Signature] = Signature(shape="own", channels=("acceleration",))
     facts: ClassVar[Facts] = Facts(
         label="a bearing defect",
+        action="Prepare the replacement of the bearing and inspect it at the first opportunity.",
         acts_on="bearing",
         periods=("hunting",),
         detector="non_gear",

@@ -85,6 +85,7 @@ class Facts:
     """What an effect acts on and how it is found."""
 
     label: str  # for people, in a sentence: "tooth friction"
+    action: str  # what to do about it: one sentence in the imperative, "Check the lubrication of the gears."
     acts_on: str  # one of ACTS_ON
     periods: tuple[str, ...]  # that an instance may have, of PERIODS (setup.py)
     detector: str  # that finds it: one of DETECTORS; "" for none
@@ -107,6 +108,8 @@ class Facts:
         ):
             if value not in known:
                 raise ValueError(f"{name} = {value!r} must be one of {', '.join(map(repr, known))}")
+        if not self.action.endswith(".") or len(self.action) < 2:
+            raise ValueError(f"action = {self.action!r} must be a sentence that ends with a full stop")
 
 
 def numbers_from_priors(parameters: Iterable[Parameter]) -> tuple[FittedNumber, ...]:

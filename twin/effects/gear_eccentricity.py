@@ -32,6 +32,7 @@ class GearEccentricity(Eccentricity):
     signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("gear",))
     facts: ClassVar[Facts] = Facts(
         label="gear eccentricity",
+        action="Check the run-out of the gear on its shaft at the next stop.",
         acts_on="shaft",
         periods=("gear",),
         detector="eccentricity",

@@ -56,6 +56,7 @@ class MassUnbalance:
     signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("pinion", "gear"))
     facts: ClassVar[Facts] = Facts(
         label="mass unbalance",
+        action="Check the balance of the shaft at the next stop.",
         acts_on="shaft",
         periods=("mesh", "pinion", "gear", "hunting"),
         detector="shaft_forces",

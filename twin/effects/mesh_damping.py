@@ -51,6 +51,7 @@ class MeshDamping:
     signature: ClassVar[Signature] = Signature(shape="alike")
     facts: ClassVar[Facts] = Facts(
         label="changed mesh damping",
+        action="Check oil level, oil and temperature of the gears.",
         acts_on="mesh",
         periods=("mesh",),
         detector="mesh",

@@ -51,6 +51,7 @@ class MeshStiffnessLoss:
     signature: ClassVar[Signature] = Signature(shape="alike")
     facts: ClassVar[Facts] = Facts(
         label="loss of mesh stiffness",
+        action="Inspect the teeth and the seats of the gears at the next stop.",
         acts_on="mesh",
         periods=("mesh",),
         detector="mesh",

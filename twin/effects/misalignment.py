@@ -64,6 +64,7 @@ class Misalignment:
     signature: ClassVar[Signature] = Signature(shape="alike")
     facts: ClassVar[Facts] = Facts(
         label="misalignment of the shafts",
+        action="Check the alignment of the shafts and the contact pattern of the teeth at the next stop.",
         acts_on="mesh",
         periods=("mesh",),
         detector="mesh",

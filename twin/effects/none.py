@@ -24,6 +24,7 @@ class NoEffect:
     signature: ClassVar[Signature] = Signature(shape="none", channels=())
     facts: ClassVar[Facts] = Facts(
         label="no effect",
+        action="No action needed.",
         acts_on="nothing",
         periods=("mesh",),
         detector="",

@@ -32,6 +32,7 @@ class PinionEccentricity(Eccentricity):
     signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("pinion",))
     facts: ClassVar[Facts] = Facts(
         label="pinion eccentricity",
+        action="Check the run-out of the pinion on its shaft at the next stop.",
         acts_on="shaft",
         periods=("pinion",),
         detector="eccentricity",

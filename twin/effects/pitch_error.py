@@ -38,6 +38,7 @@ class PitchError:
     signature: ClassVar[Signature] = Signature(shape="all_round", shafts=("pinion", "gear"))
     facts: ClassVar[Facts] = Facts(
         label="pitch errors",
+        action="Check the tooth spacing of both gears at the next stop.",
         acts_on="teeth",
         periods=("mesh", "pinion", "gear", "hunting"),
         detector="tooth_errors",

@@ -57,6 +57,7 @@ class ProfileError:
     signature: ClassVar[Signature] = Signature(shape="alike")
     facts: ClassVar[Facts] = Facts(
         label="profile errors",
+        action="Check the tooth profile of both gears at the next stop.",
         acts_on="mesh",
         periods=("mesh",),
         detector="mesh",

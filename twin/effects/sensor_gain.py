@@ -32,6 +32,7 @@ class SensorGain:
     signature: ClassVar[Signature] = Signature(shape="path", channels=("acceleration",))
     facts: ClassVar[Facts] = Facts(
         label="a wrong gain of the accelerometer",
+        action="Check the gain and the calibration of the accelerometer.",
         acts_on="sensor",
         periods=("mesh",),
         detector="sensor",

@@ -39,6 +39,7 @@ class SensorResonance:
     signature: ClassVar[Signature] = Signature(shape="path", channels=("acceleration",))
     facts: ClassVar[Facts] = Facts(
         label="a resonance of the accelerometer's mount",
+        action="Check the mount of the accelerometer.",
         acts_on="sensor",
         periods=("mesh",),
         detector="sensor",

@@ -41,6 +41,7 @@ class ToothCrack:
     signature: ClassVar[Signature] = Signature(shape="local", shafts=("pinion", "gear", "other"))
     facts: ClassVar[Facts] = Facts(
         label="a cracked tooth",
+        action="Stop the machine as soon as that is safe and inspect the teeth for a crack.",
         acts_on="teeth",
         periods=("pinion", "gear"),
         detector="crack",

@@ -64,6 +64,7 @@ class ToothFriction:
     signature: ClassVar[Signature] = Signature(shape="alike")
     facts: ClassVar[Facts] = Facts(
         label="tooth friction",
+        action="Check the lubrication of the gears.",
         acts_on="mesh",
         periods=("mesh",),
         detector="mesh",

@@ -43,6 +43,7 @@ class TorqueRipple:
     signature: ClassVar[Signature] = Signature(shape="one_order", shafts=("pinion",))
     facts: ClassVar[Facts] = Facts(
         label="torque ripple",
+        action="Check the drive and its supply for a periodic torque.",
         acts_on="shaft",
         periods=("pinion", "hunting"),
         detector="shaft_forces",

@@ -1,0 +1,279 @@
+"""What the status of a machine is made of: every rule that applies gives a finding with its reason and what to do.
+
+| rule | level |
+| --- | --- |
+| the end-of-life criterion is reached | end_of_life |
+| the end of life is probable within the horizon | alarm |
+| the end of life is possible within the horizon | watch |
+| the wear depth is near its limit, or its 5–95 % band reaches it | watch |
+| an effect of the alarm class | alarm |
+| any other effect, or a change against a baseline | watch |
+| content that no effect makes (`unknown_effect`) | watch |
+| the wear depth is beyond the validity of the model | watch |
+| the encoders contradict the stated ratio | watch |
+| no wear depth, no baseline and no pair to judge by | no_verdict |
+| the verdict is `insufficient_data` | no_verdict |
+
+A depth or life that is preliminary gives at most `watch`, and the action is then the measurement that would settle it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pydantic import Field
+
+from service.contract.base import HOUR, MICROMETRE, ContractModel
+from twin import assessment
+from twin.attention import StatusLimits, horizon_of, probability_within
+from twin.effects import EFFECTS
+
+Level = Literal["normal", "no_verdict", "watch", "alarm", "end_of_life"]
+SEVERITY: tuple[Level, ...] = ("normal", "no_verdict", "watch", "alarm", "end_of_life")
+OTHER_ACTIONS = {"mesh_change": "Inspect the flanks and the lubrication of the gears at the next stop."}
+UNNAMED_ACTION = "Find out what has changed in the machine, and inspect it at the next stop."
+"""For changes against a baseline that are no effect of the table."""
+
+
+class Finding(ContractModel):
+    """One rule that applies."""
+
+    subject: str = Field(description="what it is about: `depth`, `life`, `effect/misalignment`, …")
+    level: Level
+    reason: str = Field(description="one sentence with figures and units")
+    action: str = Field(description="what to do: one sentence in the imperative")
+
+
+Rule = Callable[[assessment.Assessment, StatusLimits], Iterable[Finding]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Limit:
+    """The depth as a share of its limit, as text and number."""
+
+    depth: float | None  # [m]
+    limit: float  # [m]
+
+    @property
+    def said(self) -> str:
+        """For example "511.0 µm of 500 µm"."""
+        limit = f"{self.limit / MICROMETRE:.4g} µm"
+        return limit if self.depth is None else f"{self.depth / MICROMETRE:.4g} µm of {limit}"
+
+
+def _depth(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    """The depth against its limit."""
+    life, band = found.life, depth_of(found)
+    if not isinstance(life, assessment.Life):
+        return
+    depth = None if band is None else band.median
+    at = _Limit(depth=depth, limit=life.limit)
+    if life.reached or (depth is not None and depth >= life.limit):
+        yield Finding(
+            subject="depth",
+            level="end_of_life",
+            reason=f"The wear depth has reached the end of life: {at.said}.",
+            action=f"Stop the machine and replace the gear pair: {at.said}.",
+        )
+        return
+    possible = band is not None and band.p95 is not None and band.p95 >= life.limit
+    if possible or (depth is not None and depth >= limits.depth_share * life.limit):
+        assert band is not None
+        share = "" if depth is None else f" ({100 * depth / life.limit:.0f} %)"
+        reach = "" if band.p95 is None else f"; its 95th percentile is {band.p95 / MICROMETRE:.4g} µm"
+        yield Finding(
+            subject="depth",
+            level="watch",
+            reason=f"The wear depth is near its limit: {at.said}{share}{reach}.",
+            action=f"Plan the replacement of the gear pair and measure the wear depth at the next stop: {at.said}.",
+        )
+
+
+def _life(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    """The remaining life against the horizon."""
+    life = found.life
+    if not isinstance(life, assessment.Life) or life.reached:
+        return
+    horizon = horizon_of(None if found.window is None else found.window.revolutions, life.speed, limits)
+    if horizon is None:
+        return
+    chance = probability_within(life.revolutions, horizon.revolutions)
+    if chance <= limits.possible:
+        return
+    basis = "the stated horizon" if horizon.stated else f"{100 * limits.horizon:.0f} % of the revolutions so far"
+    within = f"{horizon.time / HOUR:.3g} h"
+    left = f"{life.time.p05 / HOUR:.3g} h of operation"
+    action = (
+        f"Replace the gear pair within {left}"
+        if chance > limits.probable
+        else f"Prepare the replacement of the gear pair for a stop within {left}"
+    )
+    yield Finding(
+        subject="life",
+        level="alarm" if chance > limits.probable else "watch",
+        reason=f"The end of life ({life.limit / MICROMETRE:.4g} µm) is reached within {horizon.revolutions:,.0f} "
+        f"revolutions ({within}, {basis}) with a probability of {100 * chance:.0f} %.",
+        action=f"{action} (5th percentile of the remaining life).",
+    )
+
+
+def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    for effect in found.effects:
+        known = EFFECTS.get(effect.name)
+        alarm = known is not None and known.facts.alarm_class == "alarm"
+        label = effect.name.replace("_", " ") if known is None else known.facts.label
+        action = OTHER_ACTIONS.get(effect.name, UNNAMED_ACTION) if known is None else known.facts.action
+        what = f"{label[:1].upper()}{label[1:]}"
+        where = f" in {', '.join(effect.channels)}" if effect.channels else ""
+        sizes = ", ".join(_size(name, p) for name, p in effect.parameters.items())
+        sized = f": {sizes}." if sizes else "."
+        subject = "/".join(["effect", effect.name, *effect.channels])
+        acts = f"{action.removesuffix('.')} ({', '.join(effect.channels)})." if effect.channels else action
+        yield Finding(
+            subject=subject,
+            level="alarm" if alarm else "watch",
+            reason=f"{what} was found{where}{sized}",
+            action=acts,
+        )
+
+
+def _size(name: str, parameter: assessment.ParameterValue) -> str:
+    value, unit = parameter.value, parameter.unit
+    if unit == "m":
+        value, unit = value / MICROMETRE, "µm"
+    return f"{name.replace('_', ' ')} {value:.3g}" + (f" {unit}" if unit else "")
+
+
+def _unknown(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    rest = found.unexplained
+    if rest.verdict == "unknown_effect":
+        share = "" if rest.share is None else f" ({100 * rest.share:.2g} % of the measured energy)"
+        yield Finding(
+            subject="unexplained",
+            level="watch",
+            reason=sentence(f"The vibration has a cause that no effect explains{share}: {rest.reason}"),
+            action="Find the cause of the unexplained vibration: look for what runs at these frequencies nearby.",
+        )
+
+
+def _validity(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    wear, band = found.wear, depth_of(found)
+    if not isinstance(wear, assessment.Wear) or band is None or band.median is None or wear.validity.valid:
+        return
+    ends = [wear.validity.steady_state_to, wear.validity.contact_loss_from or wear.validity.steady_state_to]
+    depth = f"{band.median / MICROMETRE:.1f} µm"
+    yield Finding(
+        subject="validity",
+        level="watch",
+        reason=f"The wear depth of {depth} is beyond the validity of the model ({min(ends) / MICROMETRE:.1f} µm).",
+        action=f"Measure the wear depth at the next stop: the model's {depth} is an extrapolation.",
+    )
+
+
+def _pair(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    pair = found.encoder_pair
+    if isinstance(pair, assessment.EncoderPair) and pair.stated is not None and pair.stated.contradicted:
+        yield Finding(
+            subject="encoder_ratio",
+            level="watch",
+            reason=f"The encoders' ratio {pair.ratio.value:.4f} contradicts {pair.stated.source}.",
+            action="Check the tooth counts in the rig file and the edges per revolution of both encoders.",
+        )
+
+
+def _basis(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    if isinstance(found.wear, assessment.Unavailable) and found.baseline is None:
+        yield Finding(
+            subject="basis",
+            level="no_verdict",
+            reason=sentence(f"The machine cannot be judged: {found.wear.reason}"),
+            action="Complete the rig file, or learn a healthy baseline, so that the machine can be judged.",
+        )
+
+
+def _insufficient(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    rest = found.unexplained
+    if rest.verdict == "insufficient_data":
+        yield Finding(
+            subject="explanation",
+            level="no_verdict",
+            reason=sentence(f"The vibration is not explained yet: {rest.reason}"),
+            action="Record further windows, and compare the rig file with the machine: the vibration is not "
+            "explained yet.",
+        )
+
+
+def _depth_unless_preliminary(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    return _capped(_depth(found, limits), _preliminary(found.wear) or _preliminary(found.life))
+
+
+def _life_unless_preliminary(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    return _capped(_life(found, limits), _preliminary(found.life) or _preliminary(found.wear))
+
+
+def _preliminary(part: Any) -> Any:
+    """Why a depth or life is only preliminary, with the measurements that would settle it; None where it is not."""
+    return getattr(part, "preliminary", None)
+
+
+def _capped(findings: Iterable[Finding], preliminary: Any) -> Iterator[Finding]:
+    """Findings from a preliminary figure: at most `watch`, with why, and the measurement that would settle it."""
+    for finding in findings:
+        if preliminary is None:
+            yield finding
+            continue
+        why = "; ".join(reason.removesuffix(".") for reason in preliminary.reasons)
+        level: Level = min(finding.level, "watch", key=SEVERITY.index)
+        yield finding.model_copy(
+            update={
+                "level": level,
+                "reason": sentence(f"{finding.reason.removesuffix('.')}, but the figure is preliminary: {why}"),
+                "action": imperative(preliminary.remedies, finding.action),
+            }
+        )
+
+
+def imperative(remedies: Iterable[str], otherwise: str) -> str:
+    """The first measurement that would settle a preliminary figure, as a sentence."""
+    first = next(iter(remedies), None)
+    return otherwise if first is None else sentence(f"{first[:1].upper()}{first[1:]}")
+
+
+RULES: tuple[Rule, ...] = (
+    _depth_unless_preliminary,
+    _life_unless_preliminary,
+    _effects,
+    _unknown,
+    _validity,
+    _pair,
+    _basis,
+    _insufficient,
+)
+
+
+def findings_of(found: assessment.Assessment, limits: StatusLimits) -> list[Finding]:
+    """All findings of an assessment, most severe first."""
+    return by_severity(finding for rule in RULES for finding in rule(found, limits))
+
+
+def by_severity(findings: Iterable[Finding]) -> list[Finding]:
+    """Findings, most severe first; of the same level in the order given."""
+    return sorted(findings, key=lambda f: -SEVERITY.index(f.level))
+
+
+def depth_of(found: assessment.Assessment) -> assessment.Interval | None:
+    """The largest combined depth [m], of whatever method; None where there is none."""
+    wear = found.wear
+    if isinstance(wear, assessment.Wear):
+        return wear.depth["combined"]
+    return wear.depth if isinstance(wear, assessment.LevelWear) else None
+
+
+def sentence(text: str) -> str:
+    """A text that ends with a full stop."""
+    return text if text.endswith(".") else f"{text}."
+
+
+__all__ = ["SEVERITY", "Finding", "Level", "by_severity", "depth_of", "findings_of", "imperative", "sentence"]
