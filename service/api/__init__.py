@@ -8,7 +8,7 @@ from typing import Any
 
 from fastapi import FastAPI
 
-from service.api import assets, effects, events, metrics, models, pages, problems
+from service.api import assets, effects, events, metrics, models, pages, problems, reports
 from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
@@ -46,7 +46,7 @@ def create_app(
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.registry = metrics.registry(board, store, gauges)
     problems.install(app)
-    for module in (assets, effects, events, metrics, pages):
+    for module in (assets, effects, events, metrics, pages, reports):
         app.include_router(module.router)
     pages.mount_static(app)
     generate = app.openapi

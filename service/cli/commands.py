@@ -292,25 +292,26 @@ def report(
     source: Annotated[
         Path, typer.Argument(metavar="SOURCE", help="Recording (MCAP), or the JSON that `assess` wrote.")
     ],
-    out: Annotated[Path | None, typer.Option(help="HTML page to write; default: print text.")] = None,
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(help="Report to write, .html or .pdf; may be given twice. Default: print text."),
+    ] = None,
     rig: RigFile = None,
     no_trace: NoTrace = False,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
     json: JsonFile = None,
 ) -> None:
-    """Summarise an assessment as text or as one HTML page."""
-    from service.cli.report import html_report, load_answer, text_report
+    """Summarise an assessment for people: as text, as one HTML page, or as a PDF of two pages."""
+    from service.cli.report import load_answer, machine_of, text_report, write_report
 
     answered = source.suffix == ".json"
     trace = searches_effects(no_trace)
     answer = load_answer(source) if answered else assessed(source, rig, Update.fused.value, asset, prefix, trace=trace)
-    if out is not None:
-        write_text(out, html_report(answer))
-    printed = wrote_json(answer, json)
-    if out is not None:
-        tell(f"report written to {out}")
-    elif not printed:
+    for path in out or ():
+        write_report(answer, path, machine_of(source, rig))
+        tell(f"report written to {path}")
+    if not wrote_json(answer, json) and not out:
         print(text_report(answer))
 
 

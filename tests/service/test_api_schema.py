@@ -25,6 +25,7 @@ OPERATIONS = [
     ("POST", f"{BASE}/inspections"),
     ("POST", f"{BASE}/effects/{{name}}"),
 ]
+LONGER = [("GET", f"{BASE}/report")]
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,7 @@ def described(tmp_path_factory):
 
 def test_every_operation_of_the_description_is_called_here(described):
     found = {(o.ok().method.upper(), o.ok().path) for o in described.get_all_operations()}
-    assert found == {*OPERATIONS, ("GET", f"{BASE}/events")}
+    assert found == {*OPERATIONS, *LONGER, ("GET", f"{BASE}/events")}
 
 
 def answers_as_described(operation, mode):
@@ -55,7 +56,9 @@ def answers_as_described(operation, mode):
     answered()
 
 
-@pytest.mark.parametrize(("method", "path"), OPERATIONS)
+@pytest.mark.parametrize(
+    ("method", "path"), [*OPERATIONS, *(pytest.param(*operation, marks=pytest.mark.slow) for operation in LONGER)]
+)
 def test_request_by_the_description_is_answered_by_it(described, method, path):
     answers_as_described(described[path][method], GenerationMode.POSITIVE)
 

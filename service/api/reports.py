@@ -1,0 +1,43 @@
+"""REST: the report about one asset, for people."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import Response
+
+from service.api.assets import snapshot_of
+from service.api.problems import responses
+
+router = APIRouter(prefix="/v1/assets", tags=["assets"])
+
+POINTS = 200  # of the trends, about
+FILES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "The report",
+        "content": {"text/html": {"schema": {"type": "string"}}, "application/pdf": {"schema": {"type": "string"}}},
+    }
+}
+
+
+@router.get("/{asset}/report", response_class=Response, responses=FILES | responses(404, 422))
+def report(
+    request: Request,
+    asset: str,
+    format: Annotated[Literal["html", "pdf"], Query(description="one HTML page, or a PDF of two pages")] = "html",
+) -> Response:
+    """Conclusion and action, trends with the limit, what else was found and how sure; the method in an appendix."""
+    from service.report import FORMATS, rendered, report_of
+
+    snapshot = snapshot_of(request, asset)
+    every = max(1, snapshot.windows_total // POINTS)
+    history = request.app.state.store.windows(asset, limit=10 * POINTS, every=every)
+    latest = list(snapshot.whole["windows"])
+    first = latest[0]["index"] if latest else 0
+    records = [w.record for w in history if w.record["index"] < first] + latest
+    content = report_of({**snapshot.whole, "windows": records}, snapshot.rig)
+    name = f"{asset}-{(snapshot.latest.get('index') or 0)}.{format}"
+    shown = "inline" if format == "html" else "attachment"
+    headers = {"Content-Disposition": f'{shown}; filename="{name}"'}
+    return Response(rendered(content, format), media_type=FORMATS[format][0], headers=headers)
