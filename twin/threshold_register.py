@@ -34,6 +34,7 @@ from twin.fallen_count import FallenCountThresholds
 from twin.features.despike import SpikeThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
+from twin.features.pulses import PulseThresholds
 from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
 from twin.levels.wear_by_level import LevelLimits
@@ -104,6 +105,7 @@ SETS: tuple[type, ...] = (
     SpikeThresholds,
     NonGearFeatureThresholds,
     PlausibleOperatingThresholds,
+    PulseThresholds,
     RelationLimits,
     TrialLimits,
     LevelLimits,

@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell, windowing
 from service.cli.effects import app as effects
 from service.cli.example import app as example
+from service.cli.importing import import_
 from service.json_text import write_text, wrote_json
 
 GROUPS = ("Get started", "Assess a machine", "Learn and calibrate", "Recordings and data")
@@ -223,30 +224,6 @@ def simulate(
         print(f"simulated: {out}")
 
 
-@app.command(name="import", rich_help_panel=DATA)
-def import_(
-    mapping: Annotated[
-        Path, typer.Argument(metavar="MAPPING", help="Mapping file (TOML): which column is which channel.")
-    ],
-    out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
-    source: Annotated[
-        Path | None, typer.Option(help="Data file (CSV, CSV.gz, NPZ) instead of the one that the mapping names.")
-    ] = None,
-    json: JsonFile = None,
-) -> None:
-    """Convert measured columns (CSV, NPZ) into a recording."""
-    from service.cli.show import progress_bar
-    from service.files.import_recording import import_recording
-
-    with progress_bar("importing") as bar:
-        found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source)
-    if not wrote_json(found, json):
-        print(f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
-    for label, counts in found["encoders"].items():
-        if counts["illegal_transitions"] or counts["reversals"]:
-            tell(f"{label}: {found['notes'][label]}")
-
-
 @app.command(rich_help_panel=START)
 def serve(
     listen: Listen = None,
@@ -430,5 +407,6 @@ def diagnose(
         tell(f"figures written to {out}")
 
 
+app.command(name="import", rich_help_panel=DATA)(import_)
 app.add_typer(effects, name="effects", rich_help_panel=ANSWER)
 app.add_typer(example, name="example", rich_help_panel=DATA)

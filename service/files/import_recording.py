@@ -26,14 +26,16 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from service.errors import InputError
-from service.files.import_columns import read_columns
-from service.files.import_mapping import QUADRATURE, ChannelMapping, ImportMapping, load_import_mapping
+from service.files.import_channel import PULSES, QUADRATURE, ChannelMapping
+from service.files.import_columns import DataFile, Measured, read_columns
+from service.files.import_mapping import ImportMapping, load_import_mapping
 from service.stream.channels import CHANNEL_KINDS, Layout
 from service.stream.frames import NS, EncoderFrame, Frame, SampleFrame
 from service.stream.wire.codec import encode, schema_data
 from service.stream.wire.topics import Channel, topic_of
 from twin.encoder_pair.motion import forward_edges, quadrature
 from twin.errors import WindowError
+from twin.features.pulses import pulses_of
 
 FRAME_LENGTH = 0.5  # [s]
 SLOW_INTERVAL = 1.0  # over which a slow channel's column is averaged to one value [s]
@@ -55,17 +57,23 @@ def import_recording(
     """
     mapping = load_import_mapping(mapping_path)
     data_file = Path(source) if source is not None else mapping.path
-    mapping, columns = read_columns(mapping, data_file)
+    return written_recording(mapping, data_file, out_path, progress)
+
+
+def written_recording(
+    mapping: ImportMapping, data_file: Path, out_path: str | Path, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Writes the recording of a checked mapping and a data file; returns what was written and what was left out."""
+    data = read_columns(mapping, data_file)
+    mapping = data.mapping
     imported = [c for c in mapping.channels if not c.left_out]
     if not imported:
         kinds = ", ".join(kind.quantity for kind in CHANNEL_KINDS.values())
         raise InputError(f"{mapping.where}: channels: none is imported; quantities with a channel are {kinds}")
-    started = mapping.started or CLOCK_START
-    counted = _counted(mapping, columns)
-    frames = _all_frames(
-        mapping, columns, imported, counted, round(started.timestamp()) * NS + started.microsecond * 1000
-    )
-    notes = _notes(mapping, data_file, counted)
+    started = mapping.started or data.started or CLOCK_START
+    counted = _counted(data)
+    frames = _all_frames(data, imported, counted, int(started.timestamp()) * NS + started.microsecond * 1000)
+    notes = _notes(data, data_file, counted)
     metadata = {"asset": mapping.asset, "description": mapping.description, "started": started.isoformat()}
     write_recording(out_path, frames, metadata, notes, to_toml(mapping.rig), progress)
     return {
@@ -81,71 +89,95 @@ def import_recording(
     }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Counted:
-    """What a quadrature encoder's levels came to."""
+    """What a quadrature encoder's levels, or a tachometer's pulses, came to."""
 
-    times: np.ndarray  # of the edges passed forward (m,) [s]
+    times: np.ndarray  # of the edges passed forward (m,) [s]; NaN of one that was missed and not interpolated
     length: float  # of the record [s]
-    figures: dict[str, int]
+    figures: dict[str, float]
+    first_index: int = 0  # number of the first edge within its turn, where a gap of the wheel marks the turn
 
 
-def _counted(mapping: ImportMapping, columns: Mapping[str, np.ndarray]) -> dict[str, _Counted]:
-    """The edges of the quadrature encoders by channel label; InputError where one does not turn on."""
+def _counted(data: DataFile) -> dict[str, _Counted]:
+    """The edges of quadrature encoders and tachometers by channel label; InputError where one does not turn on."""
     out = {}
-    for channel in mapping.channels:
-        if channel.unit != QUADRATURE:
-            continue
-        found = quadrature(*columns[channel.label])
+    for channel in data.mapping.channels:
+        measured = data.channels[channel.label]
         try:
-            forward = forward_edges(found.counts, mapping.sample_rate)
+            if channel.unit == QUADRATURE:
+                out[channel.label] = _of_levels(measured)
+            elif channel.unit == PULSES:
+                out[channel.label] = _of_pulses(measured, channel)
         except WindowError as error:
-            raise InputError(f"{mapping.where}: channels.{channel.name}: {error}") from None
-        figures = {
-            "edges": forward.times.size,
-            "sense": forward.sense,
-            "reversals": found.reversals,
-            "counts_taken_back": forward.reversed_counts,
-            "illegal_transitions": found.illegal,
-            "illegal_counted_as_two": found.filled,
-        }
-        out[channel.label] = _Counted(forward.times, found.counts.size / mapping.sample_rate, figures)
+            raise InputError(f"{data.mapping.where}: {channel.key}: {error}") from None
     return out
 
 
+def _of_levels(measured: Measured) -> _Counted:
+    found = quadrature(*measured.values)
+    forward = forward_edges(found.counts, measured.rate)
+    figures: dict[str, float] = {
+        "edges": forward.times.size,
+        "sense": forward.sense,
+        "reversals": found.reversals,
+        "counts_taken_back": forward.reversed_counts,
+        "illegal_transitions": found.illegal,
+        "illegal_counted_as_two": found.filled,
+    }
+    return _Counted(times=forward.times, length=found.counts.size / measured.rate, figures=figures)
+
+
+def _of_pulses(measured: Measured, channel: ChannelMapping) -> _Counted:
+    assert channel.pulses is not None
+    found = pulses_of(measured.values, measured.rate, channel.pulses)
+    figures = {
+        "edges": found.times.size,
+        "missed": found.missed,
+        "interpolated": found.filled,
+        "doubled": found.doubled,
+        "threshold": found.threshold,
+        "hysteresis": found.hysteresis,
+        "speed_hz": found.speed,
+    }
+    length = measured.values.size / measured.rate
+    return _Counted(times=found.times, length=length, figures=figures, first_index=found.first_index)
+
+
 def _all_frames(
-    mapping: ImportMapping,
-    columns: Mapping[str, np.ndarray],
-    imported: list[ChannelMapping],
-    counted: Mapping[str, _Counted],
-    start_ns: int,
+    data: DataFile, imported: list[ChannelMapping], counted: Mapping[str, _Counted], start_ns: int
 ) -> list[Frame]:
     """The frames of all channels in order of their ends."""
+    mapping = data.mapping
     frames: list[Frame] = []
     for channel in imported:
         address = Channel(mapping.asset, channel.kind, channel.name)
+        measured = data.channels[channel.label]
+        begin = start_ns + round(measured.start * NS)
         if channel.label in counted:
             found = counted[channel.label]
-            frames += _edge_frames(mapping, channel, address, found.times, start_ns, found.length)
+            first = channel.first_edge_index + found.first_index
+            frames += _edge_frames(channel.edges_per_rev, address, found.times, begin, first, found.length)
         elif CHANNEL_KINDS[channel.kind].layout is Layout.EDGES:
-            frames += _edge_frames(mapping, channel, address, columns[channel.label], start_ns)
+            if measured.values[0] < 0:
+                where = f"{mapping.where}: {channel.key}"
+                raise InputError(f"{where}: edge times begin at {measured.values[0]:g} s, before 0")
+            frames += _edge_frames(channel.edges_per_rev, address, measured.values, start_ns, channel.first_edge_index)
         elif CHANNEL_KINDS[channel.kind].slow:
-            frames += _slow_frames(mapping, address, columns[channel.label], start_ns)
+            frames += _slow_frames(address, measured, begin)
         else:
-            frames += _sample_frames(mapping, channel, address, columns[channel.label], start_ns)
+            frames += _sample_frames(f"{mapping.where}: {channel.key}", address, measured, begin)
     return sorted(frames, key=lambda f: (f.end_time_ns, f.channel))
 
 
-def _sample_frames(
-    mapping: ImportMapping, channel: ChannelMapping, address: Channel, values: np.ndarray, start_ns: int
-) -> Iterator[SampleFrame]:
-    rate = mapping.sample_rate
+def _sample_frames(where: str, address: Channel, measured: Measured, start_ns: int) -> Iterator[SampleFrame]:
+    rate, values = measured.rate, measured.values
     count = max(1, round(values.size / (FRAME_LENGTH * rate)))
     cuts = [round(i * values.size / count) for i in range(count + 1)]
     if values.size / rate / count < 0.01:
         raise InputError(
-            f"{mapping.where}: channels.{channel.name}: {values.size} samples at {rate:g} Hz are only "
-            f"{values.size / rate:.3g} s; is file.sample_rate_hz right?"
+            f"{where}: {values.size} samples at {rate:g} Hz are only {values.size / rate:.3g} s; is the sample rate "
+            f"(file.sample_rate_hz) right?"
         )
     for sequence, (a, b) in enumerate(pairwise(cuts)):
         yield SampleFrame(
@@ -157,66 +189,76 @@ def _sample_frames(
         )
 
 
-def _slow_frames(mapping: ImportMapping, address: Channel, values: np.ndarray, start_ns: int) -> Iterator[SampleFrame]:
+def _slow_frames(address: Channel, measured: Measured, start_ns: int) -> Iterator[SampleFrame]:
     """One value a second, the mean of the finite ones of that second."""
-    rate = mapping.sample_rate
-    for sequence, number in enumerate(range(max(1, int(values.size / (rate * SLOW_INTERVAL))))):
-        second = values[round(number * SLOW_INTERVAL * rate) : round((number + 1) * SLOW_INTERVAL * rate)]
+    rate, values = measured.rate, measured.values
+    per_interval = max(1.0, rate * SLOW_INTERVAL)
+    for sequence, number in enumerate(range(max(1, int(values.size / per_interval)))):
+        second = values[round(number * per_interval) : round((number + 1) * per_interval)]
         finite = second[np.isfinite(second)]
         if finite.size:
             yield SampleFrame(
                 channel=address,
-                start_time_ns=start_ns + round((number + 0.5) * SLOW_INTERVAL * NS),
+                start_time_ns=start_ns + round((number + 0.5) * per_interval / rate * NS),
                 sequence=sequence,
-                sample_rate=1 / SLOW_INTERVAL,
+                sample_rate=rate / per_interval,
                 values=np.array([finite.mean()], dtype=np.float32),
             )
 
 
 def _edge_frames(
-    mapping: ImportMapping,
-    channel: ChannelMapping,
-    address: Channel,
-    times: np.ndarray,
-    start_ns: int,
-    length: float | None = None,
+    per_rev: int, address: Channel, times: np.ndarray, start_ns: int, first: int, length: float | None = None
 ) -> Iterator[EncoderFrame]:
-    """The frames of an encoder; also those without an edge where the record's length [s] is known."""
-    if times[0] < 0:
-        raise InputError(f"{mapping.where}: channels.{channel.name}: edge times begin at {times[0]:g} s, before 0")
-    number = np.floor(times / FRAME_LENGTH).astype(int)
+    """The frames of an encoder; also those without an edge where the record's length [s] is known.
+
+    An edge whose time is not known (NaN) ends a frame: the number of the next frame's first edge shows that it is
+    missing.
+    """
+    known = np.flatnonzero(np.isfinite(times))
+    number = np.floor(times[known] / FRAME_LENGTH).astype(int)
     numbers = np.unique(number) if length is None else np.arange(max(1, round(length / FRAME_LENGTH)))
     number = np.minimum(number, numbers[-1])  # less than half a frame at the end goes with the last
-    for sequence, n in enumerate(numbers):
-        first, last = np.searchsorted(number, (n, n + 1))
+    sequence = 0
+    for n in numbers:
         begin = n * FRAME_LENGTH
-        yield EncoderFrame(
-            channel=address,
-            start_time_ns=start_ns + round(begin * NS),
-            sequence=sequence,
-            edges_per_rev=channel.edges_per_rev,
-            first_edge_index=channel.first_edge_index + int(first),
-            edge_offsets_ns=(times[first:last] - begin) * NS,
-        )
+        own = known[slice(*np.searchsorted(number, (n, n + 1)))]
+        nearest = own[:0] if own.size else known[np.searchsorted(number, n) :][:1]
+        for run in np.split(own, np.flatnonzero(np.diff(own) > 1) + 1):
+            at = int(run[0]) if run.size else int(nearest[0]) if nearest.size else times.size
+            yield EncoderFrame(
+                channel=address,
+                start_time_ns=start_ns + round(begin * NS),
+                sequence=sequence,
+                edges_per_rev=per_rev,
+                first_edge_index=first + at,
+                edge_offsets_ns=(times[run] - begin) * NS,
+            )
+            sequence += 1
 
 
-def _notes(mapping: ImportMapping, data_file: Path, counted: Mapping[str, _Counted]) -> dict[str, str]:
+def _notes(data: DataFile, data_file: Path, counted: Mapping[str, _Counted]) -> dict[str, str]:
     """What a reader of the recording must know of where it comes from."""
-    notes = {"source": data_file.name, "sample_rate_hz": f"{mapping.sample_rate:g}"}
+    mapping = data.mapping
+    rates = {m.rate for m in data.channels.values() if m.rate > 0}
+    notes = {"source": data_file.name, "sample_rate_hz": ", ".join(f"{r:.9g}" for r in sorted(rates))}
     for channel in mapping.channels:
         said = _conversion_note(channel)
         if channel.label in counted:
-            said = _quadrature_note(channel, counted[channel.label].figures)
+            describe = _quadrature_note if channel.unit == QUADRATURE else _pulse_note
+            said = describe(channel, counted[channel.label].figures)
+        missing = data.channels[channel.label].missing
+        if missing:
+            said += f"; by the time column {missing} samples are missing"
         notes[channel.label] = f"{said}; {channel.note}" if channel.note else said
-    senses = [c.figures["sense"] for c in counted.values()]
+    senses = [c.figures["sense"] for c in counted.values() if "sense" in c.figures]
     if len(senses) == 2:
         how = "opposite senses, as an external pair must"
         if senses[0] == senses[1]:
             how = "the same sense: no external pair, or one encoder has a and b exchanged"
         notes["senses"] = f"by their counts the shafts turn in {how}"
-    if mapping.started is None:
+    if mapping.started is None and data.started is None:
         notes["started"] = f"unknown: the clock starts at {CLOCK_START.isoformat()}"
-    for i, note in enumerate(mapping.notes, start=1):
+    for i, note in enumerate((*mapping.notes, *data.notes), start=1):
         notes[f"note {i}"] = note
     return notes
 
@@ -234,7 +276,22 @@ def _conversion_note(channel: ChannelMapping) -> str:
     return f"was in {channel.unit}, times {channel.factor:.6g}{shifted}"
 
 
-def _quadrature_note(channel: ChannelMapping, figures: Mapping[str, int]) -> str:
+def _pulse_note(channel: ChannelMapping, figures: Mapping[str, float]) -> str:
+    """What was made of a tachometer's pulses."""
+    said = (
+        f"{figures['edges']:.0f} pulses of {channel.columns[0]!r}, {channel.edges_per_rev} a turn, "
+        f"{figures['speed_hz']:.6g} turns/s; threshold {figures['threshold']:.4g}, "
+        f"hysteresis {figures['hysteresis']:.3g}"
+    )
+    if not figures["missed"] and not figures["doubled"]:
+        return said
+    return (
+        f"{said}; {figures['missed']:.0f} pulses were missed, of which {figures['interpolated']:.0f} are interpolated, "
+        f"and {figures['doubled']:.0f} double ones are left out"
+    )
+
+
+def _quadrature_note(channel: ChannelMapping, figures: Mapping[str, float]) -> str:
     """What was made of a quadrature encoder's levels."""
     ahead, behind = channel.columns[::-1] if figures["sense"] > 0 else channel.columns
     illegal, filled = figures["illegal_transitions"], figures["illegal_counted_as_two"]

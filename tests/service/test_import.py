@@ -172,7 +172,7 @@ WRONG = [
     (('unit = "g"', 'unit = "g"\nsensitivity = 2'), "sensitivity = 2 goes with unit 'V' only"),
     (("sample_rate_hz = 12800", "sample_rate_hz = 0"), "file.sample_rate_hz = 0 Hz is outside"),
     (("sample_rate_hz = 12800", "sample_rate_hz = -12.8"), "file.sample_rate_hz = -12.8 Hz is outside"),
-    (("sample_rate_hz = 12800", ""), "file.sample_rate_hz = None must be a number"),
+    (("sample_rate_hz = 12800", ""), "no sample rate is known: .* give file.sample_rate_hz, or file.time_column"),
     (("teeth = 20", "teeth = 2"), "rig: gears.pinion.teeth = 2 is outside"),
     (("teeth = 20", "teeth = 20.5"), "rig: gears.pinion.teeth = 20.5 must be a whole number"),
     (

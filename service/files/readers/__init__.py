@@ -1,0 +1,96 @@
+"""Measurement files: one reader for each format, one line of `FORMATS` each.
+
+    table = read_table(Path("run.tdms"))
+    table.columns[0].name, table.columns[0].unit, table.columns[0].rate
+
+A format is recognised by how its files begin, whatever they are called; what begins like none of them is read as text.
+The libraries of the extra `formats` are imported by the readers that need them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from service.errors import InputError
+from service.files.readers.hdf5 import read_hdf5
+from service.files.readers.mat import read_mat, read_mat73
+from service.files.readers.mdf import read_mdf
+from service.files.readers.numpy_files import read_npy, read_npz
+from service.files.readers.parquet import read_parquet
+from service.files.readers.table import Column, Table
+from service.files.readers.tdms import read_tdms
+from service.files.readers.text import NoNumbers, read_text
+from service.files.readers.text_form import TextForm
+from service.files.readers.uff import read_uff
+from service.files.readers.wav import read_wav
+
+__all__ = ["FORMATS", "Column", "Table", "TextForm", "format_of", "read_table"]
+
+EXTRA = "make install-formats, or pip install 'gear-twin[formats]'"
+Reader = Callable[[Path], Table]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format:
+    """One kind of file."""
+
+    name: str
+    begins: tuple[bytes, ...]  # how its files begin, at one of `at`
+    read: Reader
+    at: tuple[int, ...] = (0,)
+    library: str = ""  # of the extra `formats`; empty where it is always there
+
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+FORMATS = (
+    Format(name="NPZ", begins=(b"PK\x03\x04",), read=read_npz),
+    Format(name="NPY", begins=(b"\x93NUMPY",), read=read_npy),
+    Format(name="WAV", begins=(b"RIFF", b"RF64", b"RIFX"), read=read_wav),
+    Format(name="MAT", begins=(b"MATLAB 5.0 MAT-file",), read=read_mat),
+    Format(name="MAT 7.3", begins=(b"MATLAB 7.3 MAT-file",), read=read_mat73, library="mat73"),
+    Format(name="TDMS", begins=(b"TDSm",), read=read_tdms, library="nptdms"),
+    Format(name="UFF-58", begins=(b"    -1",), read=read_uff, library="pyuff"),
+    Format(name="MDF", begins=(b"MDF     ", b"UnFinMF "), read=read_mdf, library="asammdf"),
+    Format(name="HDF5", begins=(HDF5,), at=(0, 512, 1024, 2048), read=read_hdf5, library="h5py"),
+    Format(name="Parquet", begins=(b"PAR1",), read=read_parquet, library="pyarrow"),
+)
+"""By the beginning of the file, the first that fits."""
+NAMES = ", ".join(f.name for f in FORMATS)
+
+
+def format_of(path: Path) -> Format | None:
+    """The format that a file begins like; None of a text, and of what is not known."""
+    with path.open("rb") as file:
+        head = file.read(2048 + len(HDF5))
+    for form in FORMATS:
+        if any(head[at:].startswith(begin) for at in form.at for begin in form.begins):
+            return form
+    return None
+
+
+def read_table(path: Path, text: TextForm | None = None) -> Table:
+    """The columns of a measurement file; InputError where it cannot be read.
+
+    text  layout of a text file, where it is known
+    """
+    try:
+        form = format_of(path)
+        table = read_text(path, text) if form is None else form.read(path)
+        if not table.columns:
+            raise ValueError(f"it holds no column of numbers, only {', '.join(table.names) or 'nothing'}")
+        return table
+    except ModuleNotFoundError as error:
+        library = error.name or (form.library if form else "")
+        what = form.name if form else "text"
+        raise InputError(f"{path} is a {what} file, and {library} is not installed, which reads it: {EXTRA}") from None
+    except MemoryError:
+        raise InputError(f"{path} is larger than the memory of this machine") from None
+    except Exception as error:  # of a library that met a broken file: each raises its own
+        if isinstance(error, OSError) and error.strerror:
+            raise InputError(f"{path} cannot be read: {error.strerror.lower()}") from None
+        said = (str(error).splitlines() or [type(error).__name__])[0]
+        kind = form.name if form else "CSV"
+        others = f"; other formats that can be read: {NAMES}" if isinstance(error, NoNumbers) else ""
+        raise InputError(f"{path} is no readable {kind} file: {said}{others}") from None

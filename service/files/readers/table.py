@@ -1,0 +1,94 @@
+"""What a measurement file holds: named columns of numbers, each with unit, rate and times if the file states them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+
+import numpy as np
+
+MOST_COLUMNS = 256  # of one two-dimensional array: a larger one is no row of channels
+
+_IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Column:
+    """One column; `rate` or `times` where the file states when its values were taken."""
+
+    name: str
+    values: np.ndarray  # (n,), as the file has them
+    unit: str = ""  # as the file states it; empty where it does not
+    rate: float | None = None  # [Hz]
+    start: float = 0.0  # time of the first value after the file's start [s]
+    times: np.ndarray | None = None  # of each value, after the file's start (n,) [s]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Table:
+    """A measurement file that has been read."""
+
+    format: str  # as a reader calls it: CSV, WAV, …
+    columns: tuple[Column, ...]
+    numbers: Mapping[str, float] = field(default_factory=dict)  # single numbers by name
+    started: datetime | None = None
+    rate: float | None = None  # stated for the whole file, as in the preamble of a CSV file [Hz]
+    notes: tuple[str, ...] = ()  # what a reader of the recording should know
+    other_names: tuple[str, ...] = ()  # of what else the file holds, such as texts
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of everything in the file."""
+        return (*(c.name for c in self.columns), *self.numbers, *self.other_names)
+
+    def column(self, name: str) -> Column | None:
+        """The column of this name; None where there is none."""
+        return next((c for c in self.columns if c.name == name), None)
+
+
+def split_unit(label: str) -> tuple[str, str]:
+    """`Acc1 (g)` or `Acc1 [g]` → name and unit; the unit is empty where the label has none."""
+    found = _IN_BRACKETS.match(label.strip())
+    if not found or found["unit"].strip().isdigit():  # a number in brackets counts the columns of an array
+        return label.strip(), ""
+    return found["name"], found["unit"].strip()
+
+
+def rounded_rate(rate: float, uncertainty: float) -> float:
+    """The number of fewest digits within the relative uncertainty of a rate that was printed with few digits."""
+    for digits in range(1, 12):
+        short = float(f"{rate:.{digits}g}")
+        if abs(short - rate) <= uncertainty * rate:
+            return short
+    return rate
+
+
+def array_columns(
+    name: str, values: np.ndarray, unit: str = "", rate: float | None = None, start: float = 0.0
+) -> list[Column]:
+    """The columns of an array: itself; of one with two dimensions `name[1]`, `name[2]`, … along the longer of them."""
+    array = np.squeeze(np.asarray(values))
+    if array.dtype.kind not in "fiub" or array.size < 2 or array.ndim > 2:
+        return []
+    if array.ndim == 1:
+        return [Column(name=name, values=array, unit=unit, rate=rate, start=start)]
+    rows = array if array.shape[0] <= array.shape[1] else array.T
+    if rows.shape[0] > MOST_COLUMNS:
+        return []
+    return [
+        Column(name=f"{name}[{i}]", values=row, unit=unit, rate=rate, start=start)
+        for i, row in enumerate(rows, start=1)
+    ]
+
+
+def unique_names(names: list[tuple[str, str]]) -> list[str]:
+    """For pairs of group and name: the name alone where no two are the same, else group/name, numbered where needed."""
+    if len({name for _, name in names}) == len(names):
+        return [name for _, name in names]
+    whole = [f"{group}/{name}" if group else name for group, name in names]
+    out: list[str] = []
+    for name in whole:
+        out.append(name if name not in out else f"{name} #{whole[: len(out)].count(name) + 1}")
+    return out

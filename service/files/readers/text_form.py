@@ -1,0 +1,204 @@
+"""How a text file of numbers is laid out: separator, decimal sign, where its rows begin, what its columns are called.
+
+The rows in the middle of the file decide: of all separators and decimal signs, those under which most cells of a row
+are numbers, and then most numbers are in a row. Above the first row of numbers there may be a row of names, a row of
+units below it, and lines of any kind, in which a sample rate may be stated.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from service.files.readers.table import split_unit
+
+SEPARATORS = (";", "\t", ",", "|", " ")
+PROBED = 40  # rows from the middle that decide
+FOLLOWING, MOST = 8, 0.75  # lines after the first row of numbers, and which share of them must be such rows
+MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-"}
+MOMENT = re.compile(
+    r"^(?:\d{4}-\d\d-\d\d[T ]|\d{1,2}[./]\d{1,2}[./]\d{4},?[T ])?\d{1,2}:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?$"
+)
+RATE = re.compile(
+    r"(?:sampl(?:e|ing)[ _-]*(?:rate|freq\w*)|sample_rate_hz|abtastrate|abtastfrequenz"
+    r"|fr[eé]quence d.[eé]chantillonnage|\bfs\b)"
+    r"\W*?(?:\(|\[)?\s*(?P<before>[kM]?Hz|S/s|kS/s)?\s*(?:\)|\])?[\s:=;,\t\"]*"
+    r"(?P<number>\d[\d.,]*(?:[eE][+-]?\d+)?)\s*(?P<after>[kM]?Hz|k?S/s)?",
+    re.IGNORECASE,
+)
+UNIT_NAMES = {
+    "s", "sec", "ms", "us", "µs", "μs", "ns", "min", "h", "v", "mv", "µv", "g", "mg", "m/s2", "m/s^2", "m/s²", "m/s**2",
+    "ms-2", "mm/s", "m/s", "mm/s^2", "um", "µm", "mm", "m", "nm", "n.m", "n·m", "n*m", "n-m", "ncm", "knm", "lbf.in",
+    "ft-lb", "rpm", "1/min", "min-1", "rev/min", "u/min", "hz", "khz", "pa", "kpa", "bar", "a", "ma", "w", "kw", "%",
+    "°", "deg", "rad", "rev", "counts", "degc", "°c", "c", "degf", "°f", "k", "-", "",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextForm:
+    """The layout of a text file; what is None is found in the file."""
+
+    separator: str | None = None
+    decimal: str | None = None
+    header_row: int | None = None  # number of the line with the names, from 1; 0 where there is none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """The layout that was found."""
+
+    separator: str
+    decimal: str
+    first: int  # index of the first row of numbers
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    moments: tuple[bool, ...]  # which columns are dates or times of day
+    numeric: tuple[bool, ...]  # which are numbers
+
+
+def cells_of(line: str, separator: str) -> list[str]:
+    """The cells of a line; quotes around a cell are left out."""
+    parts = line.split() if separator == " " else line.split(separator)
+    return [part.strip().strip('"').strip() for part in parts]
+
+
+def is_number(cell: str, decimal: str) -> bool:
+    """Whether a cell is a number or empty; an underscore, which Python would take, is neither."""
+    if cell.lower() in MISSING:
+        return True
+    if decimal == ",":
+        if "." in cell:
+            return False
+        cell = cell.replace(",", ".")
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell
+
+
+def layout_of(lines: Sequence[str], form: TextForm) -> Layout | None:
+    """The layout of a file's non-blank lines; None where there are no rows of numbers."""
+    probe = _probe(lines)
+    best: tuple[tuple[float, float], str, str] | None = None
+    for separator in (form.separator,) if form.separator else SEPARATORS:
+        for decimal in (form.decimal,) if form.decimal else (".", ","):
+            if separator == decimal or _is_decimal_comma(lines[0], probe, separator):
+                continue
+            if (score := _score(probe, separator, decimal)) and (not best or score > best[0]):
+                best = (score, separator, decimal)
+    if best is None:
+        return None
+    _, separator, decimal = best
+    width = len(cells_of(probe[0], separator))
+    moments, numeric = _kinds(probe, separator, decimal, width)
+    first = _first_row(lines, separator, decimal, moments, numeric)
+    if first is None:
+        return None
+    names, units = _names(lines[:first], separator, decimal, width, form.header_row)
+    return Layout(
+        separator=separator, decimal=decimal, first=first, names=names, units=units, moments=moments, numeric=numeric
+    )  # fmt: skip
+
+
+def _is_decimal_comma(head: str, probe: Sequence[str], separator: str) -> bool:
+    """Whether the comma of a single column is its decimal sign: the name above it has none."""
+    named = not is_number(head.strip(), ".") and "," not in head
+    return separator == "," and named and all(line.count(",") == 1 for line in probe)
+
+
+def _probe(lines: Sequence[str]) -> Sequence[str]:
+    """Rows from the middle of the file, without the last one, which may be cut off."""
+    if len(lines) <= 3:
+        return lines[-1:]
+    begin = min(len(lines) // 2, len(lines) - 2)
+    return lines[begin : min(begin + PROBED, len(lines) - 1)]
+
+
+def _score(probe: Sequence[str], separator: str, decimal: str) -> tuple[float, float] | None:
+    """Share of the cells that are numbers, and how many a row has; None where the rows differ in length."""
+    rows = [cells_of(line, separator) for line in probe]
+    if len({len(row) for row in rows}) != 1:
+        return None
+    good = sum(is_number(cell, decimal) or MOMENT.match(cell) is not None for row in rows for cell in row)
+    filled = sum(cell.lower() not in MISSING for row in rows for cell in row)
+    if not good or not filled:
+        return None
+    share = good / (len(rows) * len(rows[0]))
+    return (share, good / len(rows)) if good > len(rows) / 2 else None
+
+
+def _kinds(probe: Sequence[str], separator: str, decimal: str, width: int) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
+    """Which columns are moments, and which are numbers."""
+    rows = [cells_of(line, separator) for line in probe]
+    moments = tuple(all(MOMENT.match(row[i]) for row in rows) for i in range(width))
+    numeric = tuple(all(is_number(row[i], decimal) for row in rows) for i in range(width))
+    return moments, numeric
+
+
+def _first_row(
+    lines: Sequence[str], separator: str, decimal: str, moments: Sequence[bool], numeric: Sequence[bool]
+) -> int | None:
+    """The first line that has numbers where the columns have them, as most of the next lines do."""
+
+    def fits(line: str) -> bool:
+        row = cells_of(line, separator)
+        if len(row) != len(numeric) or not any(cell.lower() not in MISSING for cell in row):
+            return False
+        return all(
+            (not numeric[i] or is_number(cell, decimal)) and (not moments[i] or MOMENT.match(cell))
+            for i, cell in enumerate(row)
+        ) and any(cell.lower() not in MISSING for i, cell in enumerate(row) if numeric[i] or moments[i])
+
+    for i, line in enumerate(lines):
+        following = lines[i + 1 : min(i + 1 + FOLLOWING, len(lines) - 1)]
+        if fits(line) and sum(fits(later) for later in following) >= MOST * len(following):
+            return i
+    return None
+
+
+def _names(
+    above: Sequence[str], separator: str, decimal: str, width: int, header_row: int | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The names and units of the columns, from the lines above the numbers."""
+    numbered = tuple(f"column {i + 1}" for i in range(width))
+    none = ("",) * width
+    if header_row == 0:
+        return numbered, none
+    rows = [cells_of(line.lstrip("#%"), separator) for line in above[-2:]]
+    if header_row is not None:
+        rows = [cells_of(line.lstrip("#%"), separator) for line in above[header_row - 1 :]]
+        if not rows or len(rows[0]) != width:
+            return numbered, none
+    fitting = [row for row in rows if len(row) == width and not all(is_number(cell, decimal) for cell in row)]
+    if not fitting:
+        return numbered, none
+    unit_row = fitting[-1] if len(fitting) > 1 and _are_units(fitting[-1]) else None
+    header = fitting[-2] if unit_row else fitting[0 if header_row is not None else -1]
+    names = tuple(cell or numbered[i] for i, cell in enumerate(header))
+    if unit_row:
+        return names, tuple(cell.strip("[]()") for cell in unit_row)
+    return names, tuple(split_unit(name)[1] for name in names)
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    return any(row) and all(cell.strip("[]()").lower() in UNIT_NAMES for cell in row)
+
+
+def stated_rate(lines: Sequence[str]) -> float | None:
+    """The sample rate that the lines above the numbers state [Hz]."""
+    for line in lines:
+        found = RATE.search(line)
+        if not found:
+            continue
+        text = found["number"].rstrip(".,")
+        text = text.replace(",", ".") if "." not in text else text.replace(",", "")
+        unit = (found["after"] or found["before"] or "Hz").lower()
+        try:
+            value = float(text) * {"k": 1e3, "m": 1e6}.get(unit[0], 1.0)
+        except ValueError:
+            continue
+        if value > 0:
+            return value
+    return None

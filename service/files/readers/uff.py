@@ -1,0 +1,67 @@
+"""Universal files (UFF), data set 58: functions at points of a structure, by pyuff. Time histories are read."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from service.files.readers.table import Column, Table, rounded_rate, unique_names
+
+PRINTED = 6e-6  # relative uncertainty of a step that is printed with six digits
+TIME = 17  # abscissa_spec_data_type
+DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
+MOMENTS = ("%d-%b-%y %H:%M:%S", "%d-%b-%Y %H:%M:%S")
+
+
+def read_uff(path: Path) -> Table:
+    """The time histories of the file, named by their point and direction where that is unique, else by their number."""
+    import pyuff
+
+    file = pyuff.UFF(str(path))
+    sets = [file.read_sets(int(i)) for i, kind in enumerate(file.get_set_types()) if int(kind) == 58]
+    histories = [s for s in sets if _is_history(s)]
+    others = len(sets) - len(histories)
+    names = unique_names([("", _name(s)) for s in histories])
+    columns = tuple(_column(name, s) for name, s in zip(names, histories, strict=True))
+    notes = (f"{others} data sets of other functions (spectra, responses) are left out",) if others else ()
+    started = next((m for s in histories if (m := _moment(str(s.get("id3", "")))) is not None), None)
+    return Table(format="UFF-58", columns=columns, notes=notes, started=started)
+
+
+def _is_history(data: dict[str, Any]) -> bool:
+    values = np.asarray(data.get("data", ()))
+    kinds = (int(data.get("func_type", 1)), int(data.get("abscissa_spec_data_type", TIME)))
+    return values.size > 1 and not np.iscomplexobj(values) and kinds[0] in (0, 1) and kinds[1] in (0, TIME)
+
+
+def _name(data: dict[str, Any]) -> str:
+    """The point and direction, such as `housing:3+Z`; the first identification line where there is none."""
+    entity = str(data.get("rsp_ent_name", "") or "").strip()
+    entity = "" if entity == "NONE" else entity
+    node, direction = int(data.get("rsp_node", 0) or 0), int(data.get("rsp_dir", 0) or 0)
+    point = f"{node or ''}{DIRECTIONS.get(direction, '')}"
+    named = ":".join(part for part in (entity, point) if part)
+    return named or str(data.get("id1", "") or "").strip() or "history"
+
+
+def _column(name: str, data: dict[str, Any]) -> Column:
+    values = np.asarray(data["data"], dtype=float)
+    unit = str(data.get("ordinate_axis_units_lab", "") or "").strip()
+    step, even = float(data.get("abscissa_inc", 0.0) or 0.0), int(data.get("abscissa_spacing", 1) or 0) == 1
+    unit = "" if unit == "NONE" else unit
+    if even and step > 0:
+        start = float(data.get("abscissa_min", 0.0) or 0.0)
+        return Column(name=name, values=values, unit=unit, rate=rounded_rate(1 / step, PRINTED), start=start)
+    return Column(name=name, values=values, unit=unit, times=np.asarray(data["x"], dtype=float))
+
+
+def _moment(text: str) -> datetime | None:
+    for form in MOMENTS:
+        try:
+            return datetime.strptime(text.strip().title(), form).replace(tzinfo=UTC)
+        except ValueError:
+            continue
+    return None
