@@ -9,13 +9,14 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
 from service.api import models
+from service.api.conditional import answer
 from service.api.problems import UnknownAsset, responses
 from service.contract.answer import Asset
 from service.contract.base import NotAvailable, not_available
 from service.contract.effects import Residual
 from service.contract.wear import Rul, Wear
 from service.contract.window import WindowRecord
-from service.results.board import Snapshot, has_point, trend_point
+from service.results.board import TAIL, Snapshot, has_point, trend_point
 from service.results.inspections import compare
 from service.results.store import ResultStore, StoredWindow
 
@@ -39,38 +40,46 @@ def snapshot_of(request: Request, asset: str) -> Snapshot:
 async def assets(request: Request) -> Any:
     """The assets seen, each with its status."""
     board = request.app.state.board
-    return JSONResponse([board.get(name).summary() for name in board.assets()])
+    return answer(request, [board.get(name).summary() for name in board.assets()])
 
 
 @router.get("/{asset}", response_model=Asset, responses=ERRORS)
-async def asset(request: Request, asset: str) -> Any:
+async def asset(
+    request: Request,
+    asset: str,
+    windows: Annotated[
+        int, Query(ge=0, le=TAIL, description="how many of the latest window records to include")
+    ] = TAIL,
+) -> Any:
     """The whole state: the same JSON as `gear-twin assess`."""
-    return JSONResponse(snapshot_of(request, asset).whole)
+    whole = snapshot_of(request, asset).whole
+    shown = whole["windows"]
+    return answer(request, {**whole, "windows": shown[max(len(shown) - windows, 0) :]})
 
 
 @router.get("/{asset}/wear", response_model=Wear | NotAvailable, responses=ERRORS)
 async def wear(request: Request, asset: str) -> Any:
     """Wear now: K, depths with their bands, profile of both flanks."""
-    return JSONResponse(snapshot_of(request, asset).whole["wear"])
+    return answer(request, snapshot_of(request, asset).whole["wear"])
 
 
 @router.get("/{asset}/rul", response_model=Rul | NotAvailable, responses=ERRORS)
 async def rul(request: Request, asset: str) -> Any:
     """Remaining useful life in revolutions and hours, with its 5–95 % band."""
-    return JSONResponse(snapshot_of(request, asset).whole["rul"])
+    return answer(request, snapshot_of(request, asset).whole["rul"])
 
 
 @router.get("/{asset}/residual", response_model=Residual | NotAvailable, responses=ERRORS)
 async def residual(request: Request, asset: str) -> Any:
     """Residual: what the model does not explain, by gear-mesh band and order."""
-    return JSONResponse(snapshot_of(request, asset).whole["residual"])
+    return answer(request, snapshot_of(request, asset).whole["residual"])
 
 
 @router.get("/{asset}/rig", response_model=dict[str, Any], responses=ERRORS)
 async def rig(request: Request, asset: str) -> Any:
     """The rig file in use."""
     values = snapshot_of(request, asset).rig
-    return JSONResponse(not_available("no rig file is known for this asset") if values is None else values)
+    return answer(request, not_available("no rig file is known for this asset") if values is None else values)
 
 
 class HistoryQuery(BaseModel):
@@ -90,13 +99,13 @@ class HistoryQuery(BaseModel):
 @router.get("/{asset}/windows", response_model=list[WindowRecord], responses=ERRORS)
 def windows(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
     """Window records, oldest first: a page by cursor, or a long history thinned."""
-    return JSONResponse([w.record for w in _history(request, asset, query)])
+    return answer(request, [w.record for w in _history(request, asset, query)])
 
 
 @router.get("/{asset}/trend", response_model=list[models.TrendPoint], responses=ERRORS)
 def trend(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
-    """Depth and remaining life with their bands as each window left them, oldest first; refused windows left out."""
-    return JSONResponse([trend_point(w) for w in _history(request, asset, query) if has_point(w)])
+    """Level, depth and remaining life with their bands as each window left them; refused windows left out."""
+    return answer(request, [trend_point(w) for w in _history(request, asset, query) if has_point(w)])
 
 
 def _history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredWindow, ...]:
@@ -112,7 +121,7 @@ def _history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredW
 @router.get("/{asset}/quality", response_model=models.Quality, responses=ERRORS)
 async def quality(request: Request, asset: str) -> Any:
     """Faults found in the data, and how many windows they touched."""
-    return JSONResponse(snapshot_of(request, asset).data_quality())
+    return answer(request, snapshot_of(request, asset).data_quality())
 
 
 @router.get("/{asset}/inspections", response_model=list[models.InspectionAnswer], responses=ERRORS)

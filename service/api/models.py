@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.contract.base import Band, NotAvailable
+from service.contract.overview import Kind
 from service.contract.status import Status
 
 Flank = Literal["combined", "pinion", "gear"]
@@ -51,6 +52,14 @@ class DecisionAnswer(BaseModel):
     done: bool = Field(description="false while it is queued")
 
 
+class Sparkline(BaseModel):
+    """The course of one quantity over the asset's history, evenly thinned."""
+
+    quantity: str
+    unit: str
+    values: list[float] = Field(description="at most 30, oldest first")
+
+
 class AssetSummary(BaseModel):
     """One asset in the list."""
 
@@ -65,15 +74,29 @@ class AssetSummary(BaseModel):
     last_frame: str | None = Field(description="when the newest frame was received, ISO 8601 by the service's clock")
     rig: str | None = Field(description="name of the rig file in use")
     last_event_id: int
+    kind: Kind = Field(description="what the answers about this machine rest on")
+    depth_um: Band | None = Field(description="largest combined wear depth [µm]; null where it is not available")
+    limit_um: float | None = Field(description="depth at the end of life [µm]; null where no criterion is known")
+    life_hours: Band | None = Field(description="remaining life at the present operating condition [h]")
+    preliminary: bool = Field(description="whether depth or life is preliminary")
+    sparkline: Sparkline | None = Field(description="course of depth or level; null before the first window")
 
 
 class TrendPoint(BaseModel):
-    """Depth and remaining life with their bands, as of one window."""
+    """Vibration level, depth and remaining life with their bands, as of one window."""
 
     index: int | None
     kind: str | None
+    start_time: str | None = None
     revolutions: float | None
     updated: bool | None
+    quality: str | None = None
+    speed_hz: float | None = None
+    torque_nm: float | None = None
+    rms_measured: float | None = None
+    rms_predicted: float | None = None
+    rms_after: float | None = None
+    error_percent: float | None = None
     depth_um: dict[Flank, Band] | None = None
     rul_hours: Band | None = None
     rul_revolutions: Band | None = None

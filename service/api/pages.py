@@ -1,17 +1,18 @@
 """The dashboard at `/` and the OpenAPI page at `/docs`, both without a network.
 
-Charts are drawn by plotly.js and the OpenAPI page by Swagger UI, each served from the installed Python
-package that carries it (`plotly`, `fastapi-offline`).
+Charts are drawn by uPlot (service/page/vendor), the OpenAPI page by Swagger UI, which is served from the installed
+package that carries it (`fastapi-offline`).
 """
 
 from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.openapi.docs import get_swagger_ui_html
-from fastapi.responses import FileResponse, HTMLResponse
+from fastapi.responses import FileResponse, HTMLResponse, Response
 from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 
@@ -19,7 +20,6 @@ router = APIRouter(include_in_schema=False)
 
 PAGE = Path(__file__).parent.parent / "page"
 BORROWED = {
-    "plotly.min.js": ("plotly", "package_data/plotly.min.js", "text/javascript"),
     "swagger-ui-bundle.js": ("fastapi_offline", "static/swagger-ui-bundle.js", "text/javascript"),
     "swagger-ui.css": ("fastapi_offline", "static/swagger-ui.css", "text/css"),
 }
@@ -58,5 +58,14 @@ async def asset_of_package(name: str) -> FileResponse:
     return FileResponse(borrowed(name), media_type=BORROWED[name][2], headers=headers)
 
 
+class Revalidated(StaticFiles):
+    """Files that the browser keeps, and asks for again by their ETag: a new version is shown at once."""
+
+    def file_response(self, *args: Any, **kwargs: Any) -> Response:
+        response = super().file_response(*args, **kwargs)
+        response.headers["Cache-Control"] = "no-cache"
+        return response
+
+
 def mount_static(app: FastAPI) -> None:
-    app.mount("/static", StaticFiles(directory=PAGE), name="static")
+    app.mount("/static", Revalidated(directory=PAGE), name="static")

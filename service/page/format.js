@@ -6,11 +6,6 @@ export const isAvailable = (part) =>
 export const reasonOf = (part) =>
   (part && typeof part === "object" && part.reason) || "not reported";
 
-// Reasons that several parts of the state share: the notice on top gives each once, and no part repeats it.
-export const sharedReasons = new Set();
-
-export const isShared = (part) => !isAvailable(part) && sharedReasons.has(reasonOf(part));
-
 export function number(value, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
@@ -79,4 +74,75 @@ function spaced(name) {
 
 function superscript(power) {
   return String(power).replace("-", "⁻").replace(/\d/g, (d) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[d]);
+}
+
+export const signed = (value, digits = 1) => (value > 0 ? "+" : "") + value.toFixed(digits).replace("-", "−");
+
+export const sentence = (text) => {
+  const whole = String(text).trim().replace(/^./, (c) => c.toUpperCase());
+  return /[.!?]$/.test(whole) ? whole : `${whole}.`;
+};
+
+// A span of time in the unit that people use for it.
+export function duration(hours) {
+  if (!Number.isFinite(hours)) return "–";
+  if (hours === 0) return "0 h";
+  if (hours < 1) return hours < 1 / 60 ? "less than 1 min" : `${number(hours * 60, 2)} min`;
+  if (hours < 72) return `${number(hours, 2)} h`;
+  if (hours < 24 * 90) return `${number(hours / 24, 2)} days`;
+  return hours < 24 * 730 ? `${number(hours / 24 / 30.44, 2)} months` : `${number(hours / 24 / 365.25, 2)} years`;
+}
+
+const DATE = new Intl.DateTimeFormat("en-GB", { dateStyle: "medium", timeStyle: "short" });
+const DAY = new Intl.DateTimeFormat("en-GB", { dateStyle: "medium" });
+
+// A time as an instant, from the interface's ISO text (nanoseconds are cut); null where there is none.
+export function instant(text) {
+  if (!text) return null;
+  const time = Date.parse(String(text).replace(/(\.\d{3})\d+/, "$1"));
+  return Number.isFinite(time) ? time : null;
+}
+
+export const dateTime = (time) => (Number.isFinite(time) ? DATE.format(time) : "–");
+export const day = (time) => (Number.isFinite(time) ? DAY.format(time) : "–");
+
+const STEPS = [[60, "second"], [60, "minute"], [24, "hour"], [7, "day"], [4.345, "week"], [12, "month"],
+  [Infinity, "year"]];
+const RELATIVE = new Intl.RelativeTimeFormat("en", { numeric: "auto" });
+
+// "5 minutes ago".
+export function ago(time, now = Date.now()) {
+  if (!Number.isFinite(time)) return "never";
+  let value = (time - now) / 1000;
+  if (Math.abs(value) < 5) return "now";
+  for (const [size, unit] of STEPS) {
+    if (Math.abs(value) < size) return RELATIVE.format(Math.round(value), unit);
+    value /= size;
+  }
+  return "–";
+}
+
+const SMALL = { "m": [1e6, "µm"], "kg·m": [1e6, "g·mm"], "rad": [180 / Math.PI, "°"] };
+
+// A parameter of an effect in the unit that workshops use.
+export function figure({ value, unit, std }, name = "") {
+  const [factor, shown] = unit === "" && /share$/.test(name) ? [100, "%"] : SMALL[unit] ?? [1, unit];
+  const spread = Number.isFinite(std) ? ` ± ${number(factor * std, 2)}` : "";
+  return `${number(factor * value)}${spread}${shown && shown !== "°" ? " " : ""}${shown}`;
+}
+
+// The levels of a status: their words, and how severe they are.
+export const LEVELS = ["end_of_life", "alarm", "watch", "no_verdict", "normal"];
+const LEVEL_WORDS = { end_of_life: "End of life", alarm: "Alarm", watch: "Watch", no_verdict: "No verdict",
+  normal: "Normal" };
+export const levelWord = (level) => LEVEL_WORDS[level] ?? words(level ?? "waiting");
+
+export const KIND_WORDS = { model: "rig model", baseline: "healthy baseline", encoders: "two encoders",
+  level: "vibration level" };
+
+// The word for the data and its reason, wherever the answer holds them.
+export function dataOf(holder) {
+  const data = holder?.data;
+  if (data && typeof data === "object") return { level: data.level, reason: data.reason ?? "" };
+  return data ? { level: data, reason: holder.reason ?? "" } : null;
 }

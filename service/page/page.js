@@ -1,157 +1,191 @@
-// One asset at a time: fetched whole, then again whenever an event says that something changed.
+// The shell: addresses of the page, its header, the tabs of a machine, and what is shown where something fails.
+//
+//   #/                    all machines
+//   #/asset/NAME          one machine, its overview
+//   #/asset/NAME/VIEW     one of its other views
 
-import { drawDepth, drawProfile, drawRms, drawRul, redraw } from "./charts.js";
-import { drawCards, drawTables, noteMissing, showDecision } from "./panels.js";
+import { Problem, get } from "./api.js";
+import { element } from "./dom.js";
+import { levelWord } from "./format.js";
+import { Machine } from "./machine.js";
+import { VIEWS } from "./views.js";
 
-const KINDS = ["window", "update", "effect", "rul", "data_fault"];
-const SETTLE_MS = 200; // events come in bursts; one fetch answers all of a burst
-const ASSETS_MS = 4000;
-const POINTS = 600; // of a history that is drawn, at most
+const main = document.getElementById("main");
+const trail = document.getElementById("trail");
+const link = document.getElementById("link");
+const AXIS = "gear-twin axis"; // key of the browser's store
 
-const chosen = document.getElementById("asset");
-let source = null;
-let pending = null;
-let busy = false;
-let again = false;
+let leaving = new AbortController(); // of the view that is shown
+let machine = null; // of the asset that is shown
+let leavingMachine = new AbortController();
+let shownAt = null;
 
-const get = async (path) => {
-  const answer = await fetch(path, { headers: { Accept: "application/json" } });
-  if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
-  return answer.json();
-};
+export const addressOf = (asset, view = "") => `#/asset/${encodeURIComponent(asset)}${view ? `/${view}` : ""}`;
 
-function link(live) {
-  const shown = document.getElementById("link");
-  shown.textContent = live ? "live" : "no connection";
-  shown.classList.toggle("live", live);
+function routeOf(hash) {
+  const parts = hash.replace(/^#\/?/, "").split("/").map(decode);
+  if (parts[0] === "asset" && parts[1]) return { asset: parts[1], view: parts[2] ?? "" };
+  if (parts[0] === "" && parts.length === 1) return { asset: null, view: "" };
+  // addresses of earlier versions: #NAME
+  return parts.length === 1 ? { asset: parts[0], view: "" } : { asset: null, view: "", wrong: hash };
 }
 
-const LOOK = { normal: "ok", watch: "degraded", alarm: "lost", end_of_life: "lost" };
-
-// What a person should know first: the state of the machine, with its reasons.
-function showStatus({ level, reasons }) {
-  const badge = document.getElementById("status");
-  badge.textContent = level.replaceAll("_", " ");
-  badge.className = `badge ${LOOK[level] ?? ""}`;
-  document.getElementById("reason").textContent = reasons.join(" ");
-}
-
-async function refresh() {
-  if (busy) {
-    again = true;
-    return;
-  }
-  busy = true;
-  const asset = chosen.value;
-  const base = `/v1/assets/${encodeURIComponent(asset)}`;
+function decode(text) {
   try {
-    const [state, windows, trend, quality, inspections, rig] = await Promise.all([
-      get(base), get(`${base}/windows?resolution=${POINTS}`), get(`${base}/trend?resolution=${POINTS}`),
-      get(`${base}/quality`), get(`${base}/inspections`), get(`${base}/rig`),
-    ]);
-    if (asset === chosen.value) {
-      const limit = rig.end_of_life?.max_depth ? rig.end_of_life.max_depth * 1e6 : null;
-      showStatus(state.status);
-      noteMissing(state);
-      drawCards(state);
-      drawRms({ ...state, windows });
-      drawDepth({ ...state, windows }, trend, inspections, limit);
-      drawProfile(state);
-      drawRul(state, trend);
-      drawTables(state, quality, inspections, decide);
-      document.body.dataset.shown = asset;
-      document.body.dataset.windows = String(state.windows_total);
-    }
-  } catch (error) {
-    console.warn(error);
-    link(false);
-  } finally {
-    busy = false;
-    if (again) {
-      again = false;
-      soon();
-    }
+    return decodeURIComponent(text);
+  } catch {
+    return text;
   }
 }
 
-// An engineer's decision on an effect; what it changes comes back as an event.
-let deciding = false;
+// -- connection -----------------------------------------------------------------------------------------
 
-async function decide(name, verb) {
-  const asset = chosen.value;
-  const what = `${verb} ${name.replaceAll("_", " ")} of ${asset}`;
-  if (deciding || (verb === "reject" && !confirm(`${what}? The whole history is then re-evaluated without it.`))) return;
-  deciding = true;
-  showDecision(`${what}: in progress …`, true);
+export function connected(live, what = "") {
+  link.dataset.state = live ? "live" : "lost";
+  link.textContent = live ? "connected" : "connection lost, trying again";
+  link.title = what;
+}
+
+// -- header ---------------------------------------------------------------------------------------------
+
+function showTrail(route) {
+  const current = (text) => element("span", { "aria-current": "page" }, text);
+  const all = route.asset === null ? current("All machines") : element("a", { href: "#/" }, "All machines");
+  trail.replaceChildren(all, ...(route.asset === null ? []
+    : [element("span", { className: "separator", "aria-hidden": "true" }, "›"), current(route.asset)]));
+}
+
+function tabs(route, state) {
+  const known = VIEWS.filter((view) => !view.shown || view.shown(state) || view.path === route.view);
+  const list = element("nav", { className: "tabs", "aria-label": `Views of ${route.asset}` }, ...known.map((view) =>
+    element("a", { href: addressOf(route.asset, view.path), "aria-current": view.path === route.view ? "page" : null,
+      dataset: { key: `tab-${view.path}` } }, view.title)));
+  // arrow keys go along the tabs; Tab leaves them
+  list.addEventListener("keydown", (event) => {
+    const links = [...list.querySelectorAll("a")];
+    const at = links.indexOf(document.activeElement);
+    const to = { ArrowRight: at + 1, ArrowLeft: at - 1, Home: 0, End: links.length - 1 }[event.key];
+    if (at < 0 || to === undefined) return;
+    event.preventDefault();
+    links[(to + links.length) % links.length].focus();
+  });
+  return list;
+}
+
+// -- views ----------------------------------------------------------------------------------------------
+
+function problem(error, retry) {
+  const known = error.body?.known;
+  return element("section", { className: "panel problem", role: "alert" },
+    element("h2", {}, error.status === 404 ? "This machine is not known" : "This view could not be loaded"),
+    element("p", {}, error.message),
+    ...(Array.isArray(known) ? [element("p", {}, ...known.flatMap((name, i) => [i ? ", " : "Known machines: ",
+      element("a", { href: addressOf(name) }, name)]))] : []),
+    element("p", {}, element("button", { type: "button", onclick: retry }, "Try again"), " ",
+      element("a", { href: "#/" }, "All machines")));
+}
+
+async function machineOf(name) {
+  if (machine?.name === name) return machine;
+  leavingMachine.abort();
+  leavingMachine = new AbortController();
+  machine = null;
+  const opened = new Machine(name);
+  await opened.load(leavingMachine.signal);
+  opened.addEventListener("link", (event) => connected(event.detail));
+  opened.follow(leavingMachine.signal);
+  machine = opened;
+  return opened;
+}
+
+function contextOf(root, signal) {
+  const context = {
+    machine, signal,
+    onChange(handler) {
+      machine.addEventListener("change", (event) => handler(event.detail), { signal });
+    },
+    get axis() {
+      return storedAxis() ?? (machine.trend.some((p) => Number.isFinite(p.revolutions)) ? "revolutions" : "time");
+    },
+    setAxis(axis) {
+      localStorage.setItem(AXIS, axis);
+      root.dispatchEvent(new CustomEvent("axis"));
+    },
+  };
+  return context;
+}
+
+function storedAxis() {
+  const kept = localStorage.getItem(AXIS);
+  return kept === "time" || kept === "revolutions" ? kept : null;
+}
+
+async function showMachine(route, signal) {
+  const opened = await machineOf(route.asset);
+  if (signal.aborted) return;
+  connected(true);
+  const view = VIEWS.find((one) => one.path === route.view);
+  if (!view) throw new Problem(404, `There is no view ${route.view} of a machine; there are ${
+    VIEWS.map((v) => v.title).join(", ")}.`);
+  const code = await view.load();
+  if (signal.aborted) return;
+  const root = element("div", { className: "view" });
+  const navigation = tabs(route, opened.state);
+  main.replaceChildren(element("h1", { className: "visually-hidden", tabIndex: -1 }, `${route.asset}: ${view.title}`), navigation, root);
+  const context = contextOf(root, signal);
+  const mark = () => {
+    document.title = `${levelWord(opened.state.status?.level)}: ${route.asset} – gear-twin`;
+    main.dataset.windows = String(opened.state.windows_total);
+  };
+  await code.show(root, context);
+  mark();
+  context.onChange(mark);
+}
+
+async function showFleet(signal) {
+  leavingMachine.abort();
+  machine = null;
+  const fleet = await import("./views/fleet.js");
+  if (signal.aborted) return;
+  const root = element("div", { className: "view" });
+  main.replaceChildren(element("h1", { className: "visually-hidden", tabIndex: -1 }, "All machines"), root);
+  document.title = "All machines – gear-twin";
+  await fleet.show(root, { signal, get, connected });
+}
+
+async function show({ focus = true } = {}) {
+  const route = routeOf(location.hash);
+  leaving.abort();
+  leaving = new AbortController();
+  const { signal } = leaving;
+  showTrail(route);
+  main.dataset.view = "loading";
+  main.setAttribute("aria-busy", "true");
   try {
-    const answer = await fetch(`/v1/assets/${encodeURIComponent(asset)}/effects/${encodeURIComponent(name)}`, {
-      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ decision: verb }),
-    });
-    const said = await answer.json();
-    const done = answer.status === 202 ? "queued; applied after the current window" : "done";
-    showDecision(`${what}: ${answer.ok ? done : said.detail ?? `status ${answer.status}`}`, false);
+    if (route.wrong) throw new Problem(404, `The address ${route.wrong} leads to no view.`);
+    if (route.asset === null) await showFleet(signal);
+    else await showMachine(route, signal);
+    if (signal.aborted) return;
+    main.dataset.view = route.asset === null ? "fleet" : route.view || "overview";
   } catch (error) {
+    if (signal.aborted || error.name === "AbortError") return;
     console.warn(error);
-    showDecision(`${what}: the service does not answer`, false);
-  } finally {
-    deciding = false;
-    soon();
+    if (error.status === 0) connected(false, error.message);
+    main.replaceChildren(problem(error, () => show()));
+    main.dataset.view = "problem";
   }
+  main.removeAttribute("aria-busy");
+  // after a change of view the keyboard and the screen reader go on at its beginning
+  if (focus && shownAt !== null) {
+    scrollTo(0, 0);
+    main.querySelector("h1")?.focus({ preventScroll: true });
+  }
+  shownAt = location.hash;
 }
 
-function soon() {
-  if (pending === null) pending = setTimeout(() => { pending = null; refresh(); }, SETTLE_MS);
-}
-
-function follow(asset) {
-  source?.close();
-  source = new EventSource(`/v1/assets/${encodeURIComponent(asset)}/events`);
-  source.onopen = () => { link(true); soon(); };
-  source.onerror = () => link(false);
-  for (const kind of KINDS) source.addEventListener(kind, soon);
-  refresh();
-}
-
-async function listAssets() {
-  let assets = [];
-  try {
-    assets = await get("/v1/assets");
-  } catch (error) {
-    console.warn(error);
-    link(false);
-    return;
-  }
-  const names = assets.map((a) => a.asset);
-  document.getElementById("empty").hidden = names.length > 0;
-  document.getElementById("content").hidden = names.length === 0;
-  if (!names.length) {
-    showStatus({ level: "waiting for data", reasons: [] });
-    return;
-  }
-  const had = [...chosen.options].map((o) => o.value);
-  if (names.join() !== had.join()) {
-    const before = chosen.value || decodeURIComponent(location.hash.slice(1));
-    chosen.replaceChildren(...names.map((name) => new Option(name, name)));
-    chosen.value = names.includes(before) ? before : names[0];
-    if (chosen.value !== document.body.dataset.shown) follow(chosen.value);
-  }
-  if (source?.readyState === EventSource.CLOSED) follow(chosen.value);
-}
-
-// The address names the asset, so that Back, bookmarks and pasted links lead to it.
-function fromAddress() {
-  const name = decodeURIComponent(location.hash.slice(1));
-  if (name && name !== chosen.value && [...chosen.options].some((o) => o.value === name)) {
-    chosen.value = name;
-    follow(name);
-  }
-}
-
-chosen.addEventListener("change", () => {
-  location.hash = encodeURIComponent(chosen.value);
-  follow(chosen.value);
+addEventListener("hashchange", () => show());
+document.getElementById("skip").addEventListener("click", (event) => {
+  event.preventDefault();
+  main.focus();
 });
-addEventListener("hashchange", fromAddress);
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-await listAssets();
-setInterval(listAssets, ASSETS_MS);
+await show({ focus: false });

@@ -15,12 +15,13 @@ from typing import Any
 
 from service.contract.answer import NO_WHOLE_WINDOW, assemble, health_of
 from service.contract.base import iso_time
+from service.contract.overview import overview
 from service.contract.status import none_yet
 from service.results.change_signal import ChangeSignal
+from service.results.sparkline import REFUSED, Sparkline
 from service.results.store import FaultTotals, ResultStore, StoredWindow, faults_of
 
 TAIL = 100  # windows that a snapshot carries, the newest
-REFUSED = "refused"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +49,7 @@ class Snapshot:
     received_ns: int | None = None  # when the newest window was committed, Unix time of this machine [ns]
     last_frame_ns: int | None = None  # when the newest frame came, Unix time of this machine [ns]
     stale: Stale | None = None
+    sparkline: Sparkline = field(default_factory=Sparkline)
     whole: Mapping[str, Any] = field(default_factory=dict)  # the contract's section 4
 
     @classmethod
@@ -66,6 +68,7 @@ class Snapshot:
             quality=stored.quality or {},
             last_event_id=store.last_event_id(asset),
             received_ns=stored.received_ns,
+            sparkline=Sparkline.from_store(store, asset, windows[-1].record["index"] if windows else -1),
         )
 
     def with_window(self, window: StoredWindow) -> Snapshot:
@@ -78,6 +81,7 @@ class Snapshot:
             updates=self.updates + bool(window.record.get("updated")),
             fault_totals=_added(self.fault_totals, window.record),
             stale=None,
+            sparkline=self.sparkline.with_record(window.record),
         )
 
     def health_after(self, **changes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -105,6 +109,8 @@ class Snapshot:
             "last_frame": None if self.last_frame_ns is None else iso_time(self.last_frame_ns),
             "rig": (self.rig or {}).get("name"),
             "last_event_id": self.last_event_id,
+            **overview(self.whole, self.rig),
+            "sparkline": self.sparkline.as_json(),
         }
 
     def data_quality(self) -> dict[str, Any]:
@@ -189,7 +195,10 @@ def has_point(window: StoredWindow) -> bool:
 
 def trend_point(window: StoredWindow) -> dict[str, Any]:
     """One window's figures, to be drawn against revolutions."""
-    names = ("index", "kind", "revolutions", "updated")
+    names = (
+        "index", "kind", "start_time", "revolutions", "updated", "quality", "speed_hz", "torque_nm",
+        "rms_measured", "rms_predicted", "rms_after", "error_percent",
+    )  # fmt: skip
     return {**{name: window.record.get(name) for name in names}, **window.figures}
 
 

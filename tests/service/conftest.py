@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import uvicorn
@@ -54,3 +56,63 @@ def serving(board, store):
 def address(store, board):
     with serving(board, store) as where:
         yield where
+
+
+CHROMIUM = Path(os.environ.get("GEAR_TWIN_CHROMIUM", "/usr/bin/chromium"))
+FLAGS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    if not CHROMIUM.exists():
+        reason = f"{CHROMIUM} is not installed (Debian's package chromium; GEAR_TWIN_CHROMIUM names another)"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(FLAGS))
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def open_page(browser, address):
+    """Opens the page at a path; every message of an error and every request elsewhere fails the test.
+
+    Returns once the view is drawn. `allowed` names a text that messages may contain, where the test provokes them.
+    """
+    opened, wrong = [], []
+
+    def open_at(path="/", width=1440, height=900, allowed=None, **given):
+        def note(text):
+            if allowed is None or allowed not in text:
+                wrong.append(text)
+
+        page = browser.new_page(viewport={"width": width, "height": height}, **given)
+        page.on("pageerror", lambda error: note(str(error)))
+        page.on("console", lambda m: note(m.text) if m.type in ("error", "warning") else None)
+        page.on("request", lambda r: None if _own(r.url, address) else note(f"left for {r.url}"))
+        page.goto(address + path)
+        opened.append(page)
+        if not path.startswith("/docs"):
+            page.wait_for_selector("main[data-view]:not([data-view=loading])", timeout=15_000)
+        return page
+
+    yield open_at
+    for page in opened:
+        page.close()
+    assert wrong == []
+
+
+def _own(url, address):
+    return url.startswith((address, "data:", "blob:"))

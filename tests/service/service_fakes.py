@@ -38,9 +38,16 @@ def profile() -> dict:
     return out
 
 
-def record(index: int, revolutions: float, *, updated: bool = False, kind: str = "measurement") -> dict:
+def record(
+    index: int,
+    revolutions: float,
+    *,
+    updated: bool = False,
+    kind: str = "measurement",
+    rms_predicted: float | None = None,
+) -> dict:
     measured = 14.0 + 0.55 * depth_um(revolutions) ** 0.95 + 1.5 * math.sin(2.1 * index)
-    predicted = measured * (1.18 if updated else 1.02 - 0.01 * (index % 3))
+    predicted = rms_predicted or measured * (1.18 if updated else 1.02 - 0.01 * (index % 3))
     return {
         "index": index,
         "kind": kind,

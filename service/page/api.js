@@ -1,0 +1,44 @@
+// The REST interface: JSON answers, and problems (RFC 9457) as errors that say what was wrong.
+
+export class Problem extends Error {
+  constructor(status, detail, body = null) {
+    super(detail);
+    this.status = status;
+    this.body = body;
+  }
+}
+
+const UNREACHABLE = "The service does not answer. Check that it is running and that this computer can reach it.";
+
+async function answerOf(path, given) {
+  let answer;
+  try {
+    // "no-cache" asks with the ETag of the copy at hand: what has not changed is not sent again
+    answer = await fetch(path, { cache: "no-cache", ...given });
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new Problem(0, UNREACHABLE);
+  }
+  const text = await answer.text();
+  let body = null;
+  try {
+    body = text ? JSON.parse(text) : null;
+  } catch {
+    throw new Problem(answer.status, `The service gave no readable answer (status ${answer.status}).`);
+  }
+  if (!answer.ok) throw new Problem(answer.status, body?.detail ?? `The service answered with status ${answer.status}.`, body);
+  return { status: answer.status, body };
+}
+
+export async function get(path, { signal } = {}) {
+  return (await answerOf(path, { signal, headers: { Accept: "application/json" } })).body;
+}
+
+// Sends JSON; the answer's status and body.
+export async function send(method, path, body, { signal } = {}) {
+  const headers = { Accept: "application/json", "Content-Type": "application/json" };
+  return answerOf(path, { method, signal, headers, body: body === undefined ? undefined : JSON.stringify(body) });
+}
+
+export const pathOf = (asset, ...parts) =>
+  ["/v1/assets", encodeURIComponent(asset), ...parts.map(encodeURIComponent)].join("/");

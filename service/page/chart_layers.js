@@ -1,0 +1,123 @@
+// What is drawn on a chart below and above its lines: bands, vertical marks, limits, inspections, points outside the scale.
+
+const ratio = () => devicePixelRatio || 1;
+
+function within(u, draw) {
+  const { ctx, bbox } = u;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ctx.clip();
+  draw(ctx, bbox, ratio());
+  ctx.restore();
+}
+
+export function drawBands(u, { bands, values }, colour) {
+  within(u, (ctx) => {
+    for (const { low, high, colour: name = "predicted" } of bands) {
+      ctx.fillStyle = colour(name);
+      ctx.globalAlpha = 0.18;
+      for (const [from, to] of runs(low, high)) {
+        ctx.beginPath();
+        for (let i = from; i <= to; i += 1) ctx.lineTo(u.valToPos(values[i], "x", true), u.valToPos(high[i], "y", true));
+        for (let i = to; i >= from; i -= 1) ctx.lineTo(u.valToPos(values[i], "x", true), u.valToPos(low[i], "y", true));
+        ctx.fill();
+      }
+    }
+  });
+}
+
+// The stretches in which both edges are known.
+function* runs(low, high) {
+  let from = -1;
+  for (let i = 0; i <= low.length; i += 1) {
+    const known = i < low.length && Number.isFinite(low[i]) && Number.isFinite(high[i]);
+    if (known && from < 0) from = i;
+    if (!known && from >= 0) {
+      yield [from, i - 1];
+      from = -1;
+    }
+  }
+}
+
+export function drawMarks(u, { marks }, colour) {
+  within(u, (ctx, box, px) => {
+    ctx.font = `${11 * px}px system-ui, sans-serif`;
+    let free = -Infinity; // where the last label ends
+    for (const { x, label, colour: name = "update", dash = [2, 3] } of [...marks].sort((a, b) => a.x - b.x)) {
+      const at = Math.round(u.valToPos(x, "x", true));
+      if (at < box.left - 1 || at > box.left + box.width + 1) continue;
+      ctx.strokeStyle = ctx.fillStyle = colour(name);
+      ctx.lineWidth = px;
+      ctx.setLineDash(dash.map((d) => d * px));
+      ctx.beginPath();
+      ctx.moveTo(at, box.top);
+      ctx.lineTo(at, box.top + box.height);
+      ctx.stroke();
+      if (!label) continue;
+      const width = ctx.measureText(label).width;
+      const left = at + 4 * px + width > box.left + box.width ? at - 4 * px - width : at + 4 * px;
+      if (left < free) continue;
+      ctx.fillText(label, left, box.top + 11 * px);
+      free = left + width + 6 * px;
+    }
+  });
+}
+
+export function drawLimits(u, { limits }, colour) {
+  within(u, (ctx, box, px) => {
+    for (const { y, label, colour: name = "bad" } of limits) {
+      const at = Math.round(u.valToPos(y, "y", true));
+      if (at < box.top) continue;
+      ctx.strokeStyle = ctx.fillStyle = colour(name);
+      ctx.lineWidth = 1.5 * px;
+      ctx.setLineDash([6 * px, 4 * px]);
+      ctx.beginPath();
+      ctx.moveTo(box.left, at);
+      ctx.lineTo(box.left + box.width, at);
+      ctx.stroke();
+      ctx.font = `${11.5 * px}px system-ui, sans-serif`;
+      ctx.fillText(label, box.left + 6 * px, at > box.top + 16 * px ? at - 5 * px : at + 14 * px);
+    }
+  });
+}
+
+export function drawSpots(u, { spots }, colour) {
+  within(u, (ctx, _, px) => {
+    for (const { x, y, error, colour: name = "inspection", shape = "diamond" } of spots) {
+      const [at, middle] = [u.valToPos(x, "x", true), u.valToPos(y, "y", true)];
+      ctx.strokeStyle = ctx.fillStyle = colour(name);
+      ctx.lineWidth = 1.5 * px;
+      if (Number.isFinite(error)) {
+        ctx.beginPath();
+        ctx.moveTo(at, u.valToPos(y - error, "y", true));
+        ctx.lineTo(at, u.valToPos(y + error, "y", true));
+        ctx.stroke();
+      }
+      const r = 5.5 * px;
+      const corners = { diamond: [[0, -r], [r, 0], [0, r], [-r, 0]], up: [[0, -r], [r, r], [-r, r]],
+        down: [[0, r], [r, -r], [-r, -r]] }[shape];
+      ctx.beginPath();
+      for (const [dx, dy] of corners) ctx.lineTo(at + dx, middle + dy);
+      ctx.fill();
+    }
+  });
+}
+
+// An arrow at the upper or lower edge where a point lies outside the scale.
+export function drawOutside(u, { values, series }, outside, colour) {
+  within(u, (ctx, box, px) => {
+    for (const { series: number, index, value } of outside) {
+      const at = u.valToPos(values[index], "x", true);
+      const above = value > u.scales.y.max;
+      const tip = above ? box.top + 2 * px : box.top + box.height - 2 * px;
+      const base = tip + (above ? 9 : -9) * px;
+      ctx.fillStyle = colour(series[number]?.colour ?? "predicted");
+      ctx.beginPath();
+      ctx.moveTo(at, tip);
+      ctx.lineTo(at - 5 * px, base);
+      ctx.lineTo(at + 5 * px, base);
+      ctx.fill();
+    }
+  });
+}

@@ -1,0 +1,137 @@
+// One asset as this page knows it: loaded once, then only what an event says has changed.
+
+import { get, pathOf } from "./api.js";
+
+const SETTLE_MS = 200; // events come in bursts; one request answers all of a burst
+const POINTS = 600; // of the history that is drawn, at the start
+const WINDOWS = 100; // latest window records that are kept
+const RETRY_MS = 3000;
+export const KINDS = ["window", "update", "effect", "rul", "data_fault", "alarm", "change", "inspection", "question"];
+
+// Sends "change" after new data (detail: the kinds of event that brought it) and "link" with true or false.
+export class Machine extends EventTarget {
+  constructor(name) {
+    super();
+    this.name = name;
+    this.base = pathOf(name);
+    this.state = null;
+    this.trend = [];
+    this.windows = [];
+    this.rig = null;
+    this.inspections = [];
+    this.live = false;
+    this.seen = new Set();
+    this.timer = null;
+    this.busy = false;
+  }
+
+  async load(signal) {
+    const [state, trend, rig, inspections] = await Promise.all([
+      get(this.base, { signal }), get(`${this.base}/trend?resolution=${POINTS}`, { signal }),
+      get(`${this.base}/rig`, { signal }), get(`${this.base}/inspections`, { signal }),
+    ]);
+    Object.assign(this, { state, trend, rig, inspections, windows: state.windows });
+  }
+
+  // The depth at the end of life [µm], or null.
+  get limit() {
+    if (Number.isFinite(this.state?.rul?.max_depth_um)) return this.state.rul.max_depth_um;
+    return Number.isFinite(this.rig?.end_of_life?.max_depth) ? this.rig.end_of_life.max_depth * 1e6 : null;
+  }
+
+  // Follows the events until the signal ends it; a hidden page holds no connection.
+  follow(signal) {
+    const start = () => {
+      if (signal.aborted || document.hidden || this.source) return;
+      this.source = new EventSource(`${this.base}/events`);
+      this.source.onopen = () => this.linked(true);
+      this.source.onerror = () => {
+        this.linked(false);
+        if (this.source?.readyState === EventSource.CLOSED) {
+          stop();
+          setTimeout(start, RETRY_MS);
+        }
+      };
+      for (const kind of KINDS) {
+        this.source.addEventListener(kind, (event) => this.happened(kind, JSON.parse(event.data)));
+      }
+    };
+    const stop = () => {
+      this.source?.close();
+      this.source = null;
+    };
+    const turned = () => {
+      if (document.hidden) stop();
+      else start();
+    };
+    document.addEventListener("visibilitychange", turned, { signal });
+    signal.addEventListener("abort", () => {
+      stop();
+      clearTimeout(this.timer);
+    });
+    start();
+  }
+
+  linked(live) {
+    // what happened between loading and the connection, or while there was none, is fetched once
+    if (live) this.soon("window");
+    this.live = live;
+    this.dispatchEvent(new CustomEvent("link", { detail: live }));
+  }
+
+  happened(kind, data) {
+    if (kind === "window" && Number.isFinite(data?.index)) {
+      this.windows = [...this.windows.filter((w) => w.index !== data.index), data].slice(-WINDOWS);
+    }
+    this.soon(kind);
+  }
+
+  // Asks for what changed, once the burst of events is over.
+  soon(kind) {
+    this.seen.add(kind);
+    if (this.timer === null) this.timer = setTimeout(() => this.refresh(), SETTLE_MS);
+  }
+
+  async refresh() {
+    this.timer = null;
+    if (this.busy) {
+      this.soon("window");
+      return;
+    }
+    this.busy = true;
+    const kinds = this.seen;
+    this.seen = new Set();
+    try {
+      await this.fetchChanged(kinds);
+      this.dispatchEvent(new CustomEvent("change", { detail: kinds }));
+    } catch (error) {
+      if (error.name === "AbortError") return;
+      console.warn(error.message);
+      this.linked(false);
+    } finally {
+      this.busy = false;
+    }
+  }
+
+  async fetchChanged(kinds) {
+    const last = this.trend.at(-1)?.index ?? -1;
+    const other = kinds.has("change") || kinds.has("question");
+    const [state, newer, inspections, rig] = await Promise.all([
+      get(`${this.base}?windows=0`),
+      get(other ? `${this.base}/trend?resolution=${POINTS}` : `${this.base}/trend?after=${last}&resolution=${POINTS}`),
+      kinds.has("inspection") || other ? get(`${this.base}/inspections`) : this.inspections,
+      other || !this.rig?.gears ? get(`${this.base}/rig`) : this.rig,
+    ]);
+    const total = state.windows_total;
+    const missed = total > 0 && (this.windows.length < Math.min(total, WINDOWS) || other);
+    this.windows = missed ? (await get(this.base)).windows : this.windows;
+    this.trend = other ? newer : thinned([...this.trend, ...newer]);
+    Object.assign(this, { state: { ...state, windows: this.windows }, inspections, rig });
+  }
+}
+
+// Every second point once there are twice as many as are wanted; the newest stays.
+function thinned(points) {
+  if (points.length < 2 * POINTS) return points;
+  return points.filter((_, i) => i % 2 === (points.length - 1) % 2);
+}

@@ -1,0 +1,150 @@
+// Effects as plain sentences: how large, since when, what they change, how sure; and an engineer's decisions on them.
+
+import { Problem, send } from "../api.js";
+import { element } from "../dom.js";
+import { anything, dateTime, figure, instant, isAvailable, number, revolutions, sentence, words } from "../format.js";
+import { facts, table } from "../table.js";
+
+const VERBS = { found: ["accept", "pin", "reject"], accepted: ["pin", "release", "reject"],
+  pinned: ["accept", "release", "reject"] };
+const MEANING = { accept: "keep it, confirmed", pin: "keep it with exactly these figures", reject: "remove it; it is not added again",
+  release: "let the data decide again" };
+
+const nameOf = (effect) => effect.label ?? words(effect.name);
+
+// "about 26 May 2032", by the windows at hand.
+export function timeAt(trend, count) {
+  const known = trend.filter((p) => Number.isFinite(p.revolutions) && p.start_time);
+  const after = known.findIndex((p) => p.revolutions >= count);
+  if (after < 0 || (after === 0 && known[0].revolutions > count)) return null;
+  const [a, b] = [known[Math.max(after - 1, 0)], known[after]];
+  const share = b.revolutions > a.revolutions ? (count - a.revolutions) / (b.revolutions - a.revolutions) : 0;
+  return instant(a.start_time) + share * (instant(b.start_time) - instant(a.start_time));
+}
+
+function sinceOf(effect, trend) {
+  if (effect.channels) return "It is a change against the healthy baseline.";
+  if (!effect.onset_revolutions) return "It has been there from the start.";
+  const time = timeAt(trend, effect.onset_revolutions);
+  return `It began at about ${revolutions(effect.onset_revolutions)} revolutions${time ? ` (${dateTime(time)})` : ""}.`;
+}
+
+function sizeOf(effect) {
+  const sizes = Object.entries(effect.parameters ?? {}).map(([name, value]) => `${words(name)} ${figure(value, name)}`);
+  return sizes.length ? `Size: ${sizes.join(", ")}.` : "";
+}
+
+// An error before and after, in a sentence that says which of the two is better.
+function errorSentence(what, before, after) {
+  if (!Number.isFinite(before) || !Number.isFinite(after)) return "";
+  const change = Math.abs(before - after) <= 0.02 * Math.max(before, after) ? "does not change"
+    : after < before ? "falls" : "rises";
+  if (change === "does not change") return `The error of the ${what} does not change (${number(after)} %).`;
+  return `The error of the ${what} ${change} from ${number(before)} to ${number(after)} %.`;
+}
+
+function consequences(effect) {
+  const { error_before: before = {}, error_after: after = {}, wear_depth_um_before: d0, wear_depth_um_after: d1,
+    rul_revolutions_before: l0, rul_revolutions_after: l1 } = effect;
+  const changed = (a, b) => Number.isFinite(a) && Number.isFinite(b) && Math.abs(a - b) > 0.005 * Math.max(Math.abs(a), Math.abs(b));
+  const depth = changed(d0, d1) ? `With it the wear depth is ${number(d1)} µm; without it, it would be ${number(d0)} µm.` : "";
+  const life = changed(l0, l1) ? `The remaining life is ${revolutions(l1)} instead of ${revolutions(l0)} revolutions.` : "";
+  const none = !depth && !life && Number.isFinite(d0) ? "It changes neither wear depth nor remaining life." : "";
+  return [depth, life, none,
+    errorSentence("transmission error", before.transmission_error_percent, after.transmission_error_percent),
+    errorSentence("acceleration", before.waveform_percent, after.waveform_percent)].filter(Boolean);
+}
+
+function alternatives({ evidence = {} }) {
+  const alike = evidence.indistinguishable_from ?? [];
+  if (!alike.length) return "";
+  return `These channels cannot distinguish it from ${alike.map(words).join(", ")}. Recordings at a clearly different load and speed, `
+    + "or one more channel (torque, or an encoder on each shaft), can help to decide.";
+}
+
+function evidencePairs({ evidence = {}, error_before: before = {}, error_after: after = {}, channels }) {
+  const rival = evidence.runner_up ? `${words(evidence.runner_up)}, by ${number(evidence.over_runner_up)}` : "none";
+  const change = (a, b) => (Number.isFinite(a) && Number.isFinite(b) ? `${number(a)} → ${number(b)} %` : null);
+  return [[`log evidence over the ${channels ? "baseline alone" : "model without it"}`, number(evidence.log_evidence)],
+    ["ahead of the next best explanation", rival],
+    ["observation", evidence.detail],
+    ["waveform error on held-out windows", change(before.waveform_percent, after.waveform_percent)],
+    ["RMS error on held-out windows", change(before.rms_percent, after.rms_percent)],
+    ["held-out windows", after.windows?.join(", ")]].filter(([, value]) => value);
+}
+
+function effectCard(effect, machine, decide) {
+  const verbs = effect.channels ? [] : VERBS[effect.status] ?? VERBS.found; // a baseline leaves no model to decide on
+  const where = effect.channels ? ` (${effect.channels.join(", ")})` : "";
+  const buttons = verbs.map((verb) => element("button", { type: "button", title: MEANING[verb], onclick: () => decide(effect.name, verb),
+    "aria-label": `${verb} ${words(effect.name)}`, dataset: { key: `${verb} ${effect.name}`, group: effect.name } }, verb));
+  return element("article", { className: "effect" },
+    element("div", { className: "head" }, element("h3", {}, sentence(nameOf(effect)).slice(0, -1) + where),
+      element("span", { className: "badge" }, effect.status ?? "found"), element("span", { className: "decide" }, ...buttons)),
+    element("p", {}, [sizeOf(effect), sinceOf(effect, machine.trend), ...consequences(effect)].filter(Boolean).join(" ")),
+    element("p", { className: "alike" }, alternatives(effect)),
+    element("details", { dataset: { key: `evidence ${effect.name}` } }, element("summary", {}, "Evidence"), facts(evidencePairs(effect))));
+}
+
+function verdictOf(unexplained) {
+  if (!isAvailable(unexplained)) return [];
+  const share = Number.isFinite(unexplained.share_percent)
+    ? `Unexplained: ${number(unexplained.share_percent)} % of the energy above the noise. ` : "";
+  const verdict = { explained: "The model with these effects explains the vibration.",
+    unknown_effect: "Part of the vibration has a cause that no known effect explains.",
+    insufficient_data: "Whether the vibration is explained cannot be said yet." }[unexplained.verdict] ?? "";
+  const why = unexplained.verdict !== "explained" && unexplained.reason ? ` ${sentence(unexplained.reason)}` : "";
+  const said = [element("p", { className: "verdict" }, share + verdict + why)];
+  const lines = (unexplained.orders ?? []).slice(0, 6);
+  if (unexplained.verdict === "unknown_effect" && lines.length) {
+    const keys = ["order", "frequency_hz", "share_percent"];
+    said.push(table(keys.map((k) => `${words(k)}#`), lines.map((o) => keys.map((k) => anything(o[k])))));
+  }
+  return said;
+}
+
+// The panel and how it is kept up to date: `effectsPanel(machine).draw()`.
+export function effectsPanel(machine, signal) {
+  const body = element("div");
+  const said = element("p", { className: "said decision", role: "status" });
+  const root = element("section", { className: "panel effects", id: "effects" }, element("h2", {}, "Effects other than wear"), body, said);
+  let deciding = false;
+
+  async function decide(name, verb) {
+    const what = `${sentence(`${verb} ${words(name)}`).slice(0, -1)}`;
+    if (deciding || (verb === "reject" && !confirm(`${what}? The whole history is then re-evaluated without it.`))) return;
+    deciding = true;
+    root.classList.add("deciding");
+    said.textContent = `${what}: in progress …`;
+    try {
+      const { status } = await send("POST", `${machine.base}/effects/${encodeURIComponent(name)}`, { decision: verb }, { signal });
+      said.textContent = `${what}: ${status === 202 ? "queued; applied after the current window" : "done"}.`;
+    } catch (error) {
+      if (error.name !== "AbortError") said.textContent = `${what}: ${error instanceof Problem && error.status ? error.message
+        : "the service does not answer"}`;
+    } finally {
+      deciding = false;
+      root.classList.remove("deciding");
+      machine.soon("effect");
+    }
+  }
+
+  function draw() {
+    const { effects, unexplained, tracing, baseline, wear } = machine.state;
+    root.querySelector("h2").textContent = isAvailable(baseline) ? "Changes since the healthy baseline" : "Effects other than wear";
+    const found = isAvailable(effects) ? effects : [];
+    const rejected = (isAvailable(tracing) && tracing.rejected) || [];
+    body.replaceChildren(
+      ...found.map((effect) => effectCard(effect, machine, decide)),
+      ...(found.length ? [] : [element("p", { className: "none" }, isAvailable(baseline) ? "No change was found."
+        : "No effect other than wear was found.")]),
+      ...rejected.map((name) => element("p", { className: "none" }, `${words(name)}: rejected `, element("button", {
+        type: "button", title: MEANING.release, onclick: () => decide(name, "release"), "aria-label": `release ${words(name)}`,
+        dataset: { key: `release ${name}`, group: name } }, "release"))),
+      ...verdictOf(unexplained));
+    root.hidden = !found.length && !rejected.length && !isAvailable(unexplained) && !isAvailable(wear) && !isAvailable(baseline);
+  }
+
+  return { root, draw };
+}
+

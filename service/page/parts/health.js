@@ -1,0 +1,56 @@
+// What a person should know first: the state of the machine, what to do, and apart from it whether the data are good.
+
+import { element } from "../dom.js";
+import { dataOf, dateTime, instant, isAvailable, levelWord, revolutions, sentence } from "../format.js";
+
+const SIGNS = { end_of_life: "■", alarm: "▲", watch: "◆", no_verdict: "?", normal: "●" };
+const DATA_WORDS = { ok: "good", waiting: "waiting for data", degraded: "degraded", stale: "out of date" };
+
+export function levelBadge(level) {
+  return element("span", { className: `level level-${level ?? "no_verdict"}` },
+    element("span", { "aria-hidden": "true" }, `${SIGNS[level] ?? "?"} `), levelWord(level));
+}
+
+export function dataBadge(holder) {
+  const data = dataOf(holder);
+  if (!data) return "";
+  return element("span", { className: `badge data-${data.level}`, title: data.reason }, `data ${DATA_WORDS[data.level] ?? data.level}`);
+}
+
+function since(status) {
+  const { time, revolutions: count } = status.since ?? {};
+  const parts = [time ? dateTime(instant(time)) : "", Number.isFinite(count) ? `${revolutions(count)} revolutions` : ""].filter(Boolean);
+  return parts.length ? `since ${parts.join(", ")}` : "";
+}
+
+// Why depth or life is preliminary, and which measurement would cure it.
+function preliminary({ wear, rul }) {
+  const found = [wear, rul].filter(isAvailable).map((part) => part.preliminary).filter(Boolean);
+  const reasons = [...new Set(found.flatMap((p) => p.reasons ?? []))];
+  const remedies = [...new Set(found.flatMap((p) => p.remedies ?? []))];
+  if (!reasons.length) return "";
+  return element("div", { className: "preliminary" }, element("strong", {}, "Depth and life are preliminary. "),
+    ...reasons.map((reason) => `${sentence(reason)} `),
+    ...(remedies.length ? [element("span", {}, "What helps: ", remedies.map(sentence).join(" "))] : []));
+}
+
+function question(asked, machine) {
+  if (!asked) return "";
+  return element("p", { className: "question" }, element("strong", {}, "Question: "), `${asked.text} `,
+    element("a", { href: `#/asset/${encodeURIComponent(machine)}/life` }, "Answer it"));
+}
+
+export function health(state) {
+  const { status } = state;
+  const [first = "", ...others] = status.reasons ?? [];
+  const data = dataOf(state);
+  return element("section", { className: `panel health health-${status.level}`, "aria-label": "State of the machine" },
+    element("div", { className: "head" }, levelBadge(status.level),
+      ...(status.action ? [element("p", { className: "action" }, sentence(status.action))] : [])),
+    element("p", { className: "reason" }, first),
+    ...(others.length ? [element("ul", { className: "more-reasons" }, ...others.map((reason) => element("li", {}, reason)))] : []),
+    preliminary(state),
+    question(state.question, state.asset),
+    element("p", { className: "meta" }, ...[since(status), data ? dataBadge(state) : "", data ? data.reason : ""]
+      .filter(Boolean).flatMap((part, i) => (i ? [" · ", part] : [part]))));
+}

@@ -1,0 +1,199 @@
+// The trends of a machine against revolutions or time: vibration level, wear depth, remaining life; and the wear profile.
+
+import { Chart } from "../chart.js";
+import { element } from "../dom.js";
+import { instant, isAvailable, number, revolutions, words } from "../format.js";
+import { timeAt } from "./effects.js";
+
+const MARKS = 60; // update lines at most, the latest
+
+// The points of the trend that have a place on the axis, in its order, with x.
+function placed(machine, axis) {
+  const x = axis === "time" ? (p) => (p.start_time ? instant(p.start_time) / 1000 : null)
+    : axis === "revolutions" ? (p) => p.revolutions : (p) => p.index;
+  return machine.trend.filter((p) => p.kind !== "calibration").map((p) => ({ ...p, x: x(p) }))
+    .filter((p) => Number.isFinite(p.x)).sort((a, b) => a.x - b.x);
+}
+
+const AXES = { time: { label: "time", time: true }, revolutions: { label: "pinion revolutions", unit: "rev" },
+  index: { label: "window", unit: "" } };
+
+// Where a number of revolutions lies on the axis; null where it is not known.
+function placeOf(machine, axis, count) {
+  if (axis === "revolutions") return count;
+  const time = axis === "time" ? timeAt(machine.trend, count) : null;
+  return time === null ? null : time / 1000;
+}
+
+function marksOf(machine, points, axis) {
+  const updates = points.filter((p) => p.updated).slice(-MARKS).map((p) => ({ x: p.x, colour: "update", legend: "model updated" }));
+  const { effects } = machine.state;
+  const began = (isAvailable(effects) ? effects : []).filter((e) => e.onset_revolutions).map((e) => ({
+    x: placeOf(machine, axis, e.onset_revolutions), label: `${words(e.name)} begins`, colour: "muted", dash: [6, 3] }));
+  return [...updates, ...began].filter((m) => Number.isFinite(m.x));
+}
+
+const about = (points) => (i) => {
+  const p = points[i];
+  return [`window ${p.index}`, Number.isFinite(p.revolutions) ? `${revolutions(p.revolutions)} rev` : "",
+    `${number(p.speed_hz)} Hz`, Number.isFinite(p.torque_nm) ? `${number(p.torque_nm)} N·m` : "",
+    p.updated ? "model updated" : "", p.quality && p.quality !== "good" ? `data ${p.quality}` : ""].filter(Boolean).join(" · ");
+};
+
+function drawLevel(chart, machine, points, axis) {
+  if (!points.some((p) => Number.isFinite(p.rms_measured))) {
+    chart.unavailable(machine.trend.length ? "no window so far has a measured RMS" : "no window yet");
+    return;
+  }
+  const updates = points.filter((p) => p.updated).length;
+  const has = (key) => points.some((p) => Number.isFinite(p[key]));
+  const series = [{ name: "measured", unit: "m/s²", values: points.map((p) => p.rms_measured), colour: "measured" }];
+  if (has("rms_predicted")) {
+    series.push({ name: "model, before the update", unit: "m/s²", values: points.map((p) => p.rms_predicted), colour: "predicted",
+      hollow: true });
+  }
+  if (updates && has("rms_after")) {
+    series.push({ name: "model, after the update", unit: "m/s²", values: points.map((p) => (p.updated ? p.rms_after : null)),
+      colour: "after", line: false, points: true });
+  }
+  chart.set({
+    caption: `reference accelerometer${has("rms_predicted") ? `; ${updates} update${updates === 1 ? "" : "s"} of the model` : ""}`,
+    x: AXES[axis], y: { label: "RMS [m/s²]" }, values: points.map((p) => p.x), series,
+    marks: marksOf(machine, points, axis), about: about(points),
+  });
+}
+
+function inspections(machine, axis) {
+  const shapes = { combined: "diamond", pinion: "up", gear: "down" };
+  return machine.inspections.map(({ inspection: i }) => ({
+    name: `inspection, ${i.flank === "combined" ? "both flanks" : i.flank}`, shape: shapes[i.flank], y: i.max_depth_um,
+    x: placeOf(machine, axis, i.revolutions) ?? (axis === "time" ? i.received_ns / 1e9 : null), error: 1.645 * i.std_um,
+  })).filter((s) => Number.isFinite(s.x));
+}
+
+// Depth as it was estimated window by window; where effects were found, as the whole history gives it with them.
+function drawDepth(chart, machine, points, axis) {
+  const { wear, effects, tracing } = machine.state;
+  const withDepth = points.filter((p) => Number.isFinite(p.depth_um?.combined?.median));
+  const spots = inspections(machine, axis);
+  if (!withDepth.length) {
+    chart.figure.hidden = !isAvailable(wear);
+    chart.unavailable("no window so far has a depth");
+    return;
+  }
+  chart.figure.hidden = false;
+  const again = new Map((isAvailable(effects) && effects.length && isAvailable(tracing) ? tracing.depths ?? [] : [])
+    .map((d) => [d.index, d]));
+  const median = withDepth.map((p) => p.depth_um.combined.median);
+  const series = again.size ? [
+    { name: "history re-evaluated with the effects", unit: "µm", colour: "after", width: 2.5,
+      values: withDepth.map((p) => again.get(p.index)?.wear_depth_um_after ?? null) },
+    { name: "as estimated at the time", unit: "µm", colour: "predicted", width: 1.5, values: median },
+  ] : [{ name: "estimate", unit: "µm", colour: "predicted", values: median }];
+  const { limit } = machine;
+  const near = limit && Math.max(...median, ...spots.map((s) => s.y)) > 0.3 * limit;
+  const parts = ["both flanks together"];
+  if (limit) parts.push(`end of life at ${number(limit)} µm`);
+  const validity = isAvailable(wear) ? wear.validity : null;
+  if (validity && validity.valid === false) {
+    parts.push(`beyond the validity of the model${Number.isFinite(validity.contact_loss_from_um)
+      ? `, contact is lost from ${number(validity.contact_loss_from_um)} µm` : ""}`);
+  }
+  chart.set({
+    caption: parts.join("; "), x: AXES[axis], y: { label: "largest depth [µm]" }, values: withDepth.map((p) => p.x), series,
+    bands: [{ name: again.size ? "5–95 % at the time" : "5–95 %", low: withDepth.map((p) => p.depth_um.combined.p05),
+      high: withDepth.map((p) => p.depth_um.combined.p95) }],
+    spots, limits: near ? [{ y: limit, label: `end of life at ${number(limit)} µm` }] : [],
+    marks: marksOf(machine, withDepth, axis), about: about(withDepth),
+  });
+}
+
+function drawLife(chart, machine, points, axis) {
+  const withLife = points.filter((p) => Number.isFinite(p.rul_hours?.median));
+  chart.figure.hidden = !withLife.length;
+  if (!withLife.length) {
+    chart.unavailable("no window so far has a remaining life");
+    return;
+  }
+  chart.set({
+    caption: "hours of running, at the operating condition of each window", x: AXES[axis], y: { label: "remaining life [h]" },
+    values: withLife.map((p) => p.x),
+    series: [{ name: "median", unit: "h", values: withLife.map((p) => p.rul_hours.median), colour: "predicted" }],
+    bands: [{ name: "5–95 %", low: withLife.map((p) => p.rul_hours.p05), high: withLife.map((p) => p.rul_hours.p95) }],
+    marks: marksOf(machine, withLife, axis), about: about(withLife),
+  });
+}
+
+function drawProfile(chart, machine) {
+  const profile = isAvailable(machine.state.wear) ? machine.state.wear.profile : null;
+  chart.figure.hidden = !isAvailable(profile) || !profile.pinion;
+  if (chart.figure.hidden) {
+    chart.unavailable("no wear profile");
+    return;
+  }
+  const points = ["pinion", "gear"].flatMap((flank) => profile[flank].roll_angle_deg.map((x, i) =>
+    ({ x, [flank]: profile[flank].depth_um[i] }))).sort((a, b) => a.x - b.x);
+  const of = (flank) => filled(points.map((p) => p[flank]), points.map((p) => p.x));
+  const last = machine.windows.findLast((w) => Number.isFinite(w.revolutions));
+  chart.set({
+    caption: `material removed from each flank${last ? ` at ${revolutions(last.revolutions)} revolutions` : ""}`,
+    x: { label: "roll angle [°]", unit: "°", tight: true }, y: { label: "depth [µm]" }, values: points.map((p) => p.x),
+    series: [{ name: "pinion", unit: "µm", values: of("pinion"), colour: "predicted", points: false },
+      { name: "gear", unit: "µm", values: of("gear"), colour: "after", dash: [7, 3], points: false }],
+  });
+}
+
+// Values between known ones by straight lines, so that two curves can share one axis.
+function filled(values, x) {
+  const known = values.flatMap((v, i) => (Number.isFinite(v) ? [i] : []));
+  return values.map((v, i) => {
+    if (Number.isFinite(v)) return v;
+    const next = known.find((k) => k > i);
+    const last = known.findLast((k) => k < i);
+    if (next === undefined || last === undefined) return null;
+    return values[last] + (values[next] - values[last]) * (x[i] - x[last]) / (x[next] - x[last] || 1);
+  });
+}
+
+// Which axes this machine's trend has; by the number of the window where it has neither.
+function axesOf(machine) {
+  const has = [["revolutions", (p) => Number.isFinite(p.revolutions)], ["time", (p) => p.start_time]]
+    .filter(([, test]) => machine.trend.some(test)).map(([name]) => name);
+  return has.length ? has : ["index"];
+}
+
+// The charts with their switch of axis: { root, draw }.
+export function trends(context) {
+  const { machine } = context;
+  const grid = element("div", { className: "charts" });
+  const switching = element("fieldset", { className: "switch" }, element("legend", {}, "Trends against"));
+  const root = element("section", { "aria-label": "Trends" }, switching, grid);
+  const make = (id, title, group) => new Chart(grid, { id, title, group });
+  const charts = { depth: make("depth", "Largest wear depth", "trend"), rms: make("rms", "Vibration RMS", "trend"),
+    life: make("rul", "Remaining life", "trend"), profile: make("profile", "Wear profile") };
+  context.signal.addEventListener("abort", () => Object.values(charts).forEach((chart) => chart.destroy()));
+
+  function drawSwitch(axes, axis) {
+    switching.hidden = axes.length < 2;
+    const names = switching.querySelectorAll("input");
+    if (names.length !== axes.length) {
+      switching.replaceChildren(switching.querySelector("legend"), ...axes.map((name) => element("label", {},
+        element("input", { type: "radio", name: "axis", value: name, dataset: { key: `axis-${name}` },
+          onchange: () => { context.setAxis(name); draw(); } }), name)));
+    }
+    for (const input of switching.querySelectorAll("input")) input.checked = input.value === axis;
+  }
+
+  function draw() {
+    const axes = axesOf(machine);
+    const axis = axes.includes(context.axis) ? context.axis : axes[0];
+    const points = placed(machine, axis);
+    drawSwitch(axes, axis);
+    drawDepth(charts.depth, machine, points, axis);
+    drawLevel(charts.rms, machine, points, axis);
+    drawLife(charts.life, machine, points, axis);
+    drawProfile(charts.profile, machine);
+  }
+
+  return { root, draw };
+}
