@@ -70,8 +70,9 @@ FLAGS = (
 )
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser():
+    """Chromium, for one module: its event loop runs in this thread, where other modules run their own."""
     if not CHROMIUM.exists():
         reason = f"{CHROMIUM} is not installed (Debian's package chromium; GEAR_TWIN_CHROMIUM names another)"
         if os.environ.get("CI"):
