@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 WORKERS ?= 2
 ARGS ?=
 
-.PHONY: help install install-dev install-formats demo serve test test-slow test-all bench figures evaluate check format lint-docker lock clean
+.PHONY: help install install-dev install-formats demo serve test test-slow test-all bench figures evaluate check format site lint-docker lock clean
 
 help:
 	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
@@ -19,6 +19,7 @@ help:
 	@echo 'make evaluate     campaigns with undeclared effects: named, and errors before and after (ARGS=--help: options)'
 	@echo 'make figures      writes the tables of figures in README and docs anew (ARGS=PART: one of them)'
 	@echo 'make check        ruff and mypy; format: put the code in form; lint-docker: the Dockerfile'
+	@echo 'make site         the documentation as a site, in build/site, with warnings as errors'
 	@echo 'make lock         resolve the locked packages again (needs uv)'
 	@echo 'make clean        remove .venv and all that was made'
 
@@ -81,6 +82,9 @@ check: install-dev
 format: install-dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+site: install-dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict $(ARGS)
 
 lint-docker: install-dev
 	$(BIN)/hadolint docker/Dockerfile
