@@ -38,6 +38,7 @@ from twin.features.pulses import PulseThresholds
 from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
 from twin.levels.wear_by_level import LevelLimits
+from twin.preliminary import EstablishedLimits
 from twin.rig_notes import NoteLimits
 from twin.scales import UNITS, Scales
 from twin.thresholds import ThresholdRow, rows_of
@@ -109,6 +110,7 @@ SETS: tuple[type, ...] = (
     RelationLimits,
     TrialLimits,
     LevelLimits,
+    EstablishedLimits,
     NoteLimits,
     ChangeLimits,
     ConfirmationLimits,

@@ -101,6 +101,7 @@ def _wear(wear: Mapping[str, Any], mesh_stiffness: str | None) -> list[str]:
         f"Largest wear depth, both flanks: {spread(depth.get('combined'), 'µm')}",
         f"  pinion {spread(depth.get('pinion'), 'µm')}; gear {spread(depth.get('gear'), 'µm')}",
     ]
+    lines += _preliminary(wear.get("preliminary"))
     if wear.get("reason"):
         lines.append(f"  {wear['reason']}")
     if (wear.get("relation") or {}).get("note"):
@@ -127,17 +128,32 @@ def _validity(validity: Any) -> list[str]:
 
 
 def _life(answer: Mapping[str, Any]) -> list[str]:
-    """Remaining life; a reason that is that of the wear depth, too, is not repeated."""
-    life = answer["rul"]
+    """Remaining life; what is said of the wear depth, too, is not repeated."""
+    life, wear = answer["rul"], answer["wear"]
+    return [*_life_itself(life, wear), *_preliminary(life.get("preliminary"), wear.get("preliminary"))]
+
+
+def _life_itself(life: Mapping[str, Any], wear: Mapping[str, Any]) -> list[str]:
     if isinstance(life.get("hours"), Mapping) and life["hours"].get("median") is None and life.get("reason"):
         hours, revolutions = (number((life.get(key) or {}).get("p05")) for key in ("hours", "revolutions"))
         return [f"Remaining life: at least {hours} h, {revolutions} revolutions (95 % confidence); {life['reason']}"]
     if isinstance(life.get("hours"), Mapping):
         revolutions = spread(life.get("revolutions"), "revolutions")
         return [f"Remaining life: {spread(life['hours'], 'h')}; {revolutions}"]
-    if life.get("reason") and life.get("reason") == answer["wear"].get("reason"):
+    if life.get("reason") and life.get("reason") == wear.get("reason"):
         return ["Remaining life: not available, for the same reason"]
     return [f"Remaining life: {reason(life)}"]
+
+
+def _preliminary(own: Mapping[str, Any] | None, said: Mapping[str, Any] | None = None) -> list[str]:
+    """Why a figure is not established, and what would settle it, without what has been said of another figure."""
+    if not own:
+        return []
+    known = said or {"reasons": [], "remedies": []}
+    reasons = [sentence for sentence in own["reasons"] if sentence not in known["reasons"]]
+    remedies = [remedy for remedy in own["remedies"] if remedy not in known["remedies"]]
+    lines = [f"  Preliminary: {sentence}" for sentence in reasons] or ["  Preliminary, for the same reasons"]
+    return [*lines, *([f"  To settle it: {'; '.join(remedies)}"] if remedies else [])]
 
 
 def _unexplained(left: Mapping[str, Any]) -> list[str]:

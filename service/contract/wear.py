@@ -86,6 +86,21 @@ class Relation(ContractModel):
     note: str | None = Field(description="what the relation does not state")
 
 
+class Preliminary(ContractModel):
+    """Why a figure is not established yet: it raises no alarm, and its band is wider."""
+
+    reasons: list[str] = Field(description="one sentence each, with figures")
+    remedies: list[str] = Field(description="measurements that would settle it")
+
+    @classmethod
+    def of(cls, preliminary: assessment.Preliminary) -> Preliminary:
+        return cls(reasons=list(preliminary.reasons), remedies=list(preliminary.remedies))
+
+
+def _preliminary(value: assessment.Preliminary | None) -> Preliminary | None:
+    return None if value is None else Preliminary.of(value)
+
+
 class Wear(ContractModel):
     """Wear now, by the model of the machine or by a relation of level and depth."""
 
@@ -101,6 +116,7 @@ class Wear(ContractModel):
     relation: Relation | None = None
     levels: dict[str, LevelReading] | None = None
     reason: str | None = Field(default=None, description="why no upper bound of the depth is known")
+    preliminary: Preliminary | None = Field(default=None, description="null where the depth is established")
 
     @classmethod
     def of(cls, wear: assessment.Wear | assessment.LevelWear) -> Wear:
@@ -122,6 +138,7 @@ class Wear(ContractModel):
                 valid=wear.validity.valid,
             ),
             methods=Methods.of(wear.methods),
+            preliminary=_preliminary(wear.preliminary),
         )
 
     @classmethod
@@ -143,6 +160,7 @@ class Wear(ContractModel):
             ),
             levels={name: LevelReading(level=r.level, window=r.window) for name, r in wear.levels.items()},
             reason=wear.reason,
+            preliminary=None,
         )
 
 
@@ -197,6 +215,7 @@ class Rul(ContractModel):
     reason: str | None = Field(default=None, description="why only the lower bound is known")
     distribution: LifeDistribution | None = Field(default=None, description="the life as a distribution")
     date: LifeDate | NotAvailable | None = Field(default=None, description="when it ends")
+    preliminary: Preliminary | None = Field(default=None, description="null where the life is established")
 
     @classmethod
     def of(cls, life: assessment.Life) -> Rul:
@@ -215,6 +234,7 @@ class Rul(ContractModel):
             speed_hz=life.speed,
             torque_nm=life.torque,
             reason=life.reason,
+            preliminary=_preliminary(life.preliminary),
             **parts,
         )
 

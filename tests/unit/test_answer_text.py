@@ -66,6 +66,20 @@ def test_a_reason_is_not_repeated():
     assert said.count("gears.module") == 1
 
 
+def test_preliminary_figures_say_why_and_what_would_settle_them_once():
+    doubt = {"reasons": ["the level alone"], "remedies": ["an encoder", "a measured depth"]}
+    young = {"reasons": ["the level alone", "one window"], "remedies": ["a measured depth", "two windows"]}
+    given = answer()
+    given["wear"]["preliminary"], given["rul"]["preliminary"] = doubt, young
+    lines = summary_lines(given)
+    assert "  Preliminary: the level alone" in lines and "  To settle it: an encoder; a measured depth" in lines
+    life = lines[next(i for i, line in enumerate(lines) if line.startswith("Remaining life")) + 1 :]
+    assert life[:2] == ["  Preliminary: one window", "  To settle it: two windows"]
+    given["rul"]["preliminary"] = doubt
+    assert "  Preliminary, for the same reasons" in summary_lines(given)
+    assert not any("Preliminary" in line for line in summary_lines(answer()))
+
+
 @pytest.mark.parametrize("width", [80, 100, 170])
 def test_the_window_table_fits_the_terminal_and_keeps_depth_and_level(width):
     lines = window_table(answer()["windows"], width)

@@ -37,6 +37,14 @@ class ModelValidity:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Preliminary:
+    """Why a figure is not established yet, and what would make it so."""
+
+    reasons: tuple[str, ...]  # one sentence each, with figures
+    remedies: tuple[str, ...]  # measurements that would settle it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Wear:
     """Wear by the model of the machine."""
 
@@ -49,6 +57,7 @@ class Wear:
     method: str  # what set the depth
     methods: MethodEstimates
     validity: ModelValidity
+    preliminary: Preliminary | None = None  # None where the depth is established
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,3 +116,4 @@ class Life:
     reason: str | None = None  # why only the lower bound of the life is known
     distribution: tuple[tuple[float, float | None], ...] = ()  # probability, revolutions left at most; None: no bound
     date: LifeDate | Unavailable | None = None
+    preliminary: Preliminary | None = None  # None where the life is established

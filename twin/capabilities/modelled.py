@@ -16,10 +16,12 @@ from twin.assessment import (
     LifeEvent,
     Unavailable,
     UpdateEvent,
+    Wear,
     WindowAssessment,
 )
 from twin.capabilities.context import Context, Draft, carried_over
 from twin.errors import NotAvailable, NotConverged
+from twin.preliminary import Confidence, confidence_of
 from twin.rig import Rig
 from twin.state import LatestParts, State
 from twin.tracing.attribution_loop import LoopResult, attribute_window
@@ -82,18 +84,43 @@ def answer_of(
     rig: Rig, state: State, tracing: Tracing, recent: tuple[WindowResidual, ...], outcome: UpdateOutcome
 ) -> Assessment:
     """The answer of a machine with a model, without a window's record."""
-    rattles = separates_teeth(tracing)
     unexplained = unexplained_of(recent, doubts_of(rig, outcome), tracing.error)
+    wear, life = _wear_and_life(rig, tracing, outcome)
+    life = dated(rig, life, state.running)
     return Assessment(
         window=None,
-        wear=Unavailable(reason=RATTLE) if rattles else wear_of(rig, outcome),
-        life=Unavailable(reason=RATTLE) if rattles else dated(rig, life_of(rig, outcome), state.running),
+        wear=wear,
+        life=life,
         residual=residual_over(recent),
         effects=effects_of(tracing),
         unexplained=with_unknown_content(tracing, unexplained),
         calibration=calibration_of(rig, outcome.memory),
         attribution=attribution_of(tracing),
     )
+
+
+def _wear_and_life(rig: Rig, tracing: Tracing, outcome: UpdateOutcome) -> tuple[Wear | Unavailable, Life | Unavailable]:
+    """Depth and life with what speaks against relying on them, or why they are not available."""
+    confidence = confidence_of(rig, outcome, tracing.error)
+    missing = _why_none(tracing, confidence)
+    if missing is not None:
+        return Unavailable(reason=missing), Unavailable(reason=missing)
+    wear = wear_of(rig, replace(outcome, depth_band=confidence.band))
+    life = life_of(rig, outcome, confidence.life_doubt)
+    if isinstance(life, Life) and confidence.no_life is not None:
+        life = Unavailable(reason=f"remaining life is not available: {confidence.no_life}")
+    if isinstance(life, Life):
+        life = replace(life, preliminary=confidence.life)
+    return replace(wear, preliminary=confidence.depth), life
+
+
+def _why_none(tracing: Tracing, confidence: Confidence) -> str | None:
+    """Why neither depth nor life is available; None where they are."""
+    if separates_teeth(tracing):
+        return RATTLE
+    if confidence.not_this_machine is not None:
+        return f"wear depth and remaining life are not available: {confidence.not_this_machine}"
+    return None
 
 
 def latest_of(assessment: Assessment) -> LatestParts:
@@ -134,6 +161,8 @@ def _updated(rig: Rig, tracing: Tracing, window: WindowInput, outcome: UpdateOut
 def _record(context: Context, outcome: UpdateOutcome, tracing: Tracing) -> WindowAssessment:
     features, rig = context.features, context.rig
     loss = None if outcome.expectation is None else outcome.expectation.contact_loss
+    confidence = confidence_of(rig, outcome, tracing.error)
+    missing = _why_none(tracing, confidence)
     record = WindowAssessment(
         index=context.input.index,
         kind=outcome.kind,
@@ -146,17 +175,17 @@ def _record(context: Context, outcome: UpdateOutcome, tracing: Tracing) -> Windo
         rms_after=float(outcome.rms_after),
         updated=outcome.updated,
         wear_coefficient=wear_coefficient(rig, outcome),
-        depth=depth_of(outcome),
+        depth=depth_of(replace(outcome, depth_band=confidence.band)),
         method=outcome.method,
         methods=methods_of(rig, outcome),
         contact_loss=None if loss is None or loss != loss else float(loss),
         notes=outcome.notes,
         unavailable=dict(features.unavailable),
     )
-    if not separates_teeth(tracing):
+    if missing is None:
         return record
     return replace(
-        record, wear_coefficient=None, depth=None, method=None, methods=None, notes=(*record.notes, RATTLE)
+        record, wear_coefficient=None, depth=None, method=None, methods=None, notes=(*record.notes, missing)
     )  # fmt: skip
 
 

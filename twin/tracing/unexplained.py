@@ -97,11 +97,19 @@ def _not_confirmed(errors: HeldOutErrors | None, limit: float) -> list[str]:
     """Why held-out windows do not confirm the twin, a sentence each; none where they do."""
     if errors is None or not errors.windows:
         return ["no held-out window has been compared with the twin yet"]
+    return held_out_faults(errors, limit)
+
+
+def held_out_faults(errors: HeldOutErrors, limit: float, missing: bool = True) -> list[str]:
+    """What held-out windows say against the twin, a sentence each.
+
+    missing  whether a channel that was not measured counts as well
+    """
     out = []
     for what, error in (("transmission error", errors.transmission_error), ("acceleration", errors.waveform)):
-        if error is None:
+        if error is None and missing:
             out.append(f"the {what} of held-out windows is not available, so the twin is not confirmed by it")
-        elif error > limit:
+        elif error is not None and error > limit:
             out.append(
                 f"the error of the {what} on held-out windows is {100 * error:.0f} % (limit {100 * limit:.0f} %)"
             )

@@ -2,8 +2,12 @@
 
     time left = revolutions left / speed
 
+By the RMS alone, the wear rate is known twice: over the latest interval, which scatters with the level, and as the mean
+since the gears were new, which knows nothing of a change. The truth is assumed between them: their geometric mean is
+used, and half the logarithm of their ratio is its standard deviation, with RMS_SPREAD.
+
 Source   remaining_life.py, which gives the revolutions with their interval
-Limits   the condition stays as it is; where the depth rests on the RMS alone, its spread is RMS_SPREAD
+Limits   the condition stays as it is
 """
 
 from __future__ import annotations
@@ -16,9 +20,14 @@ from twin.assessment import Interval, Life, Unavailable
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.updating.remaining_life import RemainingLife, remaining_life
+from twin.updating.rms_update import RmsTrack
+from twin.updating.tracker import WearTrack
 from twin.updating.update import UpdateOutcome
 
 PROBABILITIES = (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # of the quantiles stated
+NO_LEVEL_RATE = (
+    "the wear rate by the vibration level alone is too uncertain, so only a lower bound of the remaining life is known"
+)
 NO_RATE = "the wear rate cannot be distinguished from zero yet, so only a lower bound of the remaining life is known"
 
 
@@ -37,7 +46,21 @@ class LifeSpread:
 LIFE_SPREAD = LifeSpread()
 
 
-def life_of(rig: Rig, outcome: UpdateOutcome, spread: LifeSpread = LIFE_SPREAD) -> Life | Unavailable:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LifeDoubt:
+    """What a life is uncertain by beyond its own scatter, as relative standard deviations (twin/preliminary.py)."""
+
+    of_depth: float = 0.0  # of all depths together
+    of_rate: float = 0.0  # of the wear rate
+    level_factor: float = 1.0  # on the spread of the RMS method
+
+
+NO_DOUBT = LifeDoubt()
+
+
+def life_of(
+    rig: Rig, outcome: UpdateOutcome, doubt: LifeDoubt = NO_DOUBT, spread: LifeSpread = LIFE_SPREAD
+) -> Life | Unavailable:
     """The remaining life after a window, or why it is not available."""
     limit = rig.get("end_of_life.max_depth")
     if limit is None:
@@ -46,16 +69,13 @@ def life_of(rig: Rig, outcome: UpdateOutcome, spread: LifeSpread = LIFE_SPREAD) 
     track = outcome.memory.track
     if not (outcome.memory.rms_track.updates if by_rms else track.windows):
         return Unavailable(reason="remaining life is not available: no worn window has been seen yet")
-    if by_rms:
-        own, relative = outcome.memory.rms_track, spread.rms_spread
-        track = replace(
-            track, work=own.work, rate=own.rate, var_work=(relative * own.work) ** 2, cov=0.0,
-            var_rate=(relative * own.rate) ** 2,
-        )  # fmt: skip
     common = 0.0
-    if not by_rms and outcome.estimate is not None and outcome.estimate.depth > 0:
-        common = min(outcome.estimate.std / outcome.estimate.depth, 1.0)
-    found = remaining_life(track, outcome.curve, outcome.memory.segments[-1].start_work, limit, common)
+    if by_rms:
+        track = _by_level(track, outcome.memory.rms_track, spread.rms_spread * doubt.level_factor)
+    elif outcome.estimate is not None and outcome.estimate.depth > 0:
+        common = min(max(outcome.estimate.std / outcome.estimate.depth, doubt.of_depth), 1.0)
+    start = outcome.memory.segments[-1].start_work
+    found = remaining_life(track, outcome.curve, start, limit, common, doubt.of_rate)
     revolutions = interval_of(found)
     return Life(
         criterion=rig.get("end_of_life.criterion", "max_depth"),
@@ -65,7 +85,7 @@ def life_of(rig: Rig, outcome: UpdateOutcome, spread: LifeSpread = LIFE_SPREAD) 
         time=revolutions.scaled(1 / outcome.condition.speed_hz),
         speed=outcome.condition.speed_hz,
         torque=outcome.condition.torque,
-        reason=None if found.measurable else NO_RATE,
+        reason=None if found.measurable else NO_LEVEL_RATE if by_rms else NO_RATE,
         distribution=tuple((p, _bound(found.quantile(p))) for p in PROBABILITIES),
     )
 
@@ -77,3 +97,14 @@ def interval_of(found: RemainingLife) -> Interval:
 
 def _bound(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def _by_level(track: WearTrack, own: RmsTrack, relative: float) -> WearTrack:
+    """The track of the RMS method, its rate between that of the latest interval and the mean since the start."""
+    mean = own.work / own.revolutions if own.revolutions > 0 else own.rate
+    rate = float(np.sqrt(own.rate * mean))
+    apart = 0.5 * abs(float(np.log(own.rate / mean)))
+    return replace(
+        track, work=own.work, rate=rate, var_work=(relative * own.work) ** 2, cov=0.0,
+        var_rate=(float(np.hypot(relative, apart)) * rate) ** 2,
+    )  # fmt: skip

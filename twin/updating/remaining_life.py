@@ -143,6 +143,7 @@ def remaining_life(
     base_work: float,
     end_depth: float,
     common_scatter: float = 0.0,
+    rate_doubt: float = 0.0,
     scatter: LifeScatter = LIFE,
 ) -> RemainingLife:
     """Life of a track on a curve whose work starts at `base_work`, to a depth [m].
@@ -151,6 +152,7 @@ def remaining_life(
     quantile.
 
     common_scatter  relative standard deviation of what all depths are off by together
+    rate_doubt      relative standard deviation of the rate beyond that of the track
     """
     end = base_work + curve.work_at(end_depth)
     to_go = end - track.work
@@ -167,6 +169,7 @@ def remaining_life(
     )
     relative = np.sqrt(
         track.var_rate / track.rate**2
+        + rate_doubt**2
         + track.var_work / to_go**2
         + (common_scatter * end / to_go) ** 2
         + (scatter.drifts * RATE.drift) ** 2

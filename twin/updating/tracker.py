@@ -72,6 +72,7 @@ class WearTrack:
     cov: float
     var_rate: float
     windows: int  # worn windows used
+    steady: int = 0  # of them, since the rate was last seen to change
 
     @classmethod
     def unworn(cls, rate: float) -> WearTrack:
@@ -117,13 +118,14 @@ class WearTrack:
             cov=(1 - gain_x) * self.cov,
             var_rate=self.var_rate - gain_κ * self.cov,
             windows=self.windows + 1,
+            steady=self.steady + 1,
         )
 
     def followed(self, revolutions: float, work: float, std: float) -> WearTrack:
         """The track after a window at which a work x [rad/N] was measured."""
         ahead = self.predicted(revolutions)
         if self.windows and abs(work - ahead.work) > RATE.surprise * float(np.hypot(ahead.work_std, std)):
-            ahead = self.predicted(revolutions, RATE.running_in)
+            ahead = replace(self.predicted(revolutions, RATE.running_in), steady=0)
         return ahead.corrected(work, std)
 
     def rescaled(self, factor: float) -> WearTrack:
@@ -142,4 +144,4 @@ class WearTrack:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> WearTrack:
-        return cls(**values)
+        return cls(**{"steady": values["windows"], **values})

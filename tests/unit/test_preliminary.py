@@ -1,0 +1,145 @@
+"""When a depth or a life is established, preliminary or not available: every rule with its sentence and its remedy."""
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+from tests.unit.test_step import recorded
+from twin.assessment import HeldOutErrors
+from twin.effects import EFFECTS
+from twin.effects.addition import Addition
+from twin.features.extract import extract
+from twin.preliminary import LIMITS, confidence_of
+from twin.rig import Rig
+from twin.step import Options
+from twin.updating.history import WindowInput, replay_history
+
+GOOD = HeldOutErrors(rms=0.05, waveform=0.1, transmission_error=0.1, windows=(2, 5))
+
+
+@cache
+def history():
+    """The bundled short campaign, without effects."""
+    rig, windows = recorded()
+    inputs = [WindowInput(index=i, features=extract(rig, w)) for i, w in enumerate(windows)]
+    _, outcomes = replay_history(rig, (), inputs, Options().updating)
+    return rig, outcomes
+
+
+def latest(**memory):
+    rig, outcomes = history()
+    outcome = outcomes[-1]
+    return rig, replace(outcome, memory=replace(outcome.memory, **memory))
+
+
+def doubts(rig, outcome, errors=GOOD, of="depth"):
+    found = getattr(confidence_of(rig, outcome, errors), of)
+    return "" if found is None else "; ".join(found.reasons)
+
+
+def by_level(outcome, **fit):
+    """The outcome of a machine with a tachometer instead of encoders."""
+    memory = outcome.memory
+    track = replace(memory.track, windows=0)
+    memory = replace(memory, track=track, fit=replace(memory.fit, **fit) if fit else memory.fit)
+    return replace(outcome, memory=memory, method="rms", estimate=None)
+
+
+def test_well_measured_campaign_is_established_from_its_third_worn_window():
+    rig, outcomes = history()
+    last = outcomes[-1]
+    assert confidence_of(rig, last, GOOD).depth is None and confidence_of(rig, last, GOOD).life is None
+    assert confidence_of(rig, last, GOOD).band == last.depth_band
+    worn = [o for o in outcomes if o.kind == "measurement" and o.memory.track.windows]
+    assert all(confidence_of(rig, o, None).depth is None for o in worn)
+    young = [o for o in worn if o.memory.track.windows < LIMITS.least_worn_windows]
+    assert young and all("of at least 3 worn windows" in doubts(rig, o, None, "life") for o in young)
+
+
+def test_model_that_no_unworn_window_has_calibrated_is_in_doubt():
+    rig, outcome = latest(fit=None)
+    assert "no window of the new gears has calibrated the model" in doubts(rig, outcome)
+    found = confidence_of(rig, outcome, GOOD)
+    low, high = found.band
+    assert low <= 0.51 * outcome.depth and high >= 1.2 * outcome.depth
+    assert any("when they are new" in remedy for remedy in found.depth.remedies)
+
+
+def test_poor_calibration_is_doubted_until_held_out_windows_confirm_the_twin():
+    rig, outcome = latest()
+    fit = outcome.memory.fit
+    poor = replace(outcome, memory=replace(outcome.memory, fit=replace(fit, misfit=9.0)))
+    assert "3.0 times their scatter (limit 2.0)" in doubts(rig, poor, None)
+    assert not doubts(rig, poor, GOOD)
+    values = replace(fit.calibration, modal_damping=3 * fit.calibration.modal_damping)
+    off = replace(outcome, memory=replace(outcome.memory, fit=replace(fit, calibration=values)))
+    assert "spreads of its prior" in doubts(rig, off, None) and not doubts(rig, off, GOOD)
+    lines = replace(outcome, estimate=replace(outcome.estimate, misfit=16.0))
+    assert "4.0 times what the rig file's tolerances allow" in doubts(rig, lines, None)
+
+
+def test_held_out_windows_that_are_not_predicted_cast_doubt_on_the_depth():
+    rig, outcome = latest()
+    said = doubts(rig, outcome, replace(GOOD, transmission_error=0.45))
+    assert "45 % (limit 30 %)" in said and "may change the depth" in said
+
+
+def test_rate_that_cannot_be_distinguished_from_zero_casts_doubt_on_the_life_alone():
+    rig, outcome = latest()
+    track = replace(outcome.memory.track, var_rate=outcome.memory.track.rate**2)
+    rig, outcome = latest(track=track)
+    assert "distinguished from zero" in doubts(rig, outcome, of="life") and not doubts(rig, outcome)
+
+
+def test_sudden_change_of_the_wear_rate_is_doubted_until_three_windows_have_confirmed_it():
+    rig, outcome = latest(track=replace(history()[1][-1].memory.track, steady=1))
+    for of in ("depth", "life"):
+        assert "the wear rate changed suddenly, 1 window ago" in doubts(rig, outcome, of=of)
+    track = replace(outcome.memory.track, steady=4, var_work=1e-12, var_rate=1e-20)
+    jumped = track.followed(track.revolutions + 1000, 3 * track.work, 1e-9)
+    assert jumped.steady == 1 and track.followed(track.revolutions + 1, track.work, track.work).steady == 5
+
+
+def test_effect_in_the_model_is_tested_on_held_out_windows_first():
+    found = Addition(effect=EFFECTS["tooth_friction"](coefficient=0.1), onset_revolutions=0.0)
+    rig, outcome = latest(effects=(found,))
+    assert "has not been tested on held-out windows yet" in doubts(rig, outcome, None)
+    assert not doubts(rig, outcome, GOOD)
+
+
+def test_estimated_rig_file_is_named():
+    rig, outcome = latest()
+    estimated = {"by": "gear-twin init", "parts": ("structure",), "spread": {"structure": 0.3}}
+    rig = Rig({**rig.values, "estimated": estimated})
+    assert "the rig file's structure are estimates by gear-twin init" in doubts(rig, outcome)
+
+
+def test_depth_by_level_is_preliminary_and_reaches_down_to_zero_where_the_level_has_not_risen():
+    rig, outcome = latest()
+    worn = by_level(outcome)
+    found = confidence_of(rig, worn, GOOD)
+    assert "the vibration level alone" in found.depth.reasons[0] and found.no_life is None and found.band[0] > 0
+    same = replace(worn, rms_measured=outcome.memory.unworn[-1].rms)
+    quiet = confidence_of(rig, same, GOOD)
+    assert "it shows wear from +50 % on" in quiet.no_life and quiet.band[0] == 0.0
+    unknown = confidence_of(rig, replace(worn, memory=replace(worn.memory, unworn=())), GOOD)
+    assert "is not known" in unknown.no_life and unknown.band[0] == 0.0
+
+
+def test_band_by_level_widens_with_the_misfit_of_the_calibration():
+    rig, outcome = latest()
+    good, poor = (confidence_of(rig, by_level(outcome, misfit=m), GOOD).band for m in (1.0, 4.0))
+    assert good == pytest.approx((0.75 * outcome.depth, 1.75 * outcome.depth))
+    assert poor == pytest.approx((0.75**2 * outcome.depth, 1.75**2 * outcome.depth))
+
+
+def test_machine_that_the_model_does_not_describe_has_neither_depth_nor_life():
+    rig, outcome = latest()
+    assert "4.0 times their scatter" in confidence_of(rig, by_level(outcome, misfit=16.0), GOOD).not_this_machine
+    level = by_level(outcome)
+    off = replace(level.rms_result, rms_after=3 * level.rms_measured, updated=True, converged=False)
+    assert "in another unit" in confidence_of(rig, replace(level, rms_result=off), GOOD).not_this_machine
+    lines = replace(outcome.estimate, misfit=36.0)
+    other = replace(outcome, memory=replace(outcome.memory, fit=None), estimate=lines)
+    assert "6.0 times" in confidence_of(rig, other, GOOD).not_this_machine
