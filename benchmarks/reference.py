@@ -1,6 +1,6 @@
 """Prints the tables of docs/reference from the code that they describe.
 
-    python -m benchmarks.reference commands | settings | rig | rest | json
+    python -m benchmarks.reference commands | settings | rig | rest | json | answers | units
 
 `python -m benchmarks.figures reference` writes them into the pages.
 """
@@ -278,7 +278,38 @@ def _kind(field: Mapping[str, Any]) -> str:
     return field.get("type", "any")
 
 
-TABLES = {"commands": commands, "settings": settings, "rig": rig, "rest": rest, "json": keys}
+def answers() -> str:
+    """Every key of an answers file of `gear-twin init`."""
+    from service.setup.questions import OF_SENSOR, QUESTIONS
+
+    rows = [_answer_row(q, "") for q in QUESTIONS]
+    rows += [_answer_row(q, "accelerometers[].") for q in OF_SENSOR]
+    rows.append(
+        ("`known`", "", "", "table of rig file keys whose values are known, in SI units; they replace generic ones")
+    )
+    return table(("key", "value", "default", "meaning"), rows)
+
+
+def _answer_row(question: Any, path: str) -> tuple[str, str, str, str]:
+    kinds = {"count": "whole number", "yes": "`yes`, `no`", "text": "text", "number": "number"}
+    values = ", ".join(f"`{c}`" for c in question.choices) or kinds.get(question.kind, question.kind)
+    example = f", such as `{question.example}`" if question.example and not question.choices else ""
+    default = "required" if question.needed else f"`{question.default}`" if question.default is not None else ""
+    text = question.text.partition(" (Enter")[0] + (f"; {question.hint}" if question.hint else "")
+    return f"`{path}{question.key}`", values + example, default, text
+
+
+def units() -> str:
+    """The units that an answers file may use."""
+    from service.setup.units import UNITS
+
+    return table(("quantity", "units"), [(kind, ", ".join(f"`{u}`" for u in known)) for kind, known in UNITS.items()])
+
+
+TABLES = {
+    "commands": commands, "settings": settings, "rig": rig, "rest": rest, "json": keys, "answers": answers,
+    "units": units,
+}  # fmt: skip
 
 
 def main() -> None:

@@ -15,13 +15,34 @@ from typing import Any
 
 PARTS: Mapping[str, str] = {
     "structure": "every stiffness of shafts, couplings and bearings",
-    "inertias": "every mass and inertia",
+    "inertias": "every inertia of couplings, encoders, motor and load, and every mass of a bearing",
+    "bodies": "masses and inertias of the gears themselves",
     "damping": "modal damping ratio and damping time of the contacts",
     "mesh": "stiffness of the tooth pairs",
     "contact": "contact half-width",
     "wear": "wear coefficient",
-    "torque": "nominal torque",
 }
+_BODIES = ("inertias.J5", "inertias.J10", "masses.m5", "masses.m10")
+_BY_TABLE = {
+    "shafts": "structure",
+    "torsional_stiffness": "structure",
+    "bearings": "structure",
+    "inertias": "inertias",
+    "masses": "inertias",
+    "damping": "damping",
+}
+_BY_KEY = {
+    "mesh.relative_damping_time": "damping",
+    "mesh.stiffness_scale": "mesh",
+    "wear.contact_half_width": "contact",
+    "wear.K": "wear",
+    "shafts.gear_position_fraction": None,  # a place, not a size: it has no spread of its own
+} | dict.fromkeys(_BODIES, "bodies")
+
+
+def part_of(key: str) -> str | None:
+    """The part whose spread holds for a key of the rig file; None for one without a spread."""
+    return _BY_KEY[key] if key in _BY_KEY else _BY_TABLE.get(key.partition(".")[0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

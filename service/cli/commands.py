@@ -14,6 +14,7 @@ from service.cli.assessing import assessed, demand_finite, give, searches_effect
 from service.cli.effects import app as effects
 from service.cli.example import app as example
 from service.cli.importing import import_
+from service.cli.init import init
 from service.json_text import write_text, wrote_json
 
 GROUPS = ("Get started", "Assess a machine", "Learn and calibrate", "Recordings and data")
@@ -408,5 +409,6 @@ def diagnose(
 
 
 app.command(name="import", rich_help_panel=DATA)(import_)
+app.command(name="init", rich_help_panel=START)(init)
 app.add_typer(effects, name="effects", rich_help_panel=ANSWER)
 app.add_typer(example, name="example", rich_help_panel=DATA)

@@ -35,7 +35,8 @@
     edge = "rising"                        # or "falling"
     missing_teeth = 0                      # of a toothed wheel with a gap, such as 2 of 60
 
-    [rig]                                  # a rig file of what is known: tooth counts, nominal speed, …; may be empty
+    [rig]                                  # a rig file of what is known: tooth counts, nominal speed, …; may be empty;
+                                           # or above all tables: rig = "rig.toml", relative to this file
 
 Every fault is one line that names the key, its value and what would be right.
 """
@@ -51,7 +52,7 @@ from service.errors import InputError
 from service.files.documents import check_asset, check_keys, check_schema, load_document, number_of, table_of
 from service.files.import_channel import KEYS, ChannelMapping, mapped_channels
 from service.files.readers import TextForm, format_of
-from service.files.rig import checked_rig
+from service.files.rig import checked_rig, load_mapping
 
 SCHEMA = "gear-import/1"
 RATES = (1.0, 1e7)  # [Hz]
@@ -99,7 +100,7 @@ def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
     channels = table_of(where, data, "channels")
     if not channels:
         raise InputError(f"{where}: channels must name at least one column")
-    rig = dict(table_of(where, data, "rig"))
+    rig = _rig_of(where, data, path)
     rig.setdefault("schema", "gear-rig/1")
     rig.setdefault("name", asset)
     checked_rig(rig, f"{where}: rig")
@@ -124,6 +125,14 @@ def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
         channels=mapped,
         rig=rig,
     )
+
+
+def _rig_of(where: str, data: dict[str, Any], path: Path) -> dict[str, Any]:
+    """The rig file of a mapping: its table, or the file that it names."""
+    given = data.get("rig")
+    if isinstance(given, str):
+        return load_mapping(path.parent / given)
+    return dict(table_of(where, data, "rig"))
 
 
 def _refuse_data_file(path: Path) -> None:
