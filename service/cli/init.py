@@ -16,11 +16,13 @@ def init(
     answers: AnswersFile = None,
     out: Annotated[Path, typer.Option(help="Directory for rig.toml and mapping.toml.")] = Path("."),
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print what was done as JSON.")] = False,
+    json: Annotated[
+        Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
+    ] = None,
 ) -> None:
     """Make a rig file and a mapping file from a few questions; says what the machine will be able to tell."""
     from service.errors import InputError
-    from service.json_text import json_text, write_text
+    from service.json_text import write_text, wrote_json
     from service.setup.abilities import abilities, equipment_of, one_more
     from service.setup.answers import checked_answers, load_answers
     from service.setup.mapping_file import mapping_text
@@ -36,8 +38,7 @@ def init(
     write_text(rig_path, rig_text(draft))
     write_text(mapping_path, mapping_text(given, draft, rig_path.name))
     equipment = equipment_of(given, draft)
-    if json:
-        print(json_text(_described(rig_path, mapping_path, draft, abilities(equipment), one_more(equipment))))
+    if wrote_json(_described(rig_path, mapping_path, draft, abilities(equipment), one_more(equipment)), json):
         return
     print(f"rig file: {rig_path}\nmapping file: {mapping_path}")
     _print_draft(given, draft)

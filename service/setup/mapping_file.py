@@ -32,7 +32,7 @@ def mapping_text(answers: Answers, draft: RigDraft, rig_name: str) -> str:
     for shaft, edges in zip(("pinion", "gear"), answers.edges, strict=True):
         if edges:
             lines += ["", *_encoder(answers.encoder_signal, shaft, edges)]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
 
 
 def _column(column: str | None, name: str) -> list[str]:

@@ -247,7 +247,7 @@ def rig_text(draft: RigDraft) -> str:
         *(f"# No model: {reason}." for reason in draft.without_model),
         *_table_lines(draft, SCHEMA, ""),
     ]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
 
 
 def _table_lines(draft: RigDraft, schema: Mapping[str, Any], path: str) -> list[str]:

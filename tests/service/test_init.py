@@ -219,7 +219,7 @@ def test_questions_are_asked_and_a_wrong_answer_is_asked_again(tmp_path):
         "1024", "2048", "edge times", "yes", "", "", "", "", "",
         "y", "acc", "g", "", "", "n",
     ]  # fmt: skip
-    run = CliRunner().invoke(app, ["init", "--out", str(tmp_path), "--json"], input="\n".join(said) + "\n")
+    run = CliRunner().invoke(app, ["init", "--out", str(tmp_path), "--json", "-"], input="\n".join(said) + "\n")
     assert run.exit_code == 0, run.output
     assert "speed = '600' needs a number with its unit" in run.output
     rig = load_rig(tmp_path / "rig.toml")
