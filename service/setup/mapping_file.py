@@ -6,8 +6,6 @@ from service.setup.answers import Answers
 from service.setup.rig_file import RigDraft
 from service.setup.toml_text import value_text
 
-UNKNOWN_RATE = 25600.0  # [Hz]; the line says that it is to be replaced
-
 
 def mapping_text(answers: Answers, draft: RigDraft, rig_name: str) -> str:
     """The mapping file, which names the rig file that lies next to it."""
@@ -20,8 +18,9 @@ def mapping_text(answers: Answers, draft: RigDraft, rig_name: str) -> str:
         "",
         "[file]",
         f"path = {value_text(path)}" + ("" if answers.data_file else "  # replace: your data file"),
-        f"sample_rate_hz = {value_text(answers.sample_rate or UNKNOWN_RATE)}"
-        + ("" if answers.sample_rate else "  # replace: its sampling rate"),
+        "# sample_rate_hz = 25600  # of a file without a time column"
+        if answers.sample_rate is None
+        else f"sample_rate_hz = {value_text(answers.sample_rate)}",
     ]
     for name, sensor in zip(draft.accelerometers, answers.accelerometers, strict=True):
         lines += ["", f"[channels.{name}]", *_column(sensor.column, name), f"unit = {value_text(sensor.unit)}"]

@@ -80,7 +80,7 @@ def test_every_value_states_its_origin_and_the_file_is_the_draft():
     assert Rig.from_mapping(tomllib.loads(text)).estimated.assumed == found.rig.estimated.assumed
 
 
-@pytest.mark.parametrize("signal", ["edge times", "quadrature"])
+@pytest.mark.parametrize("signal", ["edge times", "quadrature", "pulses"])
 def test_the_mapping_is_one_that_import_reads(tmp_path, signal):
     answers = tmp_path / "answers.toml"
     answers.write_text(EXAMPLE.read_text().replace("edge times", signal))
@@ -88,9 +88,11 @@ def test_the_mapping_is_one_that_import_reads(tmp_path, signal):
     assert run.exit_code == 0, run.output
     mapping = tomllib.loads((tmp_path / "mapping.toml").read_text())
     assert mapping["rig"] == "rig.toml"
-    assert set(mapping["channels"]) == {"y6", "torque", "encoder"}
-    edges = 1024 if signal == "edge times" else 4096
-    assert mapping["channels"]["encoder"]["pinion"]["edges_per_rev"] == edges
+    edges = 4096 if signal == "quadrature" else 1024
+    read = {c.label: c for c in load_import_mapping(tmp_path / "mapping.toml").channels}
+    assert set(read) == {"accel/y6", "torque/pinion", "encoder/pinion", "encoder/gear"}
+    if signal != "pulses":
+        assert read["encoder/pinion"].edges_per_rev == edges
     assert load_rig(tmp_path / "rig.toml").get("encoders.pinion_edges_per_rev") == edges
 
 
