@@ -186,6 +186,39 @@ def _refined(s, weight, unit: float, bin_: int) -> float:
     return position
 
 
+def _squared_envelope(values, rate: float, band: tuple[float, float]) -> tuple[int, int, np.ndarray]:
+    """First and last bin of a band, and the squared envelope within it on a grid just fine enough."""
+    n = len(values)
+    duration = n / rate
+    low, high = int(np.ceil(band[0] * duration)), int(band[1] * duration)
+    if not 0 <= low < high - 48 or band[1] > rate / 2:
+        raise ParameterError(
+            f"band {band[0]:g} … {band[1]:g} must lie within 0 … {rate / 2:g} and be {48 / duration:.3g} wide at least"
+        )
+    spectrum = fft.rfft(np.asarray(values) - np.mean(values)) * (2 / n)
+    return low, high, np.abs(_analytic(spectrum, low, high, 2)) ** 2
+
+
+def envelope_spectrum(values, rate: float, band: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Spectrum of a band's squared envelope: rates, and amplitudes over the envelope's mean; two of (m,).
+
+    A carrier whose amplitude varies by the share m reads 2·m/(1 + m²/2) at the rate, and m²/2/(1 + m²/2) at twice it.
+
+    values  (n,) on an even grid of time or angle, without gaps
+    rate    values per unit of the grid
+    band    in cycles per unit
+    """
+    low, high, s = _squared_envelope(values, rate, band)
+    weight = hann(s.size)
+    mean = float(weight @ s / weight.sum())
+    if mean <= 0:
+        raise NotAvailable(f"no envelope: the signal has nothing between {band[0]:g} and {band[1]:g}")
+    amplitude = 2 / weight.sum() * np.abs(fft.rfft(weight * (s / mean - 1)))
+    amplitude[0] = 0.0
+    count = int(SEARCHED * (high - low))  # beyond, too few pairs of bins beat
+    return np.arange(count) * rate / len(values), amplitude[:count]
+
+
 def modulations(
     values,
     rate: float,
@@ -203,13 +236,7 @@ def modulations(
     """
     n = len(values)
     duration = n / rate
-    low, high = int(np.ceil(band[0] * duration)), int(band[1] * duration)
-    if not 0 <= low < high - 48 or band[1] > rate / 2:
-        raise ParameterError(
-            f"band {band[0]:g} … {band[1]:g} must lie within 0 … {rate / 2:g} and be {48 / duration:.3g} wide at least"
-        )
-    spectrum = fft.rfft(np.asarray(values) - np.mean(values)) * (2 / n)
-    s = np.abs(_analytic(spectrum, low, high, 2)) ** 2
+    low, high, s = _squared_envelope(values, rate, band)
     weight = hann(s.size)
     mean = float(weight @ s / weight.sum())
     if mean <= 0:

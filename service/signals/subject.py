@@ -1,0 +1,205 @@
+"""One window with all that is known of its machine, computed once however many views are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+
+import numpy as np
+
+from service.errors import InputError
+from twin.errors import NotAvailable, TwinError, WindowError
+from twin.features.angle import AngleTrack, angle_track
+from twin.features.extract import extract, pinion_angle
+from twin.features.resample import AngleSignal, on_angle
+from twin.features.transmission_error import TransmissionError, pinion_motion, transmission_error
+from twin.features.window_features import WindowFeatures
+from twin.rig import Rig
+from twin.tracing.modelled_lines import ModelledLines
+from twin.windows import Samples, Window
+
+TRANSMISSION_ERROR = "transmission-error"
+UNITS = {"accel": "m/s²", "torque": "N·m", "encoder": "rad", TRANSMISSION_ERROR: "µm"}
+MICROMETRE = 1e-6
+
+Modelling = Callable[[WindowFeatures], ModelledLines]
+
+
+class UnknownChannel(InputError):
+    """A channel that the window does not have; `known` are those it has."""
+
+    def __init__(self, channel: str, known: tuple[str, ...]) -> None:
+        super().__init__(f"the window has no channel {channel!r}; it has {', '.join(known) or 'none'}")
+        self.known = known
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Subject:
+    """A window to look at."""
+
+    asset: str
+    index: int
+    window: Window
+    rig: Rig
+    model: Modelling | None = None  # the twin's lines of the window; None where there is no model
+
+    @property
+    def started(self) -> datetime:
+        return datetime.fromtimestamp(self.window.start_time_ns / 1e9, UTC)
+
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """Labels of all channels, the reference accelerometer first."""
+        w = self.window
+        accelerations = sorted(w.accelerations, key=lambda name: (name != self.rig.accelerometer, name))
+        found = [f"accel/{name}" for name in accelerations]
+        found += [f"torque/{name}" for name in sorted(w.torques)] + [f"encoder/{name}" for name in sorted(w.encoders)]
+        both = "pinion" in w.encoders and "gear" in w.encoders
+        return (*found, *([TRANSMISSION_ERROR] if both else []))
+
+    def channel(self, label: str | None) -> str:
+        """A channel by its label, the first where none is named; UnknownChannel."""
+        if label is None and self.channels:
+            return self.channels[0]
+        if label not in self.channels:
+            raise UnknownChannel(label or "", self.channels)
+        return label
+
+    def unit(self, label: str) -> str:
+        if label == TRANSMISSION_ERROR and self._radius is None:
+            return "mrad"
+        return UNITS[label.partition("/")[0]]
+
+    def samples(self, label: str) -> Samples:
+        """The evenly sampled values of a channel; NotAvailable where it has edges."""
+        kind, _, name = label.partition("/")
+        if kind == "accel":
+            return self.window.accelerations[name]
+        if kind == "torque":
+            return self.window.torques[name]
+        raise NotAvailable(f"{label} is known at the encoders' edges, not evenly in time: its order spectrum is shown")
+
+    @cached_property
+    def _angle(self) -> AngleTrack | TwinError:
+        try:
+            return pinion_angle(self.rig, self.window, self.window.accelerations)
+        except TwinError as error:
+            return error
+
+    @property
+    def track(self) -> AngleTrack:
+        """The smoothed pinion angle; NotAvailable where no channel gives it."""
+        if isinstance(self._angle, TwinError):
+            raise NotAvailable(f"the shaft angle is not known: {self._angle}")
+        return self._angle
+
+    @property
+    def speed(self) -> tuple[float | None, str]:
+        """The pinion's speed [Hz], None where it is not known, and where it is from."""
+        if isinstance(self._angle, AngleTrack):
+            return self._angle.speed, self._angle.source
+        return self.rig.get("operating.pinion_speed_hz"), "the rig file's nominal speed"
+
+    @cached_property
+    def teeth(self) -> tuple[int, int] | None:
+        return self.rig.teeth if self.rig.has("gears.pinion.teeth", "gears.gear.teeth") else None
+
+    @cached_property
+    def _radius(self) -> float | None:
+        radius = self.rig.value("gears.pinion.base_radius")
+        return None if radius is None else float(radius)
+
+    @cached_property
+    def error(self) -> TransmissionError:
+        """Transmission error from both encoders; NotAvailable, WindowError."""
+        encoders = self.window.encoders
+        if self.teeth is None:
+            raise NotAvailable("transmission error is not available: the rig file does not give both numbers of teeth")
+        missing = [shaft for shaft in ("pinion", "gear") if shaft not in encoders]
+        if missing:
+            raise NotAvailable(f"transmission error is not available: no encoder on the {' and the '.join(missing)}")
+        track = self.track if self.track.source == "encoder/pinion" else None
+        return transmission_error(encoders["pinion"], encoders["gear"], self.teeth, self._radius, track)
+
+    def on_angle(self, label: str) -> tuple[AngleSignal, float]:
+        """A channel on an even grid of pinion angle, in its unit, and its own values per pinion turn."""
+        if label == TRANSMISSION_ERROR:
+            te = self.error
+            scale = 1e-3 if te.unit == "rad" else MICROMETRE
+            signal = te.signal
+            shown = AngleSignal(
+                start=signal.start, step=signal.step, usable=signal.usable,
+                values=(signal.values - np.mean(signal.values[signal.usable])) / scale,
+            )  # fmt: skip
+            return shown, min(te.edges_per_turn)
+        if label.startswith("encoder/"):
+            return self._encoder_motion(label.partition("/")[2])
+        return on_angle(self.samples(label), self.track)
+
+    def _encoder_motion(self, shaft: str) -> tuple[AngleSignal, float]:
+        """What an encoder's angle departs from its smoothed rotation [rad], over pinion angle."""
+        edges = self.window.encoders[shaft]
+        signal, _ = pinion_motion(edges, None, angle_track(edges, source=f"encoder/{shaft}"))
+        if shaft == "pinion":
+            return signal, float(edges.per_rev)
+        if self.teeth is None:
+            raise NotAvailable(
+                "orders of the gear's encoder are not available: the rig file does not give both numbers of teeth"
+            )
+        z1, z2 = self.teeth
+        signal = AngleSignal(
+            start=signal.start * z2 / z1, step=signal.step * z2 / z1, values=signal.values, usable=signal.usable
+        )
+        return signal, edges.per_rev * z1 / z2
+
+    @cached_property
+    def _modelled(self) -> ModelledLines | str:
+        if self.model is None:
+            return "nothing is modelled: there is no model of this machine, or none has been calibrated yet"
+        try:
+            return self.model(extract(self.rig, self.window))
+        except TwinError as error:
+            return str(error)
+
+    @property
+    def modelled(self) -> ModelledLines | None:
+        """The twin's lines of this window; None where there are none, for the reason of `why_not_modelled`."""
+        return self._modelled if isinstance(self._modelled, ModelledLines) else None
+
+    @property
+    def why_not_modelled(self) -> str:
+        return self._modelled if isinstance(self._modelled, str) else ""
+
+    def modelled_channel(self, label: str) -> np.ndarray | None:
+        """Complex lines of a channel in its unit; None where the model does not have it."""
+        m = self.modelled
+        if m is None:
+            return None
+        if label == TRANSMISSION_ERROR and self._radius is not None:
+            return m.transmission_error / MICROMETRE
+        if label == "torque/pinion":
+            return m.torque
+        return m.acceleration if label == f"accel/{m.sensor}" else None
+
+    def require_shaft(self, shaft: str) -> tuple[float, int]:
+        """Pinion turns in a turn of a shaft, and its number of teeth (0 where not known)."""
+        if shaft == "pinion":
+            return 1.0, 0 if self.teeth is None else self.teeth[0]
+        if self.teeth is None:
+            raise NotAvailable("the gear's turns are not known: the rig file does not give both numbers of teeth")
+        return self.teeth[1] / self.teeth[0], self.teeth[1]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is wrong with the window's data."""
+        found = dict.fromkeys(
+            f"{f.kind} in {f.channel or 'the window'}: {f.detail or f.count}"
+            for f in self.window.faults
+            if f.action != "none"
+        )
+        return (f"the window is {self.window.quality}: {'; '.join(found)}",) if found else ()
+
+
+__all__ = ["TRANSMISSION_ERROR", "Modelling", "Subject", "UnknownChannel", "WindowError"]
