@@ -30,6 +30,12 @@ MEANINGS = {
     "mesh.stiffness_scale": "factor on the mesh stiffness; calibrated",
     "mesh.relative_damping_time": "τ: contact force = k·max(0, δ + τ·δ′); calibrated",
     "shafts.gear_position_fraction": "distance from the drive-side bearing to the gear, of the span",
+    "rolling_bearings[].name": "any; shown at its markers",
+    "rolling_bearings[].shaft": "on which the inner ring sits; the outer ring is fixed",
+    "rolling_bearings[].rolling_elements": "number; for markers in spectra only",
+    "rolling_bearings[].element_diameter": "of a ball or roller",
+    "rolling_bearings[].pitch_diameter": "of the circle through the elements' centres",
+    "rolling_bearings[].contact_angle_deg": "0 where not given",
     "damping.modal_ratio": "of the structure without its mesh; calibrated",
     "sensors.accelerometer": "coordinate at which the reference accelerometer sits",
     "sensors.band_hz": "band of the vibration level",
@@ -213,6 +219,9 @@ def _rig_rows(schema: Mapping[str, Any], path: str) -> Iterator[tuple[str, str, 
         if isinstance(rule, Mapping):
             yield from _rig_rows(rule, f"{name}.")
             continue
+        if hasattr(rule, "columns"):
+            yield from _rig_rows(rule.columns, f"{name}[].")
+            continue
         rule = getattr(rule, "rule", rule)
         unit = getattr(rule, "unit", "")
         low, high = getattr(rule, "low", None), getattr(rule, "high", None)
@@ -229,10 +238,10 @@ def _rig_rows(schema: Mapping[str, Any], path: str) -> Iterator[tuple[str, str, 
 def _openapi() -> dict[str, Any]:
     from fastapi import FastAPI
 
-    from service.api import assets, effects, events, metrics
+    from service.api import assets, effects, events, metrics, signals
 
     app = FastAPI()
-    for module in (metrics, assets, effects, events):
+    for module in (metrics, assets, effects, events, signals):
         app.include_router(module.router)
     return app.openapi()
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from math import cos, radians
+from math import cos, pi, radians
 from typing import Any
 
 from twin.errors import NotAvailable, ParameterError
@@ -34,6 +34,7 @@ def refuse_contradictions(get: Get, gear_pair: Callable[[], GearPair]) -> None:
     _sensors(get)
     _operating(get)
     _estimated(get)
+    _rolling_bearings(get)
     try:
         pair = gear_pair()
     except NotAvailable:  # the geometry's own error names what is missing
@@ -58,6 +59,16 @@ def torque_meter_nodes(expression: str) -> tuple[int, int]:
     raise ParameterError(
         f"sensors.torque = {expression!r} must be '{MEASURED}' or the twist of a torsional spring: one of {known}"
     )
+
+
+def _rolling_bearings(get: Get) -> None:
+    for i, bearing in enumerate(get("rolling_bearings") or ()):
+        d, D, n = (bearing[key] for key in ("element_diameter", "pitch_diameter", "rolling_elements"))
+        if n * d > pi * D:
+            raise ParameterError(
+                f"rolling_bearings[{i}]: {n:g} rolling elements of {d:g} m do not fit on a pitch circle of {D:g} m; "
+                "a radius in place of a diameter?"
+            )
 
 
 def _differ(a: float, b: float) -> bool:

@@ -108,6 +108,24 @@ class _PerChannel:
         return self.rule.read(name, value)
 
 
+@dataclass(frozen=True, slots=True)
+class _Tables:
+    """A list of tables, each with the same keys."""
+
+    columns: Mapping[str, Any]
+    optional: tuple[str, ...] = ()
+
+    def read(self, name: str, value: Any) -> tuple[dict[str, Any], ...]:
+        if not isinstance(value, (list, tuple)) or not all(isinstance(item, Mapping) for item in value):
+            raise ParameterError(f"{name} must be a list of tables: [[{name}]]")
+        out = tuple(checked(item, self.columns, f"{name}[{i}].") for i, item in enumerate(value))
+        for i, item in enumerate(out):
+            missing = [key for key in self.columns if key not in item and key not in self.optional]
+            if missing:
+                raise ParameterError(f"{name}[{i}] lacks {', '.join(missing)}")
+        return out
+
+
 _TEETH = _Number("", 5, 1000, "tooth counts below 6 do not mesh", integer=True)
 _LENGTH = "a length in mm?"
 _WHEEL = {
@@ -180,6 +198,17 @@ SCHEMA: dict[str, Any] = {
     "inertias": {f"J{i}": _INERTIA for i in (1, 2, 3, 5, 7, 8, 10, 12, 13)},
     "masses": {f"m{i}": _MASS for i in (4, 5, 6, 9, 10, 11)},
     "bearings": {f"k{a}_{b}": _STIFFNESS for a in "xy" for b in ("input", "output")},
+    "rolling_bearings": _Tables(
+        {
+            "name": _Text(),
+            "shaft": _Text(("pinion", "gear")),
+            "rolling_elements": _Number("", 3, 200, closed=True, integer=True),
+            "element_diameter": _DIAMETER,
+            "pitch_diameter": _DIAMETER,
+            "contact_angle_deg": _Number("°", 0, 89, "radians?", closed=True),
+        },
+        optional=("contact_angle_deg",),
+    ),
     "damping": {"modal_ratio": _Number("", 0, 0.5, "a ratio in percent?", closed=True)},
     "couplings": {"lateral_stiffness": _Number("N/m", 0, 1e12, closed=True)},
     "sensors": {

@@ -10,10 +10,12 @@ from fastapi import FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
 from service.api import assets, effects, events, metrics, models, pages, problems, reports
+from service.api import signals as signal_routes
 from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore
+from service.signals.library import Library
 
 COMPRESSED_FROM = 1000  # size from which an answer is compressed [bytes]; event streams never are
 COMPRESSION = 5  # of gzip, 1 … 9: nearly as small as 9 in a third of its time
@@ -45,12 +47,13 @@ def create_app(
     )
     app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
     app.state.signals = signals
+    app.state.library = None if signals is None else Library(signals, store, board)
     app.state.queue = queue or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.registry = metrics.registry(board, store, gauges)
     problems.install(app)
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_FROM, compresslevel=COMPRESSION)
-    for module in (assets, effects, events, metrics, pages, reports):
+    for module in (assets, effects, events, signal_routes, metrics, pages, reports):
         app.include_router(module.router)
     pages.mount_static(app)
     generate = app.openapi

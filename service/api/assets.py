@@ -99,16 +99,16 @@ class HistoryQuery(BaseModel):
 @router.get("/{asset}/windows", response_model=list[WindowRecord], responses=ERRORS)
 def windows(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
     """Window records, oldest first: a page by cursor, or a long history thinned."""
-    return answer(request, [w.record for w in _history(request, asset, query)])
+    return answer(request, [w.record for w in history(request, asset, query)])
 
 
 @router.get("/{asset}/trend", response_model=list[models.TrendPoint], responses=ERRORS)
 def trend(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
     """Level, depth and remaining life with their bands as each window left them; refused windows left out."""
-    return answer(request, [trend_point(w) for w in _history(request, asset, query) if has_point(w)])
+    return answer(request, [trend_point(w) for w in history(request, asset, query) if has_point(w)])
 
 
-def _history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredWindow, ...]:
+def history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredWindow, ...]:
     """Windows from the store."""
     snapshot, store = snapshot_of(request, asset), request.app.state.store
     every, limit = query.every, query.limit

@@ -125,8 +125,9 @@ class WindowRecord(ContractModel):
                 "speed_std_hz": window.speed_std,
                 "speed_from": window.speed_source,
                 "mesh_frequency_hz": window.mesh_frequency,
-                "mesh_bands": None if window.mesh_bands is None else list(window.mesh_bands),
             }
+        if window.mesh_bands is not None or not window.modelled:
+            parts["mesh_bands"] = None if window.mesh_bands is None else list(window.mesh_bands)
         if window.indicators:
             parts["indicators"] = {name: SensorIndicators.of(own) for name, own in window.indicators.items()}
         return cls(

@@ -19,7 +19,7 @@ from twin.geometry.involute import roll_angle
 from twin.wear.archard import pinion_share
 
 POINTS = 160  # along a flank
-DRAWN = 0.12  # modules that the largest depth is drawn with at most
+DRAWN = 0.25  # modules that the largest depth is drawn with at most
 MILLIMETRE, MICROMETRE = 1e-3, 1e-6
 
 
@@ -36,7 +36,7 @@ def flank(subject: Subject) -> View:
     series: list[Series] = []
     notes = []
     for i, (gear, part) in enumerate((("pinion", share), ("gear", 1 - share))):
-        middle = (2 * i - 1) * 1.1 * m.pair.module
+        middle = (2 * i - 1) * 1.5 * m.pair.module
         series += _drawn(m.pair, i, middle, s, worn * part, factor)
         notes.append(f"{gear} {worn.max() * part / MICROMETRE:.3g} µm")
     return View(

@@ -9,11 +9,13 @@ geometry (`[[rolling_bearings]]`).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import radians
 
 from service.signals.view import Marker
 from twin.effects.bearing_defect import BearingGeometry
 from twin.rig import Rig
 
+PARTS = {"cage": "cage", "outer": "outer race", "inner": "inner race", "ball": "rolling element"}
 MESH, SIDEBAND_MESH, SIDEBANDS, SHAFT, BEARING = 20, 5, 2, 4, 3  # harmonics that are marked of each kind
 
 
@@ -49,13 +51,11 @@ def _orders(rig: Rig, mesh: bool) -> Iterator[tuple[str, str, float]]:
         own = shafts[bearing["shaft"]]
         for part, order in geometry_of(bearing).orders().items():
             for p in range(1, BEARING + 1):
-                yield "bearing", f"{bearing['name']} {part} {p}×", p * order * own
+                yield "bearing", f"{bearing['name']} {PARTS[part]} {p}×", p * order * own
 
 
 def geometry_of(bearing: dict) -> BearingGeometry:
     """The geometry of one of the rig file's rolling bearings."""
-    from math import radians
-
     return BearingGeometry(
         balls=int(bearing["rolling_elements"]),
         ball_diameter=bearing["element_diameter"],

@@ -124,7 +124,7 @@ def trends(
         for panel, (name, unit, values) in zip(panels, curves, strict=True):
             _dressed(panel, look)
             panel.plot(x, values, color=look.curves[0], marker="o", markersize=3, linewidth=0.9)
-            panel.set_ylabel(_named(name, unit), color=look.ink, fontsize=8)
+            panel.set_title(_named(name, unit), color=look.ink, fontsize=8, loc="left")
         panels[-1].set_xlabel(x_label, color=look.ink)
         _headed(figure, look, title, heading, ())
         return _png(figure)
@@ -158,7 +158,8 @@ def _dressed(axes: Any, look: Look) -> None:
 
 def _headed(figure: Figure, look: Look, title: str, heading: str, notes: Sequence[str]) -> None:
     figure.suptitle(f"{title}\n", color=look.ink, fontsize=11, x=0.01, ha="left")
-    figure.text(0.01, 0.945, heading, color=look.ink, fontsize=8, va="top")
+    below = 0.36 / figure.get_size_inches()[1]
+    figure.text(0.01, 1 - below, heading, color=look.ink, fontsize=8, va="top")
     if notes:
         figure.supxlabel("\n".join(notes[:3]), color=look.ink, fontsize=6.5, x=0.01, ha="left")
 

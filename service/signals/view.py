@@ -129,10 +129,4 @@ def peaks(values: np.ndarray, points: int) -> np.ndarray:
 def rounded(values: np.ndarray, digits: int) -> list[float | None]:
     """Values to so many significant digits; None where not finite."""
     x = np.asarray(values, dtype=float)
-    finite = np.isfinite(x)
-    size = np.where(finite & (x != 0), np.abs(x), 1.0)
-    scale = 10.0 ** (digits - 1 - np.floor(np.log10(size)))
-    usable = np.isfinite(scale) & (scale > 0)
-    scale = np.where(usable, scale, 1.0)
-    out = np.where(usable & finite, np.round(np.where(finite, x, 0.0) * scale) / scale, x)
-    return [float(v) if ok else None for v, ok in zip(out, finite, strict=True)]
+    return [float(f"{v:.{digits}g}") if ok else None for v, ok in zip(x.tolist(), np.isfinite(x), strict=True)]

@@ -5,18 +5,21 @@ from __future__ import annotations
 import pytest
 import schemathesis
 import service_fakes as fakes
+from gear_signals import meshing_window
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from schemathesis.generation import GenerationMode
 
 from service.api import create_app
 from service.results.board import Board
+from service.results.signal_store import SignalStore
 from service.results.sqlite_store import SqliteStore
 
 EXAMPLES = 20
 BASE = "/v1/assets/{asset}"
 PARTS = (
     "wear", "rul", "residual", "effects", "tracing", "decisions", "rig", "windows", "trend", "quality", "inspections",
+    "signals", "waterfall", "indicators", "windows/{index}/signals/{view}",
 )  # fmt: skip
 # The stream of events never ends by itself: test_api_events.py reads it.
 OPERATIONS = [
@@ -33,7 +36,10 @@ def described(tmp_path_factory):
     board, store = Board(), SqliteStore(tmp_path_factory.mktemp("schema") / "twin.sqlite")
     fakes.campaign(store, board, asset="unsw", windows=6)
     fakes.take(store, board, "0", 0, 1.0, report=fakes.little_known_report())
-    yield schemathesis.openapi.from_asgi("/openapi.json", create_app(board, store))
+    signals = SignalStore(tmp_path_factory.mktemp("signals"), 2**30)
+    for index in range(3):
+        signals.keep("unsw", index, meshing_window(index), revolutions=100.0 * index)
+    yield schemathesis.openapi.from_asgi("/openapi.json", create_app(board, store, signals=signals))
     store.close()
 
 

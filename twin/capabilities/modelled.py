@@ -179,6 +179,7 @@ def _record(context: Context, outcome: UpdateOutcome, tracing: Tracing) -> Windo
         method=outcome.method,
         methods=methods_of(rig, outcome),
         contact_loss=None if loss is None or loss != loss else float(loss),
+        mesh_bands=features.mesh_bands,
         notes=outcome.notes,
         unavailable=dict(features.unavailable),
     )

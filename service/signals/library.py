@@ -1,0 +1,156 @@
+"""The windows that are kept, ready to be looked at: subjects and views, computed once for all who ask.
+
+One view is computed at a time: the twin's own windows go first on a machine with few cores, and whoever asks for what
+is being computed gets it from here.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from service.results.board import Board
+from service.results.signal_store import SignalStore
+from service.results.signal_thinning import KeptWindow
+from service.results.store import ResultStore
+from service.signals.subject import Modelling, Subject
+from service.signals.view import View
+from service.signals.views import VIEWS, ViewOptions
+from service.signals.waterfall import Row, Waterfall, row_of, waterfall
+from twin.errors import NotAvailable, TwinError
+from twin.features.window_features import WindowFeatures
+from twin.rig import Rig
+from twin.state import State
+from twin.tracing.modelled_lines import ModelledLines, depth_at, modelled_lines
+from twin.updating.update import NEEDED
+
+SUBJECTS, KEPT_VIEWS, ROWS, MODELS = 4, 8, 600, 64
+MICROMETRE = 1e-6
+T = TypeVar("T")
+
+
+class Recent(Generic[T]):
+    """The values that were asked for most recently."""
+
+    def __init__(self, most: int) -> None:
+        self._most, self._values = most, OrderedDict[Hashable, T]()
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        if key in self._values:
+            self._values.move_to_end(key)
+            return self._values[key]
+        value = make()
+        self._values[key] = value
+        while len(self._values) > self._most:
+            self._values.popitem(last=False)
+        return value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kept:
+    """A window that can be looked at."""
+
+    window: KeptWindow
+    rig: Rig
+
+
+class Library:
+    """Views of all assets' windows."""
+
+    def __init__(self, signals: SignalStore, store: ResultStore, board: Board) -> None:
+        self._signals, self._store, self._board = signals, store, board
+        self._lock = threading.RLock()
+        self._windows: Recent[Subject] = Recent(SUBJECTS)
+        self._views: Recent[View] = Recent(KEPT_VIEWS)
+        self._rows: Recent[Row | str] = Recent(ROWS)
+        self._states: Recent[State | None] = Recent(2)
+        self._models: Recent[ModelledLines | str] = Recent(MODELS)
+
+    def kept(self, asset: str) -> tuple[KeptWindow, ...]:
+        """What is kept of an asset, by number."""
+        return self._signals.kept(asset)
+
+    def subject(self, asset: str, index: int, modelled: bool = True) -> Subject:
+        """One window; NotKept where its raw signals are not there."""
+        with self._lock:
+            entry = next((w for w in self.kept(asset) if w.number == index), None)
+            version = self._version(asset) if modelled else None
+            start = None if entry is None else entry.start_ns
+            return self._windows.get((asset, index, start, version), lambda: self._subject(asset, index, modelled))
+
+    def view(self, asset: str, index: int, name: str, options: ViewOptions, modelled: bool = True) -> View:
+        """One view of a window; NotKept, UnknownChannel, TwinError."""
+        with self._lock:
+            subject = self.subject(asset, index, modelled)
+            key = (asset, index, subject.window.start_time_ns, name, options, self._version(asset), modelled)
+            return self._views.get(key, lambda: VIEWS[name](subject, options))
+
+    def waterfall(
+        self, asset: str, channel: str | None, name: str, *, rows: int, bins: int, high: float | None
+    ) -> Waterfall:
+        """Spectra of the windows that are kept, one a row; NotAvailable where there are none."""
+        kept = [w for w in self.kept(asset) if not w.refused]
+
+        def row(window: KeptWindow) -> Row | str:
+            key = (asset, window.number, window.start_ns, channel, name)
+            with self._lock:
+                return self._rows.get(key, lambda: row_of(self.subject(asset, window.number, False), channel, name))
+
+        return waterfall(kept, row, name, rows=rows, bins=bins, high=high, rig=self._rig(asset))
+
+    def _rig(self, asset: str) -> Rig:
+        snapshot = self._board.get(asset)
+        return Rig.from_mapping((snapshot.rig if snapshot else None) or {})
+
+    def _version(self, asset: str) -> Any:
+        """What changes whenever the twin of an asset, or what is known of its machine, does."""
+        snapshot = self._board.get(asset)
+        return None if snapshot is None else (snapshot.windows_total, snapshot.last_event_id)
+
+    def _subject(self, asset: str, index: int, modelled: bool) -> Subject:
+        window, rig = self._signals.window(asset, index), self._rig(asset)
+        model: Modelling | None = None
+        if modelled and rig.has(*NEEDED):
+            model = self._modelling(asset, index, rig)
+        return Subject(asset=asset, index=index, window=window, rig=rig, model=model)
+
+    def _modelling(self, asset: str, index: int, rig: Rig) -> Modelling | None:
+        version = self._version(asset)
+        state = self._states.get((asset, version), lambda: self._state(asset))
+        if state is None:
+            return None
+
+        def lines(features: WindowFeatures) -> ModelledLines:
+            def solve() -> ModelledLines | str:
+                try:
+                    return modelled_lines(rig, state, features, self._depth(asset, index, state, features))
+                except TwinError as error:
+                    return str(error)
+
+            found = self._models.get((asset, index, features.start_time_ns, version), solve)
+            if isinstance(found, str):
+                raise NotAvailable(found)
+            return found
+
+        return lines
+
+    def _state(self, asset: str) -> State | None:
+        """The twin's state; None where there is none, or it is another twin's."""
+        stored = self._store.asset(asset).state
+        try:
+            return None if stored is None else State.from_dict(stored)
+        except (TwinError, LookupError, TypeError, ValueError):
+            return None
+
+    def _depth(self, asset: str, index: int, state: State, features: WindowFeatures) -> float:
+        depth = depth_at(state, features.start_time_ns)
+        if depth is not None:
+            return depth
+        found = self._store.windows(asset, index - 1, 1)
+        micrometres = found[0].record.get("wear_depth_um") if found and found[0].record["index"] == index else None
+        if micrometres is None:
+            raise NotAvailable("nothing is modelled: this window has no wear depth")
+        return micrometres * MICROMETRE
