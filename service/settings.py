@@ -70,6 +70,14 @@ class Settings(BaseSettings):
         "a tenth of the revolutions so far",
     )
 
+    # alarms
+    alarm_rules: Path | None = Field(
+        default=None, description="file of alarm rules (TOML) of all assets that have none of their own"
+    )
+    webhooks: list[str] = Field(
+        default=[], description="addresses (http, https) that every change of an alarm is sent to"
+    )
+
     # results
     data: Path = Field(default=Path(".gear-twin"), description="directory of the database and of the raw signals")
     signal_bytes: int = Field(
@@ -85,6 +93,15 @@ class Settings(BaseSettings):
             if not (protocol and slash and address):
                 raise ValueError(f"endpoint {endpoint!r} must read protocol/address, such as tcp/127.0.0.1:7447")
         return endpoints
+
+    @field_validator("webhooks")
+    @classmethod
+    def _addresses(cls, addresses: list[str]) -> list[str]:
+        for address in addresses:
+            scheme, _, rest = address.partition("://")
+            if scheme not in ("http", "https") or not rest.partition("/")[0]:
+                raise ValueError(f"webhook {address!r} must read http://host/path or https://host/path")
+        return addresses
 
     @property
     def status_limits(self) -> StatusLimits:

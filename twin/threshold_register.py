@@ -35,6 +35,7 @@ from twin.features.despike import SpikeThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
 from twin.features.pulses import PulseThresholds
+from twin.learned_limits import LearnedLimits
 from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
 from twin.levels.wear_by_level import LevelLimits
@@ -84,6 +85,7 @@ from twin.updating.update import CalibrationWindows
 
 SETS: tuple[type, ...] = (
     StatusLimits,
+    LearnedLimits,
     CauseThresholds,
     DiagnosisThresholds,
     EnergyThresholds,

@@ -9,8 +9,11 @@ from typing import Any
 from fastapi import FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
+from service.alarms.keeper import AlarmKeeper
+from service.api import alarms as alarm_routes
 from service.api import assets, effects, events, metrics, models, pages, problems, reports
 from service.api import signals as signal_routes
+from service.results.alarm_store import AlarmStore
 from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
@@ -30,6 +33,7 @@ def create_app(
     not_ready: Callable[[], str | None] = lambda: None,
     gauges: Callable[[], Mapping[str, float]] = dict,
     signals: SignalStore | None = None,
+    alarms: AlarmKeeper | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
@@ -37,6 +41,7 @@ def create_app(
     not_ready  why the service takes no frames yet, or None
     gauges     figures of the process for /metrics, by name: `queue_frames`, …
     signals    raw signals of windows; None where none are kept
+    alarms     whoever keeps alarms; None for one over the store, with the default rules
     """
     app = FastAPI(
         title="gear-twin",
@@ -48,12 +53,13 @@ def create_app(
     app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
     app.state.signals = signals
     app.state.library = None if signals is None else Library(signals, store, board)
+    app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
     app.state.queue = queue or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.registry = metrics.registry(board, store, gauges)
     problems.install(app)
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_FROM, compresslevel=COMPRESSION)
-    for module in (assets, effects, events, signal_routes, metrics, pages, reports):
+    for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports):
         app.include_router(module.router)
     pages.mount_static(app)
     generate = app.openapi

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -13,6 +14,7 @@ from prometheus_client.registry import Collector
 
 from service.api import models
 from service.api.problems import problem, responses
+from service.contract.alarms import LEVELS, STATES
 from service.contract.base import iso_time
 from service.contract.findings import SEVERITY
 from service.contract.status import DATA_LEVELS
@@ -121,7 +123,7 @@ class BoardCollector(Collector):
 
 
 def _health(snapshots: Sequence[Snapshot]) -> Iterator[Metric]:
-    """Status and data quality, each as one gauge a level: 1 at the level that holds, 0 at the others."""
+    """Status and data quality, each as one gauge a level: 1 at the level that holds; and open alarms."""
     status = GaugeMetricFamily("gear_twin_status", "1 at the machine's status, 0 elsewhere", labels=("asset", "level"))
     data = GaugeMetricFamily("gear_twin_data", "1 at the quality of the data, 0 elsewhere", labels=("asset", "level"))
     for snapshot in snapshots:
@@ -129,7 +131,12 @@ def _health(snapshots: Sequence[Snapshot]) -> Iterator[Metric]:
             holds = snapshot.whole[key]["level"]
             for level in levels:
                 family.add_metric((snapshot.asset, level), float(level == holds))
-    yield from (status, data)
+    alarms = GaugeMetricFamily("gear_twin_alarms", "Open alarms", labels=("asset", "level", "state"))
+    for snapshot in snapshots:
+        for severity, state in product(LEVELS, STATES[:-1]):
+            found = sum(a["level"] == severity and a["state"] == state for a in snapshot.alarms)
+            alarms.add_metric((snapshot.asset, severity, state), found)
+    yield from (status, data, alarms)
 
 
 def _add_frames(snapshot: Snapshot, frames: CounterMetricFamily, faults: CounterMetricFamily) -> None:

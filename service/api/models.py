@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
+from service.contract.alarms import AlarmCount
 from service.contract.base import Band, NotAvailable
 from service.contract.overview import Kind
 from service.contract.status import Status
@@ -67,6 +68,7 @@ class AssetSummary(BaseModel):
     status: Status
     data: Literal["waiting", "ok", "degraded", "stale"] = Field(description="whether usable data come")
     reason: str = Field(description="of `data`")
+    alarms: AlarmCount = Field(description="open alarms")
     windows: int
     updates: int
     revolutions: float | None

@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import Field
 
+from service.contract.alarms import AlarmCount
 from service.contract.attribution import Calibration, Tracing
 from service.contract.base import ContractModel, NotAvailable, not_available
 from service.contract.baseline import Baseline, UnattributedLines
@@ -46,6 +47,7 @@ class Asset(ContractModel):
         default=None, description="absent where a model is known, or an encoder is not there"
     )
     unattributed_lines: list[UnattributedLines] | None = None
+    alarms: AlarmCount | None = Field(default=None, description="open alarms; of the service")
     data_quality: dict[str, Any]
     rig: RigSummary | None = Field(default=None, description="the rig file in short; of `gear-twin assess`")
 

@@ -13,6 +13,7 @@
 | the encoders contradict the stated ratio | watch |
 | no wear depth, no baseline and no pair to judge by | no_verdict |
 | the verdict is `insufficient_data` | no_verdict |
+| depth or life are preliminary | no_verdict |
 
 A depth or life that is preliminary gives at most `watch`, and the action is then the measurement that would settle it.
 """
@@ -25,7 +26,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from service.contract.base import HOUR, MICROMETRE, ContractModel
+from service.contract.base import HOUR, MICROMETRE, ContractModel, iso_time
 from twin import assessment
 from twin.attention import StatusLimits, horizon_of, probability_within
 from twin.effects import EFFECTS
@@ -104,11 +105,11 @@ def _life(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findin
         return
     basis = "the stated horizon" if horizon.stated else f"{100 * limits.horizon:.0f} % of the revolutions so far"
     within = f"{horizon.time / HOUR:.3g} h"
-    left = f"{life.time.p05 / HOUR:.3g} h of operation"
+    left = _until(life)
     action = (
-        f"Replace the gear pair within {left}"
+        f"Replace the gear pair {left}"
         if chance > limits.probable
-        else f"Prepare the replacement of the gear pair for a stop within {left}"
+        else f"Prepare the replacement of the gear pair for a stop {left}"
     )
     yield Finding(
         subject="life",
@@ -117,6 +118,15 @@ def _life(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findin
         f"revolutions ({within}, {basis}) with a probability of {100 * chance:.0f} %.",
         action=f"{action} (5th percentile of the remaining life).",
     )
+
+
+def _until(life: assessment.Life) -> str:
+    """When something must have happened: by the lower end of the remaining life, with the date where it is known."""
+    hours = f"{life.time.p05 / HOUR:.3g} h of operation"
+    date = life.date
+    if isinstance(date, assessment.LifeDate) and date.p05_ns is not None:
+        return f"before {iso_time(date.p05_ns)[:16].replace('T', ' ')} UTC, that is within {hours}"
+    return f"within {hours}"
 
 
 def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
@@ -213,23 +223,41 @@ def _life_unless_preliminary(found: assessment.Assessment, limits: StatusLimits)
     return _capped(_life(found, limits), _preliminary(found.life) or _preliminary(found.wear))
 
 
-def _preliminary(part: Any) -> Any:
+def _figures(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    """Figures that are only preliminary leave nothing normal, however far they are from their limits."""
+    preliminary = _preliminary(found.wear) or _preliminary(found.life)
+    if preliminary is None or any((*_depth(found, limits), *_life(found, limits))):
+        return
+    yield Finding(
+        subject="preliminary",
+        level="no_verdict",
+        reason=sentence(f"Wear depth and remaining life are preliminary: {_listed(preliminary)}"),
+        action=imperative(preliminary.remedies, "Record further windows."),
+    )
+
+
+def _preliminary(part: Any) -> assessment.Preliminary | None:
     """Why a depth or life is only preliminary, with the measurements that would settle it; None where it is not."""
-    return getattr(part, "preliminary", None)
+    return part.preliminary if isinstance(part, assessment.Wear | assessment.Life) else None
 
 
-def _capped(findings: Iterable[Finding], preliminary: Any) -> Iterator[Finding]:
+def _listed(preliminary: assessment.Preliminary) -> str:
+    return "; ".join(reason.removesuffix(".") for reason in preliminary.reasons)
+
+
+def _capped(findings: Iterable[Finding], preliminary: assessment.Preliminary | None) -> Iterator[Finding]:
     """Findings from a preliminary figure: at most `watch`, with why, and the measurement that would settle it."""
     for finding in findings:
         if preliminary is None:
             yield finding
             continue
-        why = "; ".join(reason.removesuffix(".") for reason in preliminary.reasons)
         level: Level = min(finding.level, "watch", key=SEVERITY.index)
         yield finding.model_copy(
             update={
                 "level": level,
-                "reason": sentence(f"{finding.reason.removesuffix('.')}, but the figure is preliminary: {why}"),
+                "reason": sentence(
+                    f"{finding.reason.removesuffix('.')}, but the figure is preliminary: {_listed(preliminary)}"
+                ),
                 "action": imperative(preliminary.remedies, finding.action),
             }
         )
@@ -250,6 +278,7 @@ RULES: tuple[Rule, ...] = (
     _pair,
     _basis,
     _insufficient,
+    _figures,
 )
 
 

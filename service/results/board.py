@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from service.contract.alarms import added_of, counted
 from service.contract.answer import NO_WHOLE_WINDOW, assemble, health_of
 from service.contract.base import iso_time
 from service.contract.overview import overview
@@ -43,6 +44,7 @@ class Snapshot:
     updates: int = 0
     fault_totals: FaultTotals = field(default_factory=dict)
     report: Mapping[str, Any] | None = None
+    alarms: tuple[Mapping[str, Any], ...] = ()  # that are open, most urgent first
     rig: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] = field(default_factory=dict)
     last_event_id: int = 0
@@ -84,10 +86,9 @@ class Snapshot:
             sparkline=self.sparkline.with_record(window.record),
         )
 
-    def health_after(self, **changes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """`status` and `data` as they would be shown with a changed `report`, `records` or `stale`."""
-        then = replace(self, **changes)
-        return health_of(then.report, then.records, then.stale_text)
+    def health(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """`status` and `data` as they are shown with this snapshot's records, report and alarms."""
+        return health_of(self.report, self.records, self.stale_text, added_of(self.alarms))
 
     @property
     def stale_text(self) -> tuple[str, str] | None:
@@ -102,6 +103,7 @@ class Snapshot:
             "status": self.whole.get("status") or none_yet(NO_WHOLE_WINDOW),
             "data": data["level"],
             "reason": data["reason"],
+            "alarms": counted(self.alarms),
             "windows": self.windows_total,
             "updates": self.updates,
             "revolutions": self.latest.get("revolutions"),
@@ -182,7 +184,8 @@ class Board:
             snapshot.quality,
             windows_total=snapshot.windows_total,
             stale=snapshot.stale_text,
-        )
+            added=added_of(snapshot.alarms),
+        ) | {"alarms": counted(snapshot.alarms)}
         snapshot = replace(snapshot, whole=whole)
         self._snapshots[snapshot.asset] = snapshot
         return snapshot

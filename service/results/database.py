@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,8 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from service.errors import StoreError
-from service.json_text import plain
+from service.results.json_columns import dump, load
 from service.results.migrations import MIGRATIONS
+
+__all__ = ["Database", "dump", "load"]
 
 
 class Database:
@@ -75,13 +76,3 @@ class Database:
             )
         for number, script in enumerate(MIGRATIONS[version:], start=version + 1):
             self._db.executescript(f"BEGIN IMMEDIATE; {script} PRAGMA user_version = {number}; COMMIT;")
-
-
-def dump(value: Any) -> str | None:
-    """A value as strict JSON text; None stays None."""
-    return None if value is None else json.dumps(plain(value), allow_nan=False, separators=(",", ":"))
-
-
-def load(text: str | None) -> Any:
-    """A value from JSON text; None stays None."""
-    return None if text is None else json.loads(text)

@@ -73,5 +73,39 @@ MIGRATIONS = (
         FROM windows AS w, json_each(w.record, '$.faults') AS f
         GROUP BY 1, 2, 3, 4;
     """,
+    """
+    CREATE TABLE alarm_rules (
+        asset TEXT PRIMARY KEY REFERENCES assets(asset),
+        rules TEXT NOT NULL,
+        changed TEXT NOT NULL
+    );
+    CREATE TABLE alarm_memory (
+        asset TEXT PRIMARY KEY REFERENCES assets(asset),
+        memory TEXT NOT NULL
+    );
+    CREATE TABLE alarms (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        name TEXT NOT NULL,
+        open INTEGER NOT NULL,
+        record TEXT NOT NULL
+    );
+    CREATE UNIQUE INDEX alarms_open ON alarms (asset, name) WHERE open = 1;
+    CREATE TABLE alarm_history (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        alarm INTEGER NOT NULL REFERENCES alarms(id),
+        entry TEXT NOT NULL
+    );
+    CREATE INDEX history_of_alarm ON alarm_history (alarm, id);
+    CREATE TABLE webhook_outbox (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        name TEXT NOT NULL,
+        url TEXT NOT NULL,
+        body TEXT NOT NULL,
+        created_ns INTEGER NOT NULL,
+        next_ns INTEGER NOT NULL,
+        attempts INTEGER NOT NULL DEFAULT 0
+    );
+    """,
 )
 """The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""

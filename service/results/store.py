@@ -6,6 +6,7 @@ A store is added by one file in this folder that implements `ResultStore`, and i
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -19,7 +20,7 @@ class Event:
 
     id: int
     asset: str
-    kind: str  # window, update, effect, rul, data_fault, status
+    kind: str  # window, update, effect, rul, data_fault, status, alarm
     data: Mapping[str, Any]
 
 
@@ -70,8 +71,21 @@ def faults_of(record: Mapping[str, Any]) -> dict[tuple[str, str, str], int]:
     return counts
 
 
+class Tables(Protocol):
+    """A database that several stores keep their tables in: service/results/database.py."""
+
+    def transaction(self) -> AbstractContextManager[Any]: ...
+
+    def rows(self, query: str, values: Any = ()) -> list[tuple]: ...
+
+
 class ResultStore(Protocol):
     """Results of all assets, for several threads of one process."""
+
+    @property
+    def database(self) -> Tables:
+        """Where stores of other things keep theirs, in transactions that this store takes part in."""
+        ...
 
     # -- writing -------------------------------------------------------------------------------------
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import threading
+from contextlib import nullcontext
+from dataclasses import replace
 
-from service.results.board import Board
+from service.alarms.keeper import AlarmKeeper
+from service.results.board import Board, Snapshot
 from service.results.decision_queue import DecisionQueue
-from service.results.store import ResultStore
-from service.runtime.pipeline import Pipeline
+from service.results.status_events import status_events
+from service.results.store import ResultStore, StoredDecision
+from service.runtime.pipeline import DecisionOutcome, Pipeline
 from service.runtime.state_publication import StatePublication
-from service.runtime.status_events import status_events
+from service.runtime.twin_port import Events
 from twin.errors import TwinError
 
 
@@ -28,7 +32,9 @@ class DecisionWorker:
         board: Board,
         publication: StatePublication,
         ending: threading.Event,
+        alarms: AlarmKeeper | None = None,
     ) -> None:
+        self._alarms = alarms
         self._queue, self._pipeline, self._store = queue, pipeline, store
         self._board, self._publication, self._ending = board, publication, ending
 
@@ -44,16 +50,25 @@ class DecisionWorker:
             except TwinError as reason:
                 self._store.refuse(waiting, str(reason))
                 continue
-            before = self._board.get(waiting.asset)
-            changed = status_events(before, *before.health_after(report=outcome.report)) if before else ()
-            if self._store.carry_out(
-                waiting,
-                state=outcome.state.to_dict(),
-                report=outcome.report,
-                events=(*outcome.events, *changed),
-            ):
+            if self._carry_out(waiting, outcome):
                 self._pipeline.accept(outcome)
-                last = self._store.last_event_id(waiting.asset)
-                self._board.update(waiting.asset, report=outcome.report, last_event_id=last)
                 self._publication.publish(waiting.asset)
         self._queue.done()
+
+    def _carry_out(self, waiting: StoredDecision, outcome: DecisionOutcome) -> bool:
+        """Keeps a decision with all that it changes, alarms too, and shows it; False where it was done before."""
+        asset, report = waiting.asset, outcome.report
+        before = self._board.get(asset) or Snapshot(asset=asset)
+        shown = replace(before, report=report)
+        with self._alarms.transaction() if self._alarms else nullcontext():
+            if not self._store.carry_out(
+                waiting, state=outcome.state.to_dict(), report=report, events=outcome.events
+            ):  # fmt: skip
+                return False
+            events: Events = ()
+            if self._alarms is not None:
+                events = self._alarms.decision(asset, report)
+                shown = replace(shown, alarms=self._alarms.open(asset))
+            self._store.note(asset, (*events, *status_events(before, *shown.health())))
+        self._board.update(asset, report=report, alarms=shown.alarms, last_event_id=self._store.last_event_id(asset))
+        return True

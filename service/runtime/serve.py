@@ -14,9 +14,12 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
+from service.alarms.keeper import AlarmKeeper
+from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.api import create_app
 from service.errors import InputError
 from service.files.rig import checked_rig, load_mapping
+from service.results.alarm_store import AlarmStore
 from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
@@ -27,6 +30,7 @@ from service.runtime.http_server import HttpServer, address_of, listening_at
 from service.runtime.rigs import Rigs
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.twin_port import Twin, gear_twin
+from service.runtime.webhooks import WebhookSender
 from service.runtime.worker import Worker
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
@@ -68,8 +72,21 @@ def run(
         queue = DecisionQueue(store)
         signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
         writer = SignalWriter(signals)
-        worker = Worker(settings, store, board, queue, rigs, twin, open_transport or _zenoh_of(settings), writer)
-        app = create_app(board, store, queue, not_ready=worker.not_ready, gauges=worker.gauges, signals=signals)
+        alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
+        for asset in board.assets():
+            board.update(asset, alarms=alarms.open(asset))
+        webhooks = WebhookSender(alarms.store, alarms.waiting)
+        transport = open_transport or _zenoh_of(settings)
+        worker = Worker(settings, store, board, queue, rigs, twin, transport, writer, alarms)
+        app = create_app(
+            board,
+            store,
+            queue,
+            not_ready=worker.not_ready,
+            gauges=lambda: {**worker.gauges(), **webhooks.gauges()},
+            signals=signals,
+            alarms=alarms,
+        )
 
         def ending() -> None:
             worker.stop()
@@ -78,14 +95,21 @@ def run(
         server = HttpServer(app, started=lambda: announce(address_of(listening)), ending=ending, stop=stop)
         worker.on_end = server.end
         worker.start()
+        webhooks.start()
         try:
             server.run(sockets=[listening])
         finally:
             worker.end()
             writer.end()
+            webhooks.end()
     if worker.failure is not None:
         raise worker.failure
     return 0
+
+
+def rules_of(settings: Settings) -> tuple[Rule, ...]:
+    """The alarm rules of assets that have none of their own."""
+    return DEFAULT_RULES if settings.alarm_rules is None else load_rules(settings.alarm_rules)
 
 
 def _twin_of(settings: Settings) -> Twin:

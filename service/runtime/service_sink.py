@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from dataclasses import replace
+from typing import Any
 
+from service.alarms.keeper import AlarmKeeper
 from service.results.board import TAIL, Board, Snapshot
+from service.results.status_events import status_events
 from service.results.store import ResultStore, StoredWindow
 from service.runtime.pipeline import WindowOutcome
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.state_publication import StatePublication
-from service.runtime.status_events import status_events
+from service.runtime.twin_port import Events
 
 log = logging.getLogger(__name__)
 
@@ -26,35 +31,49 @@ class ServiceSink:
         publication: StatePublication,
         clock: Callable[[], int] = time.time_ns,
         signals: SignalWriter | None = None,
+        alarms: AlarmKeeper | None = None,
     ) -> None:
-        self._signals = signals
+        self._signals, self._alarms = signals, alarms
+        self._open: tuple[Mapping[str, Any], ...] = ()  # alarms after the window that was committed last
         self._store, self._board, self._publication, self._clock = store, board, publication, clock
         self._received_ns = 0
         self._committed: StoredWindow | None = None
 
     def commit(self, outcome: WindowOutcome) -> bool:
-        """Keeps a window with everything that a restart needs, in one transaction."""
+        """Keeps a window with everything that a restart needs and the alarms that it raises, in one transaction."""
         self._received_ns = self._clock()
-        before = self._board.get(outcome.asset)
-        status, data = (before or Snapshot(asset=outcome.asset)).health_after(
-            report=outcome.report,
-            records=(*(before.records if before else ()), outcome.record)[-TAIL:],
-            stale=None,
-        )
-        self._committed = self._store.commit(
-            outcome.asset,
-            outcome.window.start_time_ns,
-            record=outcome.record,
-            state=outcome.state.to_dict(),
-            report=outcome.report,
-            assembly=outcome.assembly,
-            quality=outcome.quality,
-            received_ns=self._received_ns,
-            events=(*outcome.events, *status_events(before, status, data)),
-        )
+        self._committed = None
+        with self._alarms.transaction() if self._alarms else nullcontext():
+            self._committed = self._store.commit(
+                outcome.asset,
+                outcome.window.start_time_ns,
+                record=outcome.record,
+                state=outcome.state.to_dict(),
+                report=outcome.report,
+                assembly=outcome.assembly,
+                quality=outcome.quality,
+                received_ns=self._received_ns,
+                events=outcome.events,
+            )
+            if self._committed is not None:
+                self._note_health(outcome)
         if self._committed is None:
             log.error("%s: window %s had been committed before", outcome.asset, outcome.record["start_time"])
         return self._committed is not None
+
+    def _note_health(self, outcome: WindowOutcome) -> None:
+        """The alarms that the window raises or ends, and the event where the status changes; in its transaction."""
+        asset = outcome.asset
+        before = self._board.get(asset)
+        records = (*(before.records if before else ()), outcome.record)[-TAIL:]
+        shown = replace(before or Snapshot(asset=asset), report=outcome.report, records=records, stale=None)
+        events: Events = ()
+        if self._alarms is not None:
+            _, data = shown.health()
+            events = self._alarms.window(asset, outcome.window.start_time_ns, outcome.record, outcome.report, data)
+            self._open = self._alarms.open(asset)
+            shown = replace(shown, alarms=self._open)
+        self._store.note(asset, (*events, *status_events(before, *shown.health())))
 
     def publish(self, outcome: WindowOutcome) -> None:
         """Shows the window that was committed last."""
@@ -64,6 +83,7 @@ class ServiceSink:
             self._committed,
             report=outcome.report,
             quality=outcome.quality,
+            alarms=self._open,
             received_ns=self._received_ns,
             last_event_id=self._store.last_event_id(outcome.asset),
         )

@@ -9,13 +9,15 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
-from service.results.board import Board, Stale
+from service.alarms.keeper import AlarmKeeper
+from service.results.board import Board, Snapshot, Stale
+from service.results.status_events import status_events
 from service.results.store import ResultStore
 from service.runtime.state_publication import StatePublication
-from service.runtime.status_events import status_events
 from service.runtime.twin_port import Events
 
 log = logging.getLogger(__name__)
@@ -71,7 +73,9 @@ class StalenessWatch:
         limits: StalenessLimits,
         *,
         clock: Callable[[], int] = time.time_ns,
+        alarms: AlarmKeeper | None = None,
     ) -> None:
+        self._alarms = alarms
         self._store, self._board, self._publication, self._limits, self._clock = (
             store,
             board,
@@ -110,18 +114,26 @@ class StalenessWatch:
                 self._show(asset, found)
 
     def _show(self, asset: str, found: Stale | None) -> None:
-        before = self._board.get(asset)
-        events: Events = () if before is None else status_events(before, *before.health_after(stale=found))
+        before = self._board.get(asset) or Snapshot(asset=asset)
+        shown = replace(before, stale=found)
+        events: Events = ()
         if found is not None:
             log.warning("%s: %s", asset, found.reason)
             fault = {
                 "window": None, "kind": "stale", "channel": "all", "count": 1, "action": "none",
                 "detail": found.reason,
             }  # fmt: skip
-            events = (("data_fault", fault), *events)
-        if events:
-            self._store.note(asset, events)
-        self._board.update(asset, stale=found, last_event_id=self._store.last_event_id(asset))
+            events = (("data_fault", fault),)
+        with self._alarms.transaction() if self._alarms else nullcontext():
+            if self._alarms is not None:
+                _, data = shown.health()
+                events = (*events, *self._alarms.data(asset, data))
+                shown = replace(shown, alarms=self._alarms.open(asset))
+            events = (*events, *status_events(before, *shown.health()))
+            if events:
+                self._store.note(asset, events)
+        last = self._store.last_event_id(asset)
+        self._board.update(asset, stale=found, alarms=shown.alarms, last_event_id=last)
         self._publication.publish(asset)
 
 

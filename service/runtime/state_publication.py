@@ -9,10 +9,11 @@ from service.transport.protocol import Transport
 
 
 class StatePublication:
-    """States of the board as texts for a transport; a `StateSource`."""
+    """States and alarms of the board as texts for a transport; a `StateSource`."""
 
     def __init__(self, transport: Transport, board: Board) -> None:
         self._transport, self._board = transport, board
+        self._published: dict[str, str] = {}  # alarms as they were published last
         for asset in board.assets():
             transport.announce(asset)
 
@@ -27,9 +28,20 @@ class StatePublication:
             return None
         return json.dumps({k: v for k, v in snapshot.whole.items() if k != "windows"}, allow_nan=False)
 
+    def alarms_text(self, asset: str) -> str | None:
+        """The asset's open alarms as the board has them."""
+        snapshot = self._board.get(asset)
+        if snapshot is None:
+            return None
+        return json.dumps({"asset": asset, "alarms": list(snapshot.alarms)}, allow_nan=False)
+
     def publish(self, asset: str) -> None:
-        """Publishes the asset's state as the board has it."""
-        text = self.state_text(asset)
-        if text is not None:
-            self._transport.announce(asset)
-            self._transport.publish_state(asset, text)
+        """Publishes the asset's state as the board has it, and its open alarms where they are others than before."""
+        text, alarms = self.state_text(asset), self.alarms_text(asset)
+        if text is None or alarms is None:
+            return
+        self._transport.announce(asset)
+        self._transport.publish_state(asset, text)
+        if self._published.get(asset) != alarms:
+            self._published[asset] = alarms
+            self._transport.publish_alarms(asset, alarms)

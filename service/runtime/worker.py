@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
+from service.alarms.keeper import AlarmKeeper
 from service.errors import NotReachable, StoreError
 from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
@@ -46,8 +47,9 @@ class Worker(threading.Thread):
         twin: Twin,
         open_transport: OpenTransport,
         signals: SignalWriter | None = None,
+        alarms: AlarmKeeper | None = None,
     ) -> None:
-        self._signals = signals
+        self._signals, self._alarms = signals, alarms
         super().__init__(name="twin", daemon=True)
         self._settings, self._store, self._board, self._queue = settings, store, board, queue
         self._rigs, self._twin, self._open_transport = rigs, guarded(twin, self._count_fault), open_transport
@@ -130,21 +132,27 @@ class Worker(threading.Thread):
             pipeline = Pipeline(
                 lambda asset: self._rigs.of(asset, offered),
                 self._twin,
-                ServiceSink(self._store, self._board, publication, signals=self._signals),
+                ServiceSink(self._store, self._board, publication, signals=self._signals, alarms=self._alarms),
                 assembly=assembly_settings(self._settings),
                 before_window=self._end_if_stopping,
                 host_clock=time.time_ns,
             )
             restore(pipeline, self._store, self._twin)
-            watch = StalenessWatch(self._store, self._board, publication, staleness_limits(self._settings))
+            watch = StalenessWatch(
+                self._store, self._board, publication, staleness_limits(self._settings), alarms=self._alarms
+            )
             intake = Intake(pipeline, lambda asset: self._show_quality(pipeline, asset), heard=watch.heard)
-            decisions = DecisionWorker(self._queue, pipeline, self._store, self._board, publication, self._stopping)
+            decisions = DecisionWorker(
+                self._queue, pipeline, self._store, self._board, publication, self._stopping, self._alarms
+            )
             with transport.subscribe(self._inbox):
                 self._reason = None
 
                 def between() -> None:
                     decisions()
                     watch()
+                    for asset in self._alarms.changed_by_people() if self._alarms else ():
+                        publication.publish(asset)
 
                 pump(self._inbox, intake, self._stopping, self._settings.idle_timeout, between)
 

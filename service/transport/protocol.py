@@ -24,6 +24,10 @@ class StateSource(Protocol):
         """The asset's state as JSON text; None where the asset is not known."""
         ...
 
+    def alarms_text(self, asset: str) -> str | None:
+        """The asset's open alarms as JSON text; None where the asset is not known."""
+        ...
+
 
 class Transport(Protocol):
     """One open connection to a network. Callbacks may run in threads of the network."""
@@ -33,11 +37,15 @@ class Transport(Protocol):
         ...
 
     def answer_states(self, source: StateSource) -> AbstractContextManager[object]:
-        """Answers queries for states until left."""
+        """Answers queries for states and alarms until left."""
         ...
 
     def publish_state(self, asset: str, text: str) -> None:
         """Publishes an asset's state, JSON text."""
+        ...
+
+    def publish_alarms(self, asset: str, text: str) -> None:
+        """Publishes an asset's open alarms, JSON text."""
         ...
 
     def announce(self, asset: str) -> None:

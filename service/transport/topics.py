@@ -10,6 +10,11 @@ def state_topic(asset: str, prefix: str) -> str:
     return f"{prefix}/{asset}/twin/state"
 
 
+def alarms_topic(asset: str, prefix: str) -> str:
+    """Where an asset's open alarms are published and asked for."""
+    return f"{prefix}/{asset}/twin/alarms"
+
+
 def alive_topic(asset: str, prefix: str) -> str:
     """Where a service shows that it serves the asset."""
     return f"{prefix}/{asset}/twin/alive"

@@ -3,6 +3,7 @@
 - `{prefix}/{asset}/{kind}/{name}` carries frames. The subscriber recovers what an advanced publisher still holds, and
   accepts plain publishers as they are.
 - `{prefix}/{asset}/twin/state` is published at each change and answers `get`.
+- `{prefix}/{asset}/twin/alarms` is the same for the open alarms.
 - `{prefix}/{asset}/twin/alive` is a liveliness token, held while the service runs.
 - `{prefix}/{asset}/rig` may carry the machine's rig file (`application/toml`), published or answering `get`.
 
@@ -28,7 +29,9 @@ from service.stream.wire.codec import encoding_of
 from service.stream.wire.topics import PREFIX, Channel, topic_of
 from service.transport.guard import Guard
 from service.transport.protocol import StateSource
-from service.transport.topics import alive_topic, asset_of_rig_topic, rig_topic, state_topic
+from service.transport.topics import alarms_topic, alive_topic, asset_of_rig_topic, rig_topic, state_topic
+
+TopicOf = Callable[[str, str], str]  # (asset, prefix) → topic
 
 JSON = zenoh.Encoding.APPLICATION_JSON
 TOML = "application/toml"
@@ -142,24 +145,31 @@ class ZenohTransport:
 
     @contextmanager
     def answer_states(self, source: StateSource) -> Iterator[None]:
-        """Answers `get` on the assets' states until left."""
+        """Answers `get` on the assets' states and alarms until left."""
 
-        def answer(query: zenoh.Query) -> None:
-            with query:
-                for asset in source.assets():
-                    key = zenoh.KeyExpr(state_topic(asset, self._prefix))
-                    if query.key_expr.intersects(key) and (text := source.state_text(asset)) is not None:
-                        query.reply(key, text, encoding=JSON)
+        def answering(topic: TopicOf, text_of: Callable[[str], str | None]) -> Callable[[zenoh.Query], None]:
+            def answer(query: zenoh.Query) -> None:
+                with query:
+                    for asset in source.assets():
+                        key = zenoh.KeyExpr(topic(asset, self._prefix))
+                        if query.key_expr.intersects(key) and (text := text_of(asset)) is not None:
+                            query.reply(key, text, encoding=JSON)
 
-        queryable = self._session.declare_queryable(state_topic("*", self._prefix), self._guard(answer))
-        try:
+            return answer
+
+        with ExitStack() as stack:
+            for topic, text_of in ((state_topic, source.state_text), (alarms_topic, source.alarms_text)):
+                answer = self._guard(answering(topic, text_of))
+                stack.callback(self._session.declare_queryable(topic("*", self._prefix), answer).undeclare)
             yield
-        finally:
-            queryable.undeclare()
 
     def publish_state(self, asset: str, text: str) -> None:
         """Publishes an asset's state."""
         self._session.put(state_topic(asset, self._prefix), text, encoding=JSON)
+
+    def publish_alarms(self, asset: str, text: str) -> None:
+        """Publishes an asset's open alarms."""
+        self._session.put(alarms_topic(asset, self._prefix), text, encoding=JSON)
 
     def announce(self, asset: str) -> None:
         """Holds a liveliness token for the asset."""

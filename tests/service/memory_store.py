@@ -6,9 +6,11 @@ import json
 import threading
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 from service.contract.trend import figures
 from service.json_text import plain
+from service.results.database import Database
 from service.results.store import Event, StoredAsset, StoredDecision, StoredWindow, faults_of
 
 
@@ -17,6 +19,7 @@ class MemoryStore:
 
     def __init__(self):
         self._lock = threading.RLock()
+        self.database = Database(Path(":memory:"))  # of what has a store of its own: alarms
         self._assets, self._windows, self._events, self._inspections, self._decisions = {}, {}, [], [], []
 
     @contextmanager

@@ -16,6 +16,7 @@ class MemoryNetwork:
         self.reachable = reachable
         self.inbox = self.source = self.on_rig = None
         self.published, self.announced, self.rigs = [], set(), {}
+        self.alarms = []
         self.subscribed = threading.Event()
 
     @contextmanager
@@ -47,6 +48,9 @@ class MemoryNetwork:
 
     def publish_state(self, asset, text):
         self.published.append((asset, text))
+
+    def publish_alarms(self, asset, text):
+        self.alarms.append((asset, text))
 
     def announce(self, asset):
         self.announced.add(asset)

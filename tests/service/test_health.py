@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 from dataclasses import replace
+from html import unescape
 from types import SimpleNamespace
 
 import httpx
@@ -17,9 +18,10 @@ import service_fakes as fakes
 
 from service.api import create_app
 from service.cli.answer import answer_text
-from service.cli.report import html_report
 from service.contract.answer import assemble
 from service.contract.status import status_of
+from service.report import rendered
+from service.report import report_of as made_report
 from service.results.board import Board
 from service.runtime.pipeline import WindowOutcome
 from service.runtime.service_sink import ServiceSink
@@ -89,10 +91,13 @@ def test_metrics_have_one_at_the_level_and_zero_elsewhere(name, shown, store):
 def test_command_line_and_report_say_health_action_and_data_apart(name, shown):
     answer = shown.get(name).whole
     level = MACHINES[name][1].replace("_", " ")
-    text, page = answer_text(answer), html_report(answer)
-    for said in (text, page):
-        assert f"Status: {level}." in said and "Data: ok; the latest window is good" in said
-        assert "Action: " in said and "Status: normal" not in said
+    text = answer_text(answer)
+    assert f"Status: {level}." in text and "Data: ok; the latest window is good" in text
+    assert "Action: " in text and "Status: normal" not in text
+    report = made_report(answer)
+    page = rendered(report, "html").decode()
+    assert report.level == MACHINES[name][1] and report.action == answer["status"]["action"] in unescape(page)
+    assert report.data == "ok: the latest window is good" in page and "Normal" not in page
 
 
 def test_action_of_a_worn_pair_is_to_stop_and_replace_it_with_the_depth_and_its_limit(shown):

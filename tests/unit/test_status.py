@@ -1,6 +1,6 @@
 """The status of a machine: every rule of the table, the most severe first, and nothing that the contract forbids."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 
 import pytest
 
@@ -14,11 +14,13 @@ from twin.assessment import (
     FlankProfile,
     Interval,
     Life,
+    LifeDate,
     MethodEstimates,
     ModelValidity,
     PairCurve,
     PairSpeeds,
     ParameterValue,
+    Preliminary,
     StatedRatio,
     Unavailable,
     Unexplained,
@@ -197,37 +199,36 @@ def test_report_of_an_earlier_version_keeps_its_level_and_has_an_action():
     assert shown({"level": "normal", "reasons": ["All good."]}, data_of([GOOD]))["reasons"] == ["All good."]
 
 
-@dataclass(frozen=True)
-class Preliminary:
-    reasons: tuple[str, ...] = ("the wear coefficient is only that of the rig file",)
-    remedies: tuple[str, ...] = ("record a run at low speed",)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PreliminaryWear(Wear):
-    preliminary: Preliminary = Preliminary()
-
-
-@dataclass(frozen=True, kw_only=True)
-class PreliminaryLife(Life):
-    preliminary: Preliminary = Preliminary()
-
-
-def values_of(part):
-    return {f.name: getattr(part, f.name) for f in fields(part)}
+PRELIMINARY = Preliminary(
+    reasons=("the wear coefficient is only that of the rig file",), remedies=("record a run at low speed",)
+)
 
 
 @pytest.mark.parametrize("depth", [100e-6, 511e-6])
 def test_preliminary_depth_or_life_is_never_more_than_watch_and_says_what_would_settle_it(depth):
     ended = life(1.0, reached=depth > 500e-6)
     for changes in (
-        {"wear": PreliminaryWear(**values_of(wear(depth))), "life": ended},
-        {"wear": wear(depth), "life": PreliminaryLife(**values_of(ended))},
+        {"wear": replace(wear(depth), preliminary=PRELIMINARY), "life": ended},
+        {"wear": wear(depth), "life": replace(ended, preliminary=PRELIMINARY)},
     ):
         status = status_of(replace(HEALTHY, **changes))
         assert status.level == "watch", status
         assert "preliminary: the wear coefficient is only that of the rig file." in status.reasons[0]
         assert status.action == "Record a run at low speed."
+
+
+def test_preliminary_figures_far_from_their_limits_leave_nothing_normal():
+    status = status_of(replace(HEALTHY, wear=replace(wear(), preliminary=PRELIMINARY)))
+    assert status.level == "no_verdict" and status.action == "Record a run at low speed."
+    assert "preliminary: the wear coefficient is only that of the rig file." in status.reasons[0]
+
+
+def test_date_of_the_end_of_life_is_in_what_to_do():
+    date = LifeDate(
+        since_ns=0, running_share=0.5, source="observed", median_ns=None, p05_ns=1_700_000_000 * 10**9, p95_ns=None
+    )
+    status = status_of(replace(HEALTHY, life=replace(life(500.0), date=date)))
+    assert status.action.startswith("Replace the gear pair before 2023-11-14 22:13 UTC, that is within 0.0107 h")
 
 
 def test_horizon_is_the_wider_of_the_stated_hours_and_the_share_of_the_revolutions():

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from service.results.board import Snapshot
-from service.runtime.twin_port import Events
 
+Events = tuple[tuple[str, Mapping[str, Any]], ...]
 NAMED = ("level", "reasons", "action", "since")
 
 

@@ -1,0 +1,151 @@
+"""Alarms of a running service: evaluated with each window and look at the clock, acknowledged and cleared by people.
+
+`window`, `decision` and `data` are called within the transaction that keeps what they are about, and answer the events
+of it. Whoever is to be notified is found in the outbox afterwards: a process that is killed in between forgets nothing.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from typing import Any
+
+from service.alarms.engine import Change, Moment, evaluate
+from service.alarms.learning import progress
+from service.alarms.readings import Readings, of_data, of_report, of_window, usable
+from service.alarms.rules import DEFAULT_RULES, Rule, rules_from
+from service.contract.base import iso_time
+from service.results.alarm_store import AlarmStore
+
+Events = tuple[tuple[str, Mapping[str, Any]], ...]
+
+UNHEALTHY = ("alarm", "end_of_life")
+SILENT = ("updated",)  # changes that are no event
+
+
+class AlarmKeeper:
+    """The alarms of all assets, by their rules."""
+
+    def __init__(
+        self,
+        store: AlarmStore,
+        rules: Sequence[Rule] = DEFAULT_RULES,
+        webhooks: Iterable[str] = (),
+        *,
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """rules  of assets that have none of their own; webhooks  addresses that every change is sent to"""
+        self.store, self._rules, self._clock = store, tuple(rules), clock
+        self._webhooks = tuple(dict.fromkeys(webhooks))
+        self.waiting = threading.Event()  # set where messages wait to be sent
+        if store.waiting():
+            self.waiting.set()
+        self._changed: set[str] = set()
+        self._lock = threading.Lock()
+
+    def transaction(self) -> AbstractContextManager[Any]:
+        """The transaction of which an evaluation is a part."""
+        return self.store.transaction()
+
+    def open(self, asset: str) -> tuple[Mapping[str, Any], ...]:
+        """Open alarms of an asset, most urgent first."""
+        return self.store.open(asset)
+
+    # -- rules ---------------------------------------------------------------------------------------
+
+    def rules(self, asset: str) -> tuple[Rule, ...]:
+        """The rules of an asset: its own, or those of the settings."""
+        own = self.store.rules(asset)
+        return self._rules if own is None else rules_from(own["rules"])
+
+    def described(self, asset: str) -> dict[str, Any]:
+        """The rules of an asset with who changed them, and how far limits have been learned."""
+        own, memory = self.store.rules(asset), self.store.memory(asset)
+        rules = self.rules(asset)
+        learn = {rule.name: rule.learn_windows for rule in rules if rule.limits_from == "learned"}
+        learning = [
+            {"rule": key.rule, "quantity": key.quantity, "place": key.place, **point}
+            for key in memory.keys.values()
+            if key.rule in learn
+            for point in progress(key, learn[key.rule])
+        ]
+        signed = {name: (own or {}).get(name) for name in ("by", "note", "at")}
+        return {
+            "own": own is not None,
+            **signed,
+            "rules": [rule.model_dump(exclude_none=True) for rule in rules],
+            "learning": learning,
+        }
+
+    def set_rules(self, asset: str, rules: Sequence[Rule], by: str, note: str) -> None:
+        """Gives an asset rules of its own; alarms of rules that are gone end with the next window."""
+        signed = {"by": by, "note": note, "at": iso_time(self._clock())}
+        self.store.keep_rules(asset, [rule.model_dump(exclude_none=True) for rule in rules], signed)
+
+    # -- evaluation ----------------------------------------------------------------------------------
+
+    def window(
+        self,
+        asset: str,
+        time_ns: int,
+        record: Mapping[str, Any],
+        report: Mapping[str, Any] | None,
+        data: Mapping[str, Any],
+    ) -> Events:
+        """A committed window, by its start [ns, Unix time]."""
+        level = ((report or {}).get("status") or {}).get("level")
+        learn = usable(record) and level not in UNHEALTHY
+        at = Moment(time_ns=time_ns, window=record["index"], learn=learn)
+        return self._evaluate(asset, of_window(record, report, data), at)
+
+    def decision(self, asset: str, report: Mapping[str, Any]) -> Events:
+        """A report that a decision on an effect has changed."""
+        return self._evaluate(asset, of_report(report), Moment(time_ns=self._clock()))
+
+    def data(self, asset: str, data: Mapping[str, Any]) -> Events:
+        """Data that have become stale, or are no longer: a state that lasts, not one window of several."""
+        rules = [
+            rule.model_copy(update={"windows": 1}) if rule.quantity == "data" else rule for rule in self.rules(asset)
+        ]
+        return self._evaluate(asset, of_data(data), Moment(time_ns=self._clock()), rules)
+
+    def _evaluate(self, asset: str, readings: Readings, at: Moment, rules: Sequence[Rule] | None = None) -> Events:
+        memory = self.store.memory(asset)
+        memory, changes = evaluate(self.rules(asset) if rules is None else rules, memory, readings, at)
+        self.store.keep_memory(asset, memory)
+        return tuple(event for change in changes for event in self._applied(asset, change, at))
+
+    def _applied(self, asset: str, change: Change, at: Moment) -> Events:
+        alarm = self.store.apply(asset, change, iso_time(at.time_ns), at.window)
+        if alarm is None or change.verb in SILENT:
+            return ()
+        return self._told(change.verb, alarm)
+
+    # -- people --------------------------------------------------------------------------------------
+
+    def sign(self, asset: str, number: int, verb: str, by: str, note: str) -> tuple[dict[str, Any], Events] | None:
+        """`acknowledged` or `cleared` by name: the alarm afterwards and the event; None where that cannot be done."""
+        signed = {"by": by, "note": note, "at": iso_time(self._clock())}
+        alarm = self.store.sign(asset, number, verb, signed)
+        if alarm is None:
+            return None
+        with self._lock:
+            self._changed.add(asset)
+        return alarm, self._told(verb, alarm)
+
+    def changed_by_people(self) -> tuple[str, ...]:
+        """The assets whose alarms people have acknowledged or cleared since the last call: they are to be published."""
+        with self._lock:
+            changed, self._changed = tuple(sorted(self._changed)), set()
+        return changed
+
+    def _told(self, verb: str, alarm: Mapping[str, Any]) -> Events:
+        """The event of a change, and the messages that wait to be sent."""
+        told = {"verb": verb, "alarm": dict(alarm)}
+        for url in self._webhooks:
+            self.store.enqueue(url, {"kind": "alarm", "asset": alarm["asset"], **told}, self._clock())
+        if self._webhooks:
+            self.waiting.set()
+        return (("alarm", told),)

@@ -1,0 +1,149 @@
+"""REST: alarms of one asset or of all, what people do about them, and the rules that raise them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from service.alarms.quantities import QUANTITIES
+from service.alarms.rules import Rule, Rules, demand_unique
+from service.api.assets import ERRORS, LARGEST, snapshot_of
+from service.api.problems import problem, responses
+from service.contract.alarms import Alarm
+from service.results.status_events import status_events
+
+router = APIRouter(prefix="/v1", tags=["alarms"])
+
+VERBS = {"acknowledge": "acknowledged", "clear": "cleared"}
+LONGEST_NAME, LONGEST_NOTE = 100, 2000
+
+
+class AlarmQuery(BaseModel):
+    """Which alarms are asked for."""
+
+    state: Literal["open", "all"] = Field("open", description="all: with those that are closed")
+    after: int = Field(0, ge=0, le=LARGEST, description="only alarms with an id above this one")
+    limit: int = Field(1000, ge=1, le=10_000, description="at most this many")
+
+
+class SignedIn(BaseModel):
+    """Who does something about an alarm, and why."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    by: str = Field(min_length=1, max_length=LONGEST_NAME, pattern=r"\S", description="name of the person")
+    note: str = Field("", max_length=LONGEST_NOTE, description="what was seen or done")
+
+
+class RulesIn(BaseModel):
+    """Alarm rules of one asset, in place of those before."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    by: str = Field(min_length=1, max_length=LONGEST_NAME, pattern=r"\S", description="name of the person")
+    note: str = Field("", max_length=LONGEST_NOTE, description="why they are changed")
+    rules: Rules
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> RulesIn:
+        demand_unique(self.rules)
+        return self
+
+
+class Learned(BaseModel):
+    """Learned limits of one rule at one place under one operating condition."""
+
+    rule: str
+    quantity: str
+    place: str
+    speed_hz: float | None
+    torque_nm: float | None
+    windows: int = Field(description="healthy windows so far")
+    median: float | None = Field(None, description="of the healthy windows; absent while there are too few")
+    watch: float | None = None
+    alarm: float | None = None
+    text: str = Field(description="how far the learning has come, with the expected rate of false alarms")
+
+
+class AlarmRules(BaseModel):
+    """The alarm rules of one asset."""
+
+    own: bool = Field(description="false where they are those of the settings")
+    by: str | None = Field(description="who changed them last")
+    note: str | None
+    at: str | None = Field(description="ISO 8601")
+    rules: list[Rule]
+    learning: list[Learned]
+    quantities: list[str] = Field(description="that rules may watch")
+
+
+@router.get("/alarms", response_model=list[Alarm], responses=responses(422))
+def all_alarms(request: Request, query: Annotated[AlarmQuery, Query()]) -> Any:
+    """Alarms of all assets with their history, most urgent first."""
+    return JSONResponse(_listed(request, None, query))
+
+
+@router.get("/assets/{asset}/alarms", response_model=list[Alarm], responses=ERRORS)
+def alarms(request: Request, asset: str, query: Annotated[AlarmQuery, Query()]) -> Any:
+    """Alarms of one asset with their history, most urgent first."""
+    snapshot_of(request, asset)
+    return JSONResponse(_listed(request, asset, query))
+
+
+def _listed(request: Request, asset: str | None, query: AlarmQuery) -> list[Any]:
+    store = request.app.state.alarms.store
+    return list(store.listed(asset, closed=query.state == "all", after=query.after, limit=query.limit))
+
+
+@router.post(
+    "/assets/{asset}/alarms/{number}/{verb}",
+    response_model=Alarm,
+    responses=responses(400, 404, 409, 422),
+)
+def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge", "clear"], given: SignedIn) -> Any:
+    """Acknowledges or clears an open alarm by name; a cleared quantity still beyond its limit is raised again."""
+    before = snapshot_of(request, asset)
+    keeper, store, board = request.app.state.alarms, request.app.state.store, request.app.state.board
+    known = keeper.store.alarm(asset, number) if 0 < number <= LARGEST else None
+    if known is None:
+        numbers = ", ".join(str(alarm["id"]) for alarm in keeper.open(asset)) or "none"
+        return problem(request, 404, f"{asset} has no alarm {number}; open alarms: {numbers}")
+    with keeper.transaction():
+        done = keeper.sign(asset, number, VERBS[verb], given.by.strip(), given.note.strip())
+        if done is None:
+            return problem(request, 409, _refusal(number, known))
+        open_now = keeper.open(asset)
+        shown = replace(before, alarms=open_now)
+        store.note(asset, (*done[1], *status_events(before, *shown.health())))
+    board.update(asset, alarms=open_now, last_event_id=store.last_event_id(asset))
+    return JSONResponse(keeper.store.alarm(asset, number))
+
+
+def _refusal(number: int, alarm: Any) -> str:
+    signed = alarm.get("acknowledgement")
+    if alarm["state"] == "closed" or not signed:
+        return f"alarm {number} is closed already"
+    return f"alarm {number} was acknowledged by {signed['by']} at {signed['at']} already"
+
+
+@router.get("/assets/{asset}/alarm-rules", response_model=AlarmRules, responses=ERRORS)
+def rules(request: Request, asset: str) -> Any:
+    """The alarm rules of one asset, and how far limits have been learned."""
+    snapshot_of(request, asset)
+    return JSONResponse(_rules(request, asset))
+
+
+@router.put("/assets/{asset}/alarm-rules", response_model=AlarmRules, responses=responses(400, 404, 422))
+def set_rules(request: Request, asset: str, given: RulesIn) -> Any:
+    """Gives one asset alarm rules of its own; alarms whose rule is gone end with the next window."""
+    snapshot_of(request, asset)
+    request.app.state.alarms.set_rules(asset, given.rules, given.by.strip(), given.note.strip())
+    return JSONResponse(_rules(request, asset))
+
+
+def _rules(request: Request, asset: str) -> dict[str, Any]:
+    return {**request.app.state.alarms.described(asset), "quantities": list(QUANTITIES)}

@@ -1,0 +1,119 @@
+"""Messages about alarms, sent to the addresses of the settings: JSON by HTTP POST, at least once each.
+
+A message waits in the database from the transaction that changed its alarm until an address has answered 2xx, so that
+neither a killed process nor an address that is down loses one. Messages to one address keep their order. Whoever
+receives one twice knows it by its `id`, which is in the header `Idempotency-Key`, too. Nothing waits for this thread.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+import httpx
+from tenacity import RetryError, Retrying, retry_if_exception_type, stop_after_attempt, wait_exponential
+
+from service.results.alarm_store import AlarmStore
+
+log = logging.getLogger(__name__)
+
+NS = 1_000_000_000
+TIMEOUT = 10.0  # of one attempt [s]
+TRIES = 2  # in a row, before other addresses have their turn
+FIRST_PAUSE, LONGEST_PAUSE = 5.0, 900.0  # between turns; it doubles [s]
+GIVE_UP = 3 * 86_400.0  # age from which a message is given up [s]
+LOOK_EVERY = 1.0  # how often messages that are due again are looked for [s]
+STOP_WAIT = 2.0  # how long a message in progress is waited for at the end [s]
+
+
+class WebhookSender(threading.Thread):
+    """Sends what waits in the outbox, until ended."""
+
+    def __init__(
+        self,
+        store: AlarmStore,
+        waiting: threading.Event,
+        *,
+        clock: Callable[[], int] = time.time_ns,
+        first_pause: float = FIRST_PAUSE,
+    ) -> None:
+        """waiting  set by whoever puts a message into the outbox"""
+        super().__init__(name="webhooks", daemon=True)
+        self._store, self._waiting, self._clock, self._first_pause = store, waiting, clock, first_pause
+        self._stopping = threading.Event()
+        self._delivered = self._failures = self._given_up = 0
+
+    def run(self) -> None:
+        """Works until ended."""
+        with httpx.Client(timeout=TIMEOUT, follow_redirects=False) as client:
+            while not self._stopping.is_set():
+                self._waiting.wait(LOOK_EVERY)
+                self._waiting.clear()
+                while not self._stopping.is_set() and self.turn(client):
+                    pass
+
+    def end(self) -> None:
+        """Ends the thread; what has not been delivered waits for the next start."""
+        self._stopping.set()
+        self._waiting.set()
+        if self.is_alive():
+            self.join(STOP_WAIT)
+
+    def turn(self, client: httpx.Client) -> bool:
+        """One attempt for the oldest message of each address; whether any was delivered."""
+        delivered = False
+        for number, name, url, body, created_ns, attempts in self._store.due(self._clock()):
+            if self._stopping.is_set():
+                break
+            if self._post(client, url, name, body):
+                self._delivered += 1
+                self._store.sent(number)
+                delivered = True
+            else:
+                self._failures += 1
+                self._later(number, url, created_ns, attempts)
+        return delivered
+
+    def gauges(self) -> dict[str, float]:
+        """Figures for /metrics."""
+        return {
+            "webhooks_waiting": self._store.waiting(),
+            "webhooks_delivered": self._delivered,
+            "webhook_failures": self._failures,
+            "webhooks_given_up": self._given_up,
+        }
+
+    def _post(self, client: httpx.Client, url: str, name: str, body: str) -> bool:
+        headers = {"Content-Type": "application/json", "Idempotency-Key": name}
+        retrying = Retrying(
+            stop=stop_after_attempt(TRIES),
+            wait=wait_exponential(multiplier=0.2, max=1.0),
+            retry=retry_if_exception_type(httpx.HTTPError),
+            sleep=self._pause,
+        )
+        try:
+            for attempt in retrying:
+                with attempt:
+                    client.post(url, content=body, headers=headers).raise_for_status()
+        except RetryError as error:
+            log.warning("webhook %s: %s", url, error.last_attempt.exception())
+            return False
+        except (httpx.InvalidURL, ValueError) as error:
+            log.warning("webhook %s: %s", url, error)
+            return False
+        return True
+
+    def _pause(self, seconds: float) -> None:
+        self._stopping.wait(seconds)
+
+    def _later(self, number: int, url: str, created_ns: int, attempts: int) -> None:
+        now = self._clock()
+        if now - created_ns > GIVE_UP * NS:
+            self._given_up += 1
+            self._store.sent(number)
+            log.error("webhook %s: a message was given up after %d attempts", url, attempts + 1)
+            return
+        pause = min(self._first_pause * 2.0 ** min(attempts, 20), LONGEST_PAUSE)
+        self._store.postpone(number, now + round(pause * NS))
