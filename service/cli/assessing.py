@@ -57,6 +57,16 @@ def give(answer: dict[str, Any], json: Path | None) -> None:
         print_answer(answer)
 
 
+def give_recording(answer: dict[str, Any], source: Path, out: Path, prefix: str) -> None:
+    """The recording with the results in it, and the layout that shows them."""
+    from service.cli.show import progress_bar
+    from service.files.results_recording import write_results
+
+    with progress_bar("writing") as bar:
+        layout = write_results(answer, source, out, prefix, bar)
+    tell(f"recording with results written to {out}, layout for Foxglove to {layout}")
+
+
 def tell(line: str | None) -> None:
     from service.cli.show import say
 

@@ -89,8 +89,13 @@ def assess(
     ] = None,
     asset: Asset = None,
     prefix: Prefix = "gearbox",
+    mcap: Annotated[
+        Path | None,
+        typer.Option(help="Write a copy of the recording with the results in it, and a layout file for Foxglove."),
+    ] = None,
 ) -> None:
     """Evaluate a whole recording, as the service would: wear depth, remaining life, other effects."""
+    from service.cli.assessing import give_recording
     from service.runtime.assess import Unassessable
 
     try:
@@ -101,6 +106,8 @@ def assess(
         wrote_json(error.answer, json)
         raise
     give(answer, json)
+    if mcap is not None:
+        give_recording(answer, recording, mcap, prefix)
 
 
 @app.command(rich_help_panel=MODEL)

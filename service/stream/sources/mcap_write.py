@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from mcap.writer import CompressionType, Writer
 
@@ -12,6 +16,16 @@ from service.stream.channels import CHANNEL_KINDS
 from service.stream.sources.mcap import RIG_ATTACHMENT
 from service.stream.wire.codec import schema_data
 from service.stream.wire.topics import PREFIX, Channel, topic_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JsonTopic:
+    """A topic whose messages are JSON objects."""
+
+    name: str
+    schema_name: str
+    schema: Mapping[str, Any]  # JSON schema of a message
+    about: Mapping[str, str] = field(default_factory=dict)  # the channel's metadata
 
 
 class RecordingWriter:
@@ -30,7 +44,7 @@ class RecordingWriter:
             self._file = self.path.open("wb")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
-        self._prefix, self._channels = prefix, dict[Channel, int]()
+        self._prefix, self._channels, self._json = prefix, dict[Channel, int](), dict[str, int]()
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_crcs=True)
         self._writer.start(profile="", library="gear-twin")
         if rig_text is not None:
@@ -53,11 +67,23 @@ class RecordingWriter:
         """Adds one frame, its time being the frame's end."""
         ident = self._channels.get(channel)
         if ident is None:
-            topic = topic_of(channel, self._prefix)
-            schema = self._schemas[CHANNEL_KINDS[channel.kind].schema]
-            ident = self._writer.register_channel(topic, "protobuf", schema)
+            kind = CHANNEL_KINDS[channel.kind]
+            about = {"quantity": kind.quantity, "unit": kind.unit}
+            ident = self._writer.register_channel(
+                topic_of(channel, self._prefix), "protobuf", self._schemas[kind.schema], metadata=about
+            )
             self._channels[channel] = ident
         self._writer.add_message(ident, log_time=end_time_ns, publish_time=end_time_ns, data=payload)
+
+    def write_json(self, topic: JsonTopic, time_ns: int, message: Mapping[str, Any]) -> None:
+        """Adds one message of a topic that holds JSON."""
+        ident = self._json.get(topic.name)
+        if ident is None:
+            schema = self._writer.register_schema(topic.schema_name, "jsonschema", json.dumps(topic.schema).encode())
+            ident = self._writer.register_channel(topic.name, "json", schema, metadata=dict(topic.about))
+            self._json[topic.name] = ident
+        data = json.dumps(message, allow_nan=False, ensure_ascii=False).encode()
+        self._writer.add_message(ident, log_time=time_ns, publish_time=time_ns, data=data)
 
     def flush(self) -> None:
         """Ends the chunk in progress and hands it to the operating system."""
