@@ -74,6 +74,9 @@ class AssetSummary(BaseModel):
     revolutions: float | None
     last_window: JsonValue = Field(description="start of the latest window")
     last_frame: str | None = Field(description="when the newest frame was received, ISO 8601 by the service's clock")
+    last_seen: str | None = Field(
+        description="the later of `last_frame` and of the newest window's reception, ISO 8601"
+    )
     rig: str | None = Field(description="name of the rig file in use")
     last_event_id: int
     kind: Kind = Field(description="what the answers about this machine rest on")

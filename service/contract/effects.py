@@ -8,6 +8,7 @@ from pydantic import Field
 
 from service.contract.base import MICROMETRE, PERCENT, ContractModel, Figure, in_unit
 from twin import assessment
+from twin.effects import EFFECTS
 
 CURVES = {"frequency": "frequency_hz"}  # keys of curves that say their unit
 
@@ -148,6 +149,7 @@ class Effect(ContractModel):
     """An effect that the model lacked and that was added, or a change against a healthy baseline."""
 
     name: str
+    label: str | None = Field(default=None, description="for people; absent where the effect is none of the table")
     status: Literal["found", "accepted", "pinned", "rejected"] | None = None
     parameters: dict[str, Figure]
     evidence: Evidence
@@ -177,6 +179,9 @@ class Effect(ContractModel):
                 "windows": list(effect.windows),
                 "curves": {CURVES.get(name, name): list(values) for name, values in effect.curves.items()},
             }
+        known = EFFECTS.get(effect.name)
+        if known is not None:
+            parts["label"] = known.facts.label
         return cls(
             name=effect.name,
             parameters={name: Figure.of(p) for name, p in effect.parameters.items()},

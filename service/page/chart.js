@@ -20,7 +20,8 @@ import { dateTime, number, sentence } from "./format.js";
 import { rangeOf } from "./scale.js";
 
 const HEIGHT = 250;
-const PRINT_WIDTH = 660; // of a chart on paper [px]
+const PRINT_WIDTH = 300; // of a chart on paper, two in a row of A4 [px]
+const PRINT_HEIGHT = 200;
 const groups = new Map(); // name → { charts, zoom }
 const shown = new Set(); // every chart on the page
 
@@ -112,7 +113,7 @@ export class Chart {
       font: "12px system-ui, sans-serif", stroke: () => colour("muted"), grid: { stroke: () => colour("grid"), width: 1 },
       ticks: { stroke: () => colour("line"), width: 1, size: 5 }, ...more });
     const plot = {
-      width: this.width(), height: HEIGHT, legend: { show: false },
+      width: this.width(), height: this.height(), legend: { show: false }, padding: [6, 12, 0, 0],
       scales: { x: { time: Boolean(x.time), range: () => this.extent() },
         y: { distr: y.log ? 3 : 1, range: () => this.rangeY() } },
       axes: [axis(x.time ? "" : x.label, x.time ? { size: 44, values: DATES } : { size: 34 }), axis(y.label, { size: 62, values: (_, ticks) => ticks.map(tick) })],
@@ -162,7 +163,7 @@ export class Chart {
       }
     }
     if (low > high) return [0, 1];
-    const least = this.given.x.time ? 60 : Math.abs(high) * 0.02 || 1;
+    const least = this.given.x.time ? 600 : Math.max(0.1 * Math.abs(high), 1);
     const room = this.given.x.tight ? 0 : Math.max(0.015 * (high - low), high === low ? least : 0);
     return [low - room, high + room];
   }
@@ -308,14 +309,17 @@ export class Chart {
   // -- size ------------------------------------------------------------------------------------------
 
   width() {
-    return document.documentElement.dataset.print ? Math.min(PRINT_WIDTH, this.body.clientWidth || PRINT_WIDTH)
-      : Math.max(this.body.clientWidth, 200);
+    return document.documentElement.dataset.print ? PRINT_WIDTH : Math.max(this.body.clientWidth, 200);
+  }
+
+  height() {
+    return document.documentElement.dataset.print ? PRINT_HEIGHT : HEIGHT;
   }
 
   resize() {
     if (!this.plot) return;
     const width = this.width();
-    if (Math.abs(width - this.plot.width) > 1) this.plot.setSize({ width, height: HEIGHT });
+    if (Math.abs(width - this.plot.width) > 1) this.plot.setSize({ width, height: this.height() });
   }
 
   redraw() {
@@ -364,7 +368,7 @@ function printing(on) {
   else delete document.documentElement.dataset.print;
   for (const chart of shown) {
     if (!chart.plot) continue;
-    chart.plot.setSize({ width: on ? PRINT_WIDTH : chart.width(), height: HEIGHT });
+    chart.plot.setSize({ width: chart.width(), height: chart.height() });
     chart.redraw();
   }
 }

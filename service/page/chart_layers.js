@@ -43,6 +43,7 @@ function* runs(low, high) {
 export function drawMarks(u, { marks }, colour) {
   within(u, (ctx, box, px) => {
     ctx.font = `${11 * px}px system-ui, sans-serif`;
+    [ctx.textAlign, ctx.textBaseline] = ["left", "alphabetic"];
     let free = -Infinity; // where the last label ends
     for (const { x, label, colour: name = "update", dash = [2, 3] } of [...marks].sort((a, b) => a.x - b.x)) {
       const at = Math.round(u.valToPos(x, "x", true));
@@ -77,6 +78,7 @@ export function drawLimits(u, { limits }, colour) {
       ctx.lineTo(box.left + box.width, at);
       ctx.stroke();
       ctx.font = `${11.5 * px}px system-ui, sans-serif`;
+      [ctx.textAlign, ctx.textBaseline] = ["left", "alphabetic"];
       ctx.fillText(label, box.left + 6 * px, at > box.top + 16 * px ? at - 5 * px : at + 14 * px);
     }
   });

@@ -9,7 +9,7 @@ export function chartMenu(chart) {
   if (chart.menu.firstChild) return; // made once; it reads the chart when it is used
   const close = () => { box.open = false; };
   const button = (text, act) => element("button", { type: "button", onclick: () => { act(); close(); summary.focus(); } }, text);
-  const summary = element("summary", { "aria-label": `Menu of the chart ${chart.title}`, title: "zoom, table, download" }, "⋯");
+  const summary = element("summary", { "aria-label": `Menu of the chart ${chart.title}`, title: "zoom, series, table, download" }, "Menu");
   const choices = element("div", { className: "choices" });
   const box = element("details", { className: "menu" }, summary, element("div", { className: "menu-list" },
     button("Whole range", () => chart.reset()),

@@ -97,6 +97,7 @@ class Snapshot:
 
     def summary(self) -> dict[str, Any]:
         """The asset in the list of assets."""
+        seen = max((t for t in (self.last_frame_ns, self.received_ns) if t is not None), default=None)
         data = self.whole.get("data") or {"level": "waiting", "reason": NO_WHOLE_WINDOW}
         return {
             "asset": self.asset,
@@ -109,6 +110,7 @@ class Snapshot:
             "revolutions": self.latest.get("revolutions"),
             "last_window": self.records[-1].get("start_time") if self.records else None,
             "last_frame": None if self.last_frame_ns is None else iso_time(self.last_frame_ns),
+            "last_seen": None if seen is None else iso_time(seen),
             "rig": (self.rig or {}).get("name"),
             "last_event_id": self.last_event_id,
             **overview(self.whole, self.rig),

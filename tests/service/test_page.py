@@ -302,8 +302,7 @@ def test_machines_are_listed_by_severity_and_new_ones_join(open_page, store, boa
 # -- looks -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("width", [1440, 800, 390])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (800, "dark"), (390, "light")])
 def test_page_fits_its_width_and_follows_the_theme(open_page, store, board, width, scheme):
     fakes.campaign(store, board)
     fakes.take(store, board, "unsw", 90, 19500.0, report=fakes.traced_report(19500.0, 12))

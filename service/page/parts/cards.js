@@ -47,19 +47,25 @@ function depthCard({ wear }, machine) {
 
 function lifeCard({ rul }) {
   if (!isAvailable(rul)) return null;
-  const { hours, reached, reason, speed_hz: speed, torque_nm: torque, date } = rul;
+  const { hours, reached, reason, speed_hz: speed, torque_nm: torque } = rul;
+  const date = isAvailable(rul.date) ? rul.date : null;
   if (reached) return card("Remaining life", "none", "", "The limit is reached.", tag(rul));
   if (!isAvailable(hours)) return null;
   const point = `at ${number(speed)} Hz and ${number(torque)} N·m`;
   if (!Number.isFinite(hours.median)) {
     return card("Remaining life", `at least ${duration(hours.p05)}`, "", reason && sentence(reason), tag(rul));
   }
-  const until = typeof date === "string" ? date : date?.median;
   return card("Remaining life", duration(hours.median), "of running",
     `5–95 %: ${duration(hours.p05)} – ${Number.isFinite(hours.p95) ? duration(hours.p95) : "no upper bound"}, ${point}`,
-    until ? `limit reached about ${day(instant(until))}${date.p05 && date.p95
-      ? ` (${day(instant(date.p05))} – ${day(instant(date.p95))})` : ""}` : "",
+    date?.median ? `limit reached about ${moment(date.median, date)}${date.p05 && date.p95
+      ? ` (${moment(date.p05, date)} – ${moment(date.p95, date)})` : ""}, at ${number(date.hours_per_day, 2)} h a day (${date.source})` : "",
     rul.revolutions?.median ? `${revolutions(rul.revolutions.median)} revolutions` : "", tag(rul));
+}
+
+// A day; with the time where the limit is less than three days away.
+function moment(text, { since, median }) {
+  const near = instant(median) - instant(since) < 3 * 86_400_000;
+  return near ? dateTime(instant(text)) : day(instant(text));
 }
 
 function levelCard(last) {

@@ -86,21 +86,22 @@ function effectCard(effect, machine, decide) {
     element("details", { dataset: { key: `evidence ${effect.name}` } }, element("summary", {}, "Evidence"), facts(evidencePairs(effect))));
 }
 
-function verdictOf(unexplained) {
+function verdictOf({ unexplained, status }, found) {
   if (!isAvailable(unexplained)) return [];
   const share = Number.isFinite(unexplained.share_percent)
     ? `Unexplained: ${number(unexplained.share_percent)} % of the energy above the noise. ` : "";
-  const verdict = { explained: "The model with these effects explains the vibration.",
+  const verdict = { explained: found ? "The model with these effects explains the vibration." : "The model explains the vibration.",
     unknown_effect: "Part of the vibration has a cause that no known effect explains.",
     insufficient_data: "Whether the vibration is explained cannot be said yet." }[unexplained.verdict] ?? "";
-  const why = unexplained.verdict !== "explained" && unexplained.reason ? ` ${sentence(unexplained.reason)}` : "";
-  const said = [element("p", { className: "verdict" }, share + verdict + why)];
+  const said = (status.reasons ?? []).some((reason) => unexplained.reason && reason.includes(unexplained.reason)); // in the banner
+  const why = unexplained.verdict !== "explained" && unexplained.reason && !said ? ` ${sentence(unexplained.reason)}` : "";
+  const parts = [element("p", { className: "verdict" }, share + verdict + why)];
   const lines = (unexplained.orders ?? []).slice(0, 6);
   if (unexplained.verdict === "unknown_effect" && lines.length) {
     const keys = ["order", "frequency_hz", "share_percent"];
-    said.push(table(keys.map((k) => `${words(k)}#`), lines.map((o) => keys.map((k) => anything(o[k])))));
+    parts.push(table(keys.map((k) => `${words(k)}#`), lines.map((o) => keys.map((k) => anything(o[k])))));
   }
-  return said;
+  return parts;
 }
 
 // The panel and how it is kept up to date: `effectsPanel(machine).draw()`.
@@ -141,7 +142,7 @@ export function effectsPanel(machine, signal) {
       ...rejected.map((name) => element("p", { className: "none" }, `${words(name)}: rejected `, element("button", {
         type: "button", title: MEANING.release, onclick: () => decide(name, "release"), "aria-label": `release ${words(name)}`,
         dataset: { key: `release ${name}`, group: name } }, "release"))),
-      ...verdictOf(unexplained));
+      ...verdictOf(machine.state, found.length));
     root.hidden = !found.length && !rejected.length && !isAvailable(unexplained) && !isAvailable(wear) && !isAvailable(baseline);
   }
 

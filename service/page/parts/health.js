@@ -3,12 +3,10 @@
 import { element } from "../dom.js";
 import { dataOf, dateTime, instant, isAvailable, levelWord, revolutions, sentence } from "../format.js";
 
-const SIGNS = { end_of_life: "■", alarm: "▲", watch: "◆", no_verdict: "?", normal: "●" };
 const DATA_WORDS = { ok: "good", waiting: "waiting for data", degraded: "degraded", stale: "out of date" };
 
 export function levelBadge(level) {
-  return element("span", { className: `level level-${level ?? "no_verdict"}` },
-    element("span", { "aria-hidden": "true" }, `${SIGNS[level] ?? "?"} `), levelWord(level));
+  return element("span", { className: `level level-${level ?? "no_verdict"}` }, levelWord(level));
 }
 
 export function dataBadge(holder) {
@@ -47,8 +45,8 @@ export function health(state) {
   return element("section", { className: `panel health health-${status.level}`, "aria-label": "State of the machine" },
     element("div", { className: "head" }, levelBadge(status.level),
       ...(status.action ? [element("p", { className: "action" }, sentence(status.action))] : [])),
-    element("p", { className: "reason" }, first),
-    ...(others.length ? [element("ul", { className: "more-reasons" }, ...others.map((reason) => element("li", {}, reason)))] : []),
+    element("p", { className: "reason" }, first && sentence(first)),
+    ...(others.length ? [element("ul", { className: "more-reasons" }, ...others.map((reason) => element("li", {}, sentence(reason))))] : []),
     preliminary(state),
     question(state.question, state.asset),
     element("p", { className: "meta" }, ...[since(status), data ? dataBadge(state) : "", data ? data.reason : ""]

@@ -33,11 +33,13 @@ function marksOf(machine, points, axis) {
   return [...updates, ...began].filter((m) => Number.isFinite(m.x));
 }
 
-const about = (points) => (i) => {
+// What is known of a point: its operating condition, what happened, and the latest windows' notes.
+const about = (points, machine) => (i) => {
   const p = points[i];
   return [`window ${p.index}`, Number.isFinite(p.revolutions) ? `${revolutions(p.revolutions)} rev` : "",
     `${number(p.speed_hz)} Hz`, Number.isFinite(p.torque_nm) ? `${number(p.torque_nm)} N·m` : "",
-    p.updated ? "model updated" : "", p.quality && p.quality !== "good" ? `data ${p.quality}` : ""].filter(Boolean).join(" · ");
+    p.updated ? "model updated" : "", p.quality && p.quality !== "good" ? `data ${p.quality}` : "",
+    ...(machine.windows.find((w) => w.index === p.index)?.notes ?? [])].filter(Boolean).join(" · ");
 };
 
 function drawLevel(chart, machine, points, axis) {
@@ -59,7 +61,7 @@ function drawLevel(chart, machine, points, axis) {
   chart.set({
     caption: `reference accelerometer${has("rms_predicted") ? `; ${updates} update${updates === 1 ? "" : "s"} of the model` : ""}`,
     x: AXES[axis], y: { label: "RMS [m/s²]" }, values: points.map((p) => p.x), series,
-    marks: marksOf(machine, points, axis), about: about(points),
+    marks: marksOf(machine, points, axis), about: about(points, machine),
   });
 }
 
@@ -104,7 +106,7 @@ function drawDepth(chart, machine, points, axis) {
     bands: [{ name: again.size ? "5–95 % at the time" : "5–95 %", low: withDepth.map((p) => p.depth_um.combined.p05),
       high: withDepth.map((p) => p.depth_um.combined.p95) }],
     spots, limits: near ? [{ y: limit, label: `end of life at ${number(limit)} µm` }] : [],
-    marks: marksOf(machine, withDepth, axis), about: about(withDepth),
+    marks: marksOf(machine, withDepth, axis), about: about(withDepth, machine),
   });
 }
 
@@ -120,7 +122,31 @@ function drawLife(chart, machine, points, axis) {
     values: withLife.map((p) => p.x),
     series: [{ name: "median", unit: "h", values: withLife.map((p) => p.rul_hours.median), colour: "predicted" }],
     bands: [{ name: "5–95 %", low: withLife.map((p) => p.rul_hours.p05), high: withLife.map((p) => p.rul_hours.p95) }],
-    marks: marksOf(machine, withLife, axis), about: about(withLife),
+    marks: marksOf(machine, withLife, axis), about: about(withLife, machine),
+  });
+}
+
+// The probability that the limit has been reached, over hours of running or, where it is known, the date.
+function drawDistribution(chart, { state: { rul } }) {
+  const found = isAvailable(rul) && !rul.reached ? rul.distribution : null;
+  const known = found ? found.hours.flatMap((hours, i) => (Number.isFinite(hours) ? [[hours, 100 * found.probability[i]]] : [])) : [];
+  chart.figure.hidden = known.length < 3;
+  if (chart.figure.hidden) {
+    chart.unavailable("no distribution of the remaining life");
+    return;
+  }
+  const date = isAvailable(rul.date) && rul.date.hours_per_day > 0 ? rul.date : null;
+  const place = (hours) => (date ? instant(date.since) / 1000 + hours * 3600 * 24 / date.hours_per_day : hours);
+  const points = [[0, 0], ...known].map(([hours, share]) => [place(hours), share]);
+  chart.set({
+    caption: `at ${number(rul.speed_hz)} Hz and ${number(rul.torque_nm)} N·m${date ? `, ${number(date.hours_per_day, 2)} h a day` : ""}`,
+    x: date ? { label: "date", time: true } : { label: "hours of running from now", unit: "h" }, y: { label: "limit reached [%]" },
+    values: points.map(([x]) => x),
+    series: [{ name: "probability that the limit has been reached", unit: "%", values: points.map(([, share]) => share) }],
+    marks: [[0.05, "5 %"], [0.5, "50 %"], [0.95, "95 %"]].flatMap(([p, label]) => {
+      const i = found.probability.findIndex((one) => Math.abs(one - p) < 1e-6);
+      return i >= 0 && Number.isFinite(found.hours[i]) ? [{ x: place(found.hours[i]), label, colour: "muted" }] : [];
+    }),
   });
 }
 
@@ -170,7 +196,8 @@ export function trends(context) {
   const root = element("section", { "aria-label": "Trends" }, switching, grid);
   const make = (id, title, group) => new Chart(grid, { id, title, group });
   const charts = { depth: make("depth", "Largest wear depth", "trend"), rms: make("rms", "Vibration RMS", "trend"),
-    life: make("rul", "Remaining life", "trend"), profile: make("profile", "Wear profile") };
+    life: make("rul", "Remaining life", "trend"),
+    reached: make("reached", "When the limit is reached"), profile: make("profile", "Wear profile") };
   context.signal.addEventListener("abort", () => Object.values(charts).forEach((chart) => chart.destroy()));
 
   function drawSwitch(axes, axis) {
@@ -192,6 +219,7 @@ export function trends(context) {
     drawDepth(charts.depth, machine, points, axis);
     drawLevel(charts.rms, machine, points, axis);
     drawLife(charts.life, machine, points, axis);
+    drawDistribution(charts.reached, machine);
     drawProfile(charts.profile, machine);
   }
 

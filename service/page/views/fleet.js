@@ -1,7 +1,7 @@
 // All machines, the most severe first: state, what to do, data, depth, life, course, last seen.
 
 import { element, keepingFocus, svg } from "../dom.js";
-import { KIND_WORDS, LEVELS, ago, dateTime, duration, fixed, instant, levelWord, number, range } from "../format.js";
+import { KIND_WORDS, LEVELS, ago, dateTime, duration, fixed, instant, levelWord, number, range, sentence } from "../format.js";
 import { dataBadge, levelBadge } from "../parts/health.js";
 
 const EVERY_MS = 3000; // how often the list is asked for; what has not changed is not sent again
@@ -36,6 +36,7 @@ function depthCell({ depth_um: depth, limit_um: limit, preliminary }) {
 
 function lifeCell({ life_hours: hours, preliminary }) {
   if (!hours) return "–";
+  if (hours.median === 0) return "limit reached";
   const known = Number.isFinite(hours.median);
   return element("span", {}, known ? duration(hours.median) : `at least ${duration(hours.p05)}`,
     known && Number.isFinite(hours.p95) ? small(`5–95 %: ${duration(hours.p05)} – ${duration(hours.p95)}`) : "",
@@ -43,7 +44,7 @@ function lifeCell({ life_hours: hours, preliminary }) {
 }
 
 function seenCell(asset) {
-  const seen = instant(asset.last_frame) ?? instant(asset.last_window);
+  const seen = instant(asset.last_seen) ?? instant(asset.last_window);
   return element("time", { title: dateTime(seen), dateTime: Number.isFinite(seen) ? new Date(seen).toISOString() : "" }, ago(seen));
 }
 
@@ -53,7 +54,7 @@ function stateCell(asset) {
     ? element("span", { className: "badge bad" }, `${alarms.unacknowledged} alarm${alarms.unacknowledged === 1 ? "" : "s"} not acknowledged`) : "";
   return element("div", { className: "state" }, levelBadge(status?.level), open,
     status?.action ? element("strong", { className: "action" }, status.action) : "",
-    element("span", { className: "reason" }, status?.reasons?.[0] ?? ""),
+    element("span", { className: "reason" }, status?.reasons?.length ? sentence(status.reasons[0]) : ""),
     question ? element("span", { className: "badge warn" }, "a question is open") : "");
 }
 

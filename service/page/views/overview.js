@@ -25,10 +25,12 @@ function smallPrint(machine, kind) {
   const k = isAvailable(wear) && Number.isFinite(wear.k_wear_per_n)
     ? `Archard coefficient K = ${number(wear.k_wear_per_n)} 1/N. ` : "";
   const last = machine.windows.findLast((w) => Number.isFinite(w.revolutions));
-  return element("p", { className: "small-print" }, `Answers from: ${KIND_WORDS[kind]}. ${k}${revolutions(total)} windows${
+  return element("p", { className: "small-print" }, `Answers from: ${KIND_WORDS[kind]}. ${k}${revolutions(total)} window${total === 1 ? "" : "s"}${
     updates ? `, ${revolutions(updates)} of those drawn updated the model` : ""}${
     last ? `; the latest at ${revolutions(last.revolutions)} revolutions` : ""}. `,
-    element("a", { href: `#/asset/${encodeURIComponent(machine.name)}/data` }, "Windows, data quality, calibration"));
+    element("a", { href: `#/asset/${encodeURIComponent(machine.name)}/data` }, "Windows, data quality, calibration"), ". Report: ",
+    element("a", { href: `${machine.base}/report`, target: "_blank", rel: "noopener" }, "page"), ", ",
+    element("a", { href: `${machine.base}/report?format=pdf` }, "PDF"));
 }
 
 function waiting(machine) {
