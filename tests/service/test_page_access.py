@@ -123,7 +123,7 @@ def test_print_is_light_and_cuts_nothing_off(open_page, store, board):
         "Largest wear depth",
         "Remaining life",
         "Vibration RMS",
-        "Wear profile",
+        "material removed",
         "Misalignment",
         "Unexplained",
     ):
