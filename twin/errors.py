@@ -2,6 +2,7 @@
 
 TwinError
 ├── ParameterError   a value that no gearbox can have: name, value, unit, allowed range, likely cause
+│   └── ImpossibleSize   the same of a number of an effect: what a fit gives such a size is not this effect
 ├── NotAvailable     a quantity whose inputs are not known: what, and what is missing
 ├── WindowError      a measurement window that cannot be used: gap, overlap, wrong rate, no samples
 └── NotConverged     a solver's answer that is no answer: which, residual, tolerance
@@ -16,6 +17,10 @@ class TwinError(Exception):
 
 class ParameterError(TwinError):
     """A value outside what is physically possible, or a name that is not known."""
+
+
+class ImpossibleSize(ParameterError):
+    """A number of an effect outside what makes sense: an effect that is fitted so is not there."""
 
 
 class NotAvailable(TwinError):

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from service.cli.diagnosis import verdict
 from service.cli.encoder_pair import sentences
 from service.cli.indicators import indicator_lines
 from service.cli.show import number, reason, spread
@@ -67,15 +68,13 @@ def window_table(records: Sequence[Mapping[str, Any]], width: int = PIPED) -> li
 
 def summary_lines(answer: Mapping[str, Any]) -> list[str]:
     """The answer in a few sentences, the most important first."""
-    names = [effect.get("name", "?") for effect in answer["effects"]]
     counts = answer["data_quality"]["windows"]
     listed = ", ".join(f"{count} {grade}" for grade, count in counts.items() if count)
     return [
         *status_lines(answer.get("status"), answer.get("data")),
         *_wear(answer["wear"], (answer.get("rig") or {}).get("mesh_stiffness")),
         *_life(answer),
-        f"Effects besides wear: {', '.join(names) if names else 'none found'}",
-        *_unexplained(answer.get("unexplained") or {}),
+        *verdict(answer),
         f"Windows: {listed or 'none'}",
         *_notes(answer["windows"], answer["wear"].get("reason")),
     ]
@@ -154,12 +153,6 @@ def _preliminary(own: Mapping[str, Any] | None, said: Mapping[str, Any] | None =
     remedies = [remedy for remedy in own["remedies"] if remedy not in known["remedies"]]
     lines = [f"  Preliminary: {sentence}" for sentence in reasons] or ["  Preliminary, for the same reasons"]
     return [*lines, *([f"  To settle it: {'; '.join(remedies)}"] if remedies else [])]
-
-
-def _unexplained(left: Mapping[str, Any]) -> list[str]:
-    if left.get("verdict") != "unknown_effect":
-        return []
-    return [f"Unknown effect: {left.get('reason') or 'vibration that no known effect explains'}"]
 
 
 def _notes(records: Sequence[Mapping[str, Any]], known: str | None) -> list[str]:

@@ -47,21 +47,10 @@ def text(answer: Mapping[str, Any]) -> str:
 def sentences(answer: Mapping[str, Any]) -> list[str]:
     """What an engineer may quote."""
     tracing, effects = answer["tracing"], answer["effects"]
-    others = [*strange.sentences(answer.get("unattributed_lines", ())), *pair.sentences(answer.get("pair"))]
-    failed = tracing.get("status") == "not available" or tracing.get("reason")
-    if failed and not effects:
-        return [f"No effects were evaluated: {tracing['reason']}.", *others]
-    out = [f"The latest search for effects was not completed: {tracing['reason']}."] if failed else []
-    out += [sentence(effect) for effect in effects]
+    out = [*verdict(answer), *(sentence(effect) for effect in effects)]
     if effects:
         out.append(_together(answer))
     left = answer["unexplained"]
-    if not effects:
-        out.append(_without_effects(answer))
-    if left.get("verdict") == "unknown_effect":
-        out.append(f"Unknown effect: {left.get('reason')}.")
-    elif left.get("verdict") == "insufficient_data":
-        out.append(f"The residual could not be judged: {left.get('reason')}.")
     if left.get("share_percent") is not None:
         out.append(f"Unexplained: {number(left['share_percent'], 2)} % of the measured energy above the noise.")
     if left.get("orders"):
@@ -75,14 +64,37 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
     held = tracing.get("held_out") or []
     if held:
         out.append(f"Errors are computed on held-out windows, which no fit used: windows {', '.join(map(str, held))}.")
+    others = [*strange.sentences(answer.get("unattributed_lines") or ()), *pair.sentences(answer.get("pair"))]
     return out + others
+
+
+def verdict(answer: Mapping[str, Any]) -> list[str]:
+    """Which effects are in the model and what is unexplained: the same sentences in every command."""
+    tracing, effects = answer.get("tracing") or {}, answer["effects"]
+    left = answer.get("unexplained") or {}
+    failed = tracing.get("status") == "not available" or tracing.get("reason")
+    out = []
+    if effects:
+        names = ", ".join(label(effect["name"]) for effect in effects)
+        if failed:
+            out.append(f"The latest search for effects was not completed: {tracing['reason']}.")
+        out.append(f"Effects besides wear: {names}.")
+    elif failed:
+        out.append(f"No effects were evaluated: {tracing['reason']}.")
+    else:
+        out.append(_without_effects(answer))
+    if left.get("verdict") == "unknown_effect":
+        out.append(f"Unknown effect: {left.get('reason') or 'vibration that no known effect explains'}.")
+    elif left.get("verdict") == "insufficient_data":
+        out.append(f"The residual could not be judged: {left.get('reason')}.")
+    return out
 
 
 def _without_effects(answer: Mapping[str, Any]) -> str:
     """What no effect in the answer means."""
-    if answer["wear"].get("status") == "not available" and not answer["tracing"].get("fitted"):
+    if answer["wear"].get("status") == "not available" and not (answer.get("tracing") or {}).get("fitted"):
         return "No model is available for this machine, so no effects were evaluated."
-    if answer["unexplained"].get("verdict") == "explained":
+    if (answer.get("unexplained") or {}).get("verdict") == "explained":
         return "Wear alone explains this machine; no effect was added."
     return "The model contains wear alone; no effect was added."
 

@@ -13,7 +13,8 @@ import pytest
 import service_fakes as fakes
 
 from service.cli import run
-from service.cli.diagnosis import effect_table, figure, sentences, text
+from service.cli.answer import answer_text
+from service.cli.diagnosis import effect_table, figure, sentences, text, verdict
 from service.cli.diagnosis_figures import page
 
 ROOT = Path(__file__).parents[2]
@@ -28,8 +29,8 @@ def answer():
 
 def test_sentences_tell_size_onset_evidence_rival_errors_and_depth(answer):
     told = sentences(answer)
-    assert told[0].startswith("Gear eccentricity, from the start: eccentricity 79.5 ± 1 µm (ln evidence 390 over")
-    line = told[1]
+    assert told[1].startswith("Gear eccentricity, from the start: eccentricity 79.5 ± 1 µm (ln evidence 390 over")
+    line = told[2]
     for part in (
         "Misalignment of the shafts, since 4095 revolutions: lead gap 40.1 ± 4.3 µm",
         "next best loss of mesh stiffness, 134 lower (certain)",
@@ -40,7 +41,7 @@ def test_sentences_tell_size_onset_evidence_rival_errors_and_depth(answer):
         "pinned by an engineer",
     ):
         assert part in line
-    assert told[2].startswith("Wear depth with all effects: ") and "with wear alone 180.0 µm" in told[2]
+    assert told[3].startswith("Wear depth with all effects: ") and "with wear alone 180.0 µm" in told[3]
     assert "windows 2, 5" in told[-1]
 
 
@@ -50,8 +51,8 @@ def test_figures_that_an_answer_does_not_give_are_left_out_of_the_words(answer):
     effect["evidence"]["log_evidence"] = None
     effect["parameters"]["eccentricity"]["value"] = None
     effect["error_before"] = effect["error_after"] = {"rms_percent": None, "waveform_percent": None}
-    assert sentences(answer)[0].startswith("Gear eccentricity, from the start: eccentricity – (ln evidence –")
-    assert "held-out windows" not in sentences(answer)[0]
+    assert sentences(answer)[1].startswith("Gear eccentricity, from the start: eccentricity – (ln evidence –")
+    assert "held-out windows" not in sentences(answer)[1]
     assert page(answer).count("plotly-graph-div") and effect_table(answer["effects"], "").row_count == 2
 
 
@@ -82,14 +83,29 @@ def test_healthy_machine_and_one_that_was_not_traced_are_told_apart(answer):
     healthy["unexplained"]["verdict"] = "unknown_effect"
     assert sentences(healthy)[0] == "The model contains wear alone; no effect was added."
     healthy["tracing"] = {"status": "not available", "reason": "effects have not been sought"}
-    assert sentences(healthy) == ["No effects were evaluated: effects have not been sought."]
+    assert sentences(healthy)[0] == "No effects were evaluated: effects have not been sought."
 
 
 def test_effects_in_the_model_are_named_although_the_latest_search_failed(answer):
     answer["tracing"]["reason"] = "a steady state did not converge"
     shown = sentences(answer)
     assert shown[0] == "The latest search for effects was not completed: a steady state did not converge."
-    assert shown[1].startswith("Gear eccentricity") and not any("No effects were evaluated" in s for s in shown)
+    assert shown[1] == "Effects besides wear: gear eccentricity, misalignment of the shafts."
+    assert shown[2].startswith("Gear eccentricity") and not any("No effects were evaluated" in s for s in shown)
+
+
+def test_assess_and_diagnose_give_one_verdict_in_the_same_words(answer):
+    unknown = copy.deepcopy(answer)
+    unknown["effects"], unknown["unexplained"] = [], {"verdict": "unknown_effect", "reason": "lines spaced by 39.6 Hz"}
+    unjudged = copy.deepcopy(answer)
+    unjudged["unexplained"] = {"verdict": "insufficient_data", "reason": "too few windows"}
+    bare = copy.deepcopy(unknown)
+    bare["wear"], bare["tracing"] = {"status": "not available", "reason": "no module"}, {"fitted": []}
+    for given in (answer, unknown, unjudged, bare):
+        said, shown = verdict(given), text(given)
+        assert said and all(line in answer_text(given).splitlines() and line in shown for line in said)
+    assert "none found" not in answer_text(unknown)
+    assert verdict(bare)[0] == "No model is available for this machine, so no effects were evaluated."
 
 
 def test_text_holds_candidates_bands_and_the_log(answer):

@@ -57,7 +57,7 @@ def test_the_status_is_the_first_line_and_an_unknown_effect_is_named():
     status = {"level": "end_of_life", "reasons": ["511 µm of 500 µm are worn."]}
     lines = summary_lines(answer(status=status, unexplained={"verdict": "unknown_effect", "reason": "39.6 Hz"}))
     assert lines[0] == "Status: end of life. 511 µm of 500 µm are worn."
-    assert "Unknown effect: 39.6 Hz" in lines
+    assert "Unknown effect: 39.6 Hz." in lines
 
 
 def test_a_reason_is_not_repeated():

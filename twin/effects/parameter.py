@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from math import isnan
 from typing import Any
 
-from twin.errors import ParameterError
+from twin.errors import ImpossibleSize
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,13 +24,13 @@ class Parameter:
 
 
 def check(effect: Any) -> None:
-    """Raises ParameterError where a parameter is outside its bounds; the neutral value is always allowed."""
+    """Raises ImpossibleSize where a parameter is outside its bounds; the neutral value is always allowed."""
     for parameter in effect.parameters:
         value = getattr(effect, parameter.name)
         for v in value if parameter.teeth is not None else (value,):
             if isnan(v) or not (parameter.low <= v <= parameter.high or v == parameter.neutral):
                 unit = f" {parameter.unit}" if parameter.unit else ""
-                raise ParameterError(
+                raise ImpossibleSize(
                     f"{type(effect).__name__}.{parameter.name} = {v:g}{unit} is outside "
                     f"{parameter.low:g} … {parameter.high:g}{unit}; another unit?"
                 )

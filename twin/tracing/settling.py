@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from twin.effects import EFFECTS
+from twin.errors import ImpossibleSize
 from twin.tracing.context import TracingContext
 from twin.tracing.detectors import DETECTORS, Detector
 from twin.tracing.findings import Findings
@@ -22,8 +23,15 @@ Known = dict[str, frozenset[str]]  # by detector: what it knew of the findings t
 
 
 def ask(context: TracingContext, detector: Detector, known: Known) -> TracingContext:
-    """The context with the findings of one detector; `known` notes what its answer rests on."""
-    findings = detector.detect(context.with_findings(without_own(context.findings, detector)))
+    """The context with the findings of one detector; `known` notes what its answer rests on.
+
+    A detector whose fit gives an effect a size that no machine has, finds none: the vibration has another cause.
+    """
+    before = context.with_findings(without_own(context.findings, detector))
+    try:
+        findings = detector.detect(before)
+    except ImpossibleSize:
+        findings = before.findings
     known[detector.name] = consulted(without_own(findings, detector), detector)  # it may have ruled some out itself
     for step in DETECTORS:  # what it had made better of this detector's findings has gone with them
         if step.refines == detector.reports:

@@ -102,6 +102,9 @@ class EccentricityThresholds:
     size_scatter: float = deciding(
         0.5, of="larger of both", meaning="what both may be off where they are compared", source=TUNED
     )
+    largest: float = deciding(
+        500e-6, unit="m", meaning="eccentricity beyond which lines have another cause", source="bound of the parameter"
+    )
     most_shift_share: float = deciding(
         1.5, of="contact's shift", meaning="most that worn windows' sidebands show", source="bound of the parameter"
     )
@@ -201,7 +204,7 @@ def is_proven(
     fit: EccentricityFit, scales: Scales, tooth_errors: bool, limits: EccentricityThresholds = THRESHOLDS
 ) -> bool:
     """Whether teeth, not a disc, run out; `tooth_errors` tells whether teeth differ, which imitates a small run-out."""
-    if min(fit.by_sidebands, fit.log_evidence) <= limits.least_evidence:
+    if min(fit.by_sidebands, fit.log_evidence) <= limits.least_evidence or fit.eccentricity > limits.largest:
         return False
     if fit.run_out is None:
         return not tooth_errors and fit.eccentricity >= limits.least_without_run_out * scales.base_pitch
