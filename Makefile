@@ -77,7 +77,7 @@ evaluate: install-dev
 check: install-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy twin service studies recordings benchmarks
+	$(BIN)/mypy gear_twin twin service studies recordings benchmarks
 
 format: install-dev
 	$(BIN)/ruff check --fix .

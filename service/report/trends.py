@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -11,21 +11,64 @@ from matplotlib.figure import Figure
 from service.report.content import Report
 
 MEASURED, MODEL, LIMIT, AHEAD = "#333333", "#1f77b4", "#c62828", "#9a6700"
+REVOLUTIONS = "revolutions of the pinion"
 SIZE = (7.2, 2.5)  # inches
 LIMIT_SHOWN = 3.0  # times the depth: a limit above that is named, and not drawn
 AHEAD_FACTOR = 2.0  # the axis reaches at most so many times the revolutions run, for the life ahead
 
 
-def depth_trend(report: Report) -> Figure | None:
-    """Wear depth with its band over the revolutions, the limit, and the life ahead; None without two depths.
+def figure_of(report: Report, figure: Figure) -> Figure:
+    """Every trend that there is something to draw of, one above the other; ValueError where there is none."""
+    drawn = [
+        draw for draw, points in ((_draw_depth, _depths(report)), (_draw_level, _levels(report))) if len(points) > 1
+    ]
+    if not drawn:
+        raise ValueError(f"{report.asset}: fewer than two measurements with a depth or a level, so there is no trend")
+    figure.set_size_inches(SIZE[0], SIZE[1] * len(drawn))
+    for draw, axes in zip(drawn, figure.subplots(len(drawn), squeeze=False)[:, 0], strict=True):
+        draw(report, axes)
+    return figure
 
-    Where effects were found, the depth is that of the whole history evaluated again with them.
-    """
-    points = report.depths or _points(report.records, "wear_depth_um")
-    if len(points) < 2:
-        return None
-    figure, axes = _axes("wear depth [µm]")
-    x, y = zip(*points, strict=True)
+
+def trends(report: Report) -> list[tuple[str, Figure]]:
+    """The figures that there is something to draw in, each with its text alternative."""
+    figures = []
+    depths, levels = _depths(report), _levels(report)
+    if len(depths) > 1:
+        (start, first), *_, (end, last) = depths
+        text = f"Wear depth from {first:.1f} µm at {start:,.0f} revolutions to {last:.1f} µm at {end:,.0f}."
+        figures.append((text, _drawn(_draw_depth, report)))
+    if len(levels) > 1:
+        values = [level for _, level in levels]
+        text = f"Vibration level from {min(values):.3g} to {max(values):.3g} m/s²; the latest is {values[-1]:.3g} m/s²."
+        figures.append((text, _drawn(_draw_level, report)))
+    return figures
+
+
+def _drawn(draw: Callable[[Report, Any], None], report: Report) -> Figure:
+    figure = Figure(figsize=SIZE, layout="constrained")
+    draw(report, figure.subplots())
+    return figure
+
+
+def _depths(report: Report) -> Sequence[tuple[float, float]]:
+    """Revolutions and depth; where effects were found, those of the whole history evaluated again with them."""
+    return report.depths or _points(report.records, "wear_depth_um")
+
+
+def _levels(report: Report) -> list[tuple[float, float]]:
+    return _points(report.records, "rms_measured", _along(report))
+
+
+def _along(report: Report) -> str:
+    """What the levels are drawn over: revolutions, or the number of the measurement where none are counted."""
+    return "revolutions" if _points(report.records, "rms_measured") else "index"
+
+
+def _draw_depth(report: Report, axes: Any) -> None:
+    """Wear depth with its band, the limit, and the life ahead."""
+    _label(axes, "wear depth [µm]")
+    x, y = zip(*_depths(report), strict=True)
     if report.depths:
         axes.plot(x, y, color=MODEL, marker="o", ms=3, label="wear depth, evaluated again with the effects found")
     else:
@@ -41,7 +84,6 @@ def depth_trend(report: Report) -> Figure | None:
         axes.plot([], [], color=LIMIT, ls="--", lw=1.2, label=f"limit {report.limit_um:.0f} µm, above the scale")
     axes.set_ylim(bottom=0)
     axes.legend(loc="upper left", frameon=False, fontsize=8)
-    return figure
 
 
 def _ahead(report: Report, axes: Any, now: float, depth: float) -> bool:
@@ -57,37 +99,16 @@ def _ahead(report: Report, axes: Any, now: float, depth: float) -> bool:
     return True
 
 
-def level_trend(report: Report) -> Figure | None:
-    """Measured and modelled vibration level over the revolutions; over the measurements where none are counted."""
-    key = "revolutions" if _points(report.records, "rms_measured") else "index"
-    measured = _points(report.records, "rms_measured", key)
-    if len(measured) < 2:
-        return None
-    figure, axes = _axes(
-        "vibration level, RMS [m/s²]", "revolutions of the pinion" if key == "revolutions" else "measurement"
-    )
-    axes.plot(*zip(*measured, strict=True), color=MEASURED, marker="o", ms=3, label="measured")
-    modelled = _points(report.records, "rms_after", key) or _points(report.records, "rms_predicted", key)
+def _draw_level(report: Report, axes: Any) -> None:
+    """Measured and modelled vibration level."""
+    along = _along(report)
+    _label(axes, "vibration level, RMS [m/s²]", REVOLUTIONS if along == "revolutions" else "measurement")
+    axes.plot(*zip(*_levels(report), strict=True), color=MEASURED, marker="o", ms=3, label="measured")
+    modelled = _points(report.records, "rms_after", along) or _points(report.records, "rms_predicted", along)
     if modelled:
         axes.plot(*zip(*modelled, strict=True), color=MODEL, ls="--", marker="x", ms=4, label="model, after its update")
     axes.set_ylim(bottom=0)
     axes.legend(loc="upper left", frameon=False, fontsize=8)
-    return figure
-
-
-def trends(report: Report) -> list[tuple[str, Figure]]:
-    """The figures that there is something to draw in, each with its text alternative."""
-    figures = []
-    depth, level = depth_trend(report), level_trend(report)
-    if depth is not None:
-        (start, first), *_, (end, last) = report.depths or _points(report.records, "wear_depth_um")
-        text = f"Wear depth from {first:.1f} µm at {start:,.0f} revolutions to {last:.1f} µm at {end:,.0f}."
-        figures.append((text, depth))
-    if level is not None:
-        values = [r["rms_measured"] for r in report.records if r.get("rms_measured") is not None]
-        text = f"Vibration level from {min(values):.3g} to {max(values):.3g} m/s²; the latest is {values[-1]:.3g} m/s²."
-        figures.append((text, level))
-    return figures
 
 
 def as_svg(figure: Figure) -> str:
@@ -106,16 +127,13 @@ def as_png(figure: Figure, dpi: int = 220) -> io.BytesIO:
     return out
 
 
-def _axes(label: str, along: str = "revolutions of the pinion") -> tuple[Figure, Any]:
-    figure = Figure(figsize=SIZE, layout="constrained")
-    axes = figure.subplots()
+def _label(axes: Any, label: str, along: str = REVOLUTIONS) -> None:
     axes.set_xlabel(along, fontsize=9)
     axes.set_ylabel(label, fontsize=9)
     axes.tick_params(labelsize=8)
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
-    return figure, axes
 
 
 def _points(records: Sequence[Mapping[str, Any]], key: str, along: str = "revolutions") -> list[tuple[float, float]]:

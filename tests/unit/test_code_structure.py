@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("twin", "service", "studies", "recordings", "benchmarks")
+PACKAGES = ("gear_twin", "twin", "service", "studies", "recordings", "benchmarks")
 GENERATED = {"service/stream/wire/gearbox_pb2.py"}
 LONGEST_FUNCTION, LONGEST_FILE = 80, 500
 # compiled kernels: numba compiles one function, and splitting it costs a call in each of some million steps

@@ -88,11 +88,11 @@ def test_what_the_program_imports_is_declared():
     declared = {dist_name(d) for d in PROJECT["project"]["dependencies"]}
     extra = {dist_name(d) for d in PROJECT["project"]["optional-dependencies"]["formats"]}
     dists = packages_distributions()
-    for folder in ("twin", "service", "studies", "recordings"):
+    for folder in ("gear_twin", "twin", "service", "studies", "recordings"):
         for file in sources(folder):
             for name in imports(file):
                 top = name.partition(".")[0]
-                if top in sys.stdlib_module_names or top in ("twin", "service", "studies", "recordings"):
+                if top in sys.stdlib_module_names or top in ("gear_twin", "twin", "service", "studies", "recordings"):
                     continue
                 of = {dist_name(d) for d in dists.get(top, ())}
                 if READERS in file.parents and of & extra:

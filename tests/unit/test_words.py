@@ -135,7 +135,7 @@ def commands_docstrings(file: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, ast.get_docstring(node) or ""
 
 
-@pytest.mark.parametrize("folder", ["service", "twin", "studies"])
+@pytest.mark.parametrize("folder", ["gear_twin", "service", "twin", "studies"])
 def test_messages_of_the_program_have_no_retired_words(folder):
     found = {}
     for file in sources(folder):
