@@ -87,7 +87,7 @@ class Waterfall(BaseModel):
     unit: str
     x: Axis
     windows: list[KeptWindow]
-    values: list[list[float | None]] = Field(description="one row a window; null beyond its own range")
+    values: list[list[float | None]] = Field(description="one row a window, as far as all windows reach")
     markers: list[Marker]
     left_out: list[LeftOut]
     notes: list[str]

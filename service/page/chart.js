@@ -1,6 +1,6 @@
 // Charts on uPlot: linked cursors and zoom, bands, markers, limits, scales that an outlier does not rule, downloads, a table.
 //
-// const chart = new Chart(host, { id, title, group });
+// const chart = new Chart(host, { id, title, group, height });
 // chart.set({
 //   caption, y: { label, zero, log }, x: { label, time },      x.time: values are Unix seconds
 //   values: [...],                                             ascending
@@ -8,7 +8,7 @@
 //   bands: [{ name, low, high, colour }],                      low, high: values as long as x
 //   marks: [{ x, label, colour, dash }],                       vertical lines
 //   limits: [{ y, label }],                                    horizontal lines
-//   spots: [{ name, x, y, error, colour, shape }],             points of their own, with error bars
+//   spots: [{ name, x, y, error, colour, shape, size }],       points of their own, with error bars
 //   about: (index) => "what else is known of this point",
 // });
 // chart.unavailable(reason) in place of set. `colour` is a name of page.css: measured, predicted, after, …
@@ -33,8 +33,9 @@ function groupOf(name) {
 }
 
 export class Chart {
-  constructor(host, { id, title, group = null }) {
+  constructor(host, { id, title, group = null, height = HEIGHT }) {
     this.title = title;
+    this.screenHeight = height;
     this.group = group === null ? { charts: new Set(), zoom: null } : groupOf(group);
     this.groupName = group;
     this.hidden = new Set(); // names of series that are switched off
@@ -313,7 +314,7 @@ export class Chart {
   }
 
   height() {
-    return document.documentElement.dataset.print ? PRINT_HEIGHT : HEIGHT;
+    return document.documentElement.dataset.print ? PRINT_HEIGHT : this.screenHeight;
   }
 
   resize() {

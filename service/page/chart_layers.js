@@ -86,7 +86,7 @@ export function drawLimits(u, { limits }, colour) {
 
 export function drawSpots(u, { spots }, colour) {
   within(u, (ctx, _, px) => {
-    for (const { x, y, error, colour: name = "inspection", shape = "diamond" } of spots) {
+    for (const { x, y, error, colour: name = "inspection", shape = "diamond", size = 5.5 } of spots) {
       const [at, middle] = [u.valToPos(x, "x", true), u.valToPos(y, "y", true)];
       ctx.strokeStyle = ctx.fillStyle = colour(name);
       ctx.lineWidth = 1.5 * px;
@@ -96,7 +96,7 @@ export function drawSpots(u, { spots }, colour) {
         ctx.lineTo(at, u.valToPos(y + error, "y", true));
         ctx.stroke();
       }
-      const r = 5.5 * px;
+      const r = size * px;
       const corners = { diamond: [[0, -r], [r, 0], [0, r], [-r, 0]], up: [[0, -r], [r, r], [-r, r]],
         down: [[0, r], [r, -r], [-r, -r]] }[shape];
       ctx.beginPath();

@@ -9,5 +9,6 @@
 
 export const VIEWS = [
   { path: "", title: "Overview", load: () => import("./views/overview.js") },
+  { path: "signals", title: "Signals", load: () => import("./views/signals.js") },
   { path: "data", title: "Windows and data", load: () => import("./views/data.js") },
 ];

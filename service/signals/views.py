@@ -311,5 +311,5 @@ def _about_model(subject: Subject, drawn: tuple) -> tuple[str, ...]:
             "the model's mesh phase is not known yet" if m is not None and not m.phase_known else ""
         )
         return (f"Not modelled: {why}",) if why else ()
-    effects = f"; effects in it: {', '.join(m.effects)}" if m.effects else ""
+    effects = f"; effects in it: {', '.join(m.effects).replace('_', ' ')}" if m.effects else ""
     return (f"{MODELLED} {m.depth / 1e-6:.3g} µm{effects}",)

@@ -44,7 +44,7 @@ class Waterfall:
     x_unit: str
     x: np.ndarray  # middle of every bin (bins,)
     windows: tuple[KeptWindow, ...]
-    values: np.ndarray  # (windows, bins); NaN beyond a window's own range
+    values: np.ndarray  # (windows, bins), as far as all windows reach
     markers: tuple[Marker, ...]
     left_out: tuple[tuple[int, str], ...]  # windows without this spectrum, and why
     notes: tuple[str, ...]
@@ -107,7 +107,7 @@ def waterfall(
             f"no window that is kept has this spectrum: {left_out[0][1]}" if left_out else "no window is kept"
         )
     first = shown[0][1]
-    top = min(high or np.inf, max(r.top for _, r in shown))
+    top = min(high or np.inf, min(r.top for _, r in shown))
     x = (np.arange(bins) + 0.5) * top / bins
     values = np.array([_spread(r, top, bins) for _, r in shown])
     speeds = [r.speed for _, r in shown if r.speed]
@@ -133,10 +133,8 @@ def waterfall(
 
 
 def _spread(row: Row, top: float, bins: int) -> np.ndarray:
-    """A row on other bins: the largest of its own in each; NaN beyond its range."""
+    """A row on other bins: the largest of its own in each."""
     edges = np.linspace(0, top, bins + 1) / row.top * FINE
     begin = np.minimum(edges[:-1].astype(int), FINE - 1)
     end = np.maximum(np.ceil(edges[1:]).astype(int), begin + 1)
-    out = np.array([row.values[a : min(b, FINE)].max() for a, b in zip(begin, end, strict=True)], dtype=float)
-    out[edges[:-1] >= FINE] = np.nan
-    return out
+    return np.array([row.values[a:b].max() for a, b in zip(begin, end, strict=True)], dtype=float)

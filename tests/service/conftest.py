@@ -31,12 +31,14 @@ def board():
 
 
 @contextmanager
-def serving(board, store):
+def serving(board, store, signals=None):
     """The app over a real socket; yields its address."""
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         port = listening.getsockname()[1]
-        config = uvicorn.Config(create_app(board, store), log_level="warning", timeout_graceful_shutdown=3)
+        config = uvicorn.Config(
+            create_app(board, store, signals=signals), log_level="warning", timeout_graceful_shutdown=3
+        )
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
         thread.start()
@@ -53,8 +55,14 @@ def serving(board, store):
 
 
 @pytest.fixture
-def address(store, board):
-    with serving(board, store) as where:
+def signals():
+    """The store of raw signals that the app has; a module of tests may put its own in place."""
+    return None
+
+
+@pytest.fixture
+def address(store, board, signals):
+    with serving(board, store, signals) as where:
         yield where
 
 
