@@ -145,7 +145,7 @@ def test_zooming_fetches_the_excerpt_in_full(opened):
 
 def test_the_waterfall_reads_its_values_and_leads_to_a_window(opened):
     page = opened("/waterfall")
-    page.wait_for_selector("canvas.waterfall[aria-label]")
+    page.wait_for_selector("canvas.waterfall[aria-label^='Waterfall of']")
     assert "6 windows from 0 rev to 500 rev" in page.get_attribute("canvas.waterfall", "aria-label")
     page.focus("canvas.waterfall")
     page.keyboard.press("ArrowDown")
