@@ -27,6 +27,9 @@ export function panel(title, ...children) {
   return element("section", { className: "panel" }, element("h2", {}, title), ...children);
 }
 
+// Lets the browser answer the keyboard and the mouse before more is drawn.
+export const pause = () => new Promise((resolve) => { setTimeout(resolve, 0); });
+
 // Runs a change of the page and gives the keyboard focus back to the same control, found by its data-key.
 export function keepingFocus(change) {
   const key = document.activeElement?.dataset?.key;

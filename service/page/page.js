@@ -101,8 +101,9 @@ async function machineOf(name) {
 function contextOf(root, signal) {
   const context = {
     machine, signal,
+    handlers: [],
     onChange(handler) {
-      machine.addEventListener("change", (event) => handler(event.detail), { signal });
+      context.handlers.push(handler);
     },
     get axis() {
       return storedAxis() ?? (machine.trend.some((p) => Number.isFinite(p.revolutions)) ? "revolutions" : "time");
@@ -137,9 +138,15 @@ async function showMachine(route, signal) {
     document.title = `${levelWord(opened.state.status?.level)}: ${route.asset} – gear-twin`;
     main.dataset.windows = String(opened.state.windows_total);
   };
-  await code.show(root, context);
+  const shown = code.show(root, context);
+  const changed = async (event) => {
+    await shown;
+    for (const handler of context.handlers) await handler(event.detail);
+    if (!signal.aborted) mark();
+  };
+  opened.addEventListener("change", (event) => changed(event).catch((error) => console.warn(error)), { signal });
+  await shown;
   mark();
-  context.onChange(mark);
 }
 
 async function showFleet(signal) {

@@ -3,7 +3,7 @@
 // A view exports `async show(root, context)`: it fills `root` and keeps it up to date until it is left.
 // context.machine   what is known of the asset (machine.js): name, base, state, trend, windows, rig, inspections, limit
 // context.signal    AbortSignal of the time the view is shown: hand it to get(), send() and addEventListener()
-// context.onChange  (handler) → called with the kinds of event after new data has come, until the view is left
+// context.onChange  (handler) → called with the kinds of event after new data has come, until the view is left; may be async
 // context.axis      "revolutions" or "time", of trends; context.setAxis(axis) changes it for all views
 // `shown` says of which machines a view makes sense; without it, of all.
 

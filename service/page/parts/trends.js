@@ -1,7 +1,7 @@
 // The trends of a machine against revolutions or time: vibration level, wear depth, remaining life; and the wear profile.
 
 import { Chart } from "../chart.js";
-import { element } from "../dom.js";
+import { element, pause } from "../dom.js";
 import { instant, isAvailable, number, revolutions, words } from "../format.js";
 import { timeAt } from "./effects.js";
 
@@ -211,16 +211,36 @@ export function trends(context) {
     for (const input of switching.querySelectorAll("input")) input.checked = input.value === axis;
   }
 
+  let latest = 0; // drawing that has begun last: an earlier one stops, and is over when the last one is
+  let running = null;
+
+  // One chart at a time, so that no task of the browser is long.
   function draw() {
+    latest += 1;
+    running = drawInTurn(latest);
+    return running;
+  }
+
+  async function drawInTurn(own) {
     const axes = axesOf(machine);
     const axis = axes.includes(context.axis) ? context.axis : axes[0];
     const points = placed(machine, axis);
     drawSwitch(axes, axis);
-    drawDepth(charts.depth, machine, points, axis);
-    drawLevel(charts.rms, machine, points, axis);
-    drawLife(charts.life, machine, points, axis);
-    drawDistribution(charts.reached, machine);
-    drawProfile(charts.profile, machine);
+    for (const one of [
+      () => drawDepth(charts.depth, machine, points, axis),
+      () => drawLevel(charts.rms, machine, points, axis),
+      () => drawLife(charts.life, machine, points, axis),
+      () => drawDistribution(charts.reached, machine),
+      () => drawProfile(charts.profile, machine),
+    ]) {
+      await pause();
+      if (context.signal.aborted) return;
+      if (own !== latest) {
+        await running;
+        return;
+      }
+      one();
+    }
   }
 
   return { root, draw };

@@ -45,7 +45,7 @@ export async function show(root, context) {
   const [top, found, lower] = [element("div"), element("div", { className: "findings" }), element("div")];
   root.append(top, effects.root, found, drawn.root, lower);
 
-  const draw = () => keepingFocus(() => {
+  const drawAll = () => {
     const { state } = machine;
     const kind = kindOf(state);
     const empty = state.windows_total === 0;
@@ -53,10 +53,13 @@ export async function show(root, context) {
     effects.draw();
     found.replaceChildren(...pairPanel(state.pair), ...unattributedPanels(state.unattributed_lines));
     drawn.root.hidden = empty;
-    if (!empty) drawn.draw();
     lower.replaceChildren(...(empty ? [] : [missing(state), smallPrint(machine, kind)]));
     root.dataset.kind = kind;
-  });
-  draw();
+  };
+  const draw = async () => {
+    keepingFocus(drawAll);
+    if (machine.state.windows_total > 0) await drawn.draw();
+  };
+  await draw();
   context.onChange(draw);
 }
