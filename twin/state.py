@@ -30,6 +30,7 @@ from twin.features.indicator_record import Records
 from twin.serial import from_plain, to_plain
 from twin.state_v1 import migrated_state
 from twin.tracing.state import Tracing
+from twin.updating.inspections import Inspection
 from twin.updating.memory import Memory
 from twin.updating.residual import WindowResidual
 from twin.updating.running_time import Marks
@@ -81,6 +82,7 @@ class State:
     residual_records: Records = ()  # variances of the gears' residuals, which NA4 compares with
     tracing: Tracing = field(default_factory=Tracing)  # the twin with 0, 1, … of its effects, and its history
     fallen: FallenCount | None = None  # while windows of a lower count are refused
+    inspections: tuple[Inspection, ...] = ()  # measured depths, in the order of their revolutions
     running: Marks = ()  # running time and clock at some of the windows
 
     @property
@@ -99,6 +101,7 @@ class State:
             "residual_records": to_plain(self.residual_records),
             "tracing": self.tracing.to_dict(),
             "fallen": to_plain(self.fallen),
+            "inspections": to_plain(self.inspections),
             "running": to_plain(self.running),
         }
 
@@ -123,5 +126,6 @@ class State:
             residual_records=from_plain(Records, data.get("residual_records", ())),
             tracing=Tracing.from_dict(data["tracing"]),
             fallen=from_plain(FallenCount | None, data.get("fallen")),
+            inspections=from_plain(tuple[Inspection, ...], data.get("inspections", ())),
             running=from_plain(Marks, data.get("running", ())),
         )

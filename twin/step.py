@@ -1,6 +1,7 @@
 """One measurement window in, one assessment out.
 
     state, assessment = step(rig, state, window)
+    state, assessment = inspect(rig, state, inspection)
 
 No hidden memory: the same three things give the same answer. `State.to_dict()` is a checkpoint. What the twin can say
 of a machine is a list of capabilities (twin/capabilities), each of which says whether it applies.
@@ -10,9 +11,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from twin.assessment import Assessment, EffectEvent, EncoderPair, Unavailable, WindowEvent
+from twin.assessment import Assessment, EffectEvent, EncoderPair, Life, LifeEvent, Unavailable, Wear, WindowEvent
 from twin.capabilities import CAPABILITIES
-from twin.capabilities.context import Context, carried_over
+from twin.capabilities.context import Context, answer_as_of, carried_over
 from twin.capabilities.modelled import answer_of, recent_residuals, state_after
 from twin.encoder_pair.assessing import assess_pair
 from twin.errors import NotAvailable, WindowError
@@ -20,20 +21,22 @@ from twin.fallen_count import with_count_checked
 from twin.features.extract import extract
 from twin.features.non_gear import non_gear_features
 from twin.features.window_features import WindowFeatures
+from twin.inspected import with_inspections
 from twin.options import Options
 from twin.rig import Rig
 from twin.state import State
 from twin.tracing.attribution_loop import decide as decided
 from twin.tracing.decisions import Decision
 from twin.updating.history import WindowInput, replay_history
-from twin.updating.running_time import with_mark
+from twin.updating.inspections import Inspection, with_inspection
+from twin.updating.running_time import dated, with_mark
 from twin.updating.update import NEEDED
 from twin.windows import Window
 
 DEFAULT = Options()
 LEVEL_FAULTS = ("clipping", "stuck")  # faults of an accelerometer that falsify its level
 
-__all__ = ["Options", "State", "decide", "step"]
+__all__ = ["Options", "State", "decide", "inspect", "step"]
 
 
 def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> tuple[State, Assessment]:
@@ -100,6 +103,26 @@ def _why_no_model(rig: Rig) -> str:
     return "no window has updated the model of this machine yet"
 
 
+def inspect(rig: Rig, state: State, inspection: Inspection) -> tuple[State, Assessment]:
+    """A measured wear depth becomes part of the estimate; the assessment has no record of a window.
+
+    Where the latest windows give no wear by a model, the inspection is kept and counts from the first that does.
+    """
+    inspections = with_inspection(state.inspections, inspection)
+    latest = state.latest
+    if isinstance(latest.wear, Wear) and isinstance(latest.life, (Life, Unavailable)):
+        wear, life = with_inspections(rig, state.memory, latest.wear, latest.life, inspections)
+        latest = replace(latest, wear=wear, life=dated(rig, life, state.running))
+    state = replace(state, inspections=inspections, latest=latest)
+    events = (LifeEvent(life=latest.life),) if isinstance(latest.life, Life) else ()
+    return state, replace(answer_as_of(state, _why_no_model(rig)), events=events, revolutions=_run(state))
+
+
+def _run(state: State) -> float | None:
+    """Revolutions of the pinion so far."""
+    return state.running[-1].revolutions if state.running else None
+
+
 def decide(rig: Rig, state: State, decision: Decision, options: Options = DEFAULT) -> tuple[State, Assessment]:
     """Follows an engineer's decision about an effect; the assessment has no record of a window.
 
@@ -118,5 +141,5 @@ def decide(rig: Rig, state: State, decision: Decision, options: Options = DEFAUL
     recent = recent_residuals(rig, (), result.again or tuple(known))
     assessment = answer_of(rig, state, result.tracing, recent, result.outcome)
     event = EffectEvent(action=decision.verb, name=decision.name, window=latest.index)
-    assessment = replace(assessment, events=(*result.events, event))
+    assessment = replace(assessment, events=(*result.events, event), revolutions=_run(state))
     return state_after(state, result.tracing, recent, assessment), assessment

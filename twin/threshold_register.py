@@ -35,6 +35,7 @@ from twin.features.despike import SpikeThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
 from twin.features.pulses import PulseThresholds
+from twin.inspected import InspectionLimits
 from twin.learned_limits import LearnedLimits
 from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
@@ -73,6 +74,7 @@ from twin.updating.depth_search import DepthSearch
 from twin.updating.disc_remount import DiscRemount
 from twin.updating.encoders import EncoderScatter
 from twin.updating.half_width import HalfWidthFit
+from twin.updating.inspected_wear import InspectionFaults
 from twin.updating.life import LifeSpread
 from twin.updating.measurement import DepthScatter
 from twin.updating.model_cache import CurveDepths
@@ -148,6 +150,8 @@ SETS: tuple[type, ...] = (
     DiscRemount,
     EncoderScatter,
     HalfWidthFit,
+    InspectionFaults,
+    InspectionLimits,
     LifeSpread,
     DepthScatter,
     CurveDepths,

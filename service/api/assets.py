@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
 
 from service.api import models
 from service.api.conditional import answer
@@ -14,6 +15,7 @@ from service.api.problems import UnknownAsset, responses
 from service.contract.answer import Asset
 from service.contract.base import NotAvailable, not_available
 from service.contract.effects import Residual
+from service.contract.inspections import refusal
 from service.contract.wear import Rul, Wear
 from service.contract.window import WindowRecord
 from service.results.board import TAIL, Snapshot, has_point, trend_point
@@ -24,6 +26,7 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"])
 
 ERRORS = responses(404, 422)
 LARGEST = 2**53  # of a window's or an inspection's number
+WAITS = "kept; it becomes part of the estimate after the window that is being processed"
 PAGE = 2000  # windows read from the store at once
 
 
@@ -142,11 +145,15 @@ def inspections(
     response_model=models.InspectionAnswer,
     responses=responses(400, 404, 422),
 )
-def add_inspection(request: Request, asset: str, inspection: models.InspectionIn) -> Any:
-    """Keeps a measured wear depth, and answers with the twin's own figure for comparison."""
+async def add_inspection(request: Request, asset: str, inspection: models.InspectionIn) -> Any:
+    """A measured wear depth becomes part of the estimate; answers with the twin's own figure and what it changed."""
     snapshot_of(request, asset)
-    store, given = request.app.state.store, inspection.model_dump()
-    return JSONResponse(store.add_inspection(asset, given, compare(given, trend_of(store, asset))), 201)
+    queue, store, given = request.app.state.queue, request.app.state.store, inspection.model_dump()
+    twin = compare(given, await run_in_threadpool(trend_of, store, asset))
+    number = await run_in_threadpool(queue.submit_inspection, asset, given, {**twin, **refusal(WAITS)})
+    done = await queue.wait_for_inspection(number, request.app.state.decision_wait)
+    kept = done or await run_in_threadpool(store.inspection, number)
+    return JSONResponse(kept.to_dict(), 201)
 
 
 def trend_of(store: ResultStore, asset: str) -> list[dict[str, Any]]:

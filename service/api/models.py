@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.contract.alarms import AlarmCount
 from service.contract.base import Band, NotAvailable
+from service.contract.inspections import Changes
 from service.contract.overview import Kind
 from service.contract.status import Status
 
@@ -165,6 +166,10 @@ class InspectionAnswer(BaseModel):
     difference_in_std: float | None = Field(
         None, description="difference over the joint standard deviation of inspection and twin"
     )
+    applied: bool | None = Field(None, description="whether the inspection is part of the estimate")
+    reason: str | None = Field(None, description="why it is not")
+    changed: Changes | None = Field(None, description="what it changed")
+    contradiction: str | None = Field(None, description="where it contradicts the windows, in a sentence")
 
 
 class StaleAsset(BaseModel):

@@ -14,6 +14,7 @@ from typing import Any
 import twin.step
 from service.contract.answer import report_of
 from service.contract.attribution import LogEntry
+from service.contract.base import MICROMETRE
 from service.contract.status import status_of
 from service.contract.wear import Rul
 from service.contract.window import WindowRecord
@@ -23,6 +24,7 @@ from twin.options import Options
 from twin.rig import Rig
 from twin.state import State
 from twin.tracing.decisions import Decision
+from twin.updating.inspections import Inspection
 from twin.windows import Window
 
 UPDATE_FIELDS = ("index", "revolutions", "error_percent", "rms_after", "k_wear_per_n", "wear_depth_um")
@@ -51,6 +53,20 @@ def step(rig: Rig, state: State, window: Window, options: Options = twin.step.DE
 def decide(rig: Rig, state: State, decision: Decision, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
     """`twin.step.decide` with its assessment as an estimate."""
     state, found = twin.step.decide(rig, state, decision, options)
+    return state, estimate_of(found, options.status_limits)
+
+
+def inspect(
+    rig: Rig, state: State, inspection: Mapping[str, Any], options: Options = twin.step.DEFAULT
+) -> tuple[State, Estimate]:
+    """`twin.step.inspect` with a depth as it was posted: `revolutions`, `max_depth_um`, `flank`, `std_um`."""
+    measured = Inspection(
+        revolutions=inspection["revolutions"],
+        depth=inspection["max_depth_um"] * MICROMETRE,
+        flank=inspection["flank"],
+        std=inspection["std_um"] * MICROMETRE,
+    )
+    state, found = twin.step.inspect(rig, state, measured)
     return state, estimate_of(found, options.status_limits)
 
 

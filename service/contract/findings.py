@@ -10,6 +10,7 @@
 | any other effect, or a change against a baseline | watch |
 | content that no effect makes (`unknown_effect`) | watch |
 | the wear depth is beyond the validity of the model | watch |
+| an inspection contradicts the windows | watch |
 | the encoders contradict the stated ratio | watch |
 | no wear depth, no baseline and no pair to judge by | no_verdict |
 | the verdict is `insufficient_data` | no_verdict |
@@ -27,6 +28,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from service.contract.base import HOUR, MICROMETRE, ContractModel, iso_time
+from service.contract.inspections import contradiction
 from twin import assessment
 from twin.attention import StatusLimits, horizon_of, probability_within
 from twin.effects import EFFECTS
@@ -97,7 +99,8 @@ def _life(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findin
     life = found.life
     if not isinstance(life, assessment.Life) or life.reached:
         return
-    horizon = horizon_of(None if found.window is None else found.window.revolutions, life.speed, limits)
+    run = found.revolutions if found.window is None else found.window.revolutions
+    horizon = horizon_of(run, life.speed, limits)
     if horizon is None:
         return
     chance = probability_within(life.revolutions, horizon.revolutions)
@@ -180,6 +183,18 @@ def _validity(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Fi
         reason=f"The wear depth of {depth} is beyond the validity of the model ({min(ends) / MICROMETRE:.1f} µm).",
         action=f"Measure the wear depth at the next stop: the model's {depth} is an extrapolation.",
     )
+
+
+def _inspections(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    result = found.wear.inspected if isinstance(found.wear, assessment.Wear) else None
+    for compared in result.compared if result else ():
+        if compared.contradicts:
+            yield Finding(
+                subject="inspection",
+                level="watch",
+                reason=contradiction(compared),
+                action="Check tooth, flank and revolution count of the inspection, and measure the wear depth again.",
+            )
 
 
 def _pair(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
@@ -275,6 +290,7 @@ RULES: tuple[Rule, ...] = (
     _effects,
     _unknown,
     _validity,
+    _inspections,
     _pair,
     _basis,
     _insufficient,

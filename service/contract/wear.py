@@ -17,6 +17,7 @@ from service.contract.base import (
     in_unit,
     iso_time,
 )
+from service.contract.inspections import Inspections
 from service.contract.window import Methods
 from twin import assessment
 
@@ -117,6 +118,7 @@ class Wear(ContractModel):
     levels: dict[str, LevelReading] | None = None
     reason: str | None = Field(default=None, description="why no upper bound of the depth is known")
     preliminary: Preliminary | None = Field(default=None, description="null where the depth is established")
+    inspections: Inspections | None = Field(default=None, description="measured depths that are part of the estimate")
 
     @classmethod
     def of(cls, wear: assessment.Wear | assessment.LevelWear) -> Wear:
@@ -124,6 +126,7 @@ class Wear(ContractModel):
 
     @classmethod
     def _of_model(cls, wear: assessment.Wear) -> Wear:
+        parts: dict[str, Any] = {} if wear.inspected is None else {"inspections": Inspections.of(wear.inspected)}
         return cls(
             k_wear_per_n=wear.wear_coefficient,
             dwell_time_s=wear.dwell_time,
@@ -139,6 +142,7 @@ class Wear(ContractModel):
             ),
             methods=Methods.of(wear.methods),
             preliminary=_preliminary(wear.preliminary),
+            **parts,
         )
 
     @classmethod

@@ -3,19 +3,24 @@
     queue.submit(asset, name, verb) → id        in the store when it returns, whatever happens then
     await queue.wait(id, seconds) → decision    once it has been carried out or refused; None while it waits
 
-The worker asks `queue.asked` between frames. A decision and what it changes are one transaction, so one that was
-submitted before a crash is carried out by the next start, and none twice.
+Inspections wait in the same way: `submit_inspection`, `wait_for_inspection`. The worker asks `queue.asked` between
+frames. A decision and what it changes are one transaction, so one that was submitted before a crash is carried out by
+the next start, and none twice.
 """
 
 from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 from starlette.concurrency import run_in_threadpool
 
 from service.results.change_signal import ChangeSignal
-from service.results.store import ResultStore, StoredDecision
+from service.results.store import ResultStore, StoredDecision, StoredInspection
+
+W = TypeVar("W", StoredDecision, StoredInspection)
 
 
 class DecisionQueue:
@@ -26,7 +31,7 @@ class DecisionQueue:
         self._signal = ChangeSignal()
         self._closed = False
         self.asked = threading.Event()
-        if store.pending_decisions():
+        if store.pending_decisions() or store.pending_inspections():
             self.asked.set()
 
     def submit(self, asset: str, name: str, verb: str) -> int:
@@ -35,19 +40,32 @@ class DecisionQueue:
         self.asked.set()
         return number
 
+    def submit_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
+        """Keeps a measured depth with the twin's own figure; its id."""
+        number = self._store.add_inspection(asset, inspection, answer)
+        self.asked.set()
+        return number
+
     async def wait(self, number: int, seconds: float) -> StoredDecision | None:
         """The decision once it is done; None after so many seconds, or where the service ends before.
 
         No thread is held meanwhile.
         """
+        return await self._done(self._store.decision, number, seconds)
+
+    async def wait_for_inspection(self, number: int, seconds: float) -> StoredInspection | None:
+        """The inspection once it is done; None as in `wait`."""
+        return await self._done(self._store.inspection, number, seconds)
+
+    async def _done(self, read: Callable[[int], W], number: int, seconds: float) -> W | None:
         with self._signal.listening() as changed:
             try:
                 async with asyncio.timeout(seconds):
                     while not self._closed:
                         changed.clear()  # before reading: what is done while reading sets it again
-                        decision = await run_in_threadpool(self._store.decision, number)
-                        if decision.done:
-                            return decision
+                        waiting = await run_in_threadpool(read, number)
+                        if waiting.done:
+                            return waiting
                         await changed.wait()
             except TimeoutError:
                 pass
@@ -57,6 +75,10 @@ class DecisionQueue:
         """What waits, oldest first; for the worker."""
         self.asked.clear()
         return self._store.pending_decisions()
+
+    def pending_inspections(self) -> tuple[StoredInspection, ...]:
+        """Inspections that wait, oldest first; for the worker, after `pending`."""
+        return self._store.pending_inspections()
 
     def done(self) -> None:
         """Wakes waiting callers."""

@@ -107,5 +107,9 @@ MIGRATIONS = (
         attempts INTEGER NOT NULL DEFAULT 0
     );
     """,
+    """
+    ALTER TABLE inspections ADD COLUMN done INTEGER NOT NULL DEFAULT 1;
+    CREATE INDEX inspections_waiting ON inspections (done, id);
+    """,
 )
 """The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""

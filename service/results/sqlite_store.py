@@ -18,7 +18,7 @@ from service.contract.trend import figures
 from service.contract.version_1 import current_record, current_report
 from service.json_text import plain
 from service.results.database import Database, dump, load
-from service.results.store import Event, StoredAsset, StoredDecision, StoredWindow, faults_of
+from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of
 
 
 class SqliteStore:
@@ -92,16 +92,40 @@ class SqliteStore:
             self._ensure(db, asset)
             self._keep(db, asset, rig=rig)
 
-    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
-        """Keeps one measured depth with the twin's answer; both, the inspection with its id and time."""
-        received = time.time_ns()
+    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
+        """Keeps one measured depth, which waits to become part of the estimate; its id."""
         with self._transaction() as db:
             self._ensure(db, asset)
             row = db.execute(
-                "INSERT INTO inspections (asset, received_ns, inspection, answer) VALUES (?, ?, ?, ?)",
-                (asset, received, dump(inspection), dump(answer)),
+                "INSERT INTO inspections (asset, received_ns, inspection, answer, done) VALUES (?, ?, ?, ?, 0)",
+                (asset, time.time_ns(), dump(inspection), dump(answer)),
             )
-            return {"inspection": {"id": row.lastrowid, "received_ns": received, **inspection}, **answer}
+            assert row.lastrowid is not None
+            return row.lastrowid
+
+    def use_inspection(
+        self,
+        inspection: StoredInspection,
+        *,
+        answer: Mapping[str, Any],
+        state: Mapping[str, Any],
+        report: Mapping[str, Any],
+        events: Iterable[tuple[str, Mapping[str, Any]]],
+    ) -> bool:
+        """An inspection with all that it changes, whole; False (and nothing changed) where it was used before."""
+        with self._transaction() as db:
+            ended = "UPDATE inspections SET done = 1, answer = ? WHERE id = ? AND done = 0"
+            if not db.execute(ended, (dump(answer), inspection.id)).rowcount:
+                return False
+            self._keep(db, inspection.asset, state=state, report=report)
+            self._add_events(db, inspection.asset, events)
+            return True
+
+    def refuse_inspection(self, inspection: StoredInspection, answer: Mapping[str, Any]) -> None:
+        """Ends an inspection that cannot become part of the estimate."""
+        with self._transaction() as db:
+            ended = "UPDATE inspections SET done = 1, answer = ? WHERE id = ? AND done = 0"
+            db.execute(ended, (dump(answer), inspection.id))
 
     def add_decision(self, asset: str, name: str, verb: str) -> int:
         """Keeps a decision that waits to be carried out; its id."""
@@ -187,15 +211,18 @@ class SqliteStore:
         return self._rows("SELECT COALESCE(MAX(id), 0) FROM events WHERE asset = ?", (asset,))[0][0]
 
     def inspections(self, asset: str, after: int = 0, limit: int = 1000) -> tuple[Mapping[str, Any], ...]:
-        rows = self._rows(
-            "SELECT id, received_ns, inspection, answer FROM inspections "
-            "WHERE asset = ? AND id > ? ORDER BY id LIMIT ?",
-            (asset, after, limit),
-        )
         return tuple(
-            {"inspection": {"id": i, "received_ns": received, **load(given)}, **load(answer)}
-            for i, received, given, answer in rows
+            own.to_dict()
+            for own in self._inspections("WHERE asset = ? AND id > ? ORDER BY id LIMIT ?", (asset, after, limit))
         )
+
+    def inspection(self, number: int) -> StoredInspection:
+        (found,) = self._inspections("WHERE id = ?", (number,))
+        return found
+
+    def pending_inspections(self) -> tuple[StoredInspection, ...]:
+        """Those that wait to become part of the estimate, oldest first."""
+        return self._inspections("WHERE done = 0 ORDER BY id")
 
     def decision(self, number: int) -> StoredDecision:
         (found,) = self._decisions("WHERE id = ?", (number,))
@@ -221,6 +248,15 @@ class SqliteStore:
         return tuple(
             StoredWindow(start_ns=start, record=current_record(load(record)), figures=load(shown))
             for start, record, shown in rows
+        )
+
+    def _inspections(self, which: str, values: Sequence[Any] = ()) -> tuple[StoredInspection, ...]:
+        rows = self._rows(f"SELECT id, asset, received_ns, inspection, answer, done FROM inspections {which}", values)
+        return tuple(
+            StoredInspection(
+                id=i, asset=asset, received_ns=ns, inspection=load(given), answer=load(answer), done=bool(done)
+            )
+            for i, asset, ns, given, answer, done in rows
         )
 
     def _decisions(self, which: str, values: Sequence[Any] = ()) -> tuple[StoredDecision, ...]:

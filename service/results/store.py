@@ -47,6 +47,22 @@ class StoredDecision:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StoredInspection:
+    """A measured wear depth."""
+
+    id: int
+    asset: str
+    received_ns: int
+    inspection: Mapping[str, Any]  # `revolutions`, `max_depth_um`, `flank`, `std_um`
+    answer: Mapping[str, Any]  # the twin's own figure, and what the inspection changed once it is part of the estimate
+    done: bool  # part of the estimate, or not usable
+
+    def to_dict(self) -> dict[str, Any]:
+        """The inspection with its id and time, and the answer."""
+        return {"inspection": {"id": self.id, "received_ns": self.received_ns, **self.inspection}, **self.answer}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StoredAsset:
     """All that is known of one asset, as committed; None where nothing has been committed yet."""
 
@@ -117,8 +133,24 @@ class ResultStore(Protocol):
         """Keeps the rig file's mapping for the asset, in place of an earlier one."""
         ...
 
-    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
-        """Keeps one measured depth with the twin's answer; both, the inspection with its id and time."""
+    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
+        """Keeps one measured depth, which waits to become part of the estimate, with the twin's own figure; its id."""
+        ...
+
+    def use_inspection(
+        self,
+        inspection: StoredInspection,
+        *,
+        answer: Mapping[str, Any],
+        state: Mapping[str, Any],
+        report: Mapping[str, Any],
+        events: Iterable[tuple[str, Mapping[str, Any]]],
+    ) -> bool:
+        """Takes in an inspection with all that it changes, whole; False (and nothing changed) where it was before."""
+        ...
+
+    def refuse_inspection(self, inspection: StoredInspection, answer: Mapping[str, Any]) -> None:
+        """Ends an inspection that cannot become part of the estimate; `answer` says why."""
         ...
 
     def add_decision(self, asset: str, name: str, verb: str) -> int:
@@ -164,6 +196,12 @@ class ResultStore(Protocol):
         ...
 
     def last_event_id(self, asset: str) -> int: ...
+
+    def inspection(self, number: int) -> StoredInspection: ...
+
+    def pending_inspections(self) -> tuple[StoredInspection, ...]:
+        """Those that wait to become part of the estimate, oldest first."""
+        ...
 
     def inspections(self, asset: str, after: int = 0, limit: int = 1000) -> tuple[Mapping[str, Any], ...]:
         """At most `limit` inspections with an id above `after`, oldest first."""

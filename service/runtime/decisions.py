@@ -1,16 +1,19 @@
-"""Decisions on effects are carried out between frames, by the thread that owns the pipeline."""
+"""Decisions on effects and inspections are carried out between frames, by the thread that owns the pipeline."""
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 
 from service.alarms.keeper import AlarmKeeper
+from service.contract.inspections import outcome_of, refusal
 from service.results.board import Board, Snapshot
 from service.results.decision_queue import DecisionQueue
 from service.results.status_events import status_events
-from service.results.store import ResultStore, StoredDecision
+from service.results.store import ResultStore, StoredDecision, StoredInspection
 from service.runtime.pipeline import DecisionOutcome, Pipeline
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Events
@@ -22,7 +25,7 @@ class Ended(Exception):
 
 
 class DecisionWorker:
-    """Carries out the decisions that wait, each with all that it changes in one transaction."""
+    """Carries out the decisions and inspections that wait, each with all that it changes in one transaction."""
 
     def __init__(
         self,
@@ -50,25 +53,53 @@ class DecisionWorker:
             except TwinError as reason:
                 self._store.refuse(waiting, str(reason))
                 continue
-            if self._carry_out(waiting, outcome):
-                self._pipeline.accept(outcome)
-                self._publication.publish(waiting.asset)
+            self._go_on(outcome, partial(self._decided, waiting, outcome))
+        self._use_inspections()
         self._queue.done()
 
-    def _carry_out(self, waiting: StoredDecision, outcome: DecisionOutcome) -> bool:
-        """Keeps a decision with all that it changes, alarms too, and shows it; False where it was done before."""
-        asset, report = waiting.asset, outcome.report
+    def _use_inspections(self) -> None:
+        for waiting in self._queue.pending_inspections():
+            if self._ending.is_set():
+                raise Ended
+            try:
+                outcome = self._pipeline.inspect(waiting.asset, waiting.inspection)
+            except TwinError as reason:
+                self._store.refuse_inspection(waiting, {**waiting.answer, **refusal(str(reason))})
+                continue
+            self._go_on(outcome, partial(self._inspected, waiting, outcome))
+
+    def _decided(self, waiting: StoredDecision, outcome: DecisionOutcome) -> bool:
+        return self._store.carry_out(
+            waiting, state=outcome.state.to_dict(), report=outcome.report, events=outcome.events
+        )
+
+    def _inspected(self, waiting: StoredInspection, outcome: DecisionOutcome) -> bool:
+        before = self._board.get(waiting.asset)
+        changed = outcome_of(waiting.inspection, before.report if before else None, outcome.report)
+        return self._store.use_inspection(
+            waiting,
+            answer={**waiting.answer, **changed},
+            state=outcome.state.to_dict(),
+            report=outcome.report,
+            events=outcome.events,
+        )
+
+    def _go_on(self, outcome: DecisionOutcome, keep: Callable[[], bool]) -> None:
+        """Keeps all that an outcome changes, alarms too, in one transaction, and shows it; nothing a second time.
+
+        keep  keeps the decision or inspection itself; False where it was done before
+        """
+        asset, report = outcome.asset, outcome.report
         before = self._board.get(asset) or Snapshot(asset=asset)
         shown = replace(before, report=report)
         with self._alarms.transaction() if self._alarms else nullcontext():
-            if not self._store.carry_out(
-                waiting, state=outcome.state.to_dict(), report=report, events=outcome.events
-            ):  # fmt: skip
-                return False
+            if not keep():
+                return
             events: Events = ()
             if self._alarms is not None:
                 events = self._alarms.decision(asset, report)
                 shown = replace(shown, alarms=self._alarms.open(asset))
             self._store.note(asset, (*events, *status_events(before, *shown.health())))
         self._board.update(asset, report=report, alarms=shown.alarms, last_event_id=self._store.last_event_id(asset))
-        return True
+        self._pipeline.accept(outcome)
+        self._publication.publish(asset)

@@ -62,7 +62,7 @@ class Checkpoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecisionOutcome:
-    """What a decision on an effect led to."""
+    """What a decision on an effect, or an inspection, led to."""
 
     asset: str
     state: Any  # twin.step.State after it
@@ -174,8 +174,17 @@ class Pipeline:
         state, answer = self._twin.apply(progress.rig, progress.state, Decision(name=name, verb=verb))
         return DecisionOutcome(asset=asset, state=state, report=answer.report, events=answer.events)
 
+    def inspect(self, asset: str, inspection: Mapping[str, Any]) -> DecisionOutcome:
+        """What a measured wear depth leads to, for `accept`; TwinError where it cannot be used."""
+        if asset not in self._assets:
+            raise NotAvailable(f"no window of {asset} has been processed yet")
+        progress = self._assets[asset]
+        state, answer = self._twin.inspected(progress.rig, progress.state, inspection)
+        report = progress.report if progress.report is None else {**progress.report, **answer.report}
+        return DecisionOutcome(asset=asset, state=state, report=report or answer.report, events=answer.events)
+
     def accept(self, outcome: DecisionOutcome) -> None:
-        """Goes on from a decision, once it has been committed."""
+        """Goes on from a decision or an inspection, once it has been committed."""
         progress = self._assets[outcome.asset]
         progress.state, progress.report = outcome.state, outcome.report
 

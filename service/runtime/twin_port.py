@@ -40,6 +40,7 @@ class Twin:
     new_state: Callable[[], Any]
     load_state: Callable[[Mapping[str, Any]], Any]  # from what `state.to_dict()` gave, of this or an earlier version
     decide: Callable[..., tuple[Any, Any]] | None = None  # (rig, state, decision, options) → state, estimate
+    inspect: Callable[..., tuple[Any, Any]] | None = None  # (rig, state, inspection, options) → state, estimate
     options: Any = None
 
     def process(self, rig: Rig, state: Any, window: Window) -> tuple[Any, Answer]:
@@ -54,14 +55,24 @@ class Twin:
         state, estimate = self.decide(rig, state, decision, self.options)
         return state, _answer(estimate)
 
+    def inspected(self, rig: Rig, state: Any, inspection: Mapping[str, Any]) -> tuple[Any, Answer]:
+        """A measured wear depth, as it was posted; TwinError where it cannot be used."""
+        if self.inspect is None:
+            raise NotAvailable("this twin does not use inspections")
+        state, estimate = self.inspect(rig, state, inspection, self.options)
+        return state, _answer(estimate)
+
 
 def gear_twin(options: Any = None) -> Twin:
     """The twin itself, imported where it is first needed."""
-    from service.contract.estimate import decide, step
+    from service.contract.estimate import decide, inspect, step
     from twin.options import Options
     from twin.state import State
 
-    return Twin(step=step, new_state=State, load_state=State.from_dict, decide=decide, options=options or Options())
+    return Twin(
+        step=step, new_state=State, load_state=State.from_dict, decide=decide, inspect=inspect,
+        options=options or Options(),
+    )  # fmt: skip
 
 
 def guarded(twin: Twin, on_fault: Callable[[], None]) -> Twin:
@@ -83,7 +94,12 @@ def guarded(twin: Twin, on_fault: Callable[[], None]) -> Twin:
 
         return called
 
-    return replace(twin, step=barrier(twin.step), decide=None if twin.decide is None else barrier(twin.decide))
+    return replace(
+        twin,
+        step=barrier(twin.step),
+        decide=None if twin.decide is None else barrier(twin.decide),
+        inspect=None if twin.inspect is None else barrier(twin.inspect),
+    )
 
 
 def _answer(estimate: Any) -> Answer:

@@ -28,13 +28,15 @@ class FakeState:
     windows_seen: int = 0
     total: float = 0.0
     decided: tuple = ()  # every decision carried out, in order
+    inspected: tuple = ()  # every depth inspected, in order [µm]
 
     def to_dict(self):
         return asdict(self)
 
     @classmethod
     def from_dict(cls, data):
-        return cls(**{**data, "decided": tuple(tuple(d) for d in data["decided"])})
+        decided, inspected = tuple(tuple(d) for d in data["decided"]), tuple(data.get("inspected", ()))
+        return cls(**{**data, "decided": decided, "inspected": inspected})
 
 
 def step(rig, state, window, options):
@@ -71,7 +73,8 @@ def step(rig, state, window, options):
     report = {"wear": wear, "rul": rul, "residual": {"rms_error_percent": float("inf")}, "effects": []}
     events = (("window", record), ("rul", rul))
     report["effects"] = effects(state.decided)
-    return FakeState(seen, total, state.decided), Estimate(record=record, report=report, events=events)
+    state = replace(state, windows_seen=seen, total=total)
+    return state, Estimate(record=record, report=report, events=events)
 
 
 def effects(decided):
@@ -93,7 +96,21 @@ def decide(rig, state, decision, options):
     return state, Estimate(record={}, report={"effects": effects(state.decided)}, events=(event,))
 
 
-TWIN = Twin(step=step, new_state=FakeState, load_state=FakeState.from_dict, decide=decide)
+def inspect(rig, state, inspection, options):
+    """Believes every inspection; `k_wear_per_n` counts them, and depths over 1000 µm are a fault of the program."""
+    time.sleep(SLOW)
+    depth = inspection["max_depth_um"]
+    if depth > 1000:
+        raise ZeroDivisionError("a fault")
+    state = replace(state, inspected=(*state.inspected, depth))
+    band = {"median": depth, "p05": depth - 1, "p95": depth + 1}
+    compared = [{**inspection, "contradicts": depth > 500}]
+    result = {"contradictions": ["The inspection contradicts."] * (depth > 500), "compared": compared}
+    wear = {"k_wear_per_n": float(len(state.inspected)), "max_depth_um": {"combined": band}, "inspections": result}
+    return state, Estimate(record={}, report={"wear": wear}, events=(("rul", {"hours": band}),))
+
+
+TWIN = Twin(step=step, new_state=FakeState, load_state=FakeState.from_dict, decide=decide, inspect=inspect)
 
 if __name__ == "__main__":
     leave(run(Settings(), twin=TWIN))

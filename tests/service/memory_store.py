@@ -11,7 +11,7 @@ from pathlib import Path
 from service.contract.trend import figures
 from service.json_text import plain
 from service.results.database import Database
-from service.results.store import Event, StoredAsset, StoredDecision, StoredWindow, faults_of
+from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of
 
 
 class MemoryStore:
@@ -67,9 +67,24 @@ class MemoryStore:
         with self._lock:
             self._assets.setdefault(asset, StoredAsset(asset=asset))
             number = len(self._inspections) + 1
-            kept = {"inspection": {"id": number, "received_ns": 1, **inspection}, **answer}
-            self._inspections.append((asset, kept))
-            return kept
+            kept = StoredInspection(
+                id=number, asset=asset, received_ns=1, inspection=inspection, answer=answer, done=False
+            )
+            self._inspections.append(kept)
+            return number
+
+    def use_inspection(self, inspection, *, answer, state, report, events):
+        with self._lock:
+            if self.inspection(inspection.id).done:
+                return False
+            self._inspections[inspection.id - 1] = replace(inspection, answer=answer, done=True)
+            self._assets[inspection.asset] = replace(self.asset(inspection.asset), state=state, report=report)
+            self.note(inspection.asset, events)
+            return True
+
+    def refuse_inspection(self, inspection, answer):
+        with self._lock:
+            self._inspections[inspection.id - 1] = replace(inspection, answer=answer, done=True)
 
     def add_decision(self, asset, name, verb):
         with self._lock:
@@ -116,7 +131,13 @@ class MemoryStore:
         return max((e.id for e in self._events if e.asset == asset), default=0)
 
     def inspections(self, asset, after=0, limit=1000):
-        return tuple(k for a, k in self._inspections if a == asset and k["inspection"]["id"] > after)[:limit]
+        return tuple(i.to_dict() for i in self._inspections if i.asset == asset and i.id > after)[:limit]
+
+    def inspection(self, number):
+        return self._inspections[number - 1]
+
+    def pending_inspections(self):
+        return tuple(i for i in self._inspections if not i.done)
 
     def decision(self, number):
         return self._decisions[number - 1]

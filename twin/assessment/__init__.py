@@ -49,6 +49,8 @@ from twin.assessment.indicators import GearIndicators, SensorIndicators
 from twin.assessment.values import FLANKS, Interval, ParameterValue, SpectralLine, Unavailable
 from twin.assessment.wear import (
     FlankProfile,
+    InspectedDepth,
+    InspectionResult,
     LevelReading,
     LevelWear,
     Life,
@@ -85,6 +87,8 @@ __all__ = [
     "HeldOutErrors",
     "HeldOutLine",
     "HeldOutResidual",
+    "InspectedDepth",
+    "InspectionResult",
     "Interval",
     "LevelReading",
     "LevelWear",

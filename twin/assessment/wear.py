@@ -45,6 +45,31 @@ class Preliminary:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class InspectedDepth:
+    """A measured depth and what the windows alone say of it."""
+
+    revolutions: float
+    flank: str
+    depth: float  # [m]
+    std: float  # of the measurement [m]
+    by_windows: Interval  # of the same flank at the same count [m]
+    difference_in_std: float  # windows less inspection, in joint standard deviations
+    contradicts: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InspectionResult:
+    """What inspections were weighed against."""
+
+    depth_by_windows: Interval  # combined, now [m]
+    coefficient_by_windows: float  # K [1/N]
+    windows_wrong: float  # probability that the windows' depths are off by more than they state
+    compared: tuple[InspectedDepth, ...]  # in the order of their revolutions
+    depth_preliminary: Preliminary | None = None  # as without inspections
+    life_preliminary: Preliminary | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Wear:
     """Wear by the model of the machine."""
 
@@ -58,6 +83,7 @@ class Wear:
     methods: MethodEstimates
     validity: ModelValidity
     preliminary: Preliminary | None = None  # None where the depth is established
+    inspected: InspectionResult | None = None  # where inspections are part of the estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

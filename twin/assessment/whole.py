@@ -56,3 +56,4 @@ class Assessment:
     encoder_pair: EncoderPair | Unavailable | None = None  # None where the machine has a model, or no two encoders
     unattributed_lines: tuple[UnattributedLines, ...] | None = None
     events: tuple[Event, ...] = ()
+    revolutions: float | None = None  # of the pinion so far, where no window is in the answer

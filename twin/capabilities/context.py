@@ -83,11 +83,17 @@ def carried_over(context: Context, reason: str) -> Draft:
 
     reason  why the twin of the machine is not available, for parts that no window has said anything about yet
     """
-    latest, tracing = context.state.latest, context.state.tracing
+    assessment = replace(answer_as_of(context.state, reason), window=_measured(context, reason))
+    return Draft(state=context.state, assessment=assessment)
+
+
+def answer_as_of(state: State, reason: str) -> Assessment:
+    """The answer as the latest windows have left it, without a window's record; `reason` as in `carried_over`."""
+    latest, tracing = state.latest, state.tracing
     missing = Unavailable(reason=reason)
     compared = latest.baseline
-    assessment = Assessment(
-        window=_measured(context, reason),
+    return Assessment(
+        window=None,
         wear=latest.wear or missing,
         life=latest.life or missing,
         residual=latest.residual or (missing if compared is None else compared.residual),
@@ -99,7 +105,6 @@ def carried_over(context: Context, reason: str) -> Draft:
         encoder_pair=latest.encoder_pair,
         unattributed_lines=None if compared is None else compared.unattributed_lines,
     )
-    return Draft(state=context.state, assessment=assessment)
 
 
 def _unexplained(latest: LatestParts, reason: str) -> Unexplained:

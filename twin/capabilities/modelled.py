@@ -12,6 +12,7 @@ from dataclasses import replace
 from twin.assessment import (
     Assessment,
     Event,
+    LevelWear,
     Life,
     LifeEvent,
     Unavailable,
@@ -21,6 +22,7 @@ from twin.assessment import (
 )
 from twin.capabilities.context import Context, Draft, carried_over
 from twin.errors import NotAvailable, NotConverged
+from twin.inspected import with_inspections
 from twin.preliminary import Confidence, confidence_of
 from twin.rig import Rig
 from twin.state import LatestParts, State
@@ -66,7 +68,7 @@ def assess(context: Context, draft: Draft) -> Draft:
     if result.again:
         recent = recent_residuals(rig, (), result.again)
     assessment = answer_of(rig, state, result.tracing, recent, result.outcome)
-    record = _record(context, result.outcome, result.tracing)
+    record = _with_estimate(_record(context, result.outcome, result.tracing), assessment.wear)
     events: list[Event] = [*result.events]
     if result.outcome.updated:
         events.append(UpdateEvent(window=record))
@@ -85,7 +87,9 @@ def answer_of(
 ) -> Assessment:
     """The answer of a machine with a model, without a window's record."""
     unexplained = unexplained_of(recent, doubts_of(rig, outcome), tracing.error)
-    wear, life = _wear_and_life(rig, tracing, outcome)
+    wear, life = with_inspections(
+        rig, outcome.memory, *_wear_and_life(rig, tracing, outcome), state.inspections
+    )  # fmt: skip
     life = dated(rig, life, state.running)
     return Assessment(
         window=None,
@@ -188,6 +192,13 @@ def _record(context: Context, outcome: UpdateOutcome, tracing: Tracing) -> Windo
     return replace(
         record, wear_coefficient=None, depth=None, method=None, methods=None, notes=(*record.notes, missing)
     )  # fmt: skip
+
+
+def _with_estimate(record: WindowAssessment, wear: Wear | LevelWear | Unavailable) -> WindowAssessment:
+    """The record with the depth and the coefficient of the answer, where inspections are part of them."""
+    if not isinstance(wear, Wear) or wear.inspected is None:
+        return record
+    return replace(record, depth=wear.depth["combined"], wear_coefficient=wear.wear_coefficient)
 
 
 def state_after(state: State, tracing: Tracing, recent: tuple[WindowResidual, ...], assessment: Assessment) -> State:

@@ -70,4 +70,6 @@ def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Cond
         memory,
         track=memory.track.rescaled(factor),
         rms_track=replace(rms, work=rms.work * factor, rate=rms.rate * factor),
+        points=tuple(p.rescaled(factor) for p in memory.points),
+        rms_points=tuple(p.rescaled(factor) for p in memory.rms_points),
     )

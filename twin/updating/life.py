@@ -17,14 +17,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.assessment import Interval, Life, Unavailable
+from twin.model import Condition
 from twin.rig import Rig
 from twin.thresholds import deciding
-from twin.updating.remaining_life import RemainingLife, remaining_life
+from twin.updating.remaining_life import RemainingLife, WorkCurve, remaining_life
 from twin.updating.rms_update import RmsTrack
 from twin.updating.tracker import WearTrack
 from twin.updating.update import UpdateOutcome
 
 PROBABILITIES = (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # of the quantiles stated
+NO_LIMIT = "remaining life is not available: the rig file gives no end_of_life.max_depth"
 NO_LEVEL_RATE = (
     "the wear rate by the vibration level alone is too uncertain, so only a lower bound of the remaining life is known"
 )
@@ -62,9 +64,8 @@ def life_of(
     rig: Rig, outcome: UpdateOutcome, doubt: LifeDoubt = NO_DOUBT, spread: LifeSpread = LIFE_SPREAD
 ) -> Life | Unavailable:
     """The remaining life after a window, or why it is not available."""
-    limit = rig.get("end_of_life.max_depth")
-    if limit is None:
-        return Unavailable(reason="remaining life is not available: the rig file gives no end_of_life.max_depth")
+    if rig.get("end_of_life.max_depth") is None:
+        return Unavailable(reason=NO_LIMIT)
     by_rms = outcome.method == "rms"
     track = outcome.memory.track
     if not (outcome.memory.rms_track.updates if by_rms else track.windows):
@@ -74,18 +75,39 @@ def life_of(
         track = _by_level(track, outcome.memory.rms_track, spread.rms_spread * doubt.level_factor)
     elif outcome.estimate is not None and outcome.estimate.depth > 0:
         common = min(max(outcome.estimate.std / outcome.estimate.depth, doubt.of_depth), 1.0)
-    start = outcome.memory.segments[-1].start_work
-    found = remaining_life(track, outcome.curve, start, limit, common, doubt.of_rate)
+    condition = outcome.condition
+    life = life_of_track(
+        rig, track, outcome.curve, outcome.memory.segments[-1].start_work, condition, common, doubt.of_rate
+    )
+    if isinstance(life, Life) and life.reason is not None and by_rms:
+        life = replace(life, reason=NO_LEVEL_RATE)
+    return life
+
+
+def life_of_track(
+    rig: Rig,
+    track: WearTrack,
+    curve: WorkCurve,
+    start_work: float,
+    condition: Condition,
+    common: float | None,
+    rate_doubt: float = 0.0,
+) -> Life | Unavailable:
+    """The remaining life of a track on a curve, under a condition; `common` and `rate_doubt` as in `remaining_life`."""
+    limit = rig.get("end_of_life.max_depth")
+    if limit is None:
+        return Unavailable(reason=NO_LIMIT)
+    found = remaining_life(track, curve, start_work, limit, common, rate_doubt)
     revolutions = interval_of(found)
     return Life(
         criterion=rig.get("end_of_life.criterion", "max_depth"),
         limit=limit,
         reached=found.reached,
         revolutions=revolutions,
-        time=revolutions.scaled(1 / outcome.condition.speed_hz),
-        speed=outcome.condition.speed_hz,
-        torque=outcome.condition.torque,
-        reason=None if found.measurable else NO_LEVEL_RATE if by_rms else NO_RATE,
+        time=revolutions.scaled(1 / condition.speed_hz),
+        speed=condition.speed_hz,
+        torque=condition.torque,
+        reason=None if found.measurable else NO_RATE,
         distribution=tuple((p, _bound(found.quantile(p))) for p in PROBABILITIES),
     )
 

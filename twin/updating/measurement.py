@@ -14,6 +14,7 @@ import numpy as np
 from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.model import Model
+from twin.quantiles import Z95
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.updating import encoders, half_width, rms_update
@@ -27,6 +28,7 @@ from twin.updating.outcome import UpdateOptions, UpdateOutcome, depth_band
 from twin.updating.prediction import Expectation, band_rms, predicted_lines
 from twin.updating.rms_update import RmsResult
 from twin.updating.tracker import WearTrack
+from twin.updating.wear_points import WearPoint, with_point
 from twin.wear.curve import LINES, MasterCurve
 
 
@@ -54,6 +56,12 @@ class DepthScatter:
     )
     rms_high: float = deciding(
         1.75, of="the depth by the RMS alone", meaning="95 % quantile of the true depth", source="as rms_low"
+    )
+    rms_own: float = deciding(
+        0.05,
+        of="the depth by the RMS alone",
+        meaning="scatter from window to window of a depth by the RMS alone",
+        source="derivation: the error of the level up to which a window does not update the twin",
     )
 
 
@@ -136,11 +144,15 @@ def measurement_window(
         expectation, estimate, notes = found.expectation, found.estimate, found.notes
         memory = found.memory if allowed else memory
     rms_result = _by_level(rig, memory, window, expected, expectation, options, telling)
-    memory = memory if rms_result is None else replace(memory, rms_track=rms_result.track)
+    if rms_result is not None:
+        memory = replace(memory, rms_track=rms_result.track)
+        memory = _with_rms_point(memory, expected, scatter) if telling else memory
     rms_depth = expected.curve.depth_at(memory.rms_track.work - expected.base)
     track = expected.track
     if estimate is not None and allowed:
-        track = _followed(memory, expected, estimate, scatter) if telling else track
+        if telling:
+            track = _followed(memory, expected, estimate, scatter)
+            memory = _with_point(memory, expected, estimate, scatter)
         memory = _learned(rig, memory, window, expected.model, expectation, estimate, index)
     memory = replace(memory, track=track)
     if options.update == "fused" and estimate is not None:
@@ -190,9 +202,39 @@ def _by_level(
 def _followed(memory: Memory, expected: Prediction, estimate: DepthEstimate, scatter: DepthScatter) -> WearTrack:
     """The track after a window whose depth the encoders gave."""
     curve, depth = expected.curve, estimate.depth
-    std = float(np.hypot(estimate.noise_std, np.hypot(scatter.relative * depth, scatter.floor)))
     work = expected.base + curve.work_at(depth)
+    std = _own_std(estimate, scatter)
     return memory.track.followed(expected.revolutions, work, std * curve.work_per_depth(depth))
+
+
+def _own_std(estimate: DepthEstimate, scatter: DepthScatter) -> float:
+    """What of a depth is independent from window to window [m]."""
+    return float(np.hypot(estimate.noise_std, np.hypot(scatter.relative * estimate.depth, scatter.floor)))
+
+
+def _with_point(memory: Memory, expected: Prediction, estimate: DepthEstimate, scatter: DepthScatter) -> Memory:
+    """The memory with what the encoders measured of the wear; as it is where they measured nothing."""
+    if not np.isfinite(estimate.std):
+        return memory
+    shared = float(np.sqrt(max(estimate.std**2 - estimate.noise_std**2, 0.0)))
+    point = _point(expected, estimate.depth, shared, _own_std(estimate, scatter))
+    return replace(memory, points=with_point(memory.points, point))
+
+
+def _with_rms_point(memory: Memory, expected: Prediction, scatter: DepthScatter) -> Memory:
+    """The memory with what the RMS alone gave of the wear."""
+    depth = max(expected.curve.depth_at(memory.rms_track.work - expected.base), expected.curve.start_depth)
+    shared = depth * (scatter.rms_high - scatter.rms_low) / (2 * Z95)
+    point = _point(expected, depth, shared, scatter.rms_own * depth)
+    return replace(memory, rms_points=with_point(memory.rms_points, point))
+
+
+def _point(expected: Prediction, depth: float, shared: float, own: float) -> WearPoint:
+    slope = expected.curve.work_per_depth(depth)
+    return WearPoint(
+        revolutions=expected.revolutions, depth=depth, work=expected.base + expected.curve.work_at(depth),
+        shared_std=shared * slope, own_std=own * slope,
+    )  # fmt: skip
 
 
 def _learned(

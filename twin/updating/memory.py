@@ -16,6 +16,7 @@ from twin.model import Calibration
 from twin.updating.calibration import Fit
 from twin.updating.rms_update import RmsTrack
 from twin.updating.tracker import WearTrack
+from twin.updating.wear_points import Points, WearPoint
 from twin.wear.profile import WornProfile
 
 Line = tuple[float, float, complex, float]  # window, frequency [Hz], factor, std
@@ -105,6 +106,8 @@ class Memory:
     path: tuple[Line, ...] = ()
     mesh: tuple[Line, ...] = ()
     updates: int = 0
+    points: Points = ()  # wear by the encoders at the windows that the track rests on
+    rms_points: Points = ()  # the same by the RMS alone
     effects: tuple[Addition, ...] = ()  # effects that the twin has in addition to wear
 
     def active(self, revolutions: float) -> tuple[Effect, ...]:
@@ -129,6 +132,8 @@ class Memory:
             "path": [[j, f, ρ.real, ρ.imag, σ] for j, f, ρ, σ in self.path],
             "mesh": [[j, f, ρ.real, ρ.imag, σ] for j, f, ρ, σ in self.mesh],
             "updates": self.updates,
+            "points": [asdict(p) for p in self.points],
+            "rms_points": [asdict(p) for p in self.rms_points],
             "effects": [a.to_dict() for a in self.effects],
         }
 
@@ -155,6 +160,8 @@ class Memory:
             path=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["path"]),
             mesh=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["mesh"]),
             updates=data["updates"],
+            points=tuple(WearPoint(**p) for p in data.get("points", ())),
+            rms_points=tuple(WearPoint(**p) for p in data.get("rms_points", ())),
             effects=tuple(Addition.from_dict(a) for a in data["effects"]),
         )
 

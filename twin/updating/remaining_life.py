@@ -142,7 +142,7 @@ def remaining_life(
     curve: WorkCurve,
     base_work: float,
     end_depth: float,
-    common_scatter: float = 0.0,
+    common_scatter: float | None = 0.0,
     rate_doubt: float = 0.0,
     scatter: LifeScatter = LIFE,
 ) -> RemainingLife:
@@ -151,13 +151,17 @@ def remaining_life(
     Where the wear rate cannot be distinguished from zero, only the least life is stated: that at the rate's 95 %
     quantile.
 
-    common_scatter  relative standard deviation of what all depths are off by together
+    common_scatter  relative standard deviation of what all depths are off by together; None where the track's own
+                    covariance holds it
     rate_doubt      relative standard deviation of the rate beyond that of the track
     """
+    together, common = 0.0, common_scatter
+    if common is None:
+        together, common = 2 * track.cov, 0.0
     end = base_work + curve.work_at(end_depth)
     to_go = end - track.work
     if to_go <= 0:
-        end_std = float(np.hypot(common_scatter * end, track.work_std))
+        end_std = float(np.hypot(common * end, track.work_std))
         return RemainingLife(to_go=to_go, rate=track.rate, rate_std=track.rate_std, end_std=end_std, reached=True)
     added, unsure = _through_contact_loss(curve, curve.depth_at(track.work - base_work), end_depth)
     to_go += added
@@ -171,7 +175,8 @@ def remaining_life(
         track.var_rate / track.rate**2
         + rate_doubt**2
         + track.var_work / to_go**2
-        + (common_scatter * end / to_go) ** 2
+        + together / (to_go * track.rate)
+        + (common * end / to_go) ** 2
         + (scatter.drifts * RATE.drift) ** 2
         + scatter.curve**2
         + (scatter.extrapolated * beyond) ** 2

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.assessment import (
+    FLANKS,
     FlankProfile,
     FusedEstimate,
     Interval,
@@ -30,7 +31,7 @@ PROFILE_POINTS = 65
 def wear_of(rig: Rig, outcome: UpdateOutcome) -> Wear:
     """Wear after a window that was updated by the model."""
     pair = outcome.model.mesh.pair
-    share = pinion_share(pair)
+    shares = wear_shares(rig)
     combined = depth_of(outcome)
     K = wear_coefficient(rig, outcome)
     τ, f = rig.require("the wear coefficient", "wear.dwell_time", "operating.pinion_speed_hz")
@@ -40,8 +41,8 @@ def wear_of(rig: Rig, outcome: UpdateOutcome) -> Wear:
         specific_wear_rate=float(specific_wear_rate(pair, K, τ, f)),
         dwell_time=τ,
         dwell_time_speed=f,
-        depth={"combined": combined, "pinion": combined.scaled(share), "gear": combined.scaled(1 - share)},
-        profile=_profile(pair, outcome.curve.profile(outcome.depth), share),
+        depth={flank: combined.scaled(shares[flank]) for flank in FLANKS},
+        profile=profile_along(pair, outcome.curve.profile(outcome.depth)),
         method=outcome.method,
         methods=methods_of(rig, outcome),
         validity=ModelValidity(
@@ -50,6 +51,12 @@ def wear_of(rig: Rig, outcome: UpdateOutcome) -> Wear:
             valid=bool(outcome.depth <= outcome.curve.valid_to and (loss is None or outcome.depth < loss)),
         ),
     )
+
+
+def wear_shares(rig: Rig) -> dict[str, float]:
+    """The share of the combined depth that lies on each flank."""
+    share = pinion_share(rig.gear_pair())
+    return {"combined": 1.0, "pinion": share, "gear": 1 - share}
 
 
 def depth_of(outcome: UpdateOutcome) -> Interval:
@@ -90,8 +97,9 @@ def methods_of(rig: Rig, outcome: UpdateOutcome) -> MethodEstimates:
     return MethodEstimates(fused=fused, rms=rms)
 
 
-def _profile(pair: GearPair, profile: WornProfile, share: float) -> WearProfile:
+def profile_along(pair: GearPair, profile: WornProfile) -> WearProfile:
     """Depth of both flanks along the nominal path, by path position, radius and roll angle."""
+    share = pinion_share(pair)
     s = np.linspace(pair.path_start, pair.path_end, PROFILE_POINTS)
     depth, _ = profile.at(s)
     flanks = []

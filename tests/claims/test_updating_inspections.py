@@ -1,0 +1,124 @@
+"""Inspections of a machine with a model: depth, rate and life follow, and so do later windows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.scoring import run, windows_of
+from service.contract.estimate import inspect as inspect_in_contract
+from twin.assessment import Life, Wear
+from twin.errors import ParameterError
+from twin.options import Options
+from twin.state import State
+from twin.step import inspect, step
+from twin.updating.inspections import MOST_INSPECTIONS, Inspection, with_inspection
+
+RECORDING = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"
+
+
+def measured(revolutions, depth, std=1e-6, flank="combined"):
+    return Inspection(revolutions=float(revolutions), depth=depth, std=std, flank=flank)
+
+
+@pytest.fixture(scope="module")
+def machine():
+    """Rig, the last window and the state before it, of the short campaign without attribution."""
+    rig, windows = windows_of(RECORDING)
+    state, _ = run(rig, windows[:-1], Options(trace=False))
+    return rig, windows[-1], state
+
+
+def test_depth_rate_and_life_follow_an_inspection(machine):
+    rig, _, state = machine
+    before = state.latest.wear
+    depth, count = before.depth["combined"], state.memory.track.revolutions
+    after, found = inspect(rig, state, measured(count, 0.97 * depth.median, 0.2e-6))
+    wear, life = found.wear, found.life
+    assert isinstance(wear, Wear) and isinstance(life, Life)
+    assert 0.965 * depth.median < wear.depth["combined"].median < 0.985 * depth.median
+    assert wear.depth["combined"].p95 - wear.depth["combined"].p05 < 0.6 * (depth.p95 - depth.p05)
+    assert 0.95 < wear.wear_coefficient / before.wear_coefficient < 0.99
+    assert life.revolutions.median > state.latest.life.revolutions.median
+    assert wear.depth["pinion"].median == pytest.approx(52 / 71 * wear.depth["combined"].median)
+    assert max(wear.profile.pinion.depth) < max(before.profile.pinion.depth)
+    assert wear.inspected.depth_by_windows == depth and not wear.inspected.compared[0].contradicts
+    assert State.from_dict(after.to_dict()) == after
+    assert after.memory == state.memory  # the windows' own memory is untouched
+
+
+def test_inspection_of_one_flank_is_that_of_both_over_its_share(machine):
+    rig, _, state = machine
+    count, depth = state.memory.track.revolutions, 0.97 * state.latest.wear.depth["combined"].median
+    share = 52 / 71
+    whole = inspect(rig, state, measured(count, depth, 0.5e-6))[1].wear.depth["combined"]
+    for flank, part in (("pinion", share), ("gear", 1 - share)):
+        own = inspect(rig, state, measured(count, part * depth, part * 0.5e-6, flank))[1].wear.depth["combined"]
+        assert own.median == pytest.approx(whole.median, rel=1e-6)
+
+
+def test_windows_after_an_inspection_go_on_with_it(machine):
+    rig, window, state = machine
+    count, depth = state.memory.track.revolutions, state.latest.wear.depth["combined"].median
+    inspected, _ = inspect(rig, state, measured(count, 0.97 * depth, 0.2e-6))
+    _, plain = step(rig, state, window, Options(trace=False))
+    _, found = step(rig, inspected, window, Options(trace=False))
+    assert 0.96 < found.wear.depth["combined"].median / plain.wear.depth["combined"].median < 0.99
+    assert found.window.depth == found.wear.depth["combined"]
+    assert found.window.wear_coefficient == found.wear.wear_coefficient
+    assert found.window.rms_predicted == plain.window.rms_predicted
+
+
+def test_late_entry_of_an_early_inspection_counts_as_of_its_time(machine):
+    rig, window, state = machine
+    early = measured(800, 0.9 * state.memory.points[1].depth, 0.5e-6)
+    first, _ = inspect(rig, state, early)
+    entered_before, _ = step(rig, first, window, Options(trace=False))
+    later, _ = step(rig, state, window, Options(trace=False))
+    entered_after, _ = inspect(rig, later, early)
+    assert entered_after.latest.wear.depth == entered_before.latest.wear.depth
+    assert entered_after.latest.life == entered_before.latest.life
+
+
+def test_contradiction_is_said_with_both_figures_and_kept(machine):
+    rig, _, state = machine
+    depth, count = state.latest.wear.depth["combined"].median, state.memory.track.revolutions
+    given = {"revolutions": count, "max_depth_um": 1.5e6 * depth, "flank": "combined", "std_um": 1.0}
+    _, estimate = inspect_in_contract(rig, state, given)
+    wear = estimate.report["wear"]
+    (sentence,) = wear["inspections"]["contradictions"]
+    assert f"{1.5e6 * depth:.1f} ± 1.0 µm on both flanks together" in sentence and "standard deviations" in sentence
+    band = wear["max_depth_um"]["combined"]
+    assert band["p05"] < 1e6 * depth < 1.5e6 * depth < 1.01 * band["p95"]
+    assert estimate.report["status"]["level"] != "normal"
+    assert sentence in estimate.report["status"]["reasons"]
+
+
+def test_inspection_before_any_window_is_kept_for_the_first_depth(machine):
+    rig, window, _ = machine
+    state, found = inspect(rig, State(), measured(800, 20e-6))
+    assert not isinstance(found.wear, Wear) and len(state.inspections) == 1
+    _, found = step(rig, state, window, Options(trace=False))
+    assert found.wear.inspected is not None
+
+
+def test_only_so_many_inspections_are_used():
+    kept = ()
+    for n in range(2 * MOST_INSPECTIONS):
+        kept = with_inspection(kept, measured(n, 1e-6))
+    assert len(kept) == MOST_INSPECTIONS and kept[-1].revolutions == 2 * MOST_INSPECTIONS - 1
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"flank": "tooth"}, "must be one of combined, pinion, gear"),
+        ({"depth": 30.0}, "micrometres?"),
+        ({"std": 0.0}, "outside \\(0, 0.1\\)"),
+        ({"revolutions": -1.0}, "must not be negative"),
+    ],
+)
+def test_inspection_that_cannot_be_is_refused(change, why):
+    with pytest.raises(ParameterError, match=why):
+        Inspection(**{"revolutions": 1.0, "depth": 1e-6, "flank": "combined", "std": 1e-6, **change})

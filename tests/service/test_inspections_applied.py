@@ -1,0 +1,93 @@
+"""Inspections become part of the estimate: once each, whatever is killed, and the answer says what they changed."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+import service_fakes as fakes
+from service_streams import Service, service, wait_until, write_recording
+from test_decisions import post
+
+from service.contract.inspections import BY_LEVEL, outcome_of
+from service.results.decision_queue import DecisionQueue
+from service.results.sqlite_store import SqliteStore
+from service.runtime.replay import replay
+
+WINDOWS = 3
+GIVEN = {"revolutions": 1200.0, "max_depth_um": 30.0, "flank": "combined", "std_um": 1.0}
+PATH = "/v1/assets/unsw/inspections"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("recording") / "short.mcap", WINDOWS)
+
+
+def used(running: Service) -> float:
+    """How many inspections are part of the estimate."""
+    wear = running.get("/v1/assets/unsw/wear")
+    return wear["k_wear_per_n"] if "inspections" in wear else 0.0
+
+
+def test_answer_says_what_the_inspection_changed_and_the_state_shows_it(tmp_path, recording):
+    with service(tmp_path) as running:
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        before = running.get("/v1/assets/unsw")
+        status, answer = post(running, PATH, GIVEN)
+        assert status == 201 and answer["applied"] is True and answer["reason"] is None
+        assert answer["twin"]["max_depth_um"]["median"] > 0
+        changed = answer["changed"]["depth_um"]
+        assert changed["before"] == before["wear"]["max_depth_um"]["combined"]
+        assert changed["after"] == {"median": 30.0, "p05": 29.0, "p95": 31.0}
+        after = running.get("/v1/assets/unsw")
+        assert after["wear"]["max_depth_um"]["combined"]["median"] == 30.0
+        assert after["residual"] == before["residual"]  # what the inspection does not concern stays
+        assert running.get(PATH) == [answer]
+        status, wrong = post(running, PATH, {**GIVEN, "max_depth_um": 600.0})
+        assert wrong["contradiction"] == "The inspection contradicts."
+    with SqliteStore(tmp_path / "gear-twin.sqlite") as store:
+        assert [e.kind for e in store.events("unsw", 0)].count("rul") == WINDOWS + 2
+
+
+def test_inspection_that_meets_an_internal_error_is_kept_and_changes_nothing(tmp_path, recording):
+    with service(tmp_path) as running:
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        status, answer = post(running, PATH, {**GIVEN, "max_depth_um": 2000.0})
+        assert status == 201 and answer["applied"] is False and "ZeroDivisionError" in answer["reason"]
+        assert used(running) == 0 and len(running.get(PATH)) == 1
+
+
+def test_inspection_that_was_kept_before_a_kill_is_used_once_by_the_next_start(tmp_path, recording):
+    running = Service(tmp_path).start()
+    try:
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        running.end(signal.SIGKILL)
+        with SqliteStore(tmp_path / "gear-twin.sqlite") as store:
+            number = DecisionQueue(store).submit_inspection("unsw", GIVEN, {"twin": {}})
+        for _ in range(2):
+            running.start()
+            wait_until(lambda: used(running) > 0.5)
+            assert used(running) == 1.0
+            running.end(signal.SIGKILL)
+        with SqliteStore(tmp_path / "gear-twin.sqlite") as store:
+            assert store.inspection(number).done and not store.pending_inspections()
+            assert store.inspection(number).answer["applied"] is True
+    finally:
+        running.end(signal.SIGKILL)
+
+
+def test_machine_whose_depth_comes_from_a_relation_is_told_where_the_inspection_belongs():
+    after = {"wear": {"method": "level", "max_depth_um": {"combined": fakes.band(30.0, 0.2)}}}
+    assert outcome_of(GIVEN, None, after) == {
+        "applied": False, "reason": BY_LEVEL, "changed": None, "contradiction": None
+    }  # fmt: skip
+
+
+def test_inspection_before_the_first_depth_is_kept_for_it():
+    after = {"wear": {"status": "not available", "reason": "no window has been assessed yet"}}
+    said = outcome_of(GIVEN, None, after)
+    assert not said["applied"] and said["reason"].startswith("kept, and used from the first window")

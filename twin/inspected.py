@@ -1,0 +1,248 @@
+"""Measured wear depths change the estimate: depth, wear rate, and with them the remaining life.
+
+A depth d that was measured on one flank is one of both flanks together, d/share; as work it is x = x(d) on the wear
+curve. updating/inspected_wear.py weighs it against what the windows measured. Where the windows' band is wider than the
+method's own (a doubted calibration, an estimated rig), what all depths are off by together is wider by the same factor.
+
+A depth that is preliminary is established once the inspections have taken most of its uncertainty away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+
+import numpy as np
+
+from twin.assessment import FLANKS, InspectedDepth, InspectionResult, Interval, Life, Unavailable, Wear
+from twin.model import Condition
+from twin.preliminary import LIMITS as ESTABLISHED
+from twin.quantiles import Z95
+from twin.rig import Rig
+from twin.thresholds import deciding
+from twin.updating.depth import DEPTH
+from twin.updating.inspected_wear import FAULTS, InspectedWear, InspectedWork, wear_with_inspections
+from twin.updating.inspections import Inspection
+from twin.updating.life import life_of_track
+from twin.updating.memory import Memory
+from twin.updating.model_cache import curve_of
+from twin.updating.tracker import WearTrack
+from twin.updating.update import reference_rate
+from twin.updating.wear_now import profile_along, wear_shares
+from twin.updating.wear_points import Points, WearPoint
+from twin.wear.archard import specific_wear_rate
+from twin.wear.curve import MasterCurve
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InspectionLimits:
+    """When inspections establish a depth."""
+
+    settled: float = deciding(
+        0.5,
+        of="width of the depth's band without inspections",
+        meaning="width of the band with inspections below which a preliminary depth is established",
+        source="derivation: three quarters of the information are then from the inspections",
+    )
+
+
+LIMITS = InspectionLimits()
+
+
+def with_inspections(
+    rig: Rig,
+    memory: Memory,
+    wear: Wear | Unavailable,
+    life: Life | Unavailable,
+    inspections: Sequence[Inspection],
+) -> tuple[Wear | Unavailable, Life | Unavailable]:
+    """Wear and life as inspections leave them; as they are where there are none, or no wear by a model.
+
+    wear, life  by the windows; or with earlier inspections, which are then taken out first
+    """
+    if not inspections or not isinstance(wear, Wear) or not memory.segments:
+        return wear, life
+    by_rms = _by_rms(wear, memory)
+    depth = wear.depth["combined"] if wear.inspected is None else wear.inspected.depth_by_windows
+    scale = _Scale.of(rig, memory, by_rms, depth)
+    shares = wear_shares(rig)
+    works = [scale.inspected(i, shares[i.flank]) for i in inspections]
+    (K,) = rig.require("the wear coefficient", "wear.K")
+    found = wear_with_inspections(
+        scale.points,
+        works,
+        K * reference_rate(rig),
+        _track_by_windows(memory, depth, scale, by_rms),
+        FAULTS.alike_rms if by_rms else FAULTS.alike_fused,
+    )
+    median, low, high = (scale.depth(found.work_quantile(p)) for p in (0.5, 0.05, 0.95))
+    combined = Interval(median=median, p05=low, p95=high)
+    result = _result(wear, life, depth, inspections, scale, shares, found)
+    settled = not any(c.contradicts for c in result.compared) and _width(combined) < LIMITS.settled * _width(depth)
+    wear = _wear(rig, scale, wear, combined, found, result)
+    wear = replace(wear, preliminary=None if settled else result.depth_preliminary)
+    if isinstance(life, Unavailable) and not settled:
+        return wear, life
+    return wear, _life(rig, memory, life, scale, found, result, settled)
+
+
+def _life(
+    rig: Rig,
+    memory: Memory,
+    life: Life | Unavailable,
+    scale: _Scale,
+    found: InspectedWear,
+    result: InspectionResult,
+    settled: bool,
+) -> Life | Unavailable:
+    """The life of the inspected track; a young rate is doubted as without inspections."""
+    young = not _by_rms_alone(memory) and 0 < memory.track.steady < ESTABLISHED.least_worn_windows
+    doubt = ESTABLISHED.young_rate if young else 0.0
+    after = life_of_track(rig, found.track, scale.curve, scale.base, _condition(memory, life), None, doubt)
+    if not isinstance(after, Life):
+        return after
+    return replace(after, preliminary=None if settled and not young else result.life_preliminary)
+
+
+def _width(band: Interval) -> float:
+    """Of the 5-95 % band [m]; infinite where it has no upper bound."""
+    return inf if band.p95 is None else band.p95 - band.p05
+
+
+def _by_rms(wear: Wear, memory: Memory) -> bool:
+    """Whether the depth rests on the RMS alone."""
+    return wear.method == "rms" or _by_rms_alone(memory)
+
+
+def _by_rms_alone(memory: Memory) -> bool:
+    return not memory.points and not memory.track.windows and bool(memory.rms_points)
+
+
+def _track_by_windows(memory: Memory, depth: Interval, scale: _Scale, by_rms: bool) -> WearTrack:
+    """Work and rate now, as they are stated without inspections."""
+    assert depth.median is not None
+    rate = memory.rms_track.rate if by_rms else memory.track.rate
+    return replace(memory.track, work=scale.work(depth.median), rate=rate)
+
+
+def _condition(memory: Memory, life: Life | Unavailable) -> Condition:
+    """The operating condition that a life is stated for."""
+    if isinstance(life, Life):
+        return Condition(speed_hz=life.speed, torque=life.torque)
+    return Condition(speed_hz=memory.segments[-1].speed_hz, torque=memory.segments[-1].torque)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Scale:
+    """Depth and work of one machine, one by the other."""
+
+    curve: MasterCurve  # of the present condition
+    base: float  # work at its start [rad/N]
+    points: Points
+    earlier: tuple[tuple[float, float], ...]  # depth and work of windows before its start, rising
+
+    @classmethod
+    def of(cls, rig: Rig, memory: Memory, by_rms: bool, stated: Interval) -> _Scale:
+        """Of a machine whose depth now is stated with a band; the points are as uncertain as that."""
+        curve, base = curve_of(rig, memory), memory.segments[-1].start_work
+        points = memory.rms_points if by_rms else memory.points
+        if not points and memory.track.windows and not by_rms:
+            points = (_point_of_track(memory, curve, base),)
+        points = _as_uncertain(points, curve, _width(stated) / (2 * Z95))
+        rising = [(0.0, 0.0)]
+        for depth, work in sorted((p.depth, p.work) for p in points):
+            if rising[-1][0] < depth < curve.start_depth and rising[-1][1] < work < base:
+                rising.append((depth, work))
+        return cls(curve=curve, base=base, points=points, earlier=(*rising, (curve.start_depth, base)))
+
+    def work(self, depth: float) -> float:
+        """x [rad/N] of a largest depth [m]."""
+        if depth >= self.curve.start_depth:
+            return self.base + self.curve.work_at(depth)
+        return float(np.interp(depth, [d for d, _ in self.earlier], [w for _, w in self.earlier]))
+
+    def depth(self, work: float) -> float:
+        """Largest depth [m] after x [rad/N], not below zero."""
+        if work >= self.base:
+            return self.curve.depth_at(work - self.base)
+        return max(float(np.interp(work, [w for _, w in self.earlier], [d for d, _ in self.earlier])), 0.0)
+
+    def inspected(self, inspection: Inspection, share: float) -> InspectedWork:
+        """An inspection of a flank with a share of the depth as a work."""
+        depth, std = inspection.depth / share, inspection.std / share
+        low, high = max(depth - std, 0.0), depth + std
+        slope = (self.work(high) - self.work(low)) / (high - low)
+        return InspectedWork(revolutions=inspection.revolutions, work=self.work(depth), std=std * slope)
+
+
+def _as_uncertain(points: Points, curve: MasterCurve, std: float) -> Points:
+    """The points, off by more together where the latest is stated to be less certain than the method's own [m]."""
+    if not points or not isfinite(std):
+        return points
+    own = points[-1].shared_std / curve.work_per_depth(max(points[-1].depth, curve.start_depth))
+    factor = max(std / own, 1.0) if own > 0 else 1.0
+    return tuple(replace(p, shared_std=factor * p.shared_std) for p in points)
+
+
+def _point_of_track(memory: Memory, curve: MasterCurve, base: float) -> WearPoint:
+    """The track as one window, where the windows themselves were not kept by an earlier version."""
+    track = memory.track
+    depth = max(curve.depth_at(track.work - base), curve.start_depth)
+    shared = DEPTH.model_scatter[0] * track.work
+    return WearPoint(
+        revolutions=track.revolutions, depth=depth, work=track.work, shared_std=shared, own_std=track.work_std
+    )
+
+
+def _result(
+    wear: Wear,
+    life: Life | Unavailable,
+    depth: Interval,
+    inspections: Sequence[Inspection],
+    scale: _Scale,
+    shares: dict[str, float],
+    found: InspectedWear,
+) -> InspectionResult:
+    compared = []
+    for one, agreement in zip(inspections, found.agreements, strict=True):
+        share = shares[one.flank]
+        low, median, high = (
+            share * scale.depth(agreement.work + score * agreement.work_std) for score in (-Z95, 0.0, Z95)
+        )
+        compared.append(
+            InspectedDepth(
+                revolutions=one.revolutions, flank=one.flank, depth=one.depth, std=one.std,
+                by_windows=Interval(median=median, p05=low, p95=high),
+                difference_in_std=agreement.difference, contradicts=agreement.contradicts,
+            )
+        )  # fmt: skip
+    before = wear.inspected
+    return InspectionResult(
+        depth_by_windows=depth,
+        coefficient_by_windows=wear.wear_coefficient if before is None else before.coefficient_by_windows,
+        windows_wrong=found.windows_wrong,
+        compared=tuple(compared),
+        depth_preliminary=wear.preliminary if before is None else before.depth_preliminary,
+        life_preliminary=before.life_preliminary if before else life.preliminary if isinstance(life, Life) else None,
+    )
+
+
+def _wear(
+    rig: Rig, scale: _Scale, wear: Wear, combined: Interval, found: InspectedWear, result: InspectionResult
+) -> Wear:
+    assert combined.median is not None
+    pair, shares = rig.gear_pair(), wear_shares(rig)
+    K = found.track.rate / reference_rate(rig)
+    depth, loss = combined.median, wear.validity.contact_loss_from
+    return replace(
+        wear,
+        wear_coefficient=float(K),
+        specific_wear_rate=float(specific_wear_rate(pair, K, wear.dwell_time, wear.dwell_time_speed)),
+        depth={flank: combined.scaled(shares[flank]) for flank in FLANKS},
+        profile=profile_along(pair, scale.curve.profile(max(depth, scale.curve.start_depth))),
+        validity=replace(
+            wear.validity, valid=depth <= wear.validity.steady_state_to and (loss is None or depth < loss)
+        ),
+        inspected=result,
+    )
