@@ -32,6 +32,7 @@ from twin.encoder_pair.jumps import JumpThresholds
 from twin.encoder_pair.motion import PairThresholds
 from twin.fallen_count import FallenCountThresholds
 from twin.features.despike import SpikeThresholds
+from twin.features.modulation import ModulationThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
 from twin.features.pulses import PulseThresholds
@@ -108,6 +109,7 @@ SETS: tuple[type, ...] = (
     JumpThresholds,
     PairThresholds,
     SpikeThresholds,
+    ModulationThresholds,
     NonGearFeatureThresholds,
     PlausibleOperatingThresholds,
     PulseThresholds,

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from service.cli import modulation
 from service.cli.diagnosis import verdict
 from service.cli.encoder_pair import sentences
 from service.cli.indicators import indicator_lines
@@ -75,6 +76,7 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
         *_wear(answer["wear"], (answer.get("rig") or {}).get("mesh_stiffness")),
         *_life(answer),
         *verdict(answer),
+        *modulation.sentences(answer.get("modulation")),
         f"Windows: {listed or 'none'}",
         *_notes(answer["windows"], answer["wear"].get("reason")),
     ]

@@ -7,6 +7,7 @@ from math import degrees
 from typing import Any
 
 from service.cli import encoder_pair as pair
+from service.cli import modulation
 from service.cli import non_gear as strange
 from service.cli.show import number, spread
 
@@ -47,7 +48,7 @@ def text(answer: Mapping[str, Any]) -> str:
 def sentences(answer: Mapping[str, Any]) -> list[str]:
     """What an engineer may quote."""
     tracing, effects = answer["tracing"], answer["effects"]
-    out = [*verdict(answer), *(sentence(effect) for effect in effects)]
+    out = [*modulation.sentences(answer.get("modulation")), *verdict(answer), *(sentence(effect) for effect in effects)]
     if effects:
         out.append(_together(answer))
     left = answer["unexplained"]

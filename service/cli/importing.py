@@ -1,34 +1,172 @@
-"""`gear-twin import`: a data file into a recording."""
+"""`gear-twin import`: a data file into a recording, by a mapping file or by a guess of what its columns are."""
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from service.cli.assessing import tell
 from service.json_text import wrote_json
 
+GUESSING = "With --guess"
+
 
 def import_(
     mapping: Annotated[
-        Path, typer.Argument(metavar="MAPPING", help="Mapping file (TOML): which column is which channel.")
+        Path,
+        typer.Argument(
+            metavar="MAPPING", help="Mapping file (TOML): which column is which channel; a data file with --guess."
+        ),
     ],
-    out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="MCAP file to write.", show_default=False)] = None,
     source: Annotated[Path | None, typer.Option(help="Data file instead of the one that the mapping names.")] = None,
     json: Annotated[
         Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
     ] = None,
+    guess: Annotated[
+        bool, typer.Option("--guess", help="Propose a mapping for a data file and write it.", rich_help_panel=GUESSING)
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Import at once, into NAME.mcap without --out.", rich_help_panel=GUESSING)
+    ] = False,
+    teeth: Annotated[
+        str | None, typer.Option(help="Tooth counts of pinion and gear, such as 23/57.", rich_help_panel=GUESSING)
+    ] = None,
+    speed: Annotated[
+        float | None,
+        typer.Option(help="Pinion speed in Hz; default: by the tachometer.", min=0.0, rich_help_panel=GUESSING),
+    ] = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file, in place of --teeth and --speed.", rich_help_panel=GUESSING)
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Sample rate in Hz, of a file without a time column.", min=0.0, rich_help_panel=GUESSING),
+    ] = None,
+    tachometer: Annotated[
+        str | None, typer.Option(help="Shaft of the tachometer: pinion or gear.", rich_help_panel=GUESSING)
+    ] = None,
+    pulses_per_rev: Annotated[
+        int, typer.Option(help="Pulses per turn of the tachometer.", min=1, rich_help_panel=GUESSING)
+    ] = 1,
+    asset: Annotated[
+        str | None, typer.Option(help="Name of the machine; default: the file's name.", rich_help_panel=GUESSING)
+    ] = None,
+    write: Annotated[
+        Path | None, typer.Option(help="Mapping file to write; default: NAME.toml.", rich_help_panel=GUESSING)
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace a mapping file that is there.", rich_help_panel=GUESSING)
+    ] = False,
 ) -> None:
     """Convert a data file (CSV, MAT, WAV, TDMS, HDF5, …) into a recording."""
+    from service.errors import InputError
+
+    said: dict[str, Any] = {}
+    if guess:
+        given = {"teeth": _teeth(teeth), "speed": speed, "rig": rig, "rate": rate, "shaft": tachometer, "asset": asset}
+        path, said = _proposed(mapping, write, force, pulses_per_rev, given, quiet=str(json) == "-")
+        if out is None and yes:
+            out = Path(f"{_stem(mapping)}.mcap")
+        mapping = path
+    elif out is None:
+        raise InputError("--out must name the MCAP file to write; or --guess: propose a mapping for a data file")
+    if out is not None:
+        said |= _imported(mapping, out, source, quiet=str(json) == "-")
+    wrote_json(said, json)
+
+
+def _stem(path: Path) -> str:
+    return path.name.partition(".")[0] or path.stem
+
+
+def _teeth(text: str | None) -> tuple[int, int] | None:
+    from service.errors import InputError
+
+    if text is None:
+        return None
+    found = re.fullmatch(r"\s*(\d+)\s*[/:,x]\s*(\d+)\s*", text)
+    if not found or min(int(found[1]), int(found[2])) < 5:
+        raise InputError(f"--teeth {text} must be the tooth counts of pinion and gear, such as 23/57")
+    return int(found[1]), int(found[2])
+
+
+def _proposed(
+    data: Path, write: Path | None, force: bool, pulses_per_rev: int, given: dict[str, Any], *, quiet: bool
+) -> tuple[Path, dict[str, Any]]:
+    """The mapping file that was written for a data file, and what is in it."""
+    from service.errors import InputError
+    from service.files.guess import plain_name, proposal_of
+    from service.files.guess_mapping import Known, mapping_text
+    from service.files.readers import read_table
+    from service.json_text import write_text
+    from service.stream.channels import SHAFTS
+
+    if given["shaft"] not in (None, *SHAFTS):
+        raise InputError(f"--tachometer {given['shaft']} must be {' or '.join(SHAFTS)}")
+    if data.suffix == ".toml":
+        raise InputError(f"{data} is a mapping file: --guess takes the data file itself")
+    if not data.is_file():
+        raise InputError(f"{data} does not exist")
+    table = read_table(data)
+    proposal = proposal_of(table, data.name, given["rate"], given["shaft"])
+    path = write or Path(f"{_stem(data)}.toml")
+    rig = given["rig"]
+    known = Known(
+        asset=given["asset"] or plain_name(_stem(data)),
+        path=os.path.relpath(data, path.parent),
+        rate=given["rate"],
+        teeth=given["teeth"],
+        speed=given["speed"],
+        rig=None if rig is None else os.path.relpath(rig, path.parent),
+        pulses_per_rev=pulses_per_rev,
+    )
+    text = mapping_text(proposal, known)
+    if path.exists() and not force and path.read_text(encoding="utf-8") != text + "\n":
+        raise InputError(f"{path} is there already, with other content; --force replaces it, --write names another")
+    write_text(path, text)
+    if not quiet:
+        _print_proposal(table, proposal)
+        print(f"mapping file: {path}")
+        if known.teeth is None and rig is None:
+            print("Tooth counts are not known: without them there are levels, but no mesh lines (--teeth 23/57).")
+    channels = [
+        {"columns": list(g.columns), "becomes": g.becomes, "unit": g.unit, "because": g.why, "remark": g.remark}
+        for g in proposal.guesses
+    ]
+    return path, {"mapping": str(path), "format": table.format, "sample_rate_hz": proposal.rate, "proposal": channels}
+
+
+def _print_proposal(table: Any, proposal: Any) -> None:
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    length = "" if proposal.duration is None else f", {proposal.duration:.6g} s"
+    rate = "different rates" if proposal.rate is None else f"{proposal.rate:.9g} Hz ({proposal.rate_from})"
+    print(f"{table.format} file, {rate}{length}")
+    shown = Table(box=SIMPLE, pad_edge=False)
+    for column in ("column", "becomes", "unit", "because"):
+        shown.add_column(column)
+    for g in proposal.guesses:
+        unit = g.unit if g.scale == 1 else f"{g.scale:g} {g.unit}"
+        shown.add_row(", ".join(g.columns), g.becomes, unit, g.why + (f"; {g.remark}" if g.remark else ""))
+    Console().print(shown)
+
+
+def _imported(mapping: Path, out: Path, source: Path | None, *, quiet: bool) -> dict[str, Any]:
     from service.cli.show import progress_bar
     from service.files.import_recording import import_recording
 
     with progress_bar("importing") as bar:
         found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source)
-    if not wrote_json(found, json):
+    if not quiet:
         print(f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
     for label, counts in found["encoders"].items():
         if any(counts.get(fault) for fault in ("illegal_transitions", "reversals", "missed", "doubled")):
             tell(f"{label}: {found['notes'][label]}")
+    return found

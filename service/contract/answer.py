@@ -13,6 +13,7 @@ from service.contract.base import ContractModel, NotAvailable, not_available
 from service.contract.baseline import Baseline, UnattributedLines
 from service.contract.effects import Effect, Residual, Unexplained
 from service.contract.encoder_pair import EncoderPair
+from service.contract.modulation import Modulation
 from service.contract.rig import RigSummary
 from service.contract.status import Added, DataStatus, Status, data_of, none_yet, shown
 from service.contract.wear import Rul, Wear, part_of
@@ -48,6 +49,9 @@ class Asset(ContractModel):
     )
     unattributed_lines: list[UnattributedLines] | None = None
     alarms: AlarmCount | None = Field(default=None, description="open alarms; of the service")
+    modulation: list[Modulation] | None = Field(
+        default=None, description="sidebands of the mesh lines, of a machine without a model; the deepest first"
+    )
     data_quality: dict[str, Any]
     rig: RigSummary | None = Field(default=None, description="the rig file in short; of `gear-twin assess`")
 
@@ -71,6 +75,8 @@ def report_of(found: assessment.Assessment, status: Status) -> dict[str, Any]:
         parts["pair"] = part_of(found.encoder_pair, EncoderPair)
     if found.unattributed_lines is not None:
         parts["unattributed_lines"] = [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines]
+    if found.modulation is not None:
+        parts["modulation"] = [Modulation.of(one).as_json() for one in found.modulation]
     return parts
 
 

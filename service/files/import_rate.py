@@ -21,6 +21,7 @@ from service.files.readers.table import rounded_rate, split_unit
 AGREEMENT = 1e-3  # relative difference of two statements of one rate: more than a recorder's clock is off
 GAP = 1.5  # steps
 UNEVEN = 0.05  # share of the steps that may be half as long or as long again as the others
+MOSTLY = 0.9  # share of the steps of a time that do not fall; of an uneven or broken one, which is then refused
 TIME_NAMES = {
     "time", "t", "zeit", "temps", "tiempo", "timestamp", "time stamp", "datetime", "date/time", "date", "elapsed time",
     "seconds", "sec", "time_s", "t_s", "time_ms", "time axis", "x_time", "rel. time", "relative time", "uhrzeit",
@@ -65,10 +66,10 @@ class Timing:
 
 
 def is_time(column: Column) -> bool:
-    """Whether a column is the time of the others, by its name and by never falling."""
+    """Whether a column is the time of the others, by its name and by rising almost everywhere."""
     name = split_unit(column.name)[0].lower().strip("_ ")
     values = np.asarray(column.values, dtype=float)
-    return name in TIME_NAMES and bool(np.all(np.diff(values) >= 0)) and values[-1] > values[0]
+    return name in TIME_NAMES and values.size > 1 and bool(np.mean(np.diff(values) >= 0) > MOSTLY)
 
 
 def time_axis(where: str, table: Table, file: str, chosen: str | None, used: set[str]) -> TimeAxis | None:

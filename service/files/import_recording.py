@@ -365,7 +365,7 @@ def _write_frames(writer: Writer, frames: list[Frame], progress: Progress | None
 
 def to_toml(mapping: Mapping[str, Any], path: str = "") -> str:
     """A mapping of text, numbers, lists and tables as TOML."""
-    own = [f"{key} = {_toml_value(value)}" for key, value in mapping.items() if not isinstance(value, Mapping)]
+    own = [f"{key} = {toml_value(value)}" for key, value in mapping.items() if not isinstance(value, Mapping)]
     head = [f"[{path}]"] if path and own else []
     lines = ["\n".join(head + own)] if own else []
     for key, value in mapping.items():
@@ -374,12 +374,12 @@ def to_toml(mapping: Mapping[str, Any], path: str = "") -> str:
     return "\n\n".join(part for part in lines if part) + "\n"
 
 
-def _toml_value(value: Any) -> str:
+def toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
         return f'"{escaped}"'
     if isinstance(value, (list, tuple)):
-        return f"[{', '.join(_toml_value(v) for v in value)}]"
+        return f"[{', '.join(toml_value(v) for v in value)}]"
     return repr(value)

@@ -36,10 +36,17 @@ def test_capabilities_that_apply_follow_from_rig_file_channels_and_options():
     rig, windows = recorded()
     assert "modelled" in applying(context(rig, windows[3]))
     alone = context(minimal_rig(), windows[3], State())
-    assert applying(alone) == {"condition_indicators", "mesh_bands", "non_gear_content", "unattributed_spacing"}
+    assert applying(alone) == {
+        "condition_indicators",
+        "mesh_bands",
+        "non_gear_content",
+        "shaft_modulation",
+        "unattributed_spacing",
+    }
     assert applying(context(minimal_rig(), windows[3], State(), trace=False)) == {
         "condition_indicators",
         "mesh_bands",
+        "shaft_modulation",
     }
 
 

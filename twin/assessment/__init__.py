@@ -46,6 +46,7 @@ from twin.assessment.encoder_pair import (
     StatedRatio,
 )
 from twin.assessment.indicators import GearIndicators, SensorIndicators
+from twin.assessment.modulation import Modulation, SidebandPair
 from twin.assessment.values import FLANKS, Interval, ParameterValue, SpectralLine, Unavailable
 from twin.assessment.wear import (
     FlankProfile,
@@ -99,6 +100,7 @@ __all__ = [
     "MethodEstimates",
     "MissedCount",
     "ModelValidity",
+    "Modulation",
     "PairCurve",
     "PairSpeeds",
     "ParameterValue",
@@ -110,6 +112,7 @@ __all__ = [
     "RunOut",
     "SensorIndicators",
     "SharpStep",
+    "SidebandPair",
     "SpectralLine",
     "SpectrumExcerpt",
     "StatedRatio",

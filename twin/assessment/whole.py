@@ -8,6 +8,7 @@ from twin.assessment.attribution import Attribution, CalibrationAssessment, Effe
 from twin.assessment.baseline import BaselineAssessment, UnattributedLines
 from twin.assessment.effects import EffectAssessment, Residual, Unexplained
 from twin.assessment.encoder_pair import EncoderPair
+from twin.assessment.modulation import Modulation
 from twin.assessment.values import Unavailable
 from twin.assessment.wear import LevelWear, Life, Wear
 from twin.assessment.window import WindowAssessment
@@ -55,5 +56,6 @@ class Assessment:
     baseline: BaselineAssessment | None = None
     encoder_pair: EncoderPair | Unavailable | None = None  # None where the machine has a model, or no two encoders
     unattributed_lines: tuple[UnattributedLines, ...] | None = None
+    modulation: tuple[Modulation, ...] | None = None  # of the latest window; None where it was not examined
     events: tuple[Event, ...] = ()
     revolutions: float | None = None  # of the pinion so far, where no window is in the answer

@@ -19,6 +19,7 @@ from twin.capabilities import (
     mesh_bands,
     modelled,
     non_gear_content,
+    shaft_modulation,
     unattributed_spacing,
 )
 from twin.capabilities.context import Context, Draft
@@ -44,5 +45,6 @@ CAPABILITIES: tuple[Capability, ...] = (
     encoder_pair,
     baseline_comparison,
     unattributed_spacing,
+    shaft_modulation,
     condition_indicators,
 )

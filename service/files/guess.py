@@ -1,0 +1,301 @@
+"""What the columns of a data file may be: time, acceleration, tachometer, torque, encoder levels, temperature.
+
+A column is named by its header and its unit first, and by its values where these say nothing:
+
+    time          rises evenly
+    tachometer    two levels, between which it goes at regular intervals
+    levels        0 and 1 only, a pair of them with a and b in their names: a quadrature encoder
+    acceleration  alternates about its mean
+
+Every guess says why, so that a person can check it; what has no channel is left out, with the reason.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from service.errors import InputError
+from service.files.import_rate import TimeAxis, even_axis, is_time, time_axis
+from service.files.readers import Column, Table
+from service.files.readers.table import split_unit
+from service.stream.channels import SHAFTS
+from twin.errors import WindowError
+from twin.features.pulses import Pulses, PulseSettings, pulses_of
+
+ACCEL, TACHO, TORQUE, TEMPERATURE = "accel", "tachometer", "torque", "temperature"
+TIME, LEFT_OUT = "time", "left out"
+UNITS: dict[str, tuple[str, str, float]] = {  # as written in files: kind, unit of import, scale
+    "g": (ACCEL, "g", 1.0), "mg": (ACCEL, "g", 1e-3), "gn": (ACCEL, "g", 1.0), "gs": (ACCEL, "g", 1.0),
+    "m/s2": (ACCEL, "m/s2", 1.0), "m/s^2": (ACCEL, "m/s2", 1.0), "m/s²": (ACCEL, "m/s2", 1.0),
+    "m/s**2": (ACCEL, "m/s2", 1.0), "ms-2": (ACCEL, "m/s2", 1.0), "m·s-2": (ACCEL, "m/s2", 1.0),
+    "mm/s2": (ACCEL, "m/s2", 1e-3), "mm/s^2": (ACCEL, "m/s2", 1e-3), "mm/s²": (ACCEL, "m/s2", 1e-3),
+    "nm": (TORQUE, "Nm", 1.0), "n·m": (TORQUE, "Nm", 1.0), "n.m": (TORQUE, "Nm", 1.0), "n*m": (TORQUE, "Nm", 1.0),
+    "n-m": (TORQUE, "Nm", 1.0), "knm": (TORQUE, "Nm", 1e3), "ncm": (TORQUE, "Nm", 1e-2),
+    "lbf.in": (TORQUE, "Nm", 0.1129848), "in-lb": (TORQUE, "Nm", 0.1129848), "ft-lb": (TORQUE, "Nm", 1.355818),
+    "degc": (TEMPERATURE, "degC", 1.0), "°c": (TEMPERATURE, "degC", 1.0), "degf": (TEMPERATURE, "degF", 1.0),
+    "°f": (TEMPERATURE, "degF", 1.0), "k": (TEMPERATURE, "K", 1.0), "pa": (ACCEL, "Pa", 1.0),
+}  # fmt: skip
+OTHER_UNITS = {
+    "mm/s": "vibration velocity has no channel", "m/s": "vibration velocity has no channel",
+    "um": "a displacement has no channel", "µm": "a displacement has no channel", "mm": "a displacement has no channel",
+    "rpm": "a measured speed has no channel: give the pulses it came from", "1/min": "a measured speed has no channel",
+    "hz": "a measured speed has no channel", "a": "a current has no channel", "ma": "a current has no channel",
+    "w": "a power has no channel", "kw": "a power has no channel", "%": "a share has no channel",
+    "deg": "an angle has no channel: give encoder edges or pulses", "°": "an angle has no channel",
+    "rad": "an angle has no channel: give encoder edges or pulses",
+}  # fmt: skip
+NAMES = (
+    (
+        TACHO,
+        re.compile(r"tach|keyphas|\bkp\b|trig|puls|once|per.?rev|\bttl\b|lichtschranke|drehzahl|zündung|rpm", re.I),
+    ),
+    (TORQUE, re.compile(r"torque|drehmoment|moment|couple|\btq\b|\btrq\b|\bmd\b", re.I)),
+    (TEMPERATURE, re.compile(r"temp|\boil\b|öl|thermo", re.I)),
+    (ACCEL, re.compile(r"acc|beschl|vib|^a\d*$|^a[_ ]?[xyz]\d*$|^[xyz]$|^ch\d+$|imepe|icp|housing|_DE_|_FE_", re.I)),
+)
+OF_GEAR = re.compile(r"gear(?!box)|out|abtrieb|slow|brake|driven|wheel|\brad\b|2$", re.I)
+OF_PINION = re.compile(r"pinion|ritzel|input|\bin\b|motor|antrieb|fast|drive\b|driving|1$", re.I)
+LEVELS_AB = re.compile(r"^(?P<stem>.*?)[ _.-]?(?P<level>[abAB])$")
+TWO_LEVELS = 0.9  # share of the values of a tachometer that lie near one of its levels
+SPEEDS = (0.05, 2000.0)  # turns/s of a shaft
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Guess:
+    """What one column, or the two of a quadrature encoder, may be."""
+
+    columns: tuple[str, ...]
+    kind: str  # time, a kind of a mapping, or "left out"
+    why: str
+    name: str = ""  # of the channel
+    unit: str = ""
+    scale: float = 1.0
+    falling: bool = False  # of a tachometer: its pulses go down
+    speed: float | None = None  # of a tachometer [pulses/s]
+    remark: str = ""  # what a person should add
+
+    @property
+    def becomes(self) -> str:
+        """The channel's label; what it is where it becomes none."""
+        return f"{self.kind}/{self.name}" if self.name else self.kind
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """All guesses about a file, with its rate."""
+
+    guesses: tuple[Guess, ...]
+    rate: float | None  # [Hz]; None where the channels have rates of their own, or none is known
+    rate_from: str
+    duration: float | None  # [s]
+    axis: TimeAxis | None
+
+
+def proposal_of(table: Table, file: str, rate: float | None = None, shaft: str | None = None) -> Proposal:
+    """What the columns of a file may be; InputError where no rate is known or two statements of it contradict.
+
+    rate   sample rate that a person states [Hz]
+    shaft  that the tachometer is on; found by its name, else the pinion, where None
+    """
+    axis = _axis(table, file)
+    used = axis.name if axis else ""
+    longest = max(c.values.size for c in table.columns)
+    guesses: list[Guess] = []
+    taken: set[str] = set()
+    pairs = _level_pairs([c for c in table.columns if c.name != used])
+    paired = {name for pair in pairs for name in pair}
+    for column in table.columns:
+        if column.name == used:
+            guesses.append(Guess(columns=(column.name,), kind=TIME, why=_why_time(column, axis)))
+        elif column.name not in paired:
+            own = _rate_of(column, table, axis, rate)
+            guesses.append(_guess(column, own, longest))
+    guesses += [_levels(pair) for pair in pairs]
+    named = [_named(g, taken, shaft) for g in _faster_first(guesses)]
+    order = {name: i for i, name in enumerate(c.name for c in table.columns)}
+    named.sort(key=lambda g: order[g.columns[0]])
+    rates = {_rate_of(c, table, axis, rate) for c in table.columns if c.name != used}
+    single = next(iter(rates)) if len(rates) == 1 else None
+    length = longest / single if single else None
+    return Proposal(
+        guesses=tuple(named), rate=single, rate_from=_rate_from(table, axis, rate, rates), duration=length, axis=axis
+    )
+
+
+def _axis(table: Table, file: str) -> TimeAxis | None:
+    """The time column: by its name, else the first column that rises evenly, of a file that states no rate."""
+    axis = time_axis("the file", table, file, None, set())
+    if axis is not None:
+        return axis
+    first = table.columns[0]
+    if len(table.columns) < 2 or table.rate or first.rate or first.times is not None:
+        return None
+    steps = np.diff(np.asarray(first.values, dtype=float))
+    if not np.all(steps > 0) or is_time(first):
+        return None
+    try:
+        return even_axis(f"the column {first.name!r}", first.name, first.values)
+    except InputError:
+        return None
+
+
+def _why_time(column: Column, axis: TimeAxis | None) -> str:
+    assert axis is not None
+    gaps = f", {axis.missing} samples missing" if axis.missing else ""
+    return f"rises evenly{gaps}"
+
+
+def _rate_of(column: Column, table: Table, axis: TimeAxis | None, rate: float | None) -> float | None:
+    if column.rate is not None:
+        return column.rate
+    if column.times is not None and column.times.size > 1:
+        return float((column.times.size - 1) / (column.times[-1] - column.times[0]))
+    if table.rate is not None:
+        return table.rate
+    return rate if axis is None or rate is not None else axis.rate
+
+
+def _rate_from(table: Table, axis: TimeAxis | None, rate: float | None, rates: set[float | None]) -> str:
+    if any(c.rate is not None or c.times is not None for c in table.columns):
+        return "stated by the file" if len(rates) == 1 else "stated by the file, different by channel"
+    if rate is not None:
+        return "as given, and by the times of " + repr(axis.name) if axis else "as given"
+    if axis is None:
+        return "stated in the file" if table.rate else "not known"
+    return f"from the times of {axis.name!r}" + (", as stated above the numbers" if table.rate else "")
+
+
+def _level_pairs(columns: Sequence[Column]) -> list[tuple[str, str]]:
+    """Columns of 0 and 1 whose names differ in a and b."""
+    stems: dict[str, dict[str, str]] = {}
+    for column in columns:
+        found = LEVELS_AB.match(split_unit(column.name)[0])
+        if found and np.isin(np.unique(np.asarray(column.values)[:100000]), (0, 1)).all():
+            stems.setdefault(found["stem"], {})[found["level"].lower()] = column.name
+    return [(pair["a"], pair["b"]) for pair in stems.values() if len(pair) == 2]
+
+
+def _levels(pair: tuple[str, str]) -> Guess:
+    return Guess(
+        columns=pair, kind="encoder", unit="quadrature", why="two levels, 0 and 1",
+        remark="edges_per_rev is not in the file: give the fourfold counts a turn",
+    )  # fmt: skip
+
+
+def _guess(column: Column, rate: float | None, longest: int) -> Guess:
+    """One column, by unit, name and values."""
+    name, unit = split_unit(column.name)
+    unit = (column.unit or unit).strip()
+    values = np.asarray(column.values, dtype=float)
+    good = values[np.isfinite(values)]
+    base = Guess(columns=(column.name,), kind=LEFT_OUT, why="")
+    if good.size < values.size / 2 or good.size < 2:
+        return replace(base, why=f"{values.size - good.size} of {values.size} values are empty")
+    if np.ptp(good) == 0:
+        return replace(base, why=f"constant, {good[0]:g}")
+    if np.all(np.diff(good) > 0):
+        return _rising(base, values, longest)
+    if unit.lower() in OTHER_UNITS:
+        return replace(base, why=OTHER_UNITS[unit.lower()])
+    known = UNITS.get(unit.lower())
+    kind = known[0] if known else next((k for k, pattern in NAMES if pattern.search(name)), "")
+    pulses = _pulses(good, rate) if kind in ("", TACHO) else None
+    if pulses is not None and (kind == TACHO or _two_levels(good, pulses)):
+        how = "named so, " if kind == TACHO else ""
+        return replace(
+            base, kind=TACHO, unit=unit, falling=pulses.high < pulses.low, speed=pulses.speed,
+            why=f"{how}{pulses.times.size} regular pulses, {pulses.speed:.5g} a second",
+        )  # fmt: skip
+    if kind == TACHO:
+        return replace(base, why="named like a tachometer, but no regular pulses stand out")
+    if known:
+        return replace(base, kind=known[0], unit=known[1], scale=known[2], why=f"unit {unit}", remark=_remark(known[1]))
+    return _without_unit(base, kind or ACCEL, unit, bool(kind))
+
+
+def _remark(unit: str) -> str:
+    return "a sound pressure is checked and left out" if unit == "Pa" else ""
+
+
+def _without_unit(base: Guess, kind: str, unit: str, named: bool) -> Guess:
+    """A column whose unit says nothing of its quantity."""
+    if kind == TEMPERATURE:
+        return replace(base, kind=kind, unit="degC", why="named so", remark="unit assumed")
+    why = "named so" if named else "alternates about its mean"
+    volts = unit.lower() in ("v", "mv")
+    per = "N·m" if kind == TORQUE else "m/s²"
+    remark = f'in {unit}: with unit = "V" and the sensitivity it becomes {per}' if volts else "the file states no unit"
+    return replace(base, kind=kind, unit="unknown", why=why, remark=remark)
+
+
+def _rising(base: Guess, values: np.ndarray, longest: int) -> Guess:
+    """A column that only rises: times of edges where it is shorter than the signals, else a counter or a time."""
+    if values.size < longest:
+        return replace(
+            base, kind="encoder", unit="s", why="rises, and is shorter than the signals: times of edges",
+            remark="edges_per_rev is not in the file: give the edges a turn",
+        )  # fmt: skip
+    return replace(base, why="only rises: a counter or another time")
+
+
+def _pulses(values: np.ndarray, rate: float | None) -> Pulses | None:
+    """The pulses of a column, whichever way they go; None where there are none."""
+    if rate is None:
+        return None
+    middle = 0.5 * (values.min() + values.max())
+    falling = bool(np.median(values) > middle)  # pulses are shorter than the pauses between them
+    try:
+        found = pulses_of(values, rate, PulseSettings(falling=falling))
+    except WindowError:
+        return None
+    return replace(found, low=found.high, high=found.low) if falling else found
+
+
+def _two_levels(values: np.ndarray, pulses: Pulses) -> bool:
+    """Whether the values lie near one of two levels, as those of a tachometer do and those of a vibration do not."""
+    near = 0.2 * abs(pulses.high - pulses.low)
+    share = np.mean((np.abs(values - pulses.low) < near) | (np.abs(values - pulses.high) < near))
+    return bool(share > TWO_LEVELS and SPEEDS[0] < pulses.speed and pulses.missed + pulses.doubled <= 2)
+
+
+def _faster_first(guesses: Sequence[Guess]) -> list[Guess]:
+    """Of two tachometers that do not say which shaft they are on, the faster is the pinion's."""
+    return sorted(guesses, key=lambda g: -(g.speed or 0.0))
+
+
+def _named(guess: Guess, taken: set[str], shaft: str | None) -> Guess:
+    """The guess with a name for its channel, which no other has."""
+    if guess.kind in (TIME, LEFT_OUT):
+        return guess
+    label = split_unit(guess.columns[0])[0]
+    if guess.kind in (TACHO, TORQUE, "encoder"):
+        group = "encoder" if guess.kind == TACHO else guess.kind
+        wanted = shaft if guess.kind == TACHO and shaft else _shaft(label)
+        free = [s for s in (wanted, *SHAFTS) if f"{group}/{s}" not in taken]
+        if not free:
+            return replace(guess, kind=LEFT_OUT, why="both shafts have such a channel already", remark="")
+        taken.add(f"{group}/{free[0]}")
+        sure = shaft == free[0] or (OF_GEAR if free[0] == "gear" else OF_PINION).search(label)
+        remark = guess.remark or ("" if sure else f"assumed to be on the {free[0]}")
+        return replace(guess, name=free[0], remark=remark)
+    base = plain_name(label)
+    name, number = base, 2
+    while f"{guess.kind}/{name}" in taken:
+        name, number = f"{base}-{number}", number + 1
+    taken.add(f"{guess.kind}/{name}")
+    return replace(guess, name=name)
+
+
+def _shaft(label: str) -> str:
+    return "gear" if OF_GEAR.search(label) and not OF_PINION.search(label) else "pinion"
+
+
+def plain_name(text: str) -> str:
+    """A text as the name of an asset or a sensor: letters, digits, `_`, `-`, `.`, at most 64."""
+    ascii_text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", ascii_text).strip("_.")[:64] or "channel"

@@ -1,0 +1,97 @@
+"""The mapping file of a proposal, as text with a comment on every guess."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from service.files.guess import LEFT_OUT, TACHO, TIME, Guess, Proposal
+from service.files.import_recording import toml_value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """What a person states besides the file."""
+
+    asset: str
+    path: str  # of the data file, as the mapping file names it
+    rate: float | None = None  # [Hz]
+    teeth: tuple[int, int] | None = None  # of pinion and gear
+    speed: float | None = None  # of the pinion [Hz]
+    rig: str | None = None  # rig file, as the mapping file names it
+    pulses_per_rev: int = 1
+
+
+def speed_of(proposal: Proposal, known: Known) -> float | None:
+    """The pinion's speed [Hz]: as stated, else by its tachometer, or by the gear's with the tooth counts."""
+    if known.speed is not None:
+        return known.speed
+    for guess in proposal.guesses:
+        if guess.kind == TACHO and guess.speed is not None:
+            turns = guess.speed / known.pulses_per_rev
+            if guess.name == "pinion":
+                return turns
+            if known.teeth is not None:
+                return turns * known.teeth[1] / known.teeth[0]
+    return None
+
+
+def mapping_text(proposal: Proposal, known: Known) -> str:
+    """The mapping file."""
+    lines = ['schema = "gear-import/1"', f"asset = {toml_value(known.asset)}"]
+    if known.rig is not None:
+        lines.append(f"rig = {toml_value(known.rig)}")
+    lines += ["", "[file]", f"path = {toml_value(known.path)}"]
+    if known.rate is not None:
+        lines.append(f"sample_rate_hz = {known.rate:g}")
+    if proposal.axis is not None:
+        lines.append(f"time_column = {toml_value(proposal.axis.name)}")
+    if proposal.rate is not None:
+        lines.append(f"# {proposal.rate:.9g} samples a second, {proposal.rate_from}")
+    for guess in proposal.guesses:
+        lines += ["", *_channel(guess, known)]
+    if known.rig is None:
+        lines += ["", *_rig(proposal, known)]
+    return "\n".join(lines)
+
+
+def _channel(guess: Guess, known: Known) -> Sequence[str]:
+    columns = ", ".join(guess.columns)
+    if guess.kind in (TIME, LEFT_OUT):
+        return [f"# {columns}: {guess.kind}, {guess.why}"]
+    head = f"[channels.{toml_key(guess.name)}]" if guess.kind == "accel" else f"[channels.{guess.kind}.{guess.name}]"
+    lines = [f"{head}  # {guess.why}{'; ' + guess.remark if guess.remark else ''}"]
+    if len(guess.columns) > 1:
+        lines.append(f"columns = {toml_value(list(guess.columns))}")
+    else:
+        lines.append(f"column = {toml_value(guess.columns[0])}")
+    if guess.kind == TACHO:
+        lines.append(f"pulses_per_rev = {known.pulses_per_rev}")
+        if guess.falling:
+            lines.append('edge = "falling"')
+        return lines
+    lines.append(f"unit = {toml_value(guess.unit)}")
+    if guess.scale != 1:
+        lines.append(f"scale = {guess.scale!r}")
+    if guess.kind == "encoder":
+        lines.append("# edges_per_rev = 1024  # replace: not in the file")
+    return lines
+
+
+def toml_key(name: str) -> str:
+    """A name as part of a table's name."""
+    return toml_value(name) if "." in name else name
+
+
+def _rig(proposal: Proposal, known: Known) -> list[str]:
+    """What is known of the gears; comments where it is not."""
+    speed = speed_of(proposal, known)
+    if known.teeth is None:
+        lines = ["# [rig.gears.pinion]  # give the tooth counts: --teeth 23/57", "# teeth = 23", ""]
+        lines += ["# [rig.gears.gear]", "# teeth = 57"]
+    else:
+        lines = ["[rig.gears.pinion]", f"teeth = {known.teeth[0]}", "", "[rig.gears.gear]", f"teeth = {known.teeth[1]}"]
+    if speed is None:
+        return [*lines, "", "# [rig.operating]", "# pinion_speed_hz = 24.6  # give the speed: --speed 24.6"]
+    measured = "" if known.speed is not None else "  # by the tachometer"
+    return [*lines, "", "[rig.operating]", f"pinion_speed_hz = {float(f'{speed:.4g}')}{measured}"]

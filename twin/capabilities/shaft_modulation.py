@@ -1,0 +1,35 @@
+"""Modulation of the mesh vibration by the turn of either shaft, where the machine has no model.
+
+A machine with a model has it explained by its effects. What is found is a description: healthy gears have sidebands,
+too, so that it changes neither verdict nor status.
+"""
+
+from __future__ import annotations
+
+from twin.assessment import Modulation
+from twin.capabilities.context import Context, Draft
+from twin.errors import TwinError
+from twin.features.extract import pinion_angle
+from twin.features.modulation import modulations
+
+
+def applies(context: Context, draft: Draft) -> bool:
+    """Where the tooth counts are known and an accelerometer recorded, and no window has updated a model."""
+    known = context.rig.has("gears.pinion.teeth", "gears.gear.teeth")
+    return not draft.modelled and not draft.state.tracing.stages and known and bool(context.window.accelerations)
+
+
+def assess(context: Context, draft: Draft) -> Draft:
+    """The draft with the modulations of every accelerometer; unchanged where the speed is not known."""
+    window, rig = context.window, context.rig
+    try:
+        track = pinion_angle(rig, window, window.accelerations)
+    except TwinError:  # the record says already why there is no speed
+        return draft
+    found: list[Modulation] = []
+    for sensor, samples in window.accelerations.items():
+        try:
+            found += modulations(samples, track, rig.teeth, sensor)
+        except TwinError as reason:
+            draft = draft.noted(f"sidebands of {sensor} are not available: {reason}")
+    return draft.with_parts(modulation=tuple(sorted(found, key=lambda m: -m.depth)))
