@@ -75,7 +75,7 @@ class AlarmKeeper:
         return {
             "own": own is not None,
             **signed,
-            "rules": [rule.model_dump(exclude_none=True) for rule in rules],
+            "rules": [{**rule.model_dump(exclude_none=True), "basis": rule.limits_from} for rule in rules],
             "learning": learning,
         }
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from service.alarms.quantities import QUANTITIES, Basis
 from service.errors import InputError
@@ -25,13 +25,13 @@ MOST_RULES = 200
 ALL = "*"
 
 
-class Rule(BaseModel):
-    """One alarm rule."""
+class RuleFields(BaseModel):
+    """One alarm rule, each field by itself."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     name: str = Field(pattern=NAME, description="unique among the asset's rules")
-    quantity: str = Field(description="what is watched; see the table of quantities")
+    quantity: str = Field(description="what is watched", json_schema_extra={"enum": list(QUANTITIES)})
     place: str = Field(default=ALL, min_length=1, max_length=160, description="sensor, sensor/gear, …; * for each")
     basis: Basis | None = Field(default=None, description="where the limits come from; by default as the quantity says")
     watch: float | None = Field(default=None, description="limit of the level watch, in the quantity's unit")
@@ -48,11 +48,20 @@ class Rule(BaseModel):
     )
     enabled: bool = True
 
+    @field_validator("quantity")
+    @classmethod
+    def _is_known(cls, quantity: str) -> str:
+        if quantity not in QUANTITIES:
+            raise ValueError(f"quantity {quantity!r} is not known; known are {', '.join(QUANTITIES)}")
+        return quantity
+
+
+class Rule(RuleFields):
+    """One alarm rule, whose fields fit one another."""
+
     @model_validator(mode="after")
     def _fits_its_quantity(self) -> Rule:
-        known = QUANTITIES.get(self.quantity)
-        if known is None:
-            raise ValueError(f"quantity {self.quantity!r} is not known; known are {', '.join(QUANTITIES)}")
+        known = QUANTITIES[self.quantity]
         if self.basis is not None and self.basis not in known.bases:
             raise ValueError(f"basis of {self.quantity} must be {' or '.join(known.bases)}, not {self.basis}")
         limits = [limit for limit in (self.watch, self.alarm) if limit is not None]
@@ -96,7 +105,7 @@ Rules = Annotated[tuple[Rule, ...], Field(max_length=MOST_RULES)]
 
 
 class RuleFile(BaseModel):
-    """A file of rules: `[[rule]]` tables."""
+    """A set of rules: in a file, `[[rule]]` tables."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -104,7 +113,10 @@ class RuleFile(BaseModel):
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> RuleFile:
-        demand_unique(self.rule)
+        names = [rule.name for rule in self.rule]
+        double = sorted({name for name in names if names.count(name) > 1})
+        if double:
+            raise ValueError(f"more than one rule is called {', '.join(double)}")
         return self
 
 
@@ -119,14 +131,6 @@ DEFAULT_RULES: tuple[Rule, ...] = (
 )
 
 
-def demand_unique(rules: Sequence[Rule]) -> None:
-    """ValueError where two rules have one name."""
-    names = [rule.name for rule in rules]
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
-        raise ValueError(f"more than one rule is called {', '.join(double)}")
-
-
 def load_rules(path: Path) -> tuple[Rule, ...]:
     """The rules of a TOML file; InputError says what in it is wrong."""
     try:
@@ -138,9 +142,14 @@ def load_rules(path: Path) -> tuple[Rule, ...]:
     try:
         return RuleFile.model_validate(given).rule
     except ValidationError as error:
-        first = error.errors()[0]
-        at = ".".join(str(part) for part in first["loc"]) or "file"
-        raise InputError(f"{path}: {at}: {first['msg'].removeprefix('Value error, ')}") from None
+        raise InputError(f"{path}: {first_fault(error)}") from None
+
+
+def first_fault(error: ValidationError) -> str:
+    """The first fault of rules: where, and what."""
+    first = error.errors()[0]
+    at = ".".join(str(part) for part in first["loc"]) or "rules"
+    return f"{at}: {first['msg'].removeprefix('Value error, ')}"
 
 
 def rules_from(stored: Sequence[Mapping[str, Any]]) -> tuple[Rule, ...]:

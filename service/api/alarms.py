@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from service.alarms.quantities import QUANTITIES
-from service.alarms.rules import Rule, Rules, demand_unique
+from service.alarms.rules import MOST_RULES, Rule, RuleFields, RuleFile, first_fault
 from service.api.assets import ERRORS, LARGEST, snapshot_of
 from service.api.problems import problem, responses
 from service.contract.alarms import Alarm
@@ -46,12 +46,7 @@ class RulesIn(BaseModel):
 
     by: str = Field(min_length=1, max_length=LONGEST_NAME, pattern=r"\S", description="name of the person")
     note: str = Field("", max_length=LONGEST_NOTE, description="why they are changed")
-    rules: Rules
-
-    @model_validator(mode="after")
-    def _names_are_unique(self) -> RulesIn:
-        demand_unique(self.rules)
-        return self
+    rules: tuple[RuleFields, ...] = Field(max_length=MOST_RULES)
 
 
 class Learned(BaseModel):
@@ -137,11 +132,15 @@ def rules(request: Request, asset: str) -> Any:
     return JSONResponse(_rules(request, asset))
 
 
-@router.put("/assets/{asset}/alarm-rules", response_model=AlarmRules, responses=responses(400, 404, 422))
+@router.put("/assets/{asset}/alarm-rules", response_model=AlarmRules, responses=responses(400, 404, 409, 422))
 def set_rules(request: Request, asset: str, given: RulesIn) -> Any:
     """Gives one asset alarm rules of its own; alarms whose rule is gone end with the next window."""
     snapshot_of(request, asset)
-    request.app.state.alarms.set_rules(asset, given.rules, given.by.strip(), given.note.strip())
+    try:
+        checked = RuleFile.model_validate({"rule": [rule.model_dump() for rule in given.rules]})
+    except ValidationError as error:
+        return problem(request, 409, f"the rules contradict themselves: {first_fault(error)}")
+    request.app.state.alarms.set_rules(asset, checked.rule, given.by.strip(), given.note.strip())
     return JSONResponse(_rules(request, asset))
 
 

@@ -86,6 +86,9 @@ class BoardCollector(Collector):
         depth = GaugeMetricFamily(
             "gear_twin_wear_depth_micrometres", "Largest depth", labels=("asset", "flank", "quantile")
         )
+        limit = GaugeMetricFamily(
+            "gear_twin_wear_depth_limit_micrometres", "Wear depth at the end of life", labels=("asset",)
+        )
         life = GaugeMetricFamily(
             "gear_twin_remaining_life_hours", "Remaining useful life", labels=("asset", "quantile")
         )
@@ -111,13 +114,16 @@ class BoardCollector(Collector):
             stale.add_metric((name,), float(snapshot.stale is not None))
             if snapshot.received_ns is not None:
                 received.add_metric((name,), snapshot.received_ns / 1e9)
+            end = snapshot.whole["rul"].get("max_depth_um")
+            if end is not None:
+                limit.add_metric((name,), end)
             latest = snapshot.latest
             for flank, band in (latest.get("depth_um") or {}).items():
                 for quantile, value in _quantiles(band):
                     depth.add_metric((name, flank, quantile), value)
             for quantile, value in _quantiles(latest.get("rul_hours") or {}):
                 life.add_metric((name, quantile), value)
-        yield from (frames, stream, windows, faults, updates, received, stale, effects, decisions, depth, life)
+        yield from (frames, stream, windows, faults, updates, received, stale, effects, decisions, depth, limit, life)
         for key, value in self._gauges().items():
             yield GaugeMetricFamily(f"gear_twin_{key}", key.replace("_", " "), value=value)
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json as json_module
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
-from urllib.error import HTTPError, URLError
+from typing import Annotated
 from urllib.parse import quote
-from urllib.request import Request, urlopen
 
 import typer
 
+from service.cli.rest import LOCAL, JsonFile, Url, call
+
 app = typer.Typer(no_args_is_help=True, help="List the effects that a running service has found, and decide on them.")
 
-Url = Annotated[str, typer.Option(help="Address of the service.", envvar="GEAR_TWIN_URL")]
 Names = Annotated[
     list[str],
     typer.Argument(
@@ -22,11 +19,6 @@ Names = Annotated[
         help="The effect, such as misalignment; before it the asset, if the service has several.",
     ),
 ]
-JsonFile = Annotated[
-    Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
-]
-LOCAL = "http://127.0.0.1:8080"
-WAIT = 60.0  # [s]
 
 
 @app.command(name="list")
@@ -41,8 +33,8 @@ def list_(
     from service.cli.diagnosis import effect_table
     from service.json_text import wrote_json
 
-    names = [asset] if asset else [a["asset"] for a in _call(url, "/v1/assets")]
-    found = {name: _call(url, f"/v1/assets/{quote(name, safe='')}/effects") for name in names}
+    names = [asset] if asset else [a["asset"] for a in call(url, "/v1/assets")]
+    found = {name: call(url, f"/v1/assets/{quote(name, safe='')}/effects") for name in names}
     if wrote_json(found, json):
         return
     console = Console()
@@ -86,7 +78,7 @@ def _decide(url: str, names: list[str], verb: str, json: Path | None) -> None:
     if len(before) > 1:
         raise InputError(f"{' '.join(names)}: one effect at a time, after its asset's name")
     asset = before[0] if before else _only_asset(url)
-    answer = _call(url, f"/v1/assets/{quote(asset, safe='')}/effects/{quote(name, safe='')}", {"decision": verb})
+    answer = call(url, f"/v1/assets/{quote(asset, safe='')}/effects/{quote(name, safe='')}", {"decision": verb})
     if not wrote_json(answer, json):
         when = "done" if answer["done"] else "queued; applied after the current window"
         print(f"{verb} {name} of {asset}: {when}")
@@ -96,30 +88,8 @@ def _only_asset(url: str) -> str:
     """The service's asset, where it has one alone."""
     from service.errors import InputError
 
-    known = [a["asset"] for a in _call(url, "/v1/assets")]
+    known = [a["asset"] for a in call(url, "/v1/assets")]
     if len(known) != 1:
         what = f"name one of its assets: {', '.join(known)}" if known else "no asset has sent a frame yet"
         raise InputError(f"{url}: {what}")
     return known[0]
-
-
-def _call(url: str, path: str, body: Mapping[str, Any] | None = None) -> Any:
-    """The service's answer; InputError with its own words where it refuses, or where nothing answers."""
-    from service.errors import InputError
-
-    data = None if body is None else json_module.dumps(body).encode()
-    try:
-        request = Request(url.rstrip("/") + path, data, {"Content-Type": "application/json"})
-        with urlopen(request, timeout=WAIT) as response:
-            return json_module.load(response)
-    except HTTPError as error:
-        try:
-            detail = json_module.load(error)["detail"]
-        except (ValueError, KeyError, TypeError):
-            detail = f"status {error.code}"
-        raise InputError(f"{url}: {detail}") from None
-    except (URLError, OSError, ValueError) as error:
-        why = getattr(error, "reason", error)
-        raise InputError(
-            f"{url}: no service answers at this address: {str(why).lower()}; --url sets its address"
-        ) from None

@@ -6,7 +6,7 @@ const SETTLE_MS = 200; // events come in bursts; one request answers all of a bu
 const POINTS = 600; // of the history that is drawn, at the start
 const WINDOWS = 100; // latest window records that are kept
 const RETRY_MS = 3000;
-export const KINDS = ["window", "update", "effect", "rul", "data_fault", "alarm", "change", "inspection", "question"];
+export const KINDS = ["window", "update", "effect", "rul", "data_fault", "status", "alarm", "change", "inspection", "question"];
 
 // Sends "change" after new data (detail: the kinds of event that brought it) and "link" with true or false.
 export class Machine extends EventTarget {

@@ -221,9 +221,15 @@ def test_rules_of_an_asset_are_set_by_name_and_followed(bench):
     assert {(a["rule"], a["state"]) for a in bench.alarms()} == {
         ("depth", "returned_unacknowledged"), ("deep", "active_unacknowledged")
     }  # fmt: skip
-    for wrong in ({"rules": []}, {"by": "Anna", "rules": [{"name": "x", "quantity": "noise"}]}):
+    oil = {"name": "x", "quantity": "temperature", "watch": 70}
+    for wrong, code, said in (
+        ({"rules": []}, 422, "body.by"),
+        ({"by": "Anna", "rules": [{"name": "x", "quantity": "noise"}]}, 422, "'noise' is not known"),
+        ({"by": "Anna", "rules": [{**oil, "alarm": 60}]}, 409, "rule.0: alarm = 60 must lie beyond watch = 70"),
+        ({"by": "Anna", "rules": [oil, oil]}, 409, "more than one rule is called x"),
+    ):
         refused = bench.client.call("PUT", "/v1/assets/unsw/alarm-rules", json=wrong)
-        assert refused.status_code == 422
+        assert refused.status_code == code and said in refused.json()["detail"]
 
 
 def test_window_that_was_committed_before_changes_no_alarm(bench):

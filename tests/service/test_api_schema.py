@@ -19,14 +19,16 @@ EXAMPLES = 20
 BASE = "/v1/assets/{asset}"
 PARTS = (
     "wear", "rul", "residual", "effects", "tracing", "decisions", "rig", "windows", "trend", "quality", "inspections",
-    "signals", "waterfall", "indicators", "windows/{index}/signals/{view}",
+    "alarms", "alarm-rules", "signals", "waterfall", "indicators", "windows/{index}/signals/{view}",
 )  # fmt: skip
 # The stream of events never ends by itself: test_api_events.py reads it.
 OPERATIONS = [
-    *(("GET", route) for route in ("/v1/assets", BASE, "/healthz", "/readyz", "/metrics")),
+    *(("GET", route) for route in ("/v1/assets", "/v1/alarms", BASE, "/healthz", "/readyz", "/metrics")),
     *(("GET", f"{BASE}/{part}") for part in PARTS),
     ("POST", f"{BASE}/inspections"),
     ("POST", f"{BASE}/effects/{{name}}"),
+    ("POST", f"{BASE}/alarms/{{number}}/{{verb}}"),
+    ("PUT", f"{BASE}/alarm-rules"),
 ]
 LONGER = [("GET", f"{BASE}/report")]
 
@@ -71,7 +73,13 @@ def test_request_by_the_description_is_answered_by_it(described, method, path):
 
 @pytest.mark.parametrize(
     ("method", "path"),
-    [("GET", f"{BASE}/windows"), ("POST", f"{BASE}/inspections"), ("POST", f"{BASE}/effects/{{name}}")],
+    [
+        ("GET", f"{BASE}/windows"),
+        ("POST", f"{BASE}/inspections"),
+        ("POST", f"{BASE}/effects/{{name}}"),
+        ("POST", f"{BASE}/alarms/{{number}}/{{verb}}"),
+        ("PUT", f"{BASE}/alarm-rules"),
+    ],
 )
 def test_request_against_the_description_is_refused_by_it(described, method, path):
     answers_as_described(described[path][method], GenerationMode.NEGATIVE)
