@@ -157,11 +157,7 @@ class Model:
     @cached_property
     def compliance_outside_mesh(self) -> float:
         """Mean transmission error beyond that of the mesh, per torque on the pinion [m/(N·m)]."""
-        rb1 = self.mesh.pair.base_radius[0]
-        z1, z2 = self.mesh.pair.teeth
-        balanced = direction({"th1": 1.0, "th13": -z2 / z1}) - self.structure.mesh / rb1
-        beyond = self.structure.transmission_error - self.structure.mesh
-        return self.structure.static_response(beyond, balanced)
+        return compliance_outside_mesh(self.structure, self.mesh.pair)
 
     def mean_transmission_error(self, steady: SteadyState, condition: Condition) -> float:
         """Mean of r_b1·θ7 − r_b2·θ8 [m], zero for rigid perfect gears without load."""
@@ -173,3 +169,10 @@ class Model:
         f = steady.omega[1:] / (2 * pi)
         inside = (f >= low) & (f <= high)
         return float(np.sqrt(0.5 * np.sum(np.abs(self.acceleration_lines(steady)[inside]) ** 2)))
+
+
+def compliance_outside_mesh(structure: Structure, pair: GearPair) -> float:
+    """Mean transmission error of a structure beyond that of its mesh, per torque on the pinion [m/(N·m)]."""
+    z1, z2 = pair.teeth
+    balanced = direction({"th1": 1.0, "th13": -z2 / z1}) - structure.mesh / pair.base_radius[0]
+    return structure.static_response(structure.transmission_error - structure.mesh, balanced)

@@ -118,6 +118,7 @@ class Ground:
     remedies: tuple[str, ...]
     depth: bool = True  # whether the depth is doubted
     life: bool = True
+    in_band: bool = False  # whether the band of a depth by encoders holds it already
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -326,6 +327,7 @@ def _estimated_rig(basis: Basis) -> Iterator[Ground]:
         yield Ground(
             reason=f"the rig file's {', '.join(estimated.parts)} are estimates{by}",
             remedies=("drawings or measured natural frequencies of the machine", MEASURED_DEPTH),
+            in_band=True,  # twin/updating/joint_gauge.py
         )
 
 
@@ -430,7 +432,7 @@ def confidence_of(rig: Rig, outcome: UpdateOutcome, errors: HeldOutErrors | None
     if excluding:
         return Confidence(not_this_machine=_missing(excluding), band=outcome.depth_band)
     grounds = [ground for rule in RULES for ground in rule(basis)]
-    doubted = any(ground.depth for ground in grounds)
+    doubted = any(ground.depth and not ground.in_band for ground in grounds)
     return Confidence(
         band=_band(basis, doubted),
         depth=_preliminary(ground for ground in grounds if ground.depth),

@@ -1,16 +1,21 @@
 """How far a machine may differ from its rig file, and its instruments from perfect ones, without anything being wrong.
 
 The rig file states them in its table `[tolerances]`; the defaults below hold for what it does not state. Attribution
-accepts a departure only where it exceeds these. The floor of the torque meter is a share of the rated torque where the
-file gives one.
+accepts a departure only where it exceeds these. What is estimated (`[estimated]`) is as wide as its spread says. The
+floor of the torque meter is a share of the rated torque where the file gives one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
+from twin.rig_estimated import Estimated
+
+UNIFORM = sqrt(3)  # half-width of a uniform distribution over its standard deviation
+WIDEST = 0.9  # a tolerance never makes a stiffness vanish
 TORQUE_FLOOR_SHARE = 5e-4  # of the rated torque: 5 mN·m on the reference rig, tuned on the campaigns T01–T58
 
 
@@ -33,5 +38,8 @@ class Tolerances:
     def of(cls, values: Mapping[str, Any]) -> Tolerances:
         """The tolerances of a rig file's mapping: those stated, else the defaults."""
         rated = values.get("operating", {}).get("input_torque")
+        spread = Estimated.of(values).spread
+        parts = {"stiffness": "structure", "mass": "inertias", "damping": "damping"}
+        wide = {name: min(UNIFORM * spread[part], WIDEST) for name, part in parts.items() if part in spread}
         scaled = {} if rated is None or rated == 0 else {"torque_floor": TORQUE_FLOOR_SHARE * abs(rated)}
-        return cls(**(scaled | dict(values.get("tolerances", {}))))
+        return cls(**(scaled | wide | dict(values.get("tolerances", {}))))

@@ -76,6 +76,7 @@ from twin.updating.disc_remount import DiscRemount
 from twin.updating.encoders import EncoderScatter
 from twin.updating.half_width import HalfWidthFit
 from twin.updating.inspected_wear import InspectionFaults
+from twin.updating.joint_gauge import JointScatter
 from twin.updating.life import LifeSpread
 from twin.updating.measurement import DepthScatter
 from twin.updating.model_cache import CurveDepths
@@ -154,6 +155,7 @@ SETS: tuple[type, ...] = (
     HalfWidthFit,
     InspectionFaults,
     InspectionLimits,
+    JointScatter,
     LifeSpread,
     DepthScatter,
     CurveDepths,

@@ -24,6 +24,7 @@ from twin.effects.extended import ExtendedModel, window_lines
 from twin.features.window_features import WindowFeatures
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
+from twin.structure_spread import structure_spread
 from twin.thresholds import deciding
 from twin.updating.conditions import condition_of
 from twin.wear.curve import LINES, MeshLines
@@ -107,7 +108,14 @@ class CalibrationFit:
 
 PRIOR, FIT = RigFilePrior(), CalibrationFit()
 
-PRIOR_SPREAD = np.array([getattr(PRIOR, name) for name in NAMES])  # of the logarithms (3,)
+PRIOR_SPREAD = np.array([getattr(PRIOR, name) for name in NAMES])  # of the logarithms (3,), of a rig file that is known
+ESTIMATED_PART = ("mesh", "damping", "damping")  # whose spread holds where these are estimated
+
+
+def prior_spread(rig: Rig) -> np.ndarray:
+    """Standard deviations of the logarithms of the calibrated values (3,): wider where the rig file says so."""
+    stated = rig.estimated.spread
+    return np.maximum(PRIOR_SPREAD, [stated.get(part, 0.0) for part in ESTIMATED_PART])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,6 +153,7 @@ def _residuals(model: Model, windows: Sequence[WindowFeatures], factors: Sequenc
     for w, factor in zip(windows, factors, strict=True):
         of_error, of_level = (factor, factor) if isinstance(factor, float) else factor
         condition = condition_of(w, model.rig)
+        spread = structure_spread(model.rig, condition.speed_hz)
         steady = model.steady(model.unworn, condition)
         if not steady.converged:
             out.append(np.full(HARMONICS, NOT_SOLVED))
@@ -153,14 +162,16 @@ def _residuals(model: Model, windows: Sequence[WindowFeatures], factors: Sequenc
             _, y, std = w.transmission_error.mesh()
             n = min(HARMONICS, y.size)
             m = (model.transmission_error_lines(steady)[:LINES] * of_error)[:n]
-            σ = np.sqrt((FIT.line_scatter * np.abs(m)) ** 2 + FIT.line_floor**2 + std[:n] ** 2)
+            share = np.hypot(FIT.line_scatter, 0.0 if spread is None else spread.transmission_error.std[:n])
+            σ = np.sqrt((share * np.abs(m)) ** 2 + FIT.line_floor**2 + std[:n] ** 2)
             out.append((np.abs(y[:n]) - np.abs(m)) / σ)
         if w.acceleration is not None and model.rig.band[1] > 0:
             _, y, std = w.acceleration.mesh()
             n = min(LEVEL_HARMONICS, y.size)
             m = np.abs((model.acceleration_lines(steady)[:LINES] * of_level)[:n])
             clear = np.abs(y[:n]) > FIT.least_signal * std[:n]
-            out.append((np.log(np.abs(y[:n]) / m) / FIT.level_scatter)[clear])
+            share = np.hypot(FIT.level_scatter, 0.0 if spread is None else spread.acceleration.std[:n])
+            out.append((np.log(np.abs(y[:n]) / m) / share)[clear])
     return np.concatenate(out) if out else np.empty(0)
 
 
@@ -174,11 +185,12 @@ def calibrate(model: Model, windows: Sequence[WindowFeatures]) -> Fit:
         return model.calibrated(**dict(zip(NAMES, np.exp(θ).tolist(), strict=True)))
 
     def residuals(θ: np.ndarray) -> np.ndarray:
-        return np.concatenate((_residuals(at(θ), windows, factors), (θ - centre) / PRIOR_SPREAD))
+        return np.concatenate((_residuals(at(θ), windows, factors), (θ - centre) / spread))
 
-    limits = centre - FIT.widest * PRIOR_SPREAD, centre + FIT.widest * PRIOR_SPREAD
+    spread = prior_spread(model.rig)
+    limits = centre - FIT.widest * spread, centre + FIT.widest * spread
     found = least_squares(
-        residuals, centre, bounds=limits, x_scale=PRIOR_SPREAD, diff_step=1e-3, max_nfev=8, xtol=1e-3, ftol=1e-3
+        residuals, centre, bounds=limits, x_scale=spread, diff_step=1e-3, max_nfev=8, xtol=1e-3, ftol=1e-3
     )
     covariance = np.linalg.inv(found.jac.T @ found.jac)
     std = dict(zip(NAMES, np.sqrt(np.diag(covariance)).tolist(), strict=True))
@@ -198,7 +210,7 @@ def outliers(rig: Rig, fit: Fit) -> list[str]:
     """
     prior, found = Calibration.prior(rig), fit.calibration
     out = []
-    for name, spread in zip(NAMES, PRIOR_SPREAD, strict=True):
+    for name, spread in zip(NAMES, prior_spread(rig), strict=True):
         given, value = getattr(prior, name), getattr(found, name)
         if abs(np.log(value / given)) > FIT.doubtful * spread:
             out.append(

@@ -110,12 +110,13 @@ class DepthEstimate:
     from_lines: float  # depth that the lines alone would give [m]
     misfit: float  # J at the minimum over its degrees of freedom
     at_limit: bool  # whether the deeper bound of the search stopped it
+    band: tuple[float, float] | None = None  # 5 and 95 % [m] where they do not follow from the standard deviation
 
 
 Response = Callable[[float], tuple[np.ndarray, float]]  # depth → m_k, less m_k(0) if from unworn, (HARMONICS,); m_0
 
 
-def _best_phase(model: np.ndarray, gauge: Gauge, weight: np.ndarray) -> float:
+def best_phase(model: np.ndarray, gauge: Gauge, weight: np.ndarray) -> float:
     """ψ that fits the lines at a given depth: a scan, then Newton steps, prior included."""
     k = np.arange(1, model.size + 1)
     product = np.conj(model) * gauge.lines * weight
@@ -145,7 +146,7 @@ def _misfit(depth: float, gauge: Gauge, response: Response) -> tuple[float, floa
     """2·J of the lines, what the mean adds to it, and the phase, at a depth [m]."""
     model, mean = response(depth)
     σ2 = (gauge.scatter * np.abs(model)) ** 2 + gauge.lines_std**2 + DEPTH.floor**2
-    ψ = _best_phase(model, gauge, 1 / σ2)
+    ψ = best_phase(model, gauge, 1 / σ2)
     k = np.arange(1, model.size + 1)
     J = float((np.abs(np.exp(1j * k * ψ) * model - gauge.lines) ** 2 / σ2).sum() + np.log(σ2).sum())
     if gauge.phase is not None:

@@ -57,9 +57,8 @@ def depth_from(
     new        the model of the time when the flanks were new, None where it had no effects
     Searched to some times what was expected; to the curve's end where that does not hold it.
     """
-    curve, shallow = expectation.curve, expectation.curve.start_depth
-    sought = max(search.times_expected * projected, search.least)
-    deep = max(min(curve.valid_within(min(sought, curve.limit)), sought), shallow + 1e-6)
+    curve = expectation.curve
+    shallow, deep = first_range(expectation, projected, search)
 
     def found(near: Expectation) -> DepthEstimate:
         return estimate_depth(gauge, lambda d: near.gauge(d, gauge.pinion_only, gauge.from_unworn), shallow, deep)
@@ -74,6 +73,13 @@ def depth_from(
         if again.solved:
             return again, found(again)
     return expectation, estimate
+
+
+def first_range(expectation: Expectation, projected: float, search: DepthSearch = SEARCH) -> tuple[float, float]:
+    """Depths [m] between which a depth is searched first."""
+    curve, shallow = expectation.curve, expectation.curve.start_depth
+    sought = max(search.times_expected * projected, search.least)
+    return shallow, max(min(curve.valid_within(min(sought, curve.limit)), sought), shallow + 1e-6)
 
 
 def phase_of_known_depth(gauge: Gauge, expectation: Expectation, depth: float) -> DepthEstimate:

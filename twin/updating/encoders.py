@@ -118,17 +118,17 @@ def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: 
     seen = encoder_lines(features)
     if seen is None:
         return None
-    if not _has_depth_lines(seen):
+    if not has_depth_lines(seen):
         return None
     mean, mean_std = None, float("nan")
-    raw = _mean_less_load(features, memory, model, condition)
+    raw = mean_less_load(features, memory, model, condition)
     if memory.offset is not None and raw is not None:
         strain = ENCODERS.compliance * model.compliance_outside_mesh * (condition.torque - memory.offset.torque)
         mean = raw - memory.offset.value
         mean_std = float(np.sqrt(memory.offset.var + ENCODERS.offset_drift**2 + ENCODERS.mean_noise**2 + strain**2))
     lines = np.array([seen.at(k) for k in DEPTH_HARMONICS])
     std = np.array([seen.std_at(k) for k in DEPTH_HARMONICS])
-    unworn = _unworn_like(features, memory)
+    unworn = unworn_like(features, memory)
     if unworn is not None:
         start = _lines_of(unworn)
         lines = lines - np.array([start.at(k) for k in DEPTH_HARMONICS])
@@ -145,7 +145,7 @@ def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: 
     )
 
 
-def _has_depth_lines(lines: MeasuredLines) -> bool:
+def has_depth_lines(lines: MeasuredLines) -> bool:
     return all(lines.get(k) is not None for k in DEPTH_HARMONICS)
 
 
@@ -154,7 +154,7 @@ def _near(a: float | None, b: float | None, tolerance: float) -> bool:
     return a is not None and b is not None and abs(a / b - 1) < tolerance
 
 
-def _unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | None:
+def unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | None:
     """An unworn window of the same condition, recorded earlier on the present discs; None where there is none."""
     if len(memory.segments) > 1:
         return None
@@ -162,7 +162,7 @@ def _unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | N
         start = encoder_lines(unworn)
         if not memory.discs_since_ns <= unworn.start_time_ns < features.start_time_ns:
             continue
-        if start is None or not _has_depth_lines(start):
+        if start is None or not has_depth_lines(start):
             continue
         same = _near(unworn.speed_hz, features.speed_hz, ENCODERS.same_speed)
         loaded = features.torque_nm is None or _near(unworn.torque_nm, features.torque_nm, ENCODERS.same_torque)
@@ -171,7 +171,7 @@ def _unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | N
     return None
 
 
-def _mean_less_load(features: WindowFeatures, memory: Memory, model: Model, condition: Condition) -> float | None:
+def mean_less_load(features: WindowFeatures, memory: Memory, model: Model, condition: Condition) -> float | None:
     """Mean transmission error less what the measured compliance adds to the rig file's [m]."""
     te = features.transmission_error
     if te is None or te.get(0) is None or features.torque_nm is None:
@@ -198,7 +198,7 @@ def learn(
         phase = (w_old * memory.phase + w_new * phase) / (w_old + w_new)
         std = max(float(np.sqrt(1 / (w_old + w_new))), ENCODERS.least_phase)
     memory = replace(memory, phase=phase, phase_std=std)
-    raw = _mean_less_load(features, memory, model, expectation.condition)
+    raw = mean_less_load(features, memory, model, expectation.condition)
     if raw is None:
         return memory
     if depth_std is None:

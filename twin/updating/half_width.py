@@ -12,6 +12,7 @@ from twin.errors import NotAvailable
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition
 from twin.rig import Rig
+from twin.structure_spread import is_estimated
 from twin.thresholds import deciding
 from twin.updating import encoders
 from twin.updating.calibration import fit_half_width
@@ -45,7 +46,13 @@ FIT = HalfWidthFit()
 def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Condition, depth: float) -> Memory:
     """The memory with the half-width refitted where the depth [m] has first passed FIT.worn_enough."""
     due = memory.half_width_from == 0 and depth >= FIT.worn_enough
-    if not due or memory.fit is None or len(memory.segments) > 1 or encoders.encoder_lines(features) is None:
+    if (
+        not due
+        or is_estimated(rig)
+        or memory.fit is None
+        or len(memory.segments) > 1
+        or encoders.encoder_lines(features) is None
+    ):
         return memory
     fit, old_curve = memory.fit, curve_of(rig, memory)
     pinion_only = features.transmission_error is None

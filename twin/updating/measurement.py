@@ -16,12 +16,14 @@ from twin.features.window_features import WindowFeatures
 from twin.model import Model
 from twin.quantiles import Z95
 from twin.rig import Rig
+from twin.structure_spread import is_estimated
 from twin.thresholds import deciding
 from twin.updating import encoders, half_width, rms_update
 from twin.updating.conditions import MATCH, Measured
 from twin.updating.depth import DEPTH, DepthEstimate
 from twin.updating.depth_search import depth_from
-from twin.updating.disc_remount import settled
+from twin.updating.disc_remount import SettledDepth, settled
+from twin.updating.joint_update import of_known_depth, of_unknown_depth, settled_jointly
 from twin.updating.memory import Memory, with_lines
 from twin.updating.model_cache import curve_of, model_of
 from twin.updating.outcome import UpdateOptions, UpdateOutcome, depth_band
@@ -134,10 +136,7 @@ def measurement_window(
     allowed = window.revolutions <= options.update_until
     telling = allowed and window.revolutions >= MATCH.unworn_revolutions  # unworn teeth show no wear rate
     expected = predict(rig, memory, window, index)
-    found = settled(
-        memory, features, expected.model, condition,
-        lambda gauge: depth_from(gauge, expected.expectation, expected.model, expected.depth, expected.unworn),
-    )  # fmt: skip
+    found = _measured(rig, memory, window, expected)
     estimate, expectation = None, expected.expectation
     notes: tuple[str, ...] = ()
     if found is not None:
@@ -169,6 +168,23 @@ def measurement_window(
         estimate=estimate, rms_result=rms_result, rms_depth=rms_depth, expectation=expectation, lines=verdict.lines,
         notes=(*notes, *_notes_on(window), *verdict.notes, *_notes_on_depth(estimate, expectation)),
     )  # fmt: skip
+
+
+def _measured(rig: Rig, memory: Memory, window: Measured, expected: Prediction) -> SettledDepth | None:
+    """The depth that the encoders show; None where there are none."""
+    features, condition, near = window.features, window.condition, expected.expectation
+    if not is_estimated(rig):
+        return settled(
+            memory, features, expected.model, condition,
+            lambda gauge: depth_from(gauge, near, expected.model, expected.depth, expected.unworn),
+        )  # fmt: skip
+    worn = window.revolutions >= MATCH.unworn_revolutions
+    search = (
+        of_unknown_depth(near, expected.model, expected.depth, expected.unworn)
+        if worn
+        else of_known_depth(near, expected.model, 0.0)
+    )
+    return settled_jointly(rig, memory, features, condition, search)
 
 
 def _by_level(
@@ -248,7 +264,8 @@ def _learned(
 ) -> Memory:
     """The memory with phase, disc offset and factors of path and mesh as the window shows them at its depth."""
     features = window.features
-    memory = encoders.learn(memory, features, model, expectation, estimate, estimate.from_lines, None)
+    if memory.line_factors is None:
+        memory = encoders.learn(memory, features, model, expectation, estimate, estimate.from_lines, None)
     usable = features if window.level_fault is None else replace(features, acceleration=None)
     path, mesh = encoders.factors(usable, expectation, estimate.depth, estimate.phase, index, rig.teeth[0])
     return replace(memory, path=with_lines(memory.path, path), mesh=with_lines(memory.mesh, mesh))
@@ -281,7 +298,7 @@ def _by_encoders(
     return Verdict(
         method=method,
         depth=depth,
-        depth_band=depth_band(depth, std),
+        depth_band=estimate.band if allowed and estimate.band else depth_band(depth, std),
         rms_predicted=expected.rms,
         rms_after=rms_after,
         updated=updated,

@@ -14,6 +14,7 @@ from twin.effects.response import Effect
 from twin.features.window_features import WindowFeatures
 from twin.model import Calibration
 from twin.updating.calibration import Fit
+from twin.updating.joint_gauge import LineFactors
 from twin.updating.rms_update import RmsTrack
 from twin.updating.tracker import WearTrack
 from twin.updating.wear_points import Points, WearPoint
@@ -103,6 +104,7 @@ class Memory:
     phase_std: float = 3.0
     discs_since_ns: int = 0  # when the pinion's disc was last seen to have been turned [Unix ns]
     offset: MeanOffset | None = None
+    line_factors: LineFactors | None = None  # of a machine whose structure is an estimate
     path: tuple[Line, ...] = ()
     mesh: tuple[Line, ...] = ()
     updates: int = 0
@@ -129,6 +131,7 @@ class Memory:
             "phase_std": self.phase_std,
             "discs_since_ns": self.discs_since_ns,
             "offset": None if self.offset is None else asdict(self.offset),
+            "line_factors": None if self.line_factors is None else self.line_factors.to_dict(),
             "path": [[j, f, ρ.real, ρ.imag, σ] for j, f, ρ, σ in self.path],
             "mesh": [[j, f, ρ.real, ρ.imag, σ] for j, f, ρ, σ in self.mesh],
             "updates": self.updates,
@@ -157,6 +160,7 @@ class Memory:
             phase_std=data["phase_std"],
             discs_since_ns=data["discs_since_ns"],
             offset=None if data["offset"] is None else MeanOffset(**data["offset"]),
+            line_factors=_line_factors(data.get("line_factors")),
             path=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["path"]),
             mesh=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["mesh"]),
             updates=data["updates"],
@@ -164,6 +168,11 @@ class Memory:
             rms_points=tuple(WearPoint(**p) for p in data.get("rms_points", ())),
             effects=tuple(Addition.from_dict(a) for a in data["effects"]),
         )
+
+
+def _line_factors(data: Mapping[str, Any] | None) -> LineFactors | None:
+    """None also in a memory that was stored before there were any."""
+    return None if data is None else LineFactors.from_dict(data)
 
 
 def with_lines(learned: tuple[Line, ...], new: list[Line]) -> tuple[Line, ...]:

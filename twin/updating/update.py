@@ -8,11 +8,13 @@ from math import pi
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition
 from twin.rig import Rig
+from twin.structure_spread import is_estimated
 from twin.thresholds import deciding
 from twin.updating import encoders
 from twin.updating.calibration import calibrate, compliance_scale
 from twin.updating.conditions import MATCH, Measured
 from twin.updating.depth_search import phase_of_known_depth
+from twin.updating.joint_update import of_known_depth, settled_jointly
 from twin.updating.measurement import SCATTER, measurement_window, projected_std, unworn_model
 from twin.updating.memory import Memory
 from twin.updating.model_cache import curve_of, model_of, start_of_curve, with_profiles
@@ -116,9 +118,12 @@ def _calibration_window(rig: Rig, memory: Memory, window: Measured, index: int) 
     expectation = Expectation.at(model, curve, condition, depth, unworn_model(rig, memory))
     lines, _ = predicted_lines(memory, expectation, depth, index, rig.teeth[0])
     rms = expectation.rms(lines, rig.teeth[0], rig.band, window.noise)
-    gauge = encoders.gauge_of(features, memory, model, condition)
+    gauge = None if is_estimated(rig) else encoders.gauge_of(features, memory, model, condition)
     estimate = None
-    if gauge is not None:
+    if is_estimated(rig):
+        found = settled_jointly(rig, memory, features, condition, of_known_depth(expectation, model, depth))
+        memory, estimate = (memory, None) if found is None else (found.memory, found.estimate)
+    elif gauge is not None:
         estimate = phase_of_known_depth(gauge, expectation, depth)
         memory = encoders.learn(memory, features, model, expectation, estimate, depth, SCATTER.floor)
     return UpdateOutcome(
