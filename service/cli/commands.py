@@ -16,6 +16,7 @@ from service.cli.effects import app as effects
 from service.cli.example import app as example
 from service.cli.importing import import_
 from service.cli.init import init
+from service.cli.signals import signals
 from service.json_text import write_text, wrote_json
 
 GROUPS = ("Get started", "Assess a machine", "Learn and calibrate", "Recordings and data")
@@ -419,5 +420,6 @@ def diagnose(
 app.command(name="import", rich_help_panel=DATA)(import_)
 app.command(name="init", rich_help_panel=START)(init)
 app.add_typer(alarms, name="alarms", rich_help_panel=ANSWER)
+app.command(name="signals", rich_help_panel=DATA)(signals)
 app.add_typer(effects, name="effects", rich_help_panel=ANSWER)
 app.add_typer(example, name="example", rich_help_panel=DATA)

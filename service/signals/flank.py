@@ -27,7 +27,8 @@ def flank(subject: Subject) -> View:
     """Both gears' teeth at the window's wear depth."""
     m = subject.modelled
     if m is None:
-        raise NotAvailable(f"the worn flank is not available: {subject.why_not_modelled}")
+        why = subject.why_not_modelled or "it is drawn from the model, which was not asked for"
+        raise NotAvailable(f"the worn flank is not available: {why}")
     share = pinion_share(m.pair)
     s = np.linspace(m.pair.path_start, m.pair.path_end, POINTS)
     worn, _ = m.profile.at(s)

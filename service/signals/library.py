@@ -9,13 +9,13 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from service.results.board import Board
 from service.results.signal_store import SignalStore
 from service.results.signal_thinning import KeptWindow
 from service.results.store import ResultStore
+from service.signals.modelled import modelling
 from service.signals.subject import Modelling, Subject
 from service.signals.view import View
 from service.signals.views import VIEWS, ViewOptions
@@ -24,11 +24,10 @@ from twin.errors import NotAvailable, TwinError
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.state import State
-from twin.tracing.modelled_lines import ModelledLines, depth_at, modelled_lines
+from twin.tracing.modelled_lines import ModelledLines
 from twin.updating.update import NEEDED
 
 SUBJECTS, KEPT_VIEWS, ROWS, MODELS = 4, 8, 600, 64
-MICROMETRE = 1e-6
 T = TypeVar("T")
 
 
@@ -47,14 +46,6 @@ class Recent(Generic[T]):
         while len(self._values) > self._most:
             self._values.popitem(last=False)
         return value
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kept:
-    """A window that can be looked at."""
-
-    window: KeptWindow
-    rig: Rig
 
 
 class Library:
@@ -113,9 +104,15 @@ class Library:
     def _subject(self, asset: str, index: int, modelled: bool) -> Subject:
         window, rig = self._signals.window(asset, index), self._rig(asset)
         model: Modelling | None = None
-        if modelled and rig.has(*NEEDED):
-            model = self._modelling(asset, index, rig)
-        return Subject(asset=asset, index=index, window=window, rig=rig, model=model)
+        why = ""
+        if modelled:
+            try:
+                rig.require("a model of this machine", *NEEDED)
+                model = self._modelling(asset, index, rig)
+                why = "" if model else "the twin of this machine has no model yet"
+            except NotAvailable as error:
+                why = str(error)
+        return Subject(asset=asset, index=index, window=window, rig=rig, model=model, no_model=why)
 
     def _modelling(self, asset: str, index: int, rig: Rig) -> Modelling | None:
         version = self._version(asset)
@@ -123,10 +120,12 @@ class Library:
         if state is None:
             return None
 
+        own = modelling(rig, state, lambda: self._recorded_um(asset, index))
+
         def lines(features: WindowFeatures) -> ModelledLines:
             def solve() -> ModelledLines | str:
                 try:
-                    return modelled_lines(rig, state, features, self._depth(asset, index, state, features))
+                    return own(features)
                 except TwinError as error:
                     return str(error)
 
@@ -145,12 +144,7 @@ class Library:
         except (TwinError, LookupError, TypeError, ValueError):
             return None
 
-    def _depth(self, asset: str, index: int, state: State, features: WindowFeatures) -> float:
-        depth = depth_at(state, features.start_time_ns)
-        if depth is not None:
-            return depth
+    def _recorded_um(self, asset: str, index: int) -> float | None:
+        """The depth in the window's record [µm]."""
         found = self._store.windows(asset, index - 1, 1)
-        micrometres = found[0].record.get("wear_depth_um") if found and found[0].record["index"] == index else None
-        if micrometres is None:
-            raise NotAvailable("nothing is modelled: this window has no wear depth")
-        return micrometres * MICROMETRE
+        return found[0].record.get("wear_depth_um") if found and found[0].record["index"] == index else None

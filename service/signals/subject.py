@@ -43,7 +43,8 @@ class Subject:
     index: int
     window: Window
     rig: Rig
-    model: Modelling | None = None  # the twin's lines of the window; None where there is no model
+    model: Modelling | None = None  # the twin's lines of the window; None where they are not there, or not asked for
+    no_model: str = ""  # why they are not there
 
     @property
     def started(self) -> datetime:
@@ -157,7 +158,7 @@ class Subject:
     @cached_property
     def _modelled(self) -> ModelledLines | str:
         if self.model is None:
-            return "nothing is modelled: there is no model of this machine, or none has been calibrated yet"
+            return self.no_model
         try:
             return self.model(extract(self.rig, self.window))
         except TwinError as error:

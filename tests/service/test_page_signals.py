@@ -65,7 +65,7 @@ def test_every_view_of_a_window_is_drawn_and_has_its_own_address(opened):
         assert points(page, "signal") > 100 and painted(page, "signal") > 3, view
     choose(page, "view", "flank")
     page.get_by_role("heading", name="Worn flank is not available").wait_for()
-    assert "nothing is modelled" in page.inner_text("main").lower()
+    assert "the rig file does not give" in page.inner_text("main")
 
 
 def test_the_chart_says_its_strongest_lines_to_those_who_do_not_see_it(opened):

@@ -133,7 +133,7 @@ def test_a_machine_of_which_nothing_is_known_still_has_waveform_and_spectrum():
         view("order-spectrum", window, rig={})
     with pytest.raises(NotAvailable, match="no encoder on the pinion and the gear"):
         view("transmission-error", window)
-    with pytest.raises(NotAvailable, match="worn flank is not available: nothing is modelled"):
+    with pytest.raises(NotAvailable, match="worn flank is not available: it is drawn from the model"):
         view("flank", window)
 
 

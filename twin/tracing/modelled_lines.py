@@ -68,7 +68,7 @@ def modelled_lines(rig: Rig, state: State, features: WindowFeatures, depth: floa
     """The lines of one window at a depth [m]; NotAvailable, NotConverged."""
     memory = state.memory
     if not memory.segments:
-        raise NotAvailable("nothing is modelled: no window has been compared with the model yet")
+        raise NotAvailable("no window has been compared with the model yet")
     condition = condition_of(features, rig)
     turns = features.revolutions or 0.0
     found = {f.name: f.addition for f in state.tracing.found}
@@ -79,7 +79,7 @@ def modelled_lines(rig: Rig, state: State, features: WindowFeatures, depth: floa
     profile = profile_of(rig, memory, turns, depth)
     response = solve_with(model, active.values(), profile.slices, condition)
     if not response.steady.converged:
-        raise NotConverged(f"nothing is modelled: no steady state at {condition.speed_hz:g} Hz")
+        raise NotConverged(f"no steady state at {condition.speed_hz:g} Hz")
     orders = response.orders
     f = orders * condition.speed_hz
     index = next((h.index for h in state.tracing.history if h.features.start_time_ns == features.start_time_ns), 0)

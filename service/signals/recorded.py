@@ -1,0 +1,102 @@
+"""A window of a recording as something to look at, without a service."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from service.errors import FrameError, InputError
+from service.files.rig import assembly_for, window_of_rig
+from service.runtime.assess import choose_asset, rig_of
+from service.runtime.pipeline import Pipeline, WindowOutcome
+from service.runtime.twin_port import gear_twin
+from service.signals.modelled import modelling
+from service.signals.subject import Subject
+from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.frames import Frame
+from service.stream.sources.mcap import Recording
+from service.stream.wire.topics import Channel
+from twin.rig import Rig
+from twin.windows import Window
+
+
+class _Last:
+    """A `ResultSink` that keeps the window asked for, and the state after all of them."""
+
+    def __init__(self, wanted: int) -> None:
+        self.wanted, self.count = wanted, 0
+        self.found: WindowOutcome | None = None
+        self.state: Any = None
+
+    def commit(self, outcome: WindowOutcome) -> bool:
+        self.count, self.state = self.count + 1, outcome.state
+        if self.wanted in (-1, outcome.index):
+            self.found = outcome
+        return True
+
+    def publish(self, outcome: WindowOutcome) -> None:
+        """Nobody watches."""
+
+
+def recorded_subject(
+    path: Path,
+    index: int,
+    *,
+    rig_path: Path | None,
+    asset: str | None,
+    prefix: str,
+    assembly: AssemblySettings,
+    modelled: bool,
+) -> Subject:
+    """A window by its index, −1 for the last; InputError where there is none. `modelled` runs the twin on all of it."""
+    with Recording(path, prefix) as recording:
+        asset = choose_asset(recording, asset)
+        rig = rig_of(recording, rig_path)
+        frames = (frame for frame in recording.frames(_left_out) if frame.channel.asset == asset)
+        if modelled:
+            return _assessed(path, frames, rig, asset, index, assembly)
+        last: tuple[int, Window] | None = None
+        for last in enumerate(_windows(frames, rig, assembly)):
+            if last[0] == index:
+                break
+    if last is None or index not in (-1, last[0]):
+        raise _no_window(path, index, 0 if last is None else last[0] + 1)
+    return Subject(asset=asset, index=last[0], window=window_of_rig(rig, last[1]), rig=rig)
+
+
+def _windows(frames: Iterable[Frame], rig: Rig, assembly: AssemblySettings) -> Iterator[Window]:
+    """The windows of frames, as the twin would get them."""
+    assembler = Assembler(assembly_for(rig, assembly))
+    for frame in frames:
+        for window, _ in assembler.assemble(frame, None):
+            yield window
+    for window, _ in assembler.finish():
+        yield window
+
+
+def _assessed(
+    path: Path, frames: Iterable[Frame], rig: Rig, asset: str, index: int, assembly: AssemblySettings
+) -> Subject:
+    """The window with what the twin expects of it, once it has processed all of them."""
+    results = _Last(index)
+    pipeline = Pipeline(lambda name: rig, gear_twin(), results, assembly=assembly)
+    for frame in frames:
+        pipeline.feed(frame)
+    pipeline.flush(asset)
+    found = results.found
+    if found is None:
+        raise _no_window(path, index, results.count)
+    model = modelling(rig, results.state, lambda: found.record.get("wear_depth_um"))
+    return Subject(asset=asset, index=found.index, window=found.window, rig=rig, model=model)
+
+
+def _left_out(channel: Channel, error: FrameError) -> None:
+    """A frame that cannot be read: the window has a gap there, and says so."""
+
+
+def _no_window(path: Path, index: int, count: int) -> InputError:
+    return InputError(
+        f"{path}: there is no window {index}; the recording has "
+        + (f"windows 0 to {count - 1}" if count else "no whole window")
+    )
