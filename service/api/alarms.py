@@ -64,6 +64,17 @@ class Learned(BaseModel):
     text: str = Field(description="how far the learning has come, with the expected rate of false alarms")
 
 
+class QuantityOut(BaseModel):
+    """A quantity that rules may watch."""
+
+    name: str
+    label: str
+    unit: str
+    bases: list[str] = Field(description="what its limits may come from; the first is the default")
+    direction: Literal["above", "below"] = Field(description="on which side it is bad")
+    places: str = Field(description="what tells its instances apart; empty where there is one")
+
+
 class AlarmRules(BaseModel):
     """The alarm rules of one asset."""
 
@@ -73,7 +84,7 @@ class AlarmRules(BaseModel):
     at: str | None = Field(description="ISO 8601")
     rules: list[Rule]
     learning: list[Learned]
-    quantities: list[str] = Field(description="that rules may watch")
+    quantities: list[QuantityOut] = Field(description="that rules may watch")
 
 
 @router.get("/alarms", response_model=list[Alarm], responses=responses(422))
@@ -145,4 +156,15 @@ def set_rules(request: Request, asset: str, given: RulesIn) -> Any:
 
 
 def _rules(request: Request, asset: str) -> dict[str, Any]:
-    return {**request.app.state.alarms.described(asset), "quantities": list(QUANTITIES)}
+    quantities = [
+        {
+            "name": name,
+            "label": q.label,
+            "unit": q.unit,
+            "bases": list(q.bases),
+            "direction": q.direction,
+            "places": q.places,
+        }
+        for name, q in QUANTITIES.items()
+    ]
+    return {**request.app.state.alarms.described(asset), "quantities": quantities}

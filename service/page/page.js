@@ -1,6 +1,7 @@
 // The shell: addresses of the page, its header, the tabs of a machine, and what is shown where something fails.
 //
 //   #/                    all machines
+//   #/alarms              alarms of all machines
 //   #/asset/NAME          one machine, its overview
 //   #/asset/NAME/VIEW     one of its other views
 
@@ -25,6 +26,7 @@ export const addressOf = (asset, view = "") => `#/asset/${encodeURIComponent(ass
 function routeOf(hash) {
   const parts = hash.replace(/^#\/?/, "").split("/").map(decode);
   if (parts[0] === "asset" && parts[1]) return { asset: parts[1], view: parts[2] ?? "" };
+  if (parts[0] === "alarms" && parts.length === 1 && hash.startsWith("#/")) return { asset: null, view: "alarms" };
   if (parts[0] === "" && parts.length === 1) return { asset: null, view: "" };
   // addresses of earlier versions: #NAME
   return parts.length === 1 ? { asset: parts[0], view: "" } : { asset: null, view: "", wrong: hash };
@@ -50,9 +52,11 @@ export function connected(live, what = "") {
 
 function showTrail(route) {
   const current = (text) => element("span", { "aria-current": "page" }, text);
-  const all = route.asset === null ? current("All machines") : element("a", { href: "#/" }, "All machines");
-  trail.replaceChildren(all, ...(route.asset === null ? []
-    : [element("span", { className: "separator", "aria-hidden": "true" }, "›"), current(route.asset)]));
+  const fleet = route.asset === null && route.view === "";
+  const all = fleet ? current("All machines") : element("a", { href: "#/" }, "All machines");
+  const here = route.asset ?? (fleet ? null : "Alarms");
+  trail.replaceChildren(all, ...(here === null ? []
+    : [element("span", { className: "separator", "aria-hidden": "true" }, "›"), current(here)]));
 }
 
 function tabs(route, state) {
@@ -149,15 +153,21 @@ async function showMachine(route, signal) {
   mark();
 }
 
-async function showFleet(signal) {
+const OF_ALL = {
+  "": { title: "All machines", load: () => import("./views/fleet.js") },
+  alarms: { title: "Alarms of all machines", load: () => import("./views/all-alarms.js") },
+};
+
+async function showAll(route, signal) {
   leavingMachine.abort();
   machine = null;
-  const fleet = await import("./views/fleet.js");
+  const { title, load } = OF_ALL[route.view];
+  const view = await load();
   if (signal.aborted) return;
   const root = element("div", { className: "view" });
-  main.replaceChildren(element("h1", { className: "visually-hidden", tabIndex: -1 }, "All machines"), root);
-  document.title = "All machines – gear-twin";
-  await fleet.show(root, { signal, get, connected });
+  main.replaceChildren(element("h1", { className: "visually-hidden", tabIndex: -1 }, title), root);
+  document.title = `${title} – gear-twin`;
+  await view.show(root, { signal, get, connected });
 }
 
 async function show({ focus = true } = {}) {
@@ -170,10 +180,10 @@ async function show({ focus = true } = {}) {
   main.setAttribute("aria-busy", "true");
   try {
     if (route.wrong) throw new Problem(404, `The address ${route.wrong} leads to no view.`);
-    if (route.asset === null) await showFleet(signal);
+    if (route.asset === null) await showAll(route, signal);
     else await showMachine(route, signal);
     if (signal.aborted) return;
-    main.dataset.view = route.asset === null ? "fleet" : route.view || "overview";
+    main.dataset.view = route.asset === null ? route.view || "fleet" : route.view || "overview";
   } catch (error) {
     if (signal.aborted || error.name === "AbortError") return;
     console.warn(error);

@@ -10,5 +10,6 @@
 export const VIEWS = [
   { path: "", title: "Overview", load: () => import("./views/overview.js") },
   { path: "signals", title: "Signals", load: () => import("./views/signals.js") },
+  { path: "alarms", title: "Alarms", load: () => import("./views/alarms.js") },
   { path: "data", title: "Windows and data", load: () => import("./views/data.js") },
 ];

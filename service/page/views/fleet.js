@@ -51,7 +51,8 @@ function seenCell(asset) {
 function stateCell(asset) {
   const { status, alarms, question } = asset;
   const open = alarms?.unacknowledged
-    ? element("span", { className: "badge bad" }, `${alarms.unacknowledged} alarm${alarms.unacknowledged === 1 ? "" : "s"} not acknowledged`) : "";
+    ? element("a", { className: "badge bad", href: `#/asset/${encodeURIComponent(asset.asset)}/alarms`, dataset: { key: `alarms ${asset.asset}` } },
+      `${alarms.unacknowledged} alarm${alarms.unacknowledged === 1 ? "" : "s"} not acknowledged`) : "";
   return element("div", { className: "state" }, levelBadge(status?.level), open,
     status?.action ? element("strong", { className: "action" }, status.action) : "",
     element("span", { className: "reason" }, status?.reasons?.length ? sentence(status.reasons[0]) : ""),
@@ -72,7 +73,9 @@ const HEADS = ["Machine", "State and what to do", "Data", "Wear depth", "Remaini
 
 function counts(assets) {
   const parts = LEVELS.map((level) => [level, assets.filter((a) => a.status?.level === level).length]).filter(([, n]) => n);
-  return element("p", { className: "counts", role: "status" }, ...parts.flatMap(([level, n], i) => [i ? ", " : "",
+  const open = assets.reduce((n, a) => n + (a.alarms?.active ?? 0), 0);
+  const alarms = element("a", { href: "#/alarms", dataset: { key: "all-alarms" } }, `Alarms: ${open} active`);
+  return element("p", { className: "counts", role: "status" }, alarms, " · ", ...parts.flatMap(([level, n], i) => [i ? ", " : "",
     element("span", { className: `count-${level}` }, `${n} ${levelWord(level).toLowerCase()}`)]));
 }
 

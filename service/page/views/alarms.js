@@ -1,0 +1,18 @@
+// The alarms of one machine, and its alarm rules.
+
+import { get } from "../api.js";
+import { alarmList } from "../parts/alarm_list.js";
+import { alarmRules } from "../parts/alarm_rules.js";
+
+export const title = "Alarms";
+
+export async function show(root, { machine, signal, onChange }) {
+  const list = alarmList({ signal, load: (all) => get(`${machine.base}/alarms?state=${all ? "all" : "open"}`, { signal }) });
+  const rules = alarmRules({ base: machine.base, signal, load: () => get(`${machine.base}/alarm-rules`, { signal }) });
+  root.append(list.root, rules.root);
+  await Promise.all([list.refresh(), rules.refresh()]);
+  onChange((kinds) => {
+    if (kinds.has("alarm") || kinds.has("window")) list.refresh();
+    if (kinds.has("window")) rules.refresh();
+  });
+}
