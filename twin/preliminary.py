@@ -476,7 +476,8 @@ def _band(basis: Basis, doubted: bool) -> tuple[float, float]:
         return least, depth * SCATTER.rms_high**factor
     if not doubted:
         return low, high
-    least = basis.limits.doubtful_low * depth if outcome.memory.track.windows else 0.0
+    compared = outcome.memory.track.windows and outcome.memory.fit is not None  # with unworn teeth
+    least = basis.limits.doubtful_low * depth if compared else 0.0
     return min(low, least), max(high, basis.limits.doubtful_high * depth)
 
 

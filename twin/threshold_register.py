@@ -19,6 +19,7 @@ from twin.baseline.learned import LearningThresholds
 from twin.baseline.operating import OperatingThresholds as BaselineOperatingThresholds
 from twin.baseline.reading import ReadingThresholds
 from twin.baseline.spacing import SpacingThresholds
+from twin.baseline.sufficiency import SufficiencyLimits
 from twin.baseline.transfer_path import PathThresholds
 from twin.effects.facts import DetectionThresholds
 from twin.effects.mass_unbalance import MassUnbalanceDetection
@@ -98,6 +99,7 @@ SETS: tuple[type, ...] = (
     BaselineOperatingThresholds,
     ReadingThresholds,
     SpacingThresholds,
+    SufficiencyLimits,
     PathThresholds,
     DetectionThresholds,
     MassUnbalanceDetection,

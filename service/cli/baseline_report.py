@@ -40,10 +40,17 @@ def learned_text(described: Mapping[str, Any]) -> str:
         for axis, v in described["operating_points"].items()
     )
     shafts = ", ".join(number(s) for s in described["shafts"])
-    return (
+    line = (
         f"Baseline of {len(described['recordings'])} windows, {points}; channels {', '.join(described['channels'])}; "
         f"shafts of order {shafts} of the pinion's rotation"
     )
+    return "\n".join([line, *not_judged(described)])
+
+
+def not_judged(described: Mapping[str, Any]) -> list[str]:
+    """What the baseline does not suffice for yet, a line each."""
+    known = (described.get("sufficiency") or {}).get("not_judged") or ()
+    return [f"Not judged with this baseline: {kind['what']} ({kind['reason']})." for kind in known]
 
 
 def text(answer: Mapping[str, Any]) -> str:
@@ -52,13 +59,15 @@ def text(answer: Mapping[str, Any]) -> str:
     for effect in answer["effects"]:
         lines.append(_effect(effect))
     if not answer["effects"]:
-        lines.append("Nothing differs from the healthy baseline; no effect was added.")
+        what = "Nothing differs" if answer["unexplained"]["verdict"] == "explained" else "Nothing is known to differ"
+        lines.append(f"{what} from the healthy baseline; no effect was added.")
     left = answer["unexplained"]
     if left["verdict"] == "unknown_effect":
         lines.append(f"Unknown effect: {left['reason']}.")
     elif left["reason"]:
         lines.append(f"Note: {left['reason']}.")
     lines += strange.sentences(answer["unattributed_lines"])
+    lines += not_judged(answer["baseline"])
     outside = [w["name"] for w in answer["windows"] if not w["interpolated"]]
     if outside:
         lines.append(f"Outside the learned operating points, compared with the nearest one: {', '.join(outside)}.")

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import Field
 
-from service.contract.base import ContractModel
+from service.contract.base import PERCENT, ContractModel
 from twin import assessment
 
 
@@ -49,6 +49,33 @@ class BaselineWindow(ContractModel):
         )
 
 
+class NotJudged(ContractModel):
+    """A kind of change that cannot be judged with the baseline yet."""
+
+    what: str
+    reason: str
+
+
+class Sufficiency(ContractModel):
+    """What a healthy baseline suffices for."""
+
+    recordings: int
+    recordings_needed: int = Field(description="to judge single teeth")
+    load_percent: list[float] | None = Field(
+        description="least and largest load learned, of the rated one; null where it is not known"
+    )
+    not_judged: list[NotJudged] = Field(description="empty where the baseline suffices")
+
+    @classmethod
+    def of(cls, found: assessment.BaselineSufficiency) -> Sufficiency:
+        return cls(
+            recordings=found.recordings,
+            recordings_needed=found.recordings_needed,
+            load_percent=None if found.load is None else [load / PERCENT for load in found.load],
+            not_judged=[NotJudged(what=kind.what, reason=kind.reason) for kind in found.not_judged],
+        )
+
+
 class Baseline(ContractModel):
     """What a healthy baseline was learned from, and the window that was compared with it."""
 
@@ -57,15 +84,15 @@ class Baseline(ContractModel):
     shafts: list[float] = Field(description="orders of the pinion")
     channels: list[str]
     window: BaselineWindow | None = None
-    notes: list[str] | None = Field(default=None, description="what the baseline does not suffice for")
+    sufficiency: Sufficiency | None = None
 
     @classmethod
     def of(cls, baseline: assessment.BaselineAssessment) -> Baseline:
         parts: dict[str, Any] = {}
         if baseline.window is not None:
             parts["window"] = BaselineWindow.of(baseline.window)
-        if baseline.notes:
-            parts["notes"] = list(baseline.notes)
+        if baseline.sufficiency is not None:
+            parts["sufficiency"] = Sufficiency.of(baseline.sufficiency)
         return cls(
             recordings=list(baseline.recordings),
             operating_points={

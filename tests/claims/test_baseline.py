@@ -213,9 +213,8 @@ def test_one_sensor_that_has_changed_is_no_common_level_and_one_sensor_alone_is_
     changed = np.full(12, 0.5 + 0j)
     assert common_level([changed, np.ones(12)]) == 0.0
     assert common_level([changed, 0.55 * np.ones(12)]) == pytest.approx(np.log(0.55))
-    alone = learn(
-        RIG, [of_a(parts(machine(load, i), name=f"h{i}").whole) for i, load in enumerate((0.3, 0.4, 0.5))], SHAFTS
-    )
+    loads = (0.3, 0.35, 0.4, 0.45, 0.5)
+    alone = learn(RIG, [of_a(parts(machine(load, i), name=f"h{i}").whole) for i, load in enumerate(loads)], SHAFTS)
     window = machine(0.42, 99)
     halved = {"a": replace(window.accelerations["a"], values=0.5 * window.accelerations["a"].values)}
     diagnosis = diagnose(alone, [WindowParts(whole=of_a(parts(replace(window, accelerations=halved)).whole))])

@@ -11,6 +11,7 @@ from service.files.baseline import compared, learned, lines_of_no_shaft, load
 from service.files.import_recording import import_recording
 from service.files.relation import answer
 from service.files.series import load_series
+from twin.baseline.comparison import described
 from twin.levels.trials import LEAST_GAIN, try_all
 
 ROOT = Path(__file__).parents[2]
@@ -60,7 +61,12 @@ def test_baseline_of_four_healthy_recordings_says_that_it_cannot_judge_teeth_and
     baseline = learned([file("h", percent) for percent in (0, 20, 30, 40)])
     _, broken = compared(baseline, file("b", 20))
     assert broken.unexplained.verdict != "explained"
-    assert "holds 4 of at least 5 windows" in broken.unexplained.reason
+    assert "4 of at least 5 recordings" in broken.unexplained.reason
+    assert "teeth cannot be judged yet" in broken.unexplained.reason
+    assert broken.effects == () and "cannot be distinguished yet" in broken.unexplained.reason
+    sufficiency = described(baseline).sufficiency
+    assert (sufficiency.recordings, sufficiency.recordings_needed) == (4, 5)
+    assert {kind.what for kind in sufficiency.not_judged} == {"single teeth", "changes of a sensor or its mount"}
 
 
 @needs

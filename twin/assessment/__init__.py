@@ -20,8 +20,10 @@ from twin.assessment.attribution import (
 )
 from twin.assessment.baseline import (
     BaselineAssessment,
+    BaselineSufficiency,
     BaselineWindow,
     LineSideband,
+    NotJudged,
     PossibleCause,
     SpectrumExcerpt,
     UnattributedLines,
@@ -71,6 +73,7 @@ __all__ = [
     "Attribution",
     "BaseRadii",
     "BaselineAssessment",
+    "BaselineSufficiency",
     "BaselineWindow",
     "CalibrationAssessment",
     "ChannelErrors",
@@ -101,6 +104,7 @@ __all__ = [
     "MissedCount",
     "ModelValidity",
     "Modulation",
+    "NotJudged",
     "PairCurve",
     "PairSpeeds",
     "ParameterValue",

@@ -24,6 +24,24 @@ class BaselineWindow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class NotJudged:
+    """A kind of change that a baseline does not suffice to judge yet."""
+
+    what: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaselineSufficiency:
+    """What a healthy baseline suffices for."""
+
+    recordings: int
+    recordings_needed: int  # to judge single teeth
+    load: tuple[float, float] | None  # least and largest, over the rated one; None where it is not known
+    not_judged: tuple[NotJudged, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BaselineAssessment:
     """What a healthy baseline was learned from, and the window compared with it."""
 
@@ -32,7 +50,7 @@ class BaselineAssessment:
     shafts: tuple[float, ...]  # orders of the pinion
     channels: tuple[str, ...]
     window: BaselineWindow | None = None
-    notes: tuple[str, ...] = ()  # what the baseline does not suffice for
+    sufficiency: BaselineSufficiency | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

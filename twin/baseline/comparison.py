@@ -31,6 +31,7 @@ from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
 from twin.baseline.reading import TURNS_PER_PERIOD, angle_of, read
 from twin.baseline.spacing import Spacing, unattributed_spacing
+from twin.baseline.sufficiency import sufficiency_of
 from twin.errors import NotAvailable
 from twin.features.angle import AngleTrack
 from twin.rig import Rig
@@ -147,6 +148,7 @@ def described(baseline: Baseline, window: BaselineWindow | None = None) -> Basel
         shafts=tuple(float(s) for s in baseline.shafts),
         channels=tuple(sorted(baseline.std)),
         window=window,
+        sufficiency=sufficiency_of(baseline),
     )
 
 

@@ -17,6 +17,7 @@ from twin.baseline.findings import BaselineComparison, ShaftChange, compare
 from twin.baseline.learned import Baseline
 from twin.baseline.operating import UNITS
 from twin.baseline.reading import WindowReading
+from twin.baseline.sufficiency import range_of, thin_for_teeth
 from twin.baseline.transfer_path import Path, name_of_path
 from twin.effects import EFFECTS
 from twin.effects.signature import Signature
@@ -40,11 +41,6 @@ class DiagnosisThresholds:
     misfit: float = deciding(
         4.0, unit="variances", meaning="misfit of the lines to the healthy scatter that is an unidentified effect",
         source="convention: two standard deviations of every line; held-out healthy recordings have about 1",
-    )  # fmt: skip
-    least_recordings: int = deciding(
-        5, meaning="healthy windows from which a change of single teeth can be judged",
-        source="observed on the broken-tooth set: with four healthy recordings the broken tooth is not found, with "
-        "five it is at 27 of 28 loads within the learned range",
     )  # fmt: skip
 
 
@@ -105,7 +101,9 @@ def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: Diagnos
                 "much better with each as the other; is the mapping right?"
             )
     compared = [compare(baseline, w.whole) for w in windows]
-    effects = [*_paths(compared), *_shafts(baseline, compared)]
+    thin = thin_for_teeth(baseline)
+    paths = _paths(compared)
+    effects = [*([] if thin else paths), *_shafts(baseline, compared)]
     errors, bands = _errors(baseline, windows)
     share, misfit, lines = _left(compared)
     verdict, reason = _verdict(baseline, compared, effects, misfit, limits)
@@ -115,7 +113,7 @@ def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: Diagnos
         errors=errors,
         bands=tuple(bands),
         verdict=verdict,
-        reason="; ".join(r for r in (reason, _common_level(compared)) if r),
+        reason="; ".join(r for r in (reason, _unnamed(paths if thin else []), _common_level(compared)) if r),
         share=share,
         lines=tuple(lines),
     )
@@ -143,17 +141,19 @@ def _verdict(
         return "unknown_effect", unknown.detail
     if not any(c.expected.interpolated for c in compared):
         return "insufficient_data", _beyond_range(baseline, compared[0])
-    if len(baseline.readings) < limits.least_recordings:
-        return "insufficient_data", (
-            f"the healthy baseline holds {len(baseline.readings)} of at least {limits.least_recordings} windows "
-            f"({_range(baseline)}): single teeth cannot be judged yet"
-        )
-    return "explained", ""
+    thin = thin_for_teeth(baseline)
+    return ("explained", "") if thin is None else ("insufficient_data", thin)
 
 
-def _range(baseline: Baseline) -> str:
-    """The learned operating points."""
-    return ", ".join(f"{low:.5g} to {high:.5g} {UNITS[axis]}" for axis, (low, high) in baseline.range.items())
+def _unnamed(paths: Sequence[Named]) -> str:
+    """Changes of transfer paths that a baseline too thin for the teeth does not name; empty where there are none."""
+    channels = [channel for path in paths for channel in path.channels]
+    if not channels:
+        return ""
+    return (
+        f"the transfer paths to {', '.join(channels)} differ from the baseline's: by a changed sensor, mount or gear, "
+        "which cannot be distinguished yet"
+    )
 
 
 def _beyond_range(baseline: Baseline, compared: BaselineComparison) -> str:
@@ -161,7 +161,7 @@ def _beyond_range(baseline: Baseline, compared: BaselineComparison) -> str:
     at = baseline.operating_point(compared.reading)
     here = ", ".join(f"{v:.5g} {UNITS[axis]}" for axis, v in zip(baseline.axes, at, strict=True))
     return (
-        f"the operating point ({here}) lies beyond the baseline's ({_range(baseline)}): "
+        f"the operating point ({here}) lies beyond the baseline's ({range_of(baseline)}): "
         "another load or speed, or a wrong sampling rate; small effects would not be seen"
     )
 
