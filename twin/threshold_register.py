@@ -45,6 +45,7 @@ from twin.levels.wear_by_level import LevelLimits
 from twin.preliminary import EstablishedLimits
 from twin.rig_notes import NoteLimits
 from twin.scales import UNITS, Scales
+from twin.suitability import SuitabilityLimits
 from twin.thresholds import ThresholdRow, rows_of
 from twin.tracing.change_detection import ChangeLimits
 from twin.tracing.confirmation import ConfirmationLimits
@@ -158,6 +159,7 @@ SETS: tuple[type, ...] = (
     InspectionFaults,
     InspectionLimits,
     JointScatter,
+    SuitabilityLimits,
     LifeSpread,
     DepthScatter,
     CurveDepths,

@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 from service.cli.alarms import app as alarms
 from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell, windowing
+from service.cli.doctor import doctor
 from service.cli.effects import app as effects
 from service.cli.example import app as example
 from service.cli.importing import import_
@@ -419,6 +420,7 @@ def diagnose(
 
 app.command(name="import", rich_help_panel=DATA)(import_)
 app.command(name="init", rich_help_panel=START)(init)
+app.command(name="doctor", rich_help_panel=START)(doctor)
 app.add_typer(alarms, name="alarms", rich_help_panel=ANSWER)
 app.command(name="signals", rich_help_panel=DATA)(signals)
 app.add_typer(effects, name="effects", rich_help_panel=ANSWER)

@@ -1,0 +1,197 @@
+"""`gear-twin doctor`: what a recording and a rig file support, and what they do not and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from service.errors import InputError
+from service.files.rig import checked_rig, expected_channels, load_rig
+from service.setup.abilities import Ability, Equipment, abilities, equipment_of_rig, one_more
+from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
+from service.stream.sources.mcap import Recording
+from twin.errors import TwinError
+from twin.features.extract import extract
+from twin.rig import Rig
+from twin.rig_notes import rig_notes
+from twin.suitability import NOTE, PROBLEM, Finding, Seen, findings
+from twin.windows import Window
+
+MOST_WINDOWS = 40  # that are read: enough to see operating points and growth, at most a minute of work
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelRow:
+    """One channel over the windows that were read."""
+
+    label: str
+    rate: str  # with its unit
+    duration: float  # [s]
+    level: str  # with its unit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Examination:
+    """Everything that the doctor says."""
+
+    recording: str | None
+    rig: str | None
+    windows: int
+    channels: tuple[ChannelRow, ...]
+    findings: tuple[Finding, ...]
+    abilities: tuple[Ability, ...]
+    one_more_sensor: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def examined(
+    path: Path | None, rig_path: Path | None, asset: str | None = None, assembly: AssemblySettings = DEFAULT
+) -> Examination:
+    """The examination of a recording, of a rig file, or of both; InputError where neither can be used."""
+    if path is None:
+        if rig_path is None:
+            raise InputError("nothing to examine: name a recording, or a rig file with --rig")
+        return _of_rig(load_rig(rig_path), rig_path)
+    with Recording(path) as recording:
+        if asset is None and len(recording.assets) != 1:
+            raise InputError(
+                f"{path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; --asset NAME"
+            )
+        name = asset or recording.assets[0]
+        if name not in recording.assets:
+            raise InputError(f"{path}: has no asset {name!r}; choose one of {', '.join(recording.assets)}")
+        mapping = recording.rig()
+        rig = _rig_of(mapping, rig_path, path)
+        windows = list(islice(_windows(recording, name, assembly), MOST_WINDOWS))
+    if not windows:
+        raise InputError(f"{path}: no whole window: {'; '.join(recording.faults) or 'no frames'}")
+    return _of_windows(path, rig, rig_path or (f"{path}: attached" if mapping is not None else None), windows)
+
+
+def _rig_of(mapping: dict[str, Any] | None, rig_path: Path | None, path: Path) -> Rig:
+    if rig_path is not None:
+        return load_rig(rig_path)
+    return checked_rig(mapping or {}, f"{path}: attached rig.toml")
+
+
+def _windows(recording: Recording, asset: str, assembly: AssemblySettings) -> Iterator[Window]:
+    assembler = Assembler(assembly)
+    for frame in recording.frames(lambda channel, _: assembler.count(channel.label, "invalid")):
+        if frame.channel.asset == asset:
+            yield from assembler.add(frame)
+    yield from assembler.flush()
+
+
+def _of_rig(rig: Rig, rig_path: Path) -> Examination:
+    """A rig file alone: the sensors that it names."""
+    accelerometers = int(rig.accelerometer is not None)
+    edges = tuple(int(rig.get(f"encoders.{shaft}_edges_per_rev", 0)) for shaft in ("pinion", "gear"))
+    equipment = equipment_of_rig(rig, accelerometers, (edges[0], edges[1]), rig.has("sensors.torque"))
+    return _with_abilities(equipment, rig, None, rig_path, 0, (), _rig_findings(rig))
+
+
+def _of_windows(path: Path, rig: Rig, rig_said: Any, windows: list[Window]) -> Examination:
+    seen, refused = [], []
+    for window in windows:
+        try:
+            seen.append(Seen(window=window, features=extract(rig, window)))
+        except TwinError as error:
+            refused.append(str(error))
+    found = [*_channel_findings(rig, windows), *findings(rig, seen), *_rig_findings(rig)]
+    for reason in dict.fromkeys(refused):
+        found.append(Finding(level=PROBLEM, text=f"{refused.count(reason)} of {len(windows)} windows: {reason}"))
+    labels = {label for window in windows for label in _labels(window)}
+    edges = tuple(
+        max((w.encoders[shaft].per_rev for w in windows if shaft in w.encoders), default=0)
+        for shaft in ("pinion", "gear")
+    )
+    equipment = equipment_of_rig(
+        rig, sum(label.startswith("accel/") for label in labels), (edges[0], edges[1]), "torque/pinion" in labels
+    )
+    rows = tuple(_row(label, windows) for label in sorted(labels))
+    return _with_abilities(equipment, rig, path, rig_said, len(windows), rows, found)
+
+
+def _with_abilities(
+    equipment: Equipment, rig: Rig, path: Path | None, rig_said: Any, windows: int, rows: Any, found: Any
+) -> Examination:
+    return Examination(
+        recording=None if path is None else str(path),
+        rig=None if rig_said is None else str(rig_said),
+        windows=windows,
+        channels=rows,
+        findings=tuple(found),
+        abilities=abilities(equipment),
+        one_more_sensor=one_more(equipment),
+    )
+
+
+def _labels(window: Window) -> list[str]:
+    return [
+        *(f"accel/{name}" for name in window.accelerations),
+        *(f"torque/{name}" for name in window.torques),
+        *(f"encoder/{name}" for name in window.encoders),
+        *window.slow,
+    ]
+
+
+def _row(label: str, windows: list[Window]) -> ChannelRow:
+    kind, _, name = label.partition("/")
+    if kind in ("accel", "torque"):
+        found = [
+            group[name]
+            for w in windows
+            for group in (w.accelerations if kind == "accel" else w.torques,)
+            if name in group
+        ]
+        values = np.concatenate([s.values for s in found])
+        values = values[np.isfinite(values)]
+        unit = "m/s²" if kind == "accel" else "N·m"
+        level = "no valid sample"
+        if values.size:
+            first = f"RMS {values.std():.3g}" if kind == "accel" else f"mean {values.mean():.4g}"
+            level = f"{first}, largest {np.abs(values).max():.3g} {unit}"
+        return ChannelRow(
+            label=label, rate=f"{found[0].rate:g} Hz", duration=sum(s.duration for s in found), level=level
+        )
+    if kind == "encoder":
+        edges = [w.encoders[name] for w in windows if name in w.encoders]
+        turns = sum(np.isfinite(e.times).sum() / e.per_rev for e in edges)
+        length = sum(float(np.nanmax(e.times) - np.nanmin(e.times)) for e in edges if np.isfinite(e.times).any())
+        return ChannelRow(
+            label=label, rate=f"{edges[0].per_rev} edges a turn", duration=length,
+            level=f"{turns:.4g} turns, {turns / length:.4g} Hz" if length else "no valid edge",
+        )  # fmt: skip
+    values = np.array([w.slow[label].value for w in windows if label in w.slow])
+    return ChannelRow(label=label, rate="slow", duration=0.0, level=f"{values.min():.4g} to {values.max():.4g} (SI)")
+
+
+def _channel_findings(rig: Rig, windows: list[Window]) -> Iterator[Finding]:
+    """Channels that the rig file names and the recording lacks, and an accelerometer that it does not name."""
+    labels = {label for window in windows for label in _labels(window)}
+    for label in expected_channels(rig):
+        if label not in labels:
+            yield Finding(
+                level=NOTE if label.startswith("temperature") else PROBLEM,
+                text=f"{label}, which the rig file names, is not in the recording",
+                remedy="another name in the mapping, or another sensor in the rig file?",
+            )
+    sensors = sorted(label for label in labels if label.startswith("accel/"))
+    if sensors and rig.accelerometer is None and len(sensors) > 1:
+        yield Finding(
+            level=NOTE,
+            text=f"{len(sensors)} accelerometers, and the rig file names none as the reference (sensors.accelerometer)",
+            remedy=f"one of {', '.join(label.partition('/')[2] for label in sensors)}",
+        )
+
+
+def _rig_findings(rig: Rig) -> Iterator[Finding]:
+    for note in rig_notes(rig):
+        yield Finding(level=NOTE, text=f"rig file: {note}")
