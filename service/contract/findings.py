@@ -317,8 +317,8 @@ def depth_of(found: assessment.Assessment) -> assessment.Interval | None:
 
 
 def sentence(text: str) -> str:
-    """A text that ends with a full stop."""
-    return text if text.endswith(".") else f"{text}."
+    """A text that ends as a sentence does."""
+    return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
 __all__ = ["SEVERITY", "Finding", "Level", "by_severity", "depth_of", "findings_of", "imperative", "sentence"]

@@ -6,6 +6,8 @@ export const isAvailable = (part) =>
 export const reasonOf = (part) =>
   (part && typeof part === "object" && part.reason) || "not reported";
 
+const minus = (text) => text.replace("-", "−");
+
 export function number(value, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
@@ -13,8 +15,8 @@ export function number(value, digits = 3) {
     const [mantissa, power] = value.toExponential(digits - 1).split("e");
     return `${mantissa}·10${superscript(Number(power))}`;
   }
-  return new Intl.NumberFormat("en", { maximumSignificantDigits: Math.max(digits, Math.ceil(Math.log10(size + 1))) })
-    .format(value);
+  return minus(new Intl.NumberFormat("en", { maximumSignificantDigits: Math.max(digits, Math.ceil(Math.log10(size + 1))) })
+    .format(value));
 }
 
 // With all its digits, for columns of figures.
@@ -22,7 +24,7 @@ export function fixed(value, digits = 3) {
   if (!Number.isFinite(value)) return "–";
   if (value === 0 || Math.abs(value) < 1e-3 || Math.abs(value) >= 1e7) return number(value, digits);
   const decimals = Math.max(0, digits - 1 - Math.floor(Math.log10(Math.abs(value))));
-  return new Intl.NumberFormat("en", { minimumFractionDigits: decimals, maximumFractionDigits: decimals }).format(value);
+  return minus(new Intl.NumberFormat("en", { minimumFractionDigits: decimals, maximumFractionDigits: decimals }).format(value));
 }
 
 export function range(band, digits = 3) {

@@ -66,15 +66,17 @@ def test_new_window_appears_without_a_reload_by_fetching_what_is_new_alone(open_
 
 
 def test_a_reason_that_several_parts_share_is_given_once(open_page, store, board):
-    fakes.take(store, board, "spectraquest", 0, 10.0, report=fakes.little_known_report())
+    for index in range(2):
+        fakes.take(store, board, "spectraquest", index, 10.0 * index, report=fakes.little_known_report())
     page = open_page("/#/asset/spectraquest")
-    wait_for_windows(page, 1)
+    wait_for_windows(page, 2)
     notice = page.inner_text(".missing")
     assert "Wear depth and profile, remaining life" in notice
     assert page.inner_text("main").count("gears.module") == notice.count("gears.module") == 1
     for chart in ("depth", "profile", "rul"):
         assert page.locator(f"#{chart}").is_hidden()
-    assert points(page, "rms") == 1
+    assert points(page, "rms") == 2
+    assert page.locator("#effects").is_hidden()  # nothing was searched for: nothing is said of it
     assert page.get_attribute(".view", "data-kind") == "level"
 
 

@@ -87,12 +87,17 @@ function indicatorCard(last) {
 const EXPLAINED = { explained: "the model explains the vibration", unknown_effect: "part of the vibration has an unknown cause",
   insufficient_data: "too few data to say whether the vibration is explained" };
 
-function effectsCard({ effects, unexplained, baseline }) {
+function effectsCard({ effects, unexplained, baseline, wear, calibration }) {
   const found = isAvailable(effects) ? effects : [];
-  const verdict = isAvailable(unexplained) ? EXPLAINED[unexplained.verdict] : null;
-  if (!found.length && !verdict) return null;
-  return card(isAvailable(baseline) ? "Changes since the healthy baseline" : "Effects other than wear",
-    found.length ? String(found.length) : "none", "", found.map((e) => e.label ?? words(e.name)).join(", "), verdict);
+  const learned = isAvailable(baseline);
+  const judged = isAvailable(unexplained) ? unexplained.verdict : null;
+  const verdict = judged === "explained" && learned ? "baseline and changes together explain the vibration" : EXPLAINED[judged];
+  const searched = learned || isAvailable(wear) || isAvailable(calibration) || judged === "unknown_effect";
+  if (!found.length && !searched) return null;
+  const names = new Map();
+  for (const e of found) names.set(e.label ?? words(e.name), (names.get(e.label ?? words(e.name)) ?? 0) + 1);
+  return card(learned ? "Changes since the healthy baseline" : "Effects other than wear",
+    found.length ? String(found.length) : "none", "", [...names].map(([name, count]) => (count > 1 ? `${name} (${count} channels)` : name)).join(", "), verdict);
 }
 
 function pairCards({ pair }) {

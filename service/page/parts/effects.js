@@ -55,9 +55,11 @@ function consequences(effect) {
     errorSentence("acceleration", before.waveform_percent, after.waveform_percent)].filter(Boolean);
 }
 
-function alternatives({ evidence = {} }) {
+function alternatives(effect) {
+  const { evidence = {} } = effect;
   const alike = evidence.indistinguishable_from ?? [];
   if (!alike.length) return "";
+  if (effect.channels) return `The same channels would show the same for ${alike.map(words).join(", ")}.`;
   return `These channels cannot distinguish it from ${alike.map(words).join(", ")}. Recordings at a clearly different load and speed, `
     + "or one more channel (torque, or an encoder on each shaft), can help to decide.";
 }
@@ -86,11 +88,19 @@ function effectCard(effect, machine, decide) {
     element("details", { dataset: { key: `evidence ${effect.name}` } }, element("summary", {}, "Evidence"), facts(evidencePairs(effect))));
 }
 
-function verdictOf({ unexplained, status }, found) {
+// The effects with the most severe first, as the status orders them.
+function bySeverity(effects, status) {
+  const order = (status.findings ?? []).map((f) => f.subject);
+  const place = ({ name }) => (order.indexOf(`effect/${name}`) + 1) || order.length + 1;
+  return [...effects].sort((a, b) => place(a) - place(b));
+}
+
+function verdictOf({ unexplained, status, baseline }, found) {
   if (!isAvailable(unexplained)) return [];
   const share = Number.isFinite(unexplained.share_percent)
     ? `Unexplained: ${number(unexplained.share_percent)} % of the energy above the noise. ` : "";
-  const verdict = { explained: found ? "The model with these effects explains the vibration." : "The model explains the vibration.",
+  const verdict = { explained: isAvailable(baseline) ? "Baseline and changes together explain the vibration."
+    : found ? "The model with these effects explains the vibration." : "The model explains the vibration.",
     unknown_effect: "Part of the vibration has a cause that no known effect explains.",
     insufficient_data: "Whether the vibration is explained cannot be said yet." }[unexplained.verdict] ?? "";
   const said = (status.reasons ?? []).some((reason) => unexplained.reason && reason.includes(unexplained.reason)); // in the banner
@@ -131,9 +141,9 @@ export function effectsPanel(machine, signal) {
   }
 
   function draw() {
-    const { effects, unexplained, tracing, baseline, wear } = machine.state;
+    const { effects, unexplained, tracing, baseline, wear, calibration } = machine.state;
     root.querySelector("h2").textContent = isAvailable(baseline) ? "Changes since the healthy baseline" : "Effects other than wear";
-    const found = isAvailable(effects) ? effects : [];
+    const found = isAvailable(effects) ? bySeverity(effects, machine.state.status) : [];
     const rejected = (isAvailable(tracing) && tracing.rejected) || [];
     body.replaceChildren(
       ...found.map((effect) => effectCard(effect, machine, decide)),
@@ -143,7 +153,9 @@ export function effectsPanel(machine, signal) {
         type: "button", title: MEANING.release, onclick: () => decide(name, "release"), "aria-label": `release ${words(name)}`,
         dataset: { key: `release ${name}`, group: name } }, "release"))),
       ...verdictOf(machine.state, found.length));
-    root.hidden = !found.length && !rejected.length && !isAvailable(unexplained) && !isAvailable(wear) && !isAvailable(baseline);
+    // without a model and without a baseline nothing was searched for, so that nothing can be said of it
+    const searched = isAvailable(wear) || isAvailable(baseline) || isAvailable(calibration);
+    root.hidden = !found.length && !rejected.length && !searched && unexplained?.verdict !== "unknown_effect";
   }
 
   return { root, draw };

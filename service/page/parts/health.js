@@ -1,9 +1,10 @@
 // What a person should know first: the state of the machine, what to do, and apart from it whether the data are good.
 
 import { element } from "../dom.js";
+import { VIEWS } from "../views.js";
 import { dataOf, dateTime, instant, isAvailable, levelWord, revolutions, sentence } from "../format.js";
 
-const DATA_WORDS = { ok: "good", waiting: "waiting for data", degraded: "degraded", stale: "out of date" };
+const DATA_WORDS = { ok: "data good", waiting: "no data yet", degraded: "data degraded", stale: "data out of date" };
 
 export function levelBadge(level) {
   return element("span", { className: `level level-${level ?? "no_verdict"}` }, levelWord(level));
@@ -12,7 +13,7 @@ export function levelBadge(level) {
 export function dataBadge(holder) {
   const data = dataOf(holder);
   if (!data) return "";
-  return element("span", { className: `badge data-${data.level}`, title: data.reason }, `data ${DATA_WORDS[data.level] ?? data.level}`);
+  return element("span", { className: `badge data-${data.level}`, title: data.reason }, DATA_WORDS[data.level] ?? data.level);
 }
 
 function since(status) {
@@ -34,8 +35,9 @@ function preliminary({ wear, rul }) {
 
 function question(asked, machine) {
   if (!asked) return "";
+  const view = VIEWS.find(({ path }) => path.includes("life")); // where changes of the machine are entered
   return element("p", { className: "question" }, element("strong", {}, "Question: "), `${asked.text} `,
-    element("a", { href: `#/asset/${encodeURIComponent(machine)}/life` }, "Answer it"));
+    view ? element("a", { href: `#/asset/${encodeURIComponent(machine)}/${view.path}` }, "Answer it") : "");
 }
 
 export function health(state) {

@@ -6,6 +6,7 @@ import { instant, isAvailable, number, revolutions, words } from "../format.js";
 import { timeAt } from "./effects.js";
 
 const MARKS = 60; // update lines at most, the latest
+const LEAST = 2; // points of a trend; one has its place on a card
 
 // The points of the trend that have a place on the axis, in its order, with x.
 function placed(machine, axis) {
@@ -43,8 +44,10 @@ const about = (points, machine) => (i) => {
 };
 
 function drawLevel(chart, machine, points, axis) {
-  if (!points.some((p) => Number.isFinite(p.rms_measured))) {
-    chart.unavailable(machine.trend.length ? "no window so far has a measured RMS" : "no window yet");
+  const levels = points.filter((p) => Number.isFinite(p.rms_measured)).length;
+  chart.figure.hidden = levels < LEAST;
+  if (chart.figure.hidden) {
+    chart.unavailable(levels ? "a trend begins with the second window" : "no window so far has a measured RMS");
     return;
   }
   const updates = points.filter((p) => p.updated).length;
@@ -78,12 +81,11 @@ function drawDepth(chart, machine, points, axis) {
   const { wear, effects, tracing } = machine.state;
   const withDepth = points.filter((p) => Number.isFinite(p.depth_um?.combined?.median));
   const spots = inspections(machine, axis);
-  if (!withDepth.length) {
-    chart.figure.hidden = !isAvailable(wear);
+  chart.figure.hidden = withDepth.length + spots.length < LEAST;
+  if (chart.figure.hidden || !withDepth.length) {
     chart.unavailable("no window so far has a depth");
     return;
   }
-  chart.figure.hidden = false;
   const again = new Map((isAvailable(effects) && effects.length && isAvailable(tracing) ? tracing.depths ?? [] : [])
     .map((d) => [d.index, d]));
   const median = withDepth.map((p) => p.depth_um.combined.median);
@@ -112,8 +114,8 @@ function drawDepth(chart, machine, points, axis) {
 
 function drawLife(chart, machine, points, axis) {
   const withLife = points.filter((p) => Number.isFinite(p.rul_hours?.median));
-  chart.figure.hidden = !withLife.length;
-  if (!withLife.length) {
+  chart.figure.hidden = withLife.length < LEAST;
+  if (chart.figure.hidden) {
     chart.unavailable("no window so far has a remaining life");
     return;
   }
@@ -201,7 +203,7 @@ export function trends(context) {
   context.signal.addEventListener("abort", () => Object.values(charts).forEach((chart) => chart.destroy()));
 
   function drawSwitch(axes, axis) {
-    switching.hidden = axes.length < 2;
+    switching.hidden = axes.length < 2 || machine.trend.length < LEAST;
     const names = switching.querySelectorAll("input");
     if (names.length !== axes.length) {
       switching.replaceChildren(switching.querySelector("legend"), ...axes.map((name) => element("label", {},
