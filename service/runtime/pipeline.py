@@ -172,7 +172,8 @@ class Pipeline:
             raise NotAvailable(f"no window of {asset} has been processed yet")
         progress = self._assets[asset]
         state, answer = self._twin.apply(progress.rig, progress.state, Decision(name=name, verb=verb))
-        return DecisionOutcome(asset=asset, state=state, report=answer.report, events=answer.events)
+        report = with_status_since(progress.report, answer.report, progress.assembler.closed_until_ns, None)
+        return DecisionOutcome(asset=asset, state=state, report=report, events=answer.events)
 
     def inspect(self, asset: str, inspection: Mapping[str, Any]) -> DecisionOutcome:
         """What a measured wear depth leads to, for `accept`; TwinError where it cannot be used."""

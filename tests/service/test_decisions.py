@@ -17,9 +17,14 @@ import service_fakes as fakes
 from service_streams import Service, service, wait_until, write_recording
 
 from service.cli import run
+from service.contract.estimate import Estimate
 from service.results.decision_queue import DecisionQueue
 from service.results.sqlite_store import SqliteStore
+from service.runtime.pipeline import Checkpoint, Pipeline
 from service.runtime.replay import replay
+from service.runtime.twin_port import Twin
+from service.stream.quality import Quality
+from twin.rig import Rig
 
 WINDOWS = 3
 COMMAND = [sys.executable, "-m", "service", "effects"]
@@ -206,3 +211,24 @@ def test_asset_must_be_named_where_there_are_several(capsys, address, store, boa
     fakes.take(store, board, "another", 0, 10.0)
     assert "name one of its assets: another, unsw" in refused("pin", "misalignment")
     assert "no asset 'nobody'" in refused("list", "nobody")
+
+
+@pytest.mark.parametrize(("level", "kept"), [("watch", True), ("alarm", False)])
+def test_a_decision_leaves_since_when_the_state_holds_unless_it_changes_the_level(level, kept):
+    since = {"time": "2024-05-01T10:00:00.000000000Z", "revolutions": 1000.0}
+    before = {"status": {"level": "watch", "reasons": ["Misalignment was found."], "since": since}}
+    answer = Estimate(record={}, report={"status": {"level": level, "reasons": ["Wear."], "since": None}}, events=())
+    twin = Twin(step=None, new_state=dict, load_state=dict, decide=lambda *given: ({}, answer))
+    pipeline = Pipeline(lambda asset: Rig.from_mapping({}), twin, None)
+    assembly = {
+        "closed_until_ns": 60_000_000_000,
+        "channels": [],
+        "edges_counted": {},
+        "last_frames": {},
+        "counters": {},
+    }
+    pipeline.restore(
+        "unsw", Checkpoint(index=4, state={}, report=before, assembly=assembly, quality=Quality().to_dict({}, ()))
+    )
+    found = pipeline.decide("unsw", "misalignment", "reject").report["status"]["since"]
+    assert found == since if kept else found == {"time": "1970-01-01T00:01:00.000000000Z", "revolutions": None}
