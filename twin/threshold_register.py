@@ -42,6 +42,7 @@ from twin.learned_limits import LearnedLimits
 from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
 from twin.levels.wear_by_level import LevelLimits
+from twin.plausibility.thresholds import LevelThresholds, SamplingThresholds, SpeedThresholds
 from twin.preliminary import EstablishedLimits
 from twin.rig_notes import NoteLimits
 from twin.scales import UNITS, Scales
@@ -122,6 +123,9 @@ SETS: tuple[type, ...] = (
     LevelLimits,
     EstablishedLimits,
     NoteLimits,
+    LevelThresholds,
+    SpeedThresholds,
+    SamplingThresholds,
     ChangeLimits,
     ConfirmationLimits,
     WindowThresholds,

@@ -169,4 +169,6 @@ def _imported(mapping: Path, out: Path, source: Path | None, *, quiet: bool) -> 
     for label, counts in found["encoders"].items():
         if any(counts.get(fault) for fault in ("illegal_transitions", "reversals", "missed", "doubled")):
             tell(f"{label}: {found['notes'][label]}")
+    for mistake in found["mistakes"]:
+        tell(f"likely mistake: {mistake}")
     return found

@@ -23,23 +23,13 @@ from service.errors import InputError
 from service.files.import_rate import TimeAxis, even_axis, is_time, time_axis
 from service.files.readers import Column, Table
 from service.files.readers.table import split_unit
+from service.files.units import ACCEL, TEMPERATURE, TORQUE, UNITS
 from service.stream.channels import SHAFTS
 from twin.errors import WindowError
 from twin.features.pulses import Pulses, PulseSettings, pulses_of
 
-ACCEL, TACHO, TORQUE, TEMPERATURE = "accel", "tachometer", "torque", "temperature"
+TACHO = "tachometer"
 TIME, LEFT_OUT = "time", "left out"
-UNITS: dict[str, tuple[str, str, float]] = {  # as written in files: kind, unit of import, scale
-    "g": (ACCEL, "g", 1.0), "mg": (ACCEL, "g", 1e-3), "gn": (ACCEL, "g", 1.0), "gs": (ACCEL, "g", 1.0),
-    "m/s2": (ACCEL, "m/s2", 1.0), "m/s^2": (ACCEL, "m/s2", 1.0), "m/s²": (ACCEL, "m/s2", 1.0),
-    "m/s**2": (ACCEL, "m/s2", 1.0), "ms-2": (ACCEL, "m/s2", 1.0), "m·s-2": (ACCEL, "m/s2", 1.0),
-    "mm/s2": (ACCEL, "m/s2", 1e-3), "mm/s^2": (ACCEL, "m/s2", 1e-3), "mm/s²": (ACCEL, "m/s2", 1e-3),
-    "nm": (TORQUE, "Nm", 1.0), "n·m": (TORQUE, "Nm", 1.0), "n.m": (TORQUE, "Nm", 1.0), "n*m": (TORQUE, "Nm", 1.0),
-    "n-m": (TORQUE, "Nm", 1.0), "knm": (TORQUE, "Nm", 1e3), "ncm": (TORQUE, "Nm", 1e-2),
-    "lbf.in": (TORQUE, "Nm", 0.1129848), "in-lb": (TORQUE, "Nm", 0.1129848), "ft-lb": (TORQUE, "Nm", 1.355818),
-    "degc": (TEMPERATURE, "degC", 1.0), "°c": (TEMPERATURE, "degC", 1.0), "degf": (TEMPERATURE, "degF", 1.0),
-    "°f": (TEMPERATURE, "degF", 1.0), "k": (TEMPERATURE, "K", 1.0), "pa": (ACCEL, "Pa", 1.0),
-}  # fmt: skip
 OTHER_UNITS = {
     "mm/s": "vibration velocity has no channel", "m/s": "vibration velocity has no channel",
     "um": "a displacement has no channel", "µm": "a displacement has no channel", "mm": "a displacement has no channel",

@@ -14,6 +14,7 @@ from service.files.import_channel import PULSES, QUADRATURE, ChannelMapping, che
 from service.files.import_mapping import ImportMapping
 from service.files.import_rate import TimeAxis, time_axis, timing_of
 from service.files.readers import Column, Table, read_table
+from service.files.readers.table import split_unit
 from service.stream.channels import CHANNEL_KINDS, Layout
 
 LEAST_PRESENT = 0.5  # share of a column that must be there
@@ -35,6 +36,7 @@ class DataFile:
 
     mapping: ImportMapping  # with the edges a turn that the file states
     channels: Mapping[str, Measured]  # by label
+    units: Mapping[str, str]  # by label, as the file states them; empty where it does not
     started: datetime | None  # as the file states it
     notes: tuple[str, ...]
 
@@ -54,9 +56,15 @@ def read_columns(mapping: ImportMapping, path: Path) -> DataFile:
     return DataFile(
         mapping=replace(mapping, channels=channels),
         channels=_from_one_origin(measured, axis),
+        units={c.label: _stated_unit(table, c) for c in channels},
         started=table.started,
         notes=table.notes,
     )
+
+
+def _stated_unit(table: Table, channel: ChannelMapping) -> str:
+    column = table.column(channel.columns[0])
+    return "" if column is None else column.unit or split_unit(column.name)[1]
 
 
 def _from_one_origin(measured: Mapping[str, Measured], axis: TimeAxis | None) -> dict[str, Measured]:

@@ -27,6 +27,7 @@ from mcap.writer import CompressionType, Writer
 
 from service.errors import InputError
 from service.files.import_channel import PULSES, QUADRATURE, ChannelMapping
+from service.files.import_check import contradicted_units, likely_mistakes
 from service.files.import_columns import DataFile, Measured, read_columns
 from service.files.import_mapping import ImportMapping, load_import_mapping
 from service.stream.channels import CHANNEL_KINDS, Layout
@@ -86,6 +87,7 @@ def written_recording(
         "left_out": {c.label: c.left_out for c in mapping.channels if c.left_out},
         "encoders": {label: counts.figures for label, counts in counted.items()},
         "notes": notes,
+        "mistakes": [*contradicted_units(mapping.channels, data.units), *likely_mistakes(Path(out_path))],
     }
 
 

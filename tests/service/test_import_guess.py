@@ -2,7 +2,9 @@
 
 import json
 import re
+import runpy
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -188,3 +190,27 @@ def test_a_wrong_command_is_one_line(arguments, message, tmp_path, monkeypatch, 
 def test_two_times_that_contradict_are_refused():
     with pytest.raises(InputError, match="falls from"):
         becomes([column("Time (s)", np.concatenate((T[:100], T[:100])), "s"), column("a", np.ones(200))])
+
+
+def test_likely_mistakes_are_named_when_a_file_is_imported(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write("own.csv", **{"Time (s)": T, "Acc1 (g)": vibration() + 1, "Tacho (V)": tacho()})
+    assert run(["import", "own.csv", "--guess", "--teeth", "29/57"]) == 0
+    text = (tmp_path / "own.toml").read_text()
+    (tmp_path / "own.toml").write_text(text.replace('unit = "g"', 'unit = "m/s2"'))
+    capsys.readouterr()
+    assert run(["import", "own.toml", "--out", "own.mcap"]) == 0
+    said = capsys.readouterr().err
+    assert "the file states g for 'Acc1 (g)', and the values come out 1/9.807 of that" in said
+    assert "gravity in g that was read as m/s²?" in said
+    assert "no mesh line at 29 teeth × 24.6 Hz" in said and "23 teeth" in said
+
+
+def test_mapping_of_the_tutorial_is_what_the_guess_writes(tmp_path, monkeypatch):
+    made = runpy.run_path("docs/examples/machine.py")
+    expected = Path("docs/examples/mapping.toml").read_text()
+    monkeypatch.chdir(tmp_path)
+    made["write"]("run.csv", made["recording"](load=0.5, seed=7, modulation=0.15, duration=20.0))
+    arguments = ["--guess", "--teeth", "23/57", "--asset", "pump-drive", "--write", "mapping.toml"]
+    assert run(["import", "run.csv", *arguments]) == 0
+    assert (tmp_path / "mapping.toml").read_text() == expected

@@ -48,6 +48,7 @@ from twin.assessment.encoder_pair import (
     StatedRatio,
 )
 from twin.assessment.indicators import GearIndicators, SensorIndicators
+from twin.assessment.mistake import Mistake
 from twin.assessment.modulation import Modulation, SidebandPair
 from twin.assessment.values import FLANKS, Interval, ParameterValue, SpectralLine, Unavailable
 from twin.assessment.wear import (
@@ -102,6 +103,7 @@ __all__ = [
     "LineSideband",
     "MethodEstimates",
     "MissedCount",
+    "Mistake",
     "ModelValidity",
     "Modulation",
     "NotJudged",

@@ -16,6 +16,7 @@ from twin.capabilities import (
     condition_indicators,
     encoder_pair,
     level_relation,
+    likely_mistakes,
     mesh_bands,
     modelled,
     non_gear_content,
@@ -46,5 +47,6 @@ CAPABILITIES: tuple[Capability, ...] = (
     baseline_comparison,
     unattributed_spacing,
     shaft_modulation,
+    likely_mistakes,
     condition_indicators,
 )
