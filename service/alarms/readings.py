@@ -11,6 +11,7 @@ from service.contract.trend import is_available
 from twin.learned_limits import OperatingPoint
 
 UNUSABLE = ("degraded", "refused")
+JUDGED = ("depth", "life", "effect", "unexplained", "validity", "encoder_ratio", "status")  # by every status
 OF_GEARS = ("fm0", "fm4", "na4", "energy_ratio", "sideband_level_factor")
 OF_SENSORS = ("rms", "kurtosis", "crest_factor")
 
@@ -48,18 +49,20 @@ def of_window(record: Mapping[str, Any], report: Mapping[str, Any] | None, data:
     known = is_available((report or {}).get("wear"))
     if record.get("quality") == "refused":
         return Readings(readings=tuple(found), judged=frozenset(judged), depth_known=known)
-    if report is not None and report.get("status"):
-        found += [*_of_status(report["status"]), *_of_figures(report)]
-        judged |= {"depth", "life", "effect", "unexplained", "validity", "encoder_ratio", "status"}
+    if report is not None:
+        said = of_report(report)
+        found += said.readings
+        judged |= said.judged
     found += _of_record(record)
     return Readings(readings=tuple(found), judged=frozenset(judged), depth_known=known)
 
 
 def of_report(report: Mapping[str, Any]) -> Readings:
-    """The readings of a report alone, after a decision on an effect."""
-    found = (*_of_status(report["status"]), *_of_figures(report)) if report.get("status") else ()
-    judged = {"depth", "life", "effect", "unexplained", "validity", "encoder_ratio", "status"} if found else set()
-    return Readings(readings=found, judged=frozenset(judged), depth_known=is_available(report.get("wear")))
+    """The readings of a report alone, as after a decision on an effect."""
+    status = report.get("status")
+    found = (*(_of_status(status) if status else ()), *_of_figures(report))
+    judged = frozenset(JUDGED if status else ())
+    return Readings(readings=found, judged=judged, depth_known=is_available(report.get("wear")))
 
 
 def of_data(data: Mapping[str, Any]) -> Readings:

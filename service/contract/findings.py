@@ -36,6 +36,7 @@ from twin.effects import EFFECTS
 Level = Literal["normal", "no_verdict", "watch", "alarm", "end_of_life"]
 SEVERITY: tuple[Level, ...] = ("normal", "no_verdict", "watch", "alarm", "end_of_life")
 OTHER_ACTIONS = {"mesh_change": "Inspect the flanks and the lubrication of the gears at the next stop."}
+PLURALS = ("errors", "teeth")  # at the end of a label
 UNNAMED_ACTION = "Find out what has changed in the machine, and inspect it at the next stop."
 """For changes against a baseline that are no effect of the table."""
 
@@ -140,16 +141,24 @@ def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Fin
         action = OTHER_ACTIONS.get(effect.name, UNNAMED_ACTION) if known is None else known.facts.action
         what = f"{label[:1].upper()}{label[1:]}"
         where = f" in {', '.join(effect.channels)}" if effect.channels else ""
-        sizes = ", ".join(_size(name, p) for name, p in effect.parameters.items())
+        sizes = ", ".join(_size(name, p) for name, p in effect.parameters.items() if _is_size(effect.name, name, p))
+        verb = "were" if label.endswith(PLURALS) else "was"
         sized = f": {sizes}." if sizes else "."
         subject = "/".join(["effect", effect.name, *effect.channels])
         acts = f"{action.removesuffix('.')} ({', '.join(effect.channels)})." if effect.channels else action
         yield Finding(
             subject=subject,
             level="alarm" if alarm else "watch",
-            reason=f"{what} was found{where}{sized}",
+            reason=f"{what} {verb} found{where}{sized}",
             action=acts,
         )
+
+
+def _is_size(effect: str, name: str, parameter: assessment.ParameterValue) -> bool:
+    """Whether a parameter says how large an effect is, or is stated all the same; phases are of no use to a person."""
+    known = EFFECTS.get(effect)
+    shapes = () if known is None else [p.name for p in known.parameters if p.shape and p.name not in known.facts.stated]
+    return name not in shapes and parameter.unit != "rad"
 
 
 def _size(name: str, parameter: assessment.ParameterValue) -> str:

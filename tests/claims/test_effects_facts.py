@@ -21,6 +21,8 @@ def test_every_effect_declares_its_facts(name):
     facts = EFFECTS[name].facts
     assert isinstance(facts, Facts) and facts.label
     assert bool(facts.detector) == (name != "none")
+    assert facts.action.endswith(".") and facts.action[0].isupper()
+    assert set(facts.stated) <= {p.name for p in EFFECTS[name].parameters if p.shape}
     for row in rows_of(facts.detection):
         assert row.about.meaning and row.about.source
 

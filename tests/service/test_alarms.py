@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import threading
 import time
 from dataclasses import replace
@@ -12,6 +13,7 @@ import pytest
 import service_fakes as fakes
 from memory_transport import MemoryNetwork
 from pytest_httpserver import HTTPServer
+from service_streams import Service, write_recording
 from test_api import Client
 from test_health import outcome
 
@@ -22,9 +24,11 @@ from service.contract.base import not_available
 from service.results.alarm_store import AlarmStore
 from service.results.board import Board
 from service.results.sqlite_store import SqliteStore
+from service.runtime.replay import replay
 from service.runtime.service_sink import ServiceSink
 from service.runtime.state_publication import StatePublication
 from service.runtime.webhooks import WebhookSender
+from service.transport.zenoh import open_session
 from tests.unit.test_status import HEALTHY, effect, life, wear
 from twin.assessment import Unavailable
 
@@ -75,6 +79,23 @@ def bench(tmp_path):
     made = Bench(tmp_path / "twin.sqlite")
     yield made
     made.store.close()
+
+
+@pytest.fixture
+def receiver():
+    with HTTPServer() as server:
+        yield server
+
+
+def received(server):
+    return [json.loads(request.get_data()) for request, _ in server.log]
+
+
+def wait_until(true, seconds=15.0):
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
 
 
 def test_alarm_is_raised_escalated_ended_and_closed_once_it_is_acknowledged(bench):
@@ -263,24 +284,53 @@ def test_window_and_alarm_are_kept_together_or_not_at_all(tmp_path, monkeypatch)
     third.store.close()
 
 
+# -- as a process --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_killed_service_keeps_its_alarms_and_delivers_each_message_under_one_id(tmp_path, receiver):
+    receiver.expect_request(HOOK).respond_with_data("", status=503)
+    rules = tmp_path / "rules.toml"
+    rules.write_text('[[rule]]\nname = "depth"\nquantity = "depth"\nwatch = 40\nalarm = 80\n')
+    recording = write_recording(tmp_path / "campaign.mcap")
+    hooks = json.dumps([receiver.url_for(HOOK)])
+    running = Service(tmp_path / "data", slow=0.2, ALARM_RULES=str(rules), WEBHOOKS=hooks).start()
+    threading.Thread(target=_ignoring, args=(replay, recording, [running.endpoint], 0), daemon=True).start()
+    try:
+        running.wait_for_windows(5)
+        wait_until(lambda: receiver.log)
+    finally:
+        running.end(signal.SIGKILL)
+    receiver.clear_all_handlers()
+    receiver.expect_request(HOOK).respond_with_data("")
+    running.slow = 0.0
+    try:
+        running.start()
+        replay(recording, [running.endpoint], 0)
+        running.wait_for_windows(8)
+        (alarm,) = running.get("/v1/alarms")
+        assert [h["verb"] for h in alarm["history"]] == ["raised", "escalated"]
+        with open_session(connect=[running.endpoint]) as session:
+            (reply,) = session.get("gearbox/unsw/twin/alarms", timeout=10.0)
+            assert json.loads(reply.ok.payload.to_string())["alarms"][0]["id"] == alarm["id"]
+            assert len(list(session.get("gearbox/*/twin/*", timeout=10.0))) == 2, "state and alarms, once each"
+        wait_until(lambda: "gear_twin_webhooks_waiting 0.0" in running.text("/metrics"), 40.0)
+        ids = {}
+        for message in received(receiver):
+            ids.setdefault(message["verb"], set()).add(message["id"])
+        assert {verb: len(found) for verb, found in ids.items()} == {"raised": 1, "escalated": 1}
+    finally:
+        running.end(signal.SIGKILL)
+
+
+def _ignoring(call, *given):
+    try:
+        call(*given)
+    except Exception as error:  # the service is killed under it
+        assert error is not None
+
+
 # -- webhooks ------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def receiver():
-    with HTTPServer() as server:
-        yield server
-
-
-def received(server):
-    return [json.loads(request.get_data()) for request, _ in server.log]
-
-
-def wait_until(true, seconds=15.0):
-    deadline = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def test_every_change_is_sent_to_every_address_in_order(tmp_path, receiver):

@@ -143,6 +143,24 @@ def test_effect_of_the_alarm_class_is_an_alarm(name):
     assert ALARMING and status_of(replace(HEALTHY, effects=(effect(name),))).level == "alarm"
 
 
+def test_reason_states_sizes_and_the_tooth_but_no_angles():
+    found = EffectAssessment(
+        name="tooth_crack", evidence=Evidence(log_evidence=50.0),
+        parameters={"stiffness_loss": ParameterValue(value=0.6, unit="", std=0.1),
+                    "tooth": ParameterValue(value=5, unit="", std=0.0)},
+    )  # fmt: skip
+    assert status_of(replace(HEALTHY, effects=(found,))).reasons[0].endswith("found: stiffness loss 0.6, tooth 5.")
+    turning = replace(
+        found, name="pinion_eccentricity",
+        parameters={"eccentricity": ParameterValue(value=8e-5, unit="m", std=1e-6),
+                    "high_point": ParameterValue(value=1.0, unit="rad", std=0.1),
+                    "shift_share": ParameterValue(value=0.6, unit="", std=0.1)},
+    )  # fmt: skip
+    assert status_of(replace(HEALTHY, effects=(turning,))).reasons[0].endswith("found: eccentricity 80 µm.")
+    pitch = replace(found, name="pitch_error", parameters={})
+    assert status_of(replace(HEALTHY, effects=(pitch,))).reasons[0] == "Pitch errors were found."
+
+
 def test_most_severe_reason_comes_first():
     status = status_of(
         replace(

@@ -47,6 +47,7 @@ class BacklashRattle:
     facts: ClassVar[Facts] = Facts(
         label="rattle in the backlash",
         action="Raise the load or smooth the torque until the teeth stay in contact, and inspect the flanks.",
+        stated=("order",),
         acts_on="shaft",
         periods=("pinion", "hunting"),
         detector="rattle",

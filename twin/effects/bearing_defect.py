@@ -95,6 +95,7 @@ class BearingDefect:
     facts: ClassVar[Facts] = Facts(
         label="a bearing defect",
         action="Prepare the replacement of the bearing and inspect it at the first opportunity.",
+        stated=("order",),
         acts_on="bearing",
         periods=("hunting",),
         detector="non_gear",

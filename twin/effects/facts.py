@@ -90,6 +90,7 @@ class Facts:
     periods: tuple[str, ...]  # that an instance may have, of PERIODS (setup.py)
     detector: str  # that finds it: one of DETECTORS; "" for none
     alarm_class: str = "watch"  # one of ALARM_CLASSES: what a machine with this effect deserves
+    stated: tuple[str, ...] = ()  # parameters that only shape it, and that a person wants to know all the same
     changes_mesh_lines: bool = True  # whether the lines at mesh orders change, and with them the estimated wear depth
     shapes_wear: bool = False  # whether flanks wear to another profile under it
     tilts_shaft: bool = False  # whether the mean transmission error moves by an unknown step when it sets in

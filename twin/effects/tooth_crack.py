@@ -42,6 +42,7 @@ class ToothCrack:
     facts: ClassVar[Facts] = Facts(
         label="a cracked tooth",
         action="Stop the machine as soon as that is safe and inspect the teeth for a crack.",
+        stated=("tooth",),
         acts_on="teeth",
         periods=("pinion", "gear"),
         detector="crack",

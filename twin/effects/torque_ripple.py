@@ -44,6 +44,7 @@ class TorqueRipple:
     facts: ClassVar[Facts] = Facts(
         label="torque ripple",
         action="Check the drive and its supply for a periodic torque.",
+        stated=("order",),
         acts_on="shaft",
         periods=("pinion", "hunting"),
         detector="shaft_forces",
