@@ -238,10 +238,10 @@ def _rig_rows(schema: Mapping[str, Any], path: str) -> Iterator[tuple[str, str, 
 def _openapi() -> dict[str, Any]:
     from fastapi import FastAPI
 
-    from service.api import alarms, assets, effects, events, metrics, signals
+    from service.api import alarms, assets, effects, events, metrics, signals, what_if
 
     app = FastAPI()
-    for module in (metrics, assets, effects, alarms, events, signals):
+    for module in (metrics, assets, effects, alarms, events, signals, what_if):
         app.include_router(module.router)
     return app.openapi()
 

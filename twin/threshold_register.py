@@ -89,9 +89,11 @@ from twin.updating.running_time import RunningLimits
 from twin.updating.segments import SegmentLimits
 from twin.updating.tracker import RateDrift
 from twin.updating.update import CalibrationWindows
+from twin.what_if import DutyLimits
 
 SETS: tuple[type, ...] = (
     StatusLimits,
+    DutyLimits,
     LearnedLimits,
     CauseThresholds,
     DiagnosisThresholds,

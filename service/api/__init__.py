@@ -13,6 +13,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.api import alarms as alarm_routes
 from service.api import assets, effects, events, metrics, models, pages, problems, reports
 from service.api import signals as signal_routes
+from service.api import what_if as what_if_routes
 from service.results.alarm_store import AlarmStore
 from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
@@ -59,7 +60,7 @@ def create_app(
     app.state.registry = metrics.registry(board, store, gauges)
     problems.install(app)
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_FROM, compresslevel=COMPRESSION)
-    for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports):
+    for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports, what_if_routes):
         app.include_router(module.router)
     pages.mount_static(app)
     generate = app.openapi

@@ -18,6 +18,7 @@ from service.cli.example import app as example
 from service.cli.importing import import_
 from service.cli.init import init
 from service.cli.signals import signals
+from service.cli.what_if import what_if
 from service.json_text import write_text, wrote_json
 
 GROUPS = ("Get started", "Assess a machine", "Learn and calibrate", "Recordings and data")
@@ -421,6 +422,7 @@ def diagnose(
 app.command(name="import", rich_help_panel=DATA)(import_)
 app.command(name="init", rich_help_panel=START)(init)
 app.command(name="doctor", rich_help_panel=START)(doctor)
+app.command(name="what-if", rich_help_panel=ANSWER)(what_if)
 app.add_typer(alarms, name="alarms", rich_help_panel=ANSWER)
 app.command(name="signals", rich_help_panel=DATA)(signals)
 app.add_typer(effects, name="effects", rich_help_panel=ANSWER)

@@ -16,7 +16,7 @@ JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
 ]
 LOCAL = "http://127.0.0.1:8080"
-WAIT = 60.0  # [s]
+WAIT = 120.0  # [s]; a wear curve under a new condition takes seconds of a core
 
 
 def call(url: str, path: str, body: Mapping[str, Any] | None = None, method: str | None = None) -> Any:

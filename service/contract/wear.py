@@ -98,7 +98,7 @@ class Preliminary(ContractModel):
         return cls(reasons=list(preliminary.reasons), remedies=list(preliminary.remedies))
 
 
-def _preliminary(value: assessment.Preliminary | None) -> Preliminary | None:
+def preliminary_of(value: assessment.Preliminary | None) -> Preliminary | None:
     return None if value is None else Preliminary.of(value)
 
 
@@ -141,7 +141,7 @@ class Wear(ContractModel):
                 valid=wear.validity.valid,
             ),
             methods=Methods.of(wear.methods),
-            preliminary=_preliminary(wear.preliminary),
+            preliminary=preliminary_of(wear.preliminary),
             **parts,
         )
 
@@ -238,7 +238,7 @@ class Rul(ContractModel):
             speed_hz=life.speed,
             torque_nm=life.torque,
             reason=life.reason,
-            preliminary=_preliminary(life.preliminary),
+            preliminary=preliminary_of(life.preliminary),
             **parts,
         )
 

@@ -37,6 +37,24 @@ def assess(
     twin    its functions; None for the twin itself, with `options`
     enough  ends the reading early, once it holds for the window records so far
     """
+    return assess_with_state(
+        path, rig_path, options, progress, asset=asset, prefix=prefix, assembly=assembly, twin=twin, enough=enough
+    )[2]
+
+
+def assess_with_state(
+    path: str | Path,
+    rig_path: str | Path | None = None,
+    options: Any = None,
+    progress: Progress = lambda share, windows: None,
+    *,
+    asset: str | None = None,
+    prefix: str = PREFIX,
+    assembly: AssemblySettings = DEFAULT,
+    twin: Twin | None = None,
+    enough: Callable[[Sequence[Mapping[str, Any]]], bool] = lambda records: False,
+) -> tuple[Rig, Any, dict[str, Any]]:
+    """The rig, the twin's state after the last window, and the answer; as `assess`."""
     with Recording(path, prefix) as recording:
         asset = choose_asset(recording, asset)
         rig = rig_of(recording, rig_path)
@@ -61,7 +79,7 @@ def assess(
         answer = assemble(asset, records, results.report, quality)
         answer["rig"] = RigSummary.of(rig).as_json()
         _demand_assessment(recording.path, answer)
-        return answer
+        return rig, results.state, answer
 
 
 class _Results:
@@ -70,10 +88,11 @@ class _Results:
     def __init__(self) -> None:
         self.records: list[Mapping[str, Any]] = []
         self.report: Mapping[str, Any] | None = None
+        self.state: Any = None
 
     def commit(self, outcome: WindowOutcome) -> bool:
         self.records.append(outcome.record)
-        self.report = outcome.report
+        self.report, self.state = outcome.report, outcome.state
         return True
 
     def publish(self, outcome: WindowOutcome) -> None:

@@ -81,7 +81,7 @@ class DecisionWorker:
             answer={**waiting.answer, **changed},
             state=outcome.state.to_dict(),
             report=outcome.report,
-            events=outcome.events,
+            events=(*outcome.events, ("inspection", {**waiting.inspection, **changed})),
         )
 
     def _go_on(self, outcome: DecisionOutcome, keep: Callable[[], bool]) -> None:

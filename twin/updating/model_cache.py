@@ -118,6 +118,15 @@ def curve_of(rig: Rig, memory: Memory) -> MasterCurve:
     return MasterCurve(path=_path(rig, memory, memory.segments[-1]), limit=deepest(rig, memory.depth))
 
 
+def curve_under(rig: Rig, memory: Memory, condition: Condition) -> MasterCurve:
+    """The wear curve of new flanks under another condition, with the effects that are there now."""
+    now = max(memory.track.revolutions, memory.segments[-1].start_revolutions)
+    segment = Segment(
+        speed_hz=condition.speed_hz, torque=condition.torque, start_depth=0.0, start_work=0.0, start_revolutions=now
+    )
+    return MasterCurve(path=_path(rig, memory, segment), limit=deepest(rig, memory.depth))
+
+
 def start_of_curve(rig: Rig, memory: Memory) -> MasterCurve:
     """The first point of the present segment's curve alone: its lines are held at any depth."""
     return MasterCurve(path=_path(rig, memory, memory.segments[-1], 0.0), limit=0.0)

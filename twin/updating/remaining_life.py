@@ -77,7 +77,7 @@ class LifeScatter:
 LIFE = LifeScatter()
 
 
-def _through_contact_loss(curve: WorkCurve, depth: float, end_depth: float) -> tuple[float, float]:
+def through_contact_loss(curve: WorkCurve, depth: float, end_depth: float) -> tuple[float, float]:
     """What contact loss adds to the curve's work between two depths [rad/N], and its standard deviation."""
     if curve.loss_from is None or end_depth <= max(curve.loss_from, depth):
         return 0.0, 0.0
@@ -163,7 +163,7 @@ def remaining_life(
     if to_go <= 0:
         end_std = float(np.hypot(common * end, track.work_std))
         return RemainingLife(to_go=to_go, rate=track.rate, rate_std=track.rate_std, end_std=end_std, reached=True)
-    added, unsure = _through_contact_loss(curve, curve.depth_at(track.work - base_work), end_depth)
+    added, unsure = through_contact_loss(curve, curve.depth_at(track.work - base_work), end_depth)
     to_go += added
     if track.rate <= scatter.measurable * track.rate_std:
         return RemainingLife(to_go=to_go, rate=track.rate, rate_std=track.rate_std, measurable=False)

@@ -39,16 +39,21 @@ def _near(value: float, other: float | None, tolerance: float) -> bool:
     return other is not None and bool(other) and abs(value / other - 1) < tolerance
 
 
+def near_segment(segment: Segment, condition: Condition, limits: SegmentLimits = LIMITS) -> bool:
+    """Whether a condition is that of a segment, within the changes that are followed within it."""
+    return _near(condition.speed_hz, segment.speed_hz, limits.speed) and _near(
+        condition.torque, segment.torque, limits.torque
+    )
+
+
 def with_segment(
     rig: Rig, memory: Memory, condition: Condition, revolutions: float = 0.0, limits: SegmentLimits = LIMITS
 ) -> Memory:
     """The memory with a segment that fits the condition and the effects, else with a new one from the present depth."""
     last = memory.segments[-1] if memory.segments else None
-    if last is not None:
-        same = _near(condition.speed_hz, last.speed_hz, limits.speed)
-        same = same and _near(condition.torque, last.torque, limits.torque)
-        if same and memory.active(revolutions) == memory.active(last.start_revolutions):
-            return memory
+    same = last is not None and near_segment(last, condition, limits)
+    if same and last is not None and memory.active(revolutions) == memory.active(last.start_revolutions):
+        return memory
     nominal_speed, nominal_torque = rig.get("operating.pinion_speed_hz"), rig.get("operating.input_torque")
     speed = nominal_speed if _near(condition.speed_hz, nominal_speed, limits.speed) else condition.speed_hz
     torque = nominal_torque if _near(condition.torque, nominal_torque, limits.torque) else condition.torque

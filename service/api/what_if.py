@@ -1,0 +1,37 @@
+"""REST: the remaining life of a machine under another duty."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+
+from service.api.assets import snapshot_of
+from service.api.problems import problem, responses
+from service.contract.what_if import WhatIf, WhatIfIn, answer
+from service.files.rig import checked_rig
+from twin.errors import NotAvailable, ParameterError
+from twin.state import State
+
+router = APIRouter(prefix="/v1/assets", tags=["what-if"])
+
+ONE_AT_A_TIME = threading.Lock()  # a wear curve under a new condition takes seconds of one core
+
+
+@router.post("/{asset}/what-if", response_model=WhatIf, responses=responses(400, 404, 409, 422))
+def what_if(request: Request, asset: str, asked: WhatIfIn) -> Any:
+    """The remaining life under another duty, and the probability of reaching a time; changes nothing."""
+    snapshot = snapshot_of(request, asset)
+    stored = request.app.state.store.asset(asset)
+    if stored.state is None or snapshot.rig is None:
+        return problem(request, 409, f"no window of {asset} has been assessed yet")
+    try:
+        rig, state = checked_rig(snapshot.rig, f"rig of {asset}"), State.from_dict(stored.state)
+        with ONE_AT_A_TIME:
+            return JSONResponse(answer(asset, rig, state, asked))
+    except NotAvailable as reason:
+        return problem(request, 409, str(reason))
+    except ParameterError as reason:
+        return problem(request, 422, str(reason))
