@@ -205,6 +205,12 @@ def test_each_view_is_json_csv_and_a_picture(client, name):
         assert picture.headers["content-type"] == "image/png" and picture.content.startswith(b"\x89PNG")
 
 
+def test_a_machine_without_a_model_says_what_its_rig_file_lacks(client):
+    notes = client.get(f"{URL}/spectrum").json()["notes"]
+    assert any(n.startswith("Not modelled: a model of this machine is not available: the rig file") for n in notes)
+    assert not any("odelled" in n for n in client.get(f"{URL}/spectrum?modelled=false").json()["notes"])
+
+
 def test_csv_holds_every_sample_as_it_was(client):
     _, *rows = csv.reader(io.StringIO(client.get(f"{URL}/waveform?format=csv").text))
     values = np.array(rows, dtype=float)

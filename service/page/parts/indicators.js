@@ -2,7 +2,7 @@
 
 import { get } from "../api.js";
 import { Chart } from "../chart.js";
-import { element } from "../dom.js";
+import { element, pause } from "../dom.js";
 import { instant, revolutions } from "../format.js";
 import { labelled } from "./waterfall.js";
 
@@ -38,8 +38,11 @@ export function indicatorsView(root, { machine, signal, context }) {
     draw();
   }
 
-  function draw() {
+  let latest = 0; // drawing that has begun last: an earlier one stops
+
+  async function draw() {
     if (!answer) return;
+    const own = latest += 1;
     const over = axis.value === "revolutions" && answer.revolutions.some(Number.isFinite) ? "revolutions"
       : axis.value === "time" ? "time" : "index";
     const place = over === "time" ? answer.start_time.map((t) => instant(t) / 1000)
@@ -53,20 +56,25 @@ export function indicatorsView(root, { machine, signal, context }) {
       for (const chart of charts) chart.all = true; // what is far off is what an indicator is for
       charts.names = names;
     }
-    shown.forEach((q, k) => charts[k].set({
-      caption: "", x: AXES[over], y: { label: q.unit ? `${shortOf(q)} [${q.unit}]` : shortOf(q), zero: false },
-      values: rows.map((r) => r.x),
-      series: [{ name: shortOf(q), unit: q.unit, colour: "predicted", values: rows.map((r) => q.values[r.i]) }],
-      about: (at) => {
-        const i = rows[at]?.i;
-        return i === undefined ? "" : [`window ${answer.index[i]}`, Number.isFinite(answer.revolutions[i]) ? `${revolutions(answer.revolutions[i])} rev` : "",
-          answer.quality[i] === "good" ? "" : `data ${answer.quality[i]}`].filter(Boolean).join(" · ");
-      },
-    }));
     const path = (format) => `${machine.base}/indicators?${new URLSearchParams([["format", format], ["resolution", String(POINTS)],
       ["axis", over], ...shown.map((q) => ["quantity", q.name])])}`;
     links.replaceChildren("Download: ", element("a", { href: path("csv") }, "CSV"), " · ",
       element("a", { href: path("png"), target: "_blank" }, "PNG"));
+    // one chart at a time, so that no task of the browser is long
+    for (const [k, q] of shown.entries()) {
+      await pause();
+      if (signal.aborted || own !== latest) return;
+      charts[k].set({
+        caption: "", x: AXES[over], y: { label: q.unit ? `${shortOf(q)} [${q.unit}]` : shortOf(q), zero: false },
+        values: rows.map((r) => r.x),
+        series: [{ name: shortOf(q), unit: q.unit, colour: "predicted", values: rows.map((r) => q.values[r.i]) }],
+        about: (at) => {
+          const i = rows[at]?.i;
+          return i === undefined ? "" : [`window ${answer.index[i]}`, Number.isFinite(answer.revolutions[i]) ? `${revolutions(answer.revolutions[i])} rev` : "",
+            answer.quality[i] === "good" ? "" : `data ${answer.quality[i]}`].filter(Boolean).join(" · ");
+        },
+      });
+    }
   }
 
   signal.addEventListener("abort", () => charts.forEach((chart) => chart.destroy()));
