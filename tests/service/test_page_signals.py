@@ -43,6 +43,12 @@ def settled(page):
     page.wait_for_function("!document.querySelector('[aria-busy=true]')")
 
 
+def numbers(rows):
+    """The places in the cursor's list."""
+    texts = [row.locator("td").nth(1).inner_text() for row in rows.all()]
+    return [float(text.replace(",", "").replace("−", "-")) for text in texts]
+
+
 def choose(page, name, value):
     page.select_option(f"[data-key=choice-{name}]", value)
 
@@ -104,15 +110,15 @@ def test_a_harmonic_cursor_lists_what_its_places_read(opened):
     page.keyboard.press("Enter")
     rows = page.locator(".cursor-readings tbody tr")
     assert rows.count() == 10
-    first, second = (float(rows.nth(i).locator("td").nth(1).inner_text()) for i in (0, 1))
+    first, second = numbers(rows)[:2]
     assert second == pytest.approx(2 * first, rel=1e-3)
     choose(page, "cursor", "sideband")
     assert rows.count() == 9
-    places = [float(rows.nth(i).locator("td").nth(1).inner_text().replace(",", "")) for i in range(9)]
+    places = numbers(rows)
     assert places[5] - places[4] == pytest.approx(1.0, abs=1e-3)  # the pinion's rotation
     choose(page, "spacing", "gear")
     page.wait_for_timeout(100)
-    places = [float(rows.nth(i).locator("td").nth(1).inner_text().replace(",", "")) for i in range(9)]
+    places = numbers(rows)
     assert places[5] - places[4] == pytest.approx(19 / 52, abs=1e-3)
 
 
