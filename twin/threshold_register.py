@@ -16,6 +16,7 @@ from twin.baseline.diagnosis import DiagnosisThresholds
 from twin.baseline.energy_breakdown import EnergyThresholds
 from twin.baseline.findings import BaselineThresholds
 from twin.baseline.learned import LearningThresholds
+from twin.baseline.modulation import NewModulationThresholds
 from twin.baseline.operating import OperatingThresholds as BaselineOperatingThresholds
 from twin.baseline.reading import ReadingThresholds
 from twin.baseline.spacing import SpacingThresholds
@@ -100,6 +101,7 @@ SETS: tuple[type, ...] = (
     EnergyThresholds,
     BaselineThresholds,
     LearningThresholds,
+    NewModulationThresholds,
     BaselineOperatingThresholds,
     ReadingThresholds,
     SpacingThresholds,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from service.cli import modulation
 from service.cli import non_gear as strange
 from service.cli.assessing import windowing
 from service.cli.diagnosis import label
@@ -58,9 +59,11 @@ def text(answer: Mapping[str, Any]) -> str:
     lines = [f"Diagnosis of {answer['asset']} compared with its healthy baseline", ""]
     for effect in answer["effects"]:
         lines.append(_effect(effect))
+    deeper = [found for found in answer["modulation"] if found.get("new")]
+    lines += modulation.sentences(deeper)
     if not answer["effects"]:
-        what = "Nothing differs" if answer["unexplained"]["verdict"] == "explained" else "Nothing is known to differ"
-        lines.append(f"{what} from the healthy baseline; no effect was added.")
+        what = "differs" if answer["unexplained"]["verdict"] == "explained" else "is known to differ"
+        lines.append(f"Nothing {'else ' if deeper else ''}{what} from the healthy baseline; no effect was added.")
     left = answer["unexplained"]
     if left["verdict"] == "unknown_effect":
         lines.append(f"Unknown effect: {left['reason']}.")

@@ -24,16 +24,17 @@ def sentences(modulation: Sequence[Mapping[str, Any]] | None) -> list[str]:
 
     groups = [list(group) for _, group in groupby(sorted(modulation, key=which), which)]
     groups = [sorted(group, key=lambda m: -m["depth_percent"]) for group in groups]
-    groups.sort(key=lambda group: -group[0]["depth_percent"])
+    groups.sort(key=lambda group: (not group[0].get("new"), -group[0]["depth_percent"]))  # what is new comes first
     out = [_sentence(group) for group in groups[:MOST]]
     if len(groups) > MOST:
         rest = ", ".join(
             f"{g[0]['shaft']} {g[0]['per_turn']}×: {number(g[0]['depth_percent'], 2)} %" for g in groups[MOST:]
         )
         out.append(f"Shallower: {rest}.")
-    out.append(
-        "Healthy gears have sidebands, too: whether these are new, a healthy baseline shows (`gear-twin baseline`)."
-    )
+    if not any("healthy_percent" in found for found in modulation):
+        out.append(
+            "Healthy gears have sidebands, too: whether these are new, a healthy baseline shows (`gear-twin baseline`)."
+        )
     return out
 
 
@@ -53,6 +54,15 @@ def _sentence(group: Sequence[Mapping[str, Any]]) -> str:
         what = f"both together {size} of the mesh lines, more than a modulation can be"
     return (
         f"Sidebands of ±{n} × {shaft} speed ({deepest['frequency_hz']:.4g} Hz) at mesh harmonic {harmonics}: "
-        f"{what} ({deepest['channel']}{others}). "
+        f"{what} ({deepest['channel']}{others}){_against_baseline(deepest)}. "
         f"Possible causes, which cannot be distinguished here: {deepest['possible_causes']}."
     )
+
+
+def _against_baseline(found: Mapping[str, Any]) -> str:
+    """What the recordings of the healthy baseline show of it."""
+    if "healthy_percent" not in found:
+        return ""
+    least, most = (number(depth, 2) for depth in found["healthy_percent"])
+    span = f"{least} %" if least == most else f"{least} to {most} %"
+    return f", {'new: ' if found['new'] else 'as before: '}{span} in the healthy baseline"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydantic import Field
 
 from service.contract.base import PERCENT, ContractModel
@@ -52,9 +54,16 @@ class Modulation(ContractModel):
     kind: str = Field(description="amplitude, phase, or amplitude and phase")
     possible_causes: str = Field(description="which the accelerometers cannot distinguish")
     sidebands: list[SidebandPair]
+    healthy_percent: list[float] | None = Field(
+        default=None, description="least and largest depth in the recordings of the healthy baseline"
+    )
+    new: bool | None = Field(default=None, description="whether it is clearly deeper than in the healthy baseline")
 
     @classmethod
     def of(cls, found: assessment.Modulation) -> Modulation:
+        compared: dict[str, Any] = {}
+        if found.healthy is not None:
+            compared = {"healthy_percent": [depth / PERCENT for depth in found.healthy], "new": found.new}
         share = found.amplitude_share
         kind = "amplitude" if share > AMPLITUDE else "phase" if share < PHASE else "amplitude and phase"
         return cls(
@@ -67,4 +76,5 @@ class Modulation(ContractModel):
             kind=kind,
             possible_causes=CAUSES[found.multiple].format(shaft=found.shaft),
             sidebands=[SidebandPair.of(pair) for pair in found.pairs],
+            **compared,
         )

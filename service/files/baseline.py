@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,12 +19,14 @@ from service.contract.base import not_available
 from service.contract.baseline import Baseline as BaselineModel
 from service.contract.baseline import BaselineWindow, UnattributedLines
 from service.contract.effects import Effect, Residual, Unexplained
+from service.contract.modulation import Modulation
 from service.errors import InputError
 from service.files.rig import assembly_for, checked_rig
 from service.json_text import plain
 from service.runtime.assess import choose_asset, rig_of
 from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.sources.mcap import Recording, read_windows
+from twin import assessment
 from twin.baseline.comparison import (
     NO_DEPTH,
     BaselineResult,
@@ -36,9 +39,11 @@ from twin.baseline.comparison import (
 )
 from twin.baseline.energy_breakdown import energy_breakdown
 from twin.baseline.learned import Baseline, learn
+from twin.baseline.modulation import against_baseline
 from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, WindowReading, common_period, read
 from twin.baseline.spacing import shared_ratio
 from twin.errors import TwinError
+from twin.features.modulation import modulations
 from twin.rig import Rig
 
 SCHEMA = "gear-twin-baseline/1"
@@ -141,8 +146,19 @@ def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[st
             "effects": [Effect.of(effect).as_json() for effect in found.effects],
             "unexplained": Unexplained.of(found.unexplained).as_json(),
             "unattributed_lines": [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines],
+            "modulation": [Modulation.of(one).as_json() for one in modulation_of(loaded, baseline)],
         }
     )
+
+
+def modulation_of(loaded: Loaded, baseline: Baseline) -> tuple[assessment.Modulation, ...]:
+    """Modulations of the latest usable window against those of the baseline."""
+    found: list[assessment.Modulation] = []
+    latest = loaded.windows[-1]
+    for sensor, samples in latest.window.accelerations.items():
+        with suppress(TwinError):  # what cannot be read of a sensor, the comparison of its lines says
+            found += modulations(samples, latest.track, loaded.rig.teeth, sensor)
+    return against_baseline(sorted(found, key=lambda m: -m.depth), baseline)
 
 
 def lines_of_no_shaft(loaded: Loaded) -> list[dict[str, Any]]:

@@ -17,11 +17,13 @@ from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
 from service.stream.sources.mcap import Recording
 from twin.errors import TwinError
 from twin.features.extract import extract
+from twin.plausibility import mistakes_of
 from twin.rig import Rig
 from twin.rig_notes import rig_notes
 from twin.suitability import NOTE, PROBLEM, Finding, Seen, findings
 from twin.windows import Window
 
+EXAMINED = 3  # windows, from the first, that are examined for likely mistakes
 MOST_WINDOWS = 40  # that are read: enough to see operating points and growth, at most a minute of work
 
 
@@ -104,7 +106,7 @@ def _of_windows(path: Path, rig: Rig, rig_said: Any, windows: list[Window]) -> E
             seen.append(Seen(window=window, features=extract(rig, window)))
         except TwinError as error:
             refused.append(str(error))
-    found = [*_channel_findings(rig, windows), *findings(rig, seen), *_rig_findings(rig)]
+    found = [*_channel_findings(rig, windows), *findings(rig, seen), *_mistakes(rig, windows), *_rig_findings(rig)]
     for reason in dict.fromkeys(refused):
         found.append(Finding(level=PROBLEM, text=f"{refused.count(reason)} of {len(windows)} windows: {reason}"))
     labels = {label for window in windows for label in _labels(window)}
@@ -190,6 +192,17 @@ def _channel_findings(rig: Rig, windows: list[Window]) -> Iterator[Finding]:
             text=f"{len(sensors)} accelerometers, and the rig file names none as the reference (sensors.accelerometer)",
             remedy=f"one of {', '.join(label.partition('/')[2] for label in sensors)}",
         )
+
+
+def _mistakes(rig: Rig, windows: list[Window]) -> Iterator[Finding]:
+    """Likely mistakes of units, wiring, clocks and speed in the first windows, each once."""
+    known = set()
+    for window in windows[:EXAMINED]:
+        for mistake in mistakes_of(rig, window):
+            if (mistake.kind, mistake.channels) not in known:
+                known.add((mistake.kind, mistake.channels))
+                text = f"{', '.join(mistake.channels)}: {mistake.evidence}"
+                yield Finding(level=PROBLEM, text=text, remedy=mistake.remedy)
 
 
 def _rig_findings(rig: Rig) -> Iterator[Finding]:

@@ -7,8 +7,14 @@ import pytest
 
 from service.cli.modulation import sentences
 from service.contract.modulation import Modulation
+from service.files.import_recording import import_recording
 from service.stream.sources.mcap import read_windows
 from tests.unit.test_step import minimal_rig
+from twin.baseline.comparison import pair_shafts
+from twin.baseline.learned import learn
+from twin.baseline.modulation import DEFAULT as LIMITS
+from twin.baseline.modulation import against_baseline
+from twin.baseline.reading import read
 from twin.errors import WindowError
 from twin.features.angle import angle_track
 from twin.features.extract import pinion_angle
@@ -133,6 +139,28 @@ def test_answer_names_sidebands_shaft_depth_and_possible_causes(encoder):
     assert "Healthy gears have sidebands, too" in text
 
 
+def baseline_of(depths):
+    """A baseline of windows with these depths, at speeds that differ a little."""
+    readings = [read(rig(), window(d, seed=i), pair_shafts(rig()), f"healthy {i}") for i, d in enumerate(depths)]
+    return learn(rig(), readings, pair_shafts(rig()))
+
+
+@pytest.mark.parametrize(("depth", "new"), [(0.15, True), (0.075, False)])
+def test_modulation_deeper_than_in_the_healthy_baseline_is_new(depth, new):
+    known = baseline_of([0.05, 0.06, 0.055, 0.06])
+    (one,) = against_baseline(found(window(depth, seed=9)), known)
+    assert one.new is new
+    assert one.healthy == pytest.approx((0.05, 0.06), abs=2e-3)
+    (said,) = sentences([Modulation.of(one).as_json()])
+    assert ("new: 5 to 6 % in the healthy baseline" if new else "as before: 5 to 6 % in the healthy") in said
+
+
+def test_service_compares_modulation_with_its_baseline():
+    known = baseline_of([0.05, 0.06, 0.055, 0.06])
+    _, assessment = step(rig(), State(), window(0.15, seed=9), Options(trace=False, baseline=known))
+    assert [(m.shaft, m.new) for m in assessment.modulation] == [("pinion", True)]
+
+
 def test_healthy_simulated_machine_has_none_that_is_reported():
     _, _, windows = read_windows(Path("recordings/short-campaign.mcap"))
     rig = minimal_rig()
@@ -142,3 +170,32 @@ def test_healthy_simulated_machine_has_none_that_is_reported():
             continue
         for name, samples in w.accelerations.items():
             assert modulations(samples, track, rig.teeth, name) == ()
+
+
+LOADS = (0, 20, 30, 40, 60, 70, 80)
+
+
+@pytest.mark.shared
+@pytest.mark.slow
+def test_no_modulation_of_a_healthy_measured_gearbox_is_new_and_some_with_a_broken_tooth_are(shared, tmp_path):
+    folder = shared / "measured" / "spectraquest-broken-tooth"
+
+    def depths(state, load):
+        out = tmp_path / f"{state}{load}.mcap"
+        mapping = Path("recordings/mappings/spectraquest-broken-tooth.toml")
+        import_recording(mapping, out, source=folder / f"{state}30hz{load}.csv.gz")
+        rig, _, (w, *_) = read_windows(out)
+        rig = Rig.from_mapping(rig)
+        track = pinion_angle(rig, w, w.accelerations)
+        every = [m for name, s in w.accelerations.items() for m in modulations(s, track, rig.teeth, name)]
+        return {(m.sensor, m.shaft, m.multiple): m.depth for m in every}
+
+    def new(found, known):
+        most = {key: max(k.get(key, 0.0) for k in known) for key in found}
+        return [k for k, d in found.items() if d > LIMITS.ratio * most[k] and d > most[k] + LIMITS.more]
+
+    healthy = [depths("h", load) for load in LOADS]
+    for i, one in enumerate(healthy):
+        assert new(one, healthy[:i] + healthy[i + 1 :]) == []
+    broken = [new(depths("b", load), healthy) for load in LOADS]
+    assert broken.count([("a1", "pinion", 1)]) == 3 and broken.count([]) == 4

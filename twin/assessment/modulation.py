@@ -29,3 +29,5 @@ class Modulation:
     std: float
     amplitude_share: float  # of the modulation's power: 1 amplitude modulation, 0 phase modulation
     pairs: tuple[SidebandPair, ...]  # mesh harmonics whose sidebands are above the noise
+    healthy: tuple[float, float] | None = None  # least and largest depth in a healthy baseline; None without one
+    new: bool | None = None  # whether it is clearly deeper than in the baseline; None without one

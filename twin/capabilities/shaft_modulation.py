@@ -7,6 +7,7 @@ too, so that it changes neither verdict nor status.
 from __future__ import annotations
 
 from twin.assessment import Modulation
+from twin.baseline.modulation import against_baseline
 from twin.capabilities.context import Context, Draft
 from twin.errors import TwinError
 from twin.features.extract import pinion_angle
@@ -32,4 +33,7 @@ def assess(context: Context, draft: Draft) -> Draft:
             found += modulations(samples, track, rig.teeth, sensor)
         except TwinError as reason:
             draft = draft.noted(f"sidebands of {sensor} are not available: {reason}")
-    return draft.with_parts(modulation=tuple(sorted(found, key=lambda m: -m.depth)))
+    deepest = tuple(sorted(found, key=lambda m: -m.depth))
+    baseline = context.options.baseline
+    same = baseline is not None and baseline.rig.teeth == rig.teeth
+    return draft.with_parts(modulation=against_baseline(deepest, baseline) if baseline and same else deepest)

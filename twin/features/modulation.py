@@ -25,6 +25,7 @@ Ignores  which of the causes it is: one accelerometer cannot distinguish them
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import sqrt
 
@@ -35,7 +36,7 @@ from twin.errors import WindowError
 from twin.features.angle import AngleTrack
 from twin.features.lines import read_lines
 from twin.features.resample import on_angle, spline_response
-from twin.features.window_features import Key, MeasuredLines
+from twin.features.window_features import Key
 from twin.thresholds import deciding
 from twin.windows import Samples
 
@@ -70,6 +71,10 @@ class ModulationThresholds:
 THRESHOLDS = ModulationThresholds()
 
 
+Line = tuple[complex, float]  # amplitude, and standard deviation of its real and of its imaginary part
+LineReader = Callable[[Key], Line | None]
+
+
 def _keys(harmonics: int) -> list[Key]:
     """The mesh lines, then their sidebands by both shafts."""
     keys: list[Key] = [(k, 0, 0) for k in range(1, harmonics + 1)]
@@ -95,10 +100,15 @@ def modulations(
         signal, _keys(min(HARMONICS, most)), teeth, "m/s²",
         lambda orders: [(signal.values, spline_response(orders / per_turn))],
     )  # fmt: skip
+
+    def reader(key: Key) -> Line | None:
+        value, std = lines.get(*key), lines.get_std(*key)
+        return None if value is None or std is None else (complex(value), std)
+
     found = []
     for shaft, order in (("pinion", 1.0), ("gear", teeth[0] / teeth[1])):
         for n in MULTIPLES:
-            one = _of_shaft(lines, shaft, n, limits)
+            one = _of_shaft(reader, shaft, n, limits)
             if one is not None and _is_reported(one[0], one[2], limits):
                 depth, std, share, pairs = one
                 found.append(
@@ -115,19 +125,20 @@ def _is_reported(depth: float, amplitude_share: float, limits: ModulationThresho
 
 
 def _of_shaft(
-    lines: MeasuredLines, shaft: str, n: int, limits: ModulationThresholds
+    read: LineReader, shaft: str, n: int, limits: ModulationThresholds
 ) -> tuple[float, float, float, tuple[SidebandPair, ...]] | None:
     """Depth, its standard deviation, share of amplitude modulation and pairs; None where nothing exceeds the noise."""
     carrier, power, variance, amplitude, phase = 0.0, 0.0, 0.0, 0.0, 0.0
     pairs = []
     for k in range(1, HARMONICS + 1):
         sides = [(k, s * n, 0) if shaft == "pinion" else (k, 0, s * n) for s in (-1, 1)]
-        mesh, std = lines.get(k), lines.get_std(k)
-        values = [lines.get(*side) for side in sides]
-        if mesh is None or std is None or any(v is None for v in values) or abs(mesh) < limits.significance * std:
+        found = [read(key) for key in ((k, 0, 0), *sides)]
+        if any(line is None for line in found):
             continue
-        lower, upper = (complex(v) for v in values if v is not None)
-        noise = [float(lines.std_at(*side)) for side in sides]
+        (mesh, std), (lower, below_std), (upper, above_std) = (line for line in found if line is not None)
+        if abs(mesh) < limits.significance * std:
+            continue
+        noise = (below_std, above_std)
         carrier += abs(mesh) ** 2
         for value, σ in zip((lower, upper), noise, strict=True):
             power += abs(value) ** 2 - 2 * σ**2
@@ -152,3 +163,9 @@ def _of_shaft(
         float(amplitude / np.maximum(amplitude + phase, 1e-300)),
         tuple(pairs),
     )
+
+
+def depth_of(read: LineReader, shaft: str, multiple: int, limits: ModulationThresholds = THRESHOLDS) -> float:
+    """Depth of one modulation by lines that were read elsewhere; 0 where nothing exceeds the noise."""
+    found = _of_shaft(read, shaft, multiple, limits)
+    return 0.0 if found is None else found[0]
