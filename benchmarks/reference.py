@@ -239,10 +239,12 @@ def _openapi() -> dict[str, Any]:
     from fastapi import FastAPI
 
     from service.api import alarms, assets, effects, events, metrics, signals, what_if
+    from service.api import asset_life as life_routes
 
     app = FastAPI()
     for module in (metrics, assets, effects, alarms, events, signals, what_if):
         app.include_router(module.router)
+    app.include_router(life_routes.router)
     return app.openapi()
 
 

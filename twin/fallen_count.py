@@ -44,11 +44,18 @@ DEFAULT = FallenCountThresholds()
 
 
 class CountFellError(WindowError):
-    """A window of a count that has fallen; `state` remembers it."""
+    """A window of a count that has fallen; `state` remembers it.
 
-    def __init__(self, message: str, state: State) -> None:
+    seen     revolutions by the latest window of the count before
+    fallen   revolutions of the window refused
+    ignored  whether people have said that windows of this count are not to be used
+    """
+
+    def __init__(self, message: str, state: State, seen: float) -> None:
         super().__init__(message)
-        self.state = state
+        assert state.fallen is not None
+        self.state, self.seen = state, seen
+        self.fallen, self.ignored = state.fallen.revolutions, state.fallen.ignored
 
 
 def with_count_checked(
@@ -56,7 +63,7 @@ def with_count_checked(
 ) -> State:
     """The state where the window continues the count seen before; raises CountFellError where it does not."""
     revolutions, before = features.revolutions, state.fallen
-    if revolutions is None or not state.memory.track.windows:
+    if revolutions is None or not state.memory.track.revolutions:
         return state
     seen = state.memory.track.revolutions
     try:
@@ -65,7 +72,8 @@ def with_count_checked(
         if _arrives_late(state, features, revolutions):
             return state
         refusals = 1 if before is None else before.refusals + 1
-        raise CountFellError(str(error), _remembered(state, features, revolutions, refusals)) from None
+        ignored = before is not None and before.ignored and _continues(rig, before, features, revolutions, limits)
+        raise CountFellError(str(error), _remembered(state, features, revolutions, refusals, ignored), seen) from None
     if before is None:
         return state
     if before.refusals < limits.refusals or not _continues(rig, before, features, revolutions, limits):
@@ -74,7 +82,8 @@ def with_count_checked(
         f"this window continues a revolution count that had fallen to {before.revolutions:.0f} where {seen:.0f} had "
         "been seen: other gears, a counter that was reset, or another machine? The window is not used; record it under "
         "another asset name",
-        _remembered(state, features, revolutions, before.refusals + 1),
+        _remembered(state, features, revolutions, before.refusals + 1, before.ignored),
+        seen,
     )
 
 
@@ -88,8 +97,22 @@ def _arrives_late(state: State, features: WindowFeatures, revolutions: float) ->
     return max(before) - COUNT.most_fall <= revolutions <= min(after)
 
 
-def _remembered(state: State, features: WindowFeatures, revolutions: float, refusals: int) -> State:
-    fallen = FallenCount(revolutions=revolutions, time_ns=features.start_time_ns, refusals=refusals)
+def with_fallen_ignored(state: State) -> State:
+    """The state whose windows of the fallen count are refused without asking again."""
+    return state if state.fallen is None else replace(state, fallen=replace(state.fallen, ignored=True))
+
+
+def with_fallen_forgotten(state: State) -> State:
+    """The state without the fallen count: its windows are another machine's."""
+    return replace(state, fallen=None)
+
+
+def _remembered(
+    state: State, features: WindowFeatures, revolutions: float, refusals: int, ignored: bool = False
+) -> State:
+    fallen = FallenCount(
+        revolutions=revolutions, time_ns=features.start_time_ns, refusals=refusals, ignored=ignored
+    )  # fmt: skip
     return replace(state, fallen=fallen)
 
 

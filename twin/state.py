@@ -27,6 +27,7 @@ from twin.assessment import (
 )
 from twin.errors import ParameterError
 from twin.features.indicator_record import Records
+from twin.revolution_count import CountOffset
 from twin.serial import from_plain, to_plain
 from twin.state_v1 import migrated_state
 from twin.tracing.state import Tracing
@@ -69,6 +70,7 @@ class FallenCount:
     revolutions: float  # of the pinion, by the latest window that was refused for it
     time_ns: int  # its start [Unix ns]
     refusals: int  # windows in a row
+    ignored: bool = False  # whether people have said that windows of this count are not to be used
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +86,9 @@ class State:
     fallen: FallenCount | None = None  # while windows of a lower count are refused
     inspections: tuple[Inspection, ...] = ()  # measured depths, in the order of their revolutions
     running: Marks = ()  # running time and clock at some of the windows
+    count: CountOffset = field(default_factory=CountOffset)  # from the encoder's count to revolutions
+    counted: float = 0.0  # revolutions of the present gears by the latest window
+    outdated: Mapping[str, str] = field(default_factory=dict)  # baselines that no longer hold (machine_changes.py)
 
     @property
     def memory(self) -> Memory:
@@ -103,6 +108,9 @@ class State:
             "fallen": to_plain(self.fallen),
             "inspections": to_plain(self.inspections),
             "running": to_plain(self.running),
+            "count": to_plain(self.count),
+            "counted": self.counted,
+            "outdated": dict(self.outdated),
         }
 
     @classmethod
@@ -128,4 +136,7 @@ class State:
             fallen=from_plain(FallenCount | None, data.get("fallen")),
             inspections=from_plain(tuple[Inspection, ...], data.get("inspections", ())),
             running=from_plain(Marks, data.get("running", ())),
+            count=from_plain(CountOffset, data.get("count", {})),
+            counted=data.get("counted", 0.0),
+            outdated=dict(data.get("outdated", {})),
         )

@@ -22,12 +22,16 @@ from twin.features.extract import extract
 from twin.features.non_gear import non_gear_features
 from twin.features.window_features import WindowFeatures
 from twin.inspected import with_inspections
+from twin.machine_change import MachineChange
+from twin.machine_changes import changed
 from twin.options import Options
+from twin.revolution_count import counted
 from twin.rig import Rig
 from twin.state import State
 from twin.tracing.attribution_loop import decide as decided
 from twin.tracing.decisions import Decision
-from twin.updating.history import WindowInput, replay_history
+from twin.tracing.stages import replay
+from twin.updating.history import WindowInput
 from twin.updating.inspections import Inspection, with_inspection
 from twin.updating.running_time import dated, with_mark
 from twin.updating.update import NEEDED
@@ -36,7 +40,15 @@ from twin.windows import Window
 DEFAULT = Options()
 LEVEL_FAULTS = ("clipping", "stuck")  # faults of an accelerometer that falsify its level
 
-__all__ = ["Options", "State", "decide", "inspect", "step"]
+DONE = {
+    "gears_replaced": "the gears have been replaced,",
+    "sensor_moved": "an accelerometer has been moved,",
+    "oil_changed": "the oil has been changed,",
+    "counter_reset": "the revolution counter has been reset,",
+    "reassembled": "the gears have been reassembled,",
+}
+
+__all__ = ["Options", "State", "change", "decide", "inspect", "step"]
 
 
 def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> tuple[State, Assessment]:
@@ -58,14 +70,16 @@ def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> 
 
 def _context(rig: Rig, state: State, window: Window, options: Options) -> Context:
     """The window's features; WindowError where it has neither a level nor a speed nor a pair in motion."""
-    features = extract(rig, window)
+    count, features = counted(state.count, extract(rig, window))
     pair = None if rig.has(*NEEDED) else assess_pair(rig, window, state.windows_seen)
     if features.rms is None and features.speed_hz is None and not isinstance(pair, EncoderPair):
         reasons = [*features.unavailable.values(), *([pair.reason] if isinstance(pair, Unavailable) else [])]
         raise WindowError(
             f"the window has neither a usable vibration level nor a shaft speed: {'; '.join(dict.fromkeys(reasons))}"
         )
-    state = with_count_checked(rig, state, features)
+    state = with_count_checked(rig, replace(state, count=count), features)
+    if features.revolutions is not None:
+        state = replace(state, counted=max(state.counted, features.revolutions))
     marks = with_mark(state.running, window.start_time_ns, features.revolutions, features.speed_hz)
     return Context(
         rig=rig,
@@ -103,6 +117,16 @@ def _why_no_model(rig: Rig) -> str:
     return "no window has updated the model of this machine yet"
 
 
+def change(rig: Rig, state: State, made: MachineChange, options: Options = DEFAULT) -> tuple[State, Assessment]:
+    """Follows a change of the machine; the assessment has no record of a window.
+
+    What the change ends is not available until a window of the time after it has been assessed.
+    """
+    state = changed(rig, state, made, options)
+    found = answer_as_of(state, f"{DONE[made.kind]} and no window has been assessed since")
+    return state, replace(found, revolutions=_run(state))
+
+
 def inspect(rig: Rig, state: State, inspection: Inspection) -> tuple[State, Assessment]:
     """A measured wear depth becomes part of the estimate; the assessment has no record of a window.
 
@@ -132,7 +156,7 @@ def decide(rig: Rig, state: State, decision: Decision, options: Options = DEFAUL
     if not history:
         raise NotAvailable("no effect can be decided on before the first window has been taken and traced")
     latest = history[-1]
-    _, outcomes = replay_history(rig, state.memory.effects, history, options.updating)
+    _, outcomes = replay(rig, state.tracing, state.memory.effects, options.updating)
     known = [(t, o) for t, o in zip(history, outcomes, strict=True) if o is not None]
     if not known:
         raise NotAvailable(f"the history up to window {latest.index} has no steady state")

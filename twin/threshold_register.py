@@ -73,6 +73,7 @@ from twin.tracing.tooth_patterns import PatternThresholds
 from twin.tracing.transfer_path import TransferPathThresholds
 from twin.tracing.unexplained import VerdictLimits
 from twin.updating.calibration import CalibrationFit, RigFilePrior
+from twin.updating.carried_over import CarriedOver
 from twin.updating.conditions import ConditionMatch, RevolutionCount
 from twin.updating.depth import DepthModel
 from twin.updating.depth_search import DepthSearch
@@ -156,6 +157,7 @@ SETS: tuple[type, ...] = (
     VerdictLimits,
     RigFilePrior,
     CalibrationFit,
+    CarriedOver,
     ConditionMatch,
     RevolutionCount,
     FallenCountThresholds,

@@ -11,11 +11,14 @@ from starlette.middleware.gzip import GZipMiddleware
 
 from service.alarms.keeper import AlarmKeeper
 from service.api import alarms as alarm_routes
+from service.api import asset_life as life_routes
 from service.api import assets, effects, events, metrics, models, pages, problems, reports
 from service.api import signals as signal_routes
 from service.api import what_if as what_if_routes
 from service.results.alarm_store import AlarmStore
+from service.results.asset_life import AssetLife
 from service.results.board import Board
+from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore
@@ -35,6 +38,7 @@ def create_app(
     gauges: Callable[[], Mapping[str, float]] = dict,
     signals: SignalStore | None = None,
     alarms: AlarmKeeper | None = None,
+    changes: ChangeQueue | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
@@ -43,6 +47,7 @@ def create_app(
     gauges     figures of the process for /metrics, by name: `queue_frames`, …
     signals    raw signals of windows; None where none are kept
     alarms     whoever keeps alarms; None for one over the store, with the default rules
+    changes    where changes of assets are submitted; None where nobody carries them out: they are kept
     """
     app = FastAPI(
         title="gear-twin",
@@ -55,6 +60,7 @@ def create_app(
     app.state.signals = signals
     app.state.library = None if signals is None else Library(signals, store, board)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
+    app.state.changes = changes or _changes_in(store)
     app.state.queue = queue or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.registry = metrics.registry(board, store, gauges)
@@ -62,6 +68,7 @@ def create_app(
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_FROM, compresslevel=COMPRESSION)
     for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports, what_if_routes):
         app.include_router(module.router)
+    app.include_router(life_routes.router)
     pages.mount_static(app)
     generate = app.openapi
 
@@ -73,6 +80,11 @@ def create_app(
 
     app.openapi = openapi  # type: ignore[method-assign]
     return app
+
+
+def _changes_in(store: ResultStore) -> ChangeQueue:
+    """A queue in the store's own database, whose windows nobody keeps."""
+    return ChangeQueue(AssetLife(store.database))
 
 
 def _version() -> str:

@@ -97,6 +97,9 @@ class HistoryQuery(BaseModel):
         le=10_000,
         description="in place of `every` and `limit`: about so many windows, evenly spread",
     )
+    epoch: int | None = Field(
+        None, ge=0, le=LARGEST, description="of which gears; default: the present ones (`/epochs` lists all)"
+    )
 
 
 @router.get("/{asset}/windows", response_model=list[WindowRecord], responses=ERRORS)
@@ -115,10 +118,13 @@ def history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredWi
     """Windows from the store."""
     snapshot, store = snapshot_of(request, asset), request.app.state.store
     every, limit = query.every, query.limit
-    if query.resolution is not None and snapshot.records:
-        span = snapshot.records[-1]["index"] - query.after
-        every, limit = max(1, -(-span // query.resolution)), query.resolution + 1
-    return store.windows(asset, query.after, limit, every)
+    if query.resolution is not None:
+        epoch = snapshot.epoch if query.epoch is None else query.epoch
+        known = next((e for e in store.epochs(asset) if e["epoch"] == epoch), None)
+        if known is not None:
+            span = known["last"] - max(query.after, known["first"] - 1)
+            every, limit = max(1, -(-span // query.resolution)), query.resolution + 1
+    return store.windows(asset, query.after, limit, every, query.epoch)
 
 
 @router.get("/{asset}/quality", response_model=models.Quality, responses=ERRORS)

@@ -25,7 +25,8 @@ LARGEST_ID = 2**63 - 1
 
 STREAM: dict[int | str, dict[str, Any]] = {
     200: {
-        "description": "`window`, `update`, `effect`, `rul`, `data_fault`, `status` and `alarm`, each with an id",
+        "description": "`window`, `update`, `effect`, `rul`, `data_fault`, `status`, `alarm`, `change` and `question`, "
+        "each with an id",
         "content": {"text/event-stream": {"schema": {"type": "string"}}},
     }
 }

@@ -86,6 +86,7 @@ class AssetSummary(BaseModel):
     life_hours: Band | None = Field(description="remaining life at the present operating condition [h]")
     preliminary: bool = Field(description="whether depth or life is preliminary")
     sparkline: Sparkline | None = Field(description="course of depth or level; null before the first window")
+    retired: bool = Field(description="out of use: no frames are expected, and those that come are left out")
 
 
 class TrendPoint(BaseModel):

@@ -14,6 +14,7 @@ from service.contract.baseline import Baseline, UnattributedLines
 from service.contract.effects import Effect, Residual, Unexplained
 from service.contract.encoder_pair import EncoderPair
 from service.contract.modulation import Modulation
+from service.contract.question import Question, Retired, asked, shown_question
 from service.contract.rig import RigSummary
 from service.contract.status import Added, DataStatus, Status, data_of, none_yet, shown
 from service.contract.wear import Rul, Wear, part_of
@@ -34,6 +35,9 @@ class Asset(ContractModel):
     asset: str
     status: Status
     data: DataStatus = Field(description="whether usable data come; separate from the machine's health")
+    question: Question | None = Field(default=None, description="that people have to answer; windows may wait for it")
+    epoch: int = Field(default=0, description="number of the present gears: from 0, up by one when they are replaced")
+    retired: Retired | None = Field(default=None, description="null while the asset is in use")
     windows: list[WindowRecord] = Field(description="the service carries the latest 100; `assess` all of them")
     windows_total: int
     wear: Wear | NotAvailable
@@ -100,12 +104,18 @@ def assemble(
     windows_total: int | None = None,
     stale: tuple[str, str] | None = None,
     added: Sequence[Added] = (),
+    question: Mapping[str, Any] | None = None,
+    epoch: int = 0,
+    retired: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The whole answer: window records, the twin's newest report and the data quality.
 
     windows_total  how many windows there are, where `records` are the latest of them only
     stale          why no whole window has come for longer than the service allows, and since when; None where one has
     added          what the service found besides the assessment: active alarms
+    question       that people have to answer; None where none is open
+    epoch          number of the present gears, from 0
+    retired        since when the asset is out of use, and by whom; None while it is in use
     """
     blank = {name: [] if name == "effects" else not_available(NO_WINDOW) for name in SECTIONS}
     if report is not None:
@@ -113,12 +123,15 @@ def assemble(
     windows = [dict(record) for record in records]
     parts = {**blank, **(report or {})}
     parts.pop("status", None)
-    status, data = health_of(report, windows, stale, added)
+    status, data = health_of(report, windows, stale, (*added, *asked(question)))
     return {
         "schema_version": SCHEMA_VERSION,
         "asset": asset,
         "status": status,
         "data": data,
+        "question": shown_question(question),
+        "epoch": epoch,
+        "retired": None if retired is None else dict(retired),
         "windows": windows,
         "windows_total": len(windows) if windows_total is None else windows_total,
         **parts,

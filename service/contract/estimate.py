@@ -20,6 +20,7 @@ from service.contract.wear import Rul
 from service.contract.window import WindowRecord
 from twin import assessment
 from twin.attention import STATUS_LIMITS, StatusLimits
+from twin.machine_change import MachineChange
 from twin.options import Options
 from twin.rig import Rig
 from twin.state import State
@@ -67,6 +68,12 @@ def inspect(
         std=inspection["std_um"] * MICROMETRE,
     )
     state, found = twin.step.inspect(rig, state, measured)
+    return state, estimate_of(found, options.status_limits)
+
+
+def change(rig: Rig, state: State, made: MachineChange, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
+    """`twin.step.change` with its assessment as an estimate."""
+    state, found = twin.step.change(rig, state, made, options)
     return state, estimate_of(found, options.status_limits)
 
 

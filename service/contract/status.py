@@ -148,8 +148,9 @@ def shown(status: Mapping[str, Any], data: DataStatus, added: Sequence[Added] = 
 def _with(status: Mapping[str, Any], added: Sequence[Added]) -> dict[str, Any]:
     before = status["level"]
     findings = by_severity([*_findings_in(status), *(a.finding for a in added)])
-    # of the same level, what questions the data comes first: nothing else can be judged before it is cured
-    findings.sort(key=lambda f: (-SEVERITY.index(f.level), f.subject != "data" or f.level != "no_verdict"))
+    # of no verdict, an open question comes first, then the data: nothing else can be judged before they are cured
+    first = {("question", "no_verdict"): 0, ("data", "no_verdict"): 1}
+    findings.sort(key=lambda f: (-SEVERITY.index(f.level), first.get((f.subject, f.level), 2)))
     now = of_findings(findings).as_json()
     if not findings:
         now["reasons"] = list(status["reasons"])

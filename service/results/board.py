@@ -17,6 +17,7 @@ from service.contract.alarms import added_of, counted
 from service.contract.answer import NO_WHOLE_WINDOW, assemble, health_of
 from service.contract.base import iso_time
 from service.contract.overview import overview
+from service.contract.question import asked
 from service.contract.status import none_yet
 from service.results.change_signal import ChangeSignal
 from service.results.sparkline import REFUSED, Sparkline
@@ -52,6 +53,9 @@ class Snapshot:
     last_frame_ns: int | None = None  # when the newest frame came, Unix time of this machine [ns]
     stale: Stale | None = None
     sparkline: Sparkline = field(default_factory=Sparkline)
+    question: Mapping[str, Any] | None = None  # that waits for an answer by people
+    epoch: int = 0  # number of the present gears
+    retired: Mapping[str, Any] | None = None  # since when, by whom; None while the asset is in use
     whole: Mapping[str, Any] = field(default_factory=dict)  # the contract's section 4
 
     @classmethod
@@ -71,6 +75,9 @@ class Snapshot:
             last_event_id=store.last_event_id(asset),
             received_ns=stored.received_ns,
             sparkline=Sparkline.from_store(store, asset, windows[-1].record["index"] if windows else -1),
+            question=stored.question,
+            epoch=stored.epoch,
+            retired=stored.retired,
         )
 
     def with_window(self, window: StoredWindow) -> Snapshot:
@@ -87,8 +94,9 @@ class Snapshot:
         )
 
     def health(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """`status` and `data` as they are shown with this snapshot's records, report and alarms."""
-        return health_of(self.report, self.records, self.stale_text, added_of(self.alarms))
+        """`status` and `data` as they are shown with this snapshot's records, report, alarms and open question."""
+        added = (*added_of(self.alarms), *asked(self.question))
+        return health_of(self.report, self.records, self.stale_text, added)
 
     @property
     def stale_text(self) -> tuple[str, str] | None:
@@ -115,6 +123,7 @@ class Snapshot:
             "last_event_id": self.last_event_id,
             **overview(self.whole, self.rig),
             "sparkline": self.sparkline.as_json(),
+            "retired": self.retired is not None,
         }
 
     def data_quality(self) -> dict[str, Any]:
@@ -161,6 +170,13 @@ class Board:
         """Shows changed parts of an asset's snapshot: rig, quality, last_event_id, stale."""
         return self._change(asset, lambda s: replace(s, **changes))
 
+    def rename(self, asset: str, name: str) -> None:
+        """Shows an asset under another name."""
+        with self._lock:
+            snapshot = self._snapshots.pop(asset, None)
+            self._put(replace(snapshot or Snapshot(asset=name), asset=name))
+        self._signal.wake()
+
     def close(self) -> None:
         """Ends every wait: the service goes down."""
         self.closed = True
@@ -187,6 +203,9 @@ class Board:
             windows_total=snapshot.windows_total,
             stale=snapshot.stale_text,
             added=added_of(snapshot.alarms),
+            question=snapshot.question,
+            epoch=snapshot.epoch,
+            retired=snapshot.retired,
         ) | {"alarms": counted(snapshot.alarms)}
         snapshot = replace(snapshot, whole=whole)
         self._snapshots[snapshot.asset] = snapshot

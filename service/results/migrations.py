@@ -111,5 +111,34 @@ MIGRATIONS = (
     ALTER TABLE inspections ADD COLUMN done INTEGER NOT NULL DEFAULT 1;
     CREATE INDEX inspections_waiting ON inspections (done, id);
     """,
+    """
+    ALTER TABLE assets ADD COLUMN epoch INTEGER NOT NULL DEFAULT 0;
+    ALTER TABLE assets ADD COLUMN question TEXT;
+    ALTER TABLE assets ADD COLUMN retired TEXT;
+    ALTER TABLE windows ADD COLUMN epoch INTEGER NOT NULL DEFAULT 0;
+    CREATE INDEX windows_by_epoch ON windows (asset, epoch, number);
+    CREATE TABLE changes (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        received_ns INTEGER NOT NULL,
+        kind TEXT NOT NULL,
+        given TEXT NOT NULL,
+        done INTEGER NOT NULL DEFAULT 0,
+        refused TEXT,
+        effect TEXT
+    );
+    CREATE INDEX changes_waiting ON changes (done, id);
+    CREATE TABLE waiting (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        asset TEXT NOT NULL REFERENCES assets(asset),
+        start_ns INTEGER NOT NULL,
+        bytes INTEGER NOT NULL
+    );
+    CREATE INDEX waiting_of_asset ON waiting (asset, id);
+    CREATE TABLE routes (
+        stream TEXT PRIMARY KEY,
+        asset TEXT NOT NULL REFERENCES assets(asset)
+    );
+    """,
 )
 """The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""

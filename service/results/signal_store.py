@@ -66,6 +66,15 @@ class SignalStore:
             old.unlink(missing_ok=True)
         return True
 
+    def rename(self, asset: str, name: str) -> None:
+        """Gives what is kept of an asset to another name, of which nothing is kept."""
+        with self._lock:
+            old, new = self.folder / _folder_of(asset), self.folder / _folder_of(name)
+            if old.is_dir():
+                old.replace(new)
+                self._kept.pop(asset, None)
+                self._kept[name] = _opened(new)
+
     def kept(self, asset: str) -> tuple[KeptWindow, ...]:
         """What is kept of an asset, by number."""
         with self._lock:

@@ -62,8 +62,9 @@ class SqliteStore:
         with self._transaction() as db:
             self._ensure(db, asset)
             inserted = db.execute(
-                "INSERT OR IGNORE INTO windows (asset, start_ns, record, figures, number) VALUES (?, ?, ?, ?, ?)",
-                (asset, start_ns, dump(record), dump(shown), record["index"]),
+                "INSERT OR IGNORE INTO windows (asset, start_ns, record, figures, number, epoch) "
+                "VALUES (?, ?, ?, ?, ?, (SELECT epoch FROM assets WHERE asset = ?))",
+                (asset, start_ns, dump(record), dump(shown), record["index"], asset),
             )
             if inserted.rowcount == 0:
                 return None
@@ -91,6 +92,20 @@ class SqliteStore:
         with self._transaction() as db:
             self._ensure(db, asset)
             self._keep(db, asset, rig=rig)
+
+    def keep(self, asset: str, **parts: Any) -> None:
+        """Keeps parts of what is known of an asset outside a window."""
+        with self._transaction() as db:
+            self._ensure(db, asset)
+            for name in parts.keys() & {"question", "retired"}:
+                db.execute(f"UPDATE assets SET {name} = ? WHERE asset = ?", (dump(parts.pop(name)), asset))
+            epoch = parts.pop("epoch", None)
+            if epoch is not None:
+                db.execute(
+                    "UPDATE assets SET epoch = ?, windows = 0, updates = 0 WHERE asset = ? AND epoch < ?",
+                    (epoch, asset, epoch),
+                )
+            self._keep(db, asset, **parts)
 
     def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
         """Keeps one measured depth, which waits to become part of the estimate; its id."""
@@ -166,12 +181,12 @@ class SqliteStore:
 
     def asset(self, asset: str) -> StoredAsset:
         """What is committed of the asset; empty where it has never been seen."""
-        columns = "rig, state, report, assembly, quality, windows, updates, received_ns"
+        columns = "rig, state, report, assembly, quality, question, retired, windows, updates, received_ns, epoch"
         rows = self._rows(f"SELECT {columns} FROM assets WHERE asset = ?", (asset,))
         if not rows:
             return StoredAsset(asset=asset)
-        *texts, windows, updates, received_ns = rows[0]
-        rig, state, report, assembly, quality = (load(text) for text in texts)
+        *texts, windows, updates, received_ns, epoch = rows[0]
+        rig, state, report, assembly, quality, question, retired = (load(text) for text in texts)
         totals = self._rows("SELECT kind, channel, action, count, windows FROM fault_totals WHERE asset = ?", (asset,))
         return StoredAsset(
             asset=asset,
@@ -184,19 +199,42 @@ class SqliteStore:
             updates=updates,
             fault_totals={(kind, channel, action): (count, found) for kind, channel, action, count, found in totals},
             received_ns=received_ns,
+            epoch=epoch,
+            question=question,
+            retired=retired,
         )
 
-    def windows(self, asset: str, after: int = -1, limit: int = 1000, every: int = 1) -> tuple[StoredWindow, ...]:
-        """Windows with an index above `after`, oldest first; every so many, and the newest."""
+    def windows(
+        self, asset: str, after: int = -1, limit: int = 1000, every: int = 1, epoch: int | None = None
+    ) -> tuple[StoredWindow, ...]:
+        """Windows of one epoch with an index above `after`, oldest first; every so many, and the newest."""
+        of = "asset = :asset AND epoch = COALESCE(:epoch, (SELECT epoch FROM assets WHERE asset = :asset))"
         return self._windows(
-            "asset = :asset AND number > :after AND (number % :every = 0 "
-            "OR number = (SELECT MAX(number) FROM windows WHERE asset = :asset)) ORDER BY number LIMIT :limit",
-            {"asset": asset, "after": after, "every": every, "limit": limit},
+            f"{of} AND number > :after AND (number % :every = 0 "
+            f"OR number = (SELECT MAX(number) FROM windows WHERE {of})) ORDER BY number LIMIT :limit",
+            {"asset": asset, "after": after, "every": every, "limit": limit, "epoch": epoch},
         )
+
+    def next_index(self, asset: str) -> int:
+        """Index of the asset's next window."""
+        return self._rows("SELECT COALESCE(MAX(number) + 1, 0) FROM windows WHERE asset = ?", (asset,))[0][0]
+
+    def epochs(self, asset: str) -> tuple[Mapping[str, Any], ...]:
+        """The epochs that have windows, from the first."""
+        rows = self._rows(
+            "SELECT e.epoch, e.windows, e.first, e.last, json_extract(w.record, '$.start_time') FROM "
+            "(SELECT asset, epoch, COUNT(*) AS windows, MIN(number) AS first, MAX(number) AS last FROM windows "
+            "WHERE asset = ? GROUP BY epoch) AS e JOIN windows AS w ON w.asset = e.asset AND w.number = e.first "
+            "ORDER BY e.epoch",
+            (asset,),
+        )
+        names = ("epoch", "windows", "first", "last", "since")
+        return tuple(dict(zip(names, row, strict=True)) for row in rows)
 
     def latest_windows(self, asset: str, limit: int) -> tuple[StoredWindow, ...]:
-        """The newest windows, oldest first."""
-        newest = "asset = :asset ORDER BY number DESC LIMIT :limit"
+        """The newest windows of the present epoch, oldest first."""
+        present = "epoch = (SELECT epoch FROM assets WHERE asset = :asset)"
+        newest = f"asset = :asset AND {present} ORDER BY number DESC LIMIT :limit"
         return self._windows(newest, {"asset": asset, "limit": limit})[::-1]
 
     def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:

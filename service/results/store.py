@@ -76,6 +76,9 @@ class StoredAsset:
     updates: int = 0  # of them, that updated the twin
     fault_totals: FaultTotals = field(default_factory=dict)  # of all windows
     received_ns: int | None = None  # Unix time of this machine when the newest window was committed [ns]
+    epoch: int = 0  # number of the present gears: their windows, and no others, are counted above
+    question: Mapping[str, Any] | None = None  # that waits for an answer by people
+    retired: Mapping[str, Any] | None = None  # since when, by whom; None while the asset is in use
 
 
 def faults_of(record: Mapping[str, Any]) -> dict[tuple[str, str, str], int]:
@@ -133,6 +136,13 @@ class ResultStore(Protocol):
         """Keeps the rig file's mapping for the asset, in place of an earlier one."""
         ...
 
+    def keep(self, asset: str, **parts: Any) -> None:
+        """Keeps parts of what is known of an asset outside a window: fields of `StoredAsset` by name.
+
+        A `question` or `retired` of None ends it; a greater `epoch` begins one without windows.
+        """
+        ...
+
     def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
         """Keeps one measured depth, which waits to become part of the estimate, with the twin's own figure; its id."""
         ...
@@ -180,15 +190,25 @@ class ResultStore(Protocol):
         """What is committed of the asset; empty where it has never been seen."""
         ...
 
-    def windows(self, asset: str, after: int = -1, limit: int = 1000, every: int = 1) -> tuple[StoredWindow, ...]:
-        """At most `limit` windows with an index above `after`, oldest first.
+    def windows(
+        self, asset: str, after: int = -1, limit: int = 1000, every: int = 1, epoch: int | None = None
+    ) -> tuple[StoredWindow, ...]:
+        """At most `limit` windows with an index above `after`, oldest first; of the present epoch where None is given.
 
         Those whose index is a multiple of `every`, and the newest in any case.
         """
         ...
 
+    def next_index(self, asset: str) -> int:
+        """Index of the asset's next window: it goes on through all epochs."""
+        ...
+
+    def epochs(self, asset: str) -> tuple[Mapping[str, Any], ...]:
+        """The epochs that have windows: `epoch`, `windows`, `first` and `last` index, and the first's `since`."""
+        ...
+
     def latest_windows(self, asset: str, limit: int) -> tuple[StoredWindow, ...]:
-        """The newest windows, oldest first."""
+        """The newest windows of the present epoch, oldest first."""
         ...
 
     def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:

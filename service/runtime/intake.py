@@ -77,6 +77,19 @@ class Intake:
         """Lets the asset's windows close without the channels that have fallen silent."""
         self._pipeline.wait_only_for(asset, labels)
 
+    def know(self, asset: str) -> None:
+        """An asset whose channels another one's stream has shown."""
+        self._known.add(asset)
+
+    def rename(self, asset: str, name: str) -> None:
+        """Goes on under another name."""
+        if asset in self._known:
+            self._known.remove(asset)
+            self._known.add(name)
+        if asset in self._shown:
+            self._shown[name] = self._shown.pop(asset)
+        self._learning.rename(asset, name)
+
     def _note(self, channel: Channel) -> None:
         if not CHANNEL_KINDS[channel.kind].slow:  # slow values go on between windows
             self._heard(channel.asset)

@@ -11,7 +11,8 @@ the state after a window only once that window has been committed. No threads, n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol
 
@@ -21,6 +22,7 @@ from service.contract.status import with_status_since
 from service.contract.window import refused_record
 from service.errors import FrameError
 from service.files.rig import assembly_for, expected_channels, window_of_rig
+from service.runtime.questions import ALL_WAIT, COUNT_FELL, count_fell
 from service.runtime.twin_port import Events, Twin
 from service.settings import Settings
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
@@ -29,9 +31,15 @@ from service.stream.quality import Quality
 from service.stream.wire.topics import Channel
 from twin.errors import NotAvailable, TwinError
 from twin.fallen_count import CountFellError
+from twin.machine_change import MachineChange
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
 from twin.windows import Window
+
+ONE_DISTURBED = (
+    "the revolution count of this window alone lies far below that of the windows before and after it: it is taken for "
+    "a disturbance of the counter"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +55,22 @@ class WindowOutcome:
     events: Events
     assembly: Mapping[str, Any]  # Assembler.to_dict() as of this window
     quality: Mapping[str, Any]  # the section `data_quality`
+    waited: int | None = None  # number of the window among those that waited for an answer; None where it did not
+    question: Mapping[str, Any] | None = None  # open after the window
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldWindow:
+    """A window that cannot be used until people have answered a question."""
+
+    asset: str
+    window: Window
+    state: Any  # twin.step.State, which remembers that the window came
+    question: Mapping[str, Any]
+    assembly: Mapping[str, Any]
+    quality: Mapping[str, Any]
+    events: Events
+    waited: int | None = None  # number of the window among those that wait already; None for one that has just come
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,11 +82,12 @@ class Checkpoint:
     report: Mapping[str, Any] | None
     assembly: Mapping[str, Any]
     quality: Mapping[str, Any]
+    question: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecisionOutcome:
-    """What a decision on an effect, or an inspection, led to."""
+    """What a decision on an effect, an inspection, or a change of the machine, led to."""
 
     asset: str
     state: Any  # twin.step.State after it
@@ -75,6 +100,18 @@ class Freshness(NamedTuple):
 
     last_arrival_ns: int | None  # host's clock when the newest frame came, Unix time [ns]
     last_window_ns: int | None  # end of the newest window by the stream's own clock, Unix time [ns]
+
+
+class WaitingPlace(Protocol):
+    """Where windows wait until people have answered a question."""
+
+    def hold(self, held: HeldWindow) -> Mapping[str, Any]:
+        """Keeps a window, or counts it as left out where there is no room; the question as it is shown then."""
+        ...
+
+    def waiting(self, asset: str) -> Iterator[tuple[int, Window]]:
+        """The windows of an asset that wait, with their numbers, in the order in which they came."""
+        ...
 
 
 class ResultSink(Protocol):
@@ -100,6 +137,28 @@ class _Progress:
     index: int = 0  # of the next window
     report: Mapping[str, Any] | None = None
     quality: Quality = field(default_factory=Quality)
+    question: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """What the twin made of one window."""
+
+    state: Any
+    report: Mapping[str, Any] | None
+    record: Mapping[str, Any]
+    events: Events = ()
+    grade: str
+
+    @classmethod
+    def refusal(cls, progress: _Progress, reason: str, state: Any = None) -> Result:
+        """A window that was not used."""
+        return cls(
+            state=progress.state if state is None else state,
+            report=progress.report,
+            record=refused_record(reason),
+            grade="refused",
+        )
 
 
 class Pipeline:
@@ -107,6 +166,7 @@ class Pipeline:
 
     before_window  called before each window is processed; an exception of it leaves the window unprocessed
     host_clock     Unix time of this host [ns], which frames of a live stream are held against; None for recordings
+    waiting        where windows wait for an answer by people; None where nobody answers, and they are refused
     """
 
     def __init__(
@@ -118,8 +178,9 @@ class Pipeline:
         assembly: AssemblySettings = DEFAULT,
         before_window: Callable[[], None] = lambda: None,
         host_clock: Callable[[], int] | None = None,
+        waiting: WaitingPlace | None = None,
     ):
-        self._host_clock = host_clock
+        self._host_clock, self._waiting = host_clock, waiting
         self._rig_of, self._twin, self._sink, self._assembly = rig_of, twin, sink, assembly
         self._before_window = before_window
         self._assets: dict[str, _Progress] = {}
@@ -184,8 +245,17 @@ class Pipeline:
         report = progress.report if progress.report is None else {**progress.report, **answer.report}
         return DecisionOutcome(asset=asset, state=state, report=report or answer.report, events=answer.events)
 
+    def follow(self, asset: str, made: MachineChange) -> DecisionOutcome:
+        """What a change of the machine leads to, for `accept`; TwinError where it cannot be followed."""
+        if asset not in self._assets:
+            raise NotAvailable(f"no window of {asset} has been processed yet: there is nothing that the change ends")
+        progress = self._assets[asset]
+        state, answer = self._twin.follow(progress.rig, progress.state, made)
+        report = with_status_since(progress.report, answer.report, self._ended_ns(progress), None)
+        return DecisionOutcome(asset=asset, state=state, report=report, events=answer.events)
+
     def accept(self, outcome: DecisionOutcome) -> None:
-        """Goes on from a decision or an inspection, once it has been committed."""
+        """Goes on from a decision, an inspection or a change, once it has been committed."""
         progress = self._assets[outcome.asset]
         progress.state, progress.report = outcome.state, outcome.report
 
@@ -206,6 +276,77 @@ class Pipeline:
         progress.state, progress.report = checkpoint.state, checkpoint.report
         progress.index = checkpoint.index + 1
         progress.quality = Quality.from_dict(checkpoint.quality)
+        progress.question = checkpoint.question
+
+    # -- questions -----------------------------------------------------------------------------------
+
+    def question(self, asset: str) -> Mapping[str, Any] | None:
+        """The question about an asset that is open."""
+        return self._assets[asset].question if asset in self._assets else None
+
+    def ask(self, asset: str, question: Mapping[str, Any] | None) -> None:
+        """Opens a question, once it has been committed, or ends it."""
+        self._progress(asset).question = question
+
+    def ignoring(self, asset: str) -> Any:
+        """The state that refuses windows of the fallen count without asking again."""
+        return self._twin.ignore(self._progress(asset).state)
+
+    def forgotten(self, asset: str) -> Any:
+        """The state without the fallen count: its windows are another machine's; None where the asset has none."""
+        return self._twin.forget(self._assets[asset].state) if asset in self._assets else None
+
+    def set_state(self, asset: str, state: Any) -> None:
+        """Goes on from another state, once it has been committed."""
+        self._progress(asset).state = state
+
+    def ended_ns(self, asset: str) -> int:
+        """End of the newest window on the stream's own clock, else the host's time; Unix time [ns]."""
+        return self._ended_ns(self._progress(asset))
+
+    def use_waiting(self, asset: str) -> None:
+        """Processes the windows that waited for an answer; those that raise another question go on waiting."""
+        if self._waiting is None:
+            return
+        progress = self._progress(asset)
+        for number, window in self._waiting.waiting(asset):
+            if progress.question is not None and progress.question["kind"] in ALL_WAIT:
+                return
+            self._process(asset, progress, window, progress.assembler.to_dict(), waited=number)
+
+    def refuse_waiting(self, asset: str, reason: str) -> None:
+        """Commits the windows that waited as refused, for a reason."""
+        if self._waiting is None:
+            return
+        progress = self._progress(asset)
+        for number, window in self._waiting.waiting(asset):
+            self._commit(
+                asset, progress, window, progress.assembler.to_dict(), Result.refusal(progress, reason), number
+            )
+
+    # -- life ----------------------------------------------------------------------------------------
+
+    def rename(self, asset: str, name: str) -> None:
+        """Goes on under another name, once that has been committed."""
+        if asset in self._assets:
+            self._assets[name] = self._assets.pop(asset)
+
+    def split(self, asset: str, name: str, *, fresh: bool) -> None:
+        """A new asset takes over the stream of another one, which keeps its state and what it has seen.
+
+        fresh  whether the new asset has not used any of the stream so far
+        """
+        old, new = self._progress(asset), self._progress(name)
+        if not fresh:
+            kept = Assembler.from_dict(old.assembler.to_dict(), old.assembler.settings)
+            new.assembler, old.assembler = old.assembler, kept
+
+    def reopen(self, asset: str) -> None:
+        """Goes on with the rig file that the asset has now."""
+        progress = self._progress(asset)
+        progress.rig = self._rig_of(asset)
+        progress.expected = expected_channels(progress.rig)
+        progress.assembler.settings = assembly_for(progress.rig, self._assembly)
 
     def _progress(self, asset: str) -> _Progress:
         if asset not in self._assets:
@@ -215,35 +356,101 @@ class Pipeline:
             self._assets[asset] = _Progress(rig, expected, assembler, self._twin.new_state())
         return self._assets[asset]
 
-    def _process(self, asset: str, progress: _Progress, window: Window, assembly: Mapping[str, Any]) -> None:
-        """One window through the twin to the sink."""
+    def _process(
+        self,
+        asset: str,
+        progress: _Progress,
+        window: Window,
+        assembly: Mapping[str, Any],
+        waited: int | None = None,
+    ) -> None:
+        """One window through the twin to the sink, or to where it waits for an answer by people."""
         self._before_window()
-        state, report, added = progress.state, progress.report, Events()
-        window = window_of_rig(progress.rig, window)
-        grade = window.quality
-        if grade == "refused":
-            record = refused_record("; ".join(f.detail for f in window.faults if f.action == "refused"))
-        else:
-            try:
-                state, answer = self._twin.process(progress.rig, progress.state, window)
-            except TwinError as error:
-                grade, record = "refused", refused_record(str(error))
-                state = error.state if isinstance(error, CountFellError) else state
-            else:
-                record, report, added = dict(answer.record), answer.report, answer.events
-                report = with_status_since(progress.report, report, window.start_time_ns, record.get("revolutions"))
-        quality = _copy(progress.quality)
-        faults = quality.note_window(progress.index, window, grade)
+        raw, window = window, window_of_rig(progress.rig, window)
+        open_question = progress.question
+        if open_question is not None and open_question["kind"] in ALL_WAIT and window.quality != "refused":
+            self._hold(asset, progress, raw, assembly, progress.state, open_question, waited)
+            return
+        try:
+            result = self._result(progress, window)
+        except CountFellError as error:
+            if self._waiting is not None and not error.ignored:
+                question = open_question or count_fell(asset, error.seen, error.fallen, window.start_time_ns)
+                self._hold(asset, progress, raw, assembly, error.state, question, waited)
+                return
+            result = Result.refusal(progress, str(error), error.state)
+        disturbed = open_question is not None and open_question["kind"] == COUNT_FELL and open_question["waiting"] == 1
+        ends = (
+            disturbed and waited is None and result.grade != "refused" and result.record.get("revolutions") is not None
+        )
+        if ends:
+            progress.question = None
+        self._commit(asset, progress, window, assembly, result, waited)
+        if ends:
+            self.refuse_waiting(asset, ONE_DISTURBED)
+
+    def _result(self, progress: _Progress, window: Window) -> Result:
+        """What the twin says of a window; CountFellError where its count has fallen."""
+        if window.quality == "refused":
+            return Result.refusal(progress, "; ".join(f.detail for f in window.faults if f.action == "refused"))
+        try:
+            state, answer = self._twin.process(progress.rig, progress.state, window)
+        except CountFellError:
+            raise
+        except TwinError as error:
+            return Result.refusal(progress, str(error))
+        record = dict(answer.record)
+        report = with_status_since(progress.report, answer.report, window.start_time_ns, record.get("revolutions"))
+        return Result(state=state, report=report, record=record, events=answer.events, grade=window.quality)
+
+    def _hold(
+        self,
+        asset: str,
+        progress: _Progress,
+        window: Window,
+        assembly: Mapping[str, Any],
+        state: Any,
+        question: Mapping[str, Any],
+        waited: int | None,
+    ) -> None:
+        """A window to where it waits for an answer."""
+        assert self._waiting is not None
+        new = progress.question is None
+        held = HeldWindow(
+            asset=asset,
+            window=window,
+            state=state,
+            question=question,
+            assembly=assembly,
+            quality=progress.quality.to_dict(progress.assembler.counters, progress.expected),
+            events=(("question", dict(question)),) if new else (),
+            waited=waited,
+        )
+        progress.question = self._waiting.hold(held)
+        progress.state = state
+
+    def _commit(
+        self,
+        asset: str,
+        progress: _Progress,
+        window: Window,
+        assembly: Mapping[str, Any],
+        result: Result,
+        waited: int | None = None,
+    ) -> None:
+        """One window with its result to the sink."""
+        record, quality = dict(result.record), _copy(progress.quality)
+        faults = quality.note_window(progress.index, window, result.grade)
         record |= {
             "index": progress.index,
             "start_time": iso_time(window.start_time_ns),
-            "quality": grade,
+            "quality": result.grade,
             "faults": faults,
             **slow_channels(window),
         }
         events = (
             ("window", record),  # as it is kept, with its number and faults
-            *((kind, data) for kind, data in added if kind not in ("window", "data_fault")),
+            *((kind, data) for kind, data in result.events if kind not in ("window", "data_fault")),
             *(("data_fault", fault) for fault in faults),
         )
         outcome = WindowOutcome(
@@ -251,16 +458,21 @@ class Pipeline:
             index=progress.index,
             window=window,
             record=record,
-            state=state,
-            report=report,
+            state=result.state,
+            report=result.report,
             events=events,
             assembly=assembly,
             quality=quality.to_dict(progress.assembler.counters, progress.expected),
+            waited=waited,
+            question=progress.question,
         )
         if self._sink.commit(outcome):
-            progress.state, progress.report, progress.quality = state, report, quality
+            progress.state, progress.report, progress.quality = result.state, result.report, quality
             progress.index += 1
             self._sink.publish(outcome)
+
+    def _ended_ns(self, progress: _Progress) -> int:
+        return progress.assembler.closed_until_ns or (self._host_clock or time.time_ns)()
 
 
 def _copy(quality: Quality) -> Quality:

@@ -1,8 +1,8 @@
 """Which rig file an asset has, and what happens where it is not the one that the asset's state was learned with.
 
 The rig file of the settings goes before the stored one, and that before one offered on the network. A state that was
-learned with other gears says nothing about these: the service refuses to go on. Any other change is adopted, and an
-event tells what has changed.
+learned with other gears says nothing about these: people are asked (questions.py), and the earlier rig file holds until
+they have answered. Any other change is adopted, and an event tells what has changed.
 """
 
 from __future__ import annotations
@@ -51,16 +51,11 @@ def rig_change(before: Mapping[str, Any], now: Mapping[str, Any]) -> RigChange:
     return RigChange(identity=tuple(identity), other=tuple(other))
 
 
-def demand_same_gears(stored: StoredAsset, rig: Mapping[str, Any], where: str) -> None:
-    """InputError where an asset's state was learned with other gears than a rig file describes."""
+def other_gears(stored: StoredAsset, rig: Mapping[str, Any]) -> tuple[str, ...]:
+    """How a rig file describes other gears than those that an asset's state was learned with; else empty."""
     if stored.rig is None or stored.state is None:
-        return
-    lines = rig_change(stored.rig, rig).identity
-    if lines:
-        raise InputError(
-            f"{where}: {_named(lines)}, but the stored state of {stored.asset} was learned with the earlier value: "
-            "give the earlier rig file, or another --data directory for other gears"
-        )
+        return ()
+    return rig_change(stored.rig, rig).identity
 
 
 class Rigs:
@@ -70,22 +65,32 @@ class Rigs:
         """given  the rig file of the settings, read from `where`"""
         self._store, self._board, self._given, self._where = store, board, given, where
 
-    def check(self) -> None:
-        """InputError where the rig file of the settings does not fit a stored state."""
-        if self._given is not None:
-            for asset in self._store.assets():
-                demand_same_gears(self._store.asset(asset), self._given, self._where)
+    @property
+    def given(self) -> Mapping[str, Any] | None:
+        """The rig file of the settings."""
+        return self._given
+
+    @property
+    def where(self) -> str:
+        """What the rig file of the settings is called in messages."""
+        return self._where
+
+    def named_differences(self, asset: str, rig: Mapping[str, Any]) -> list[str]:
+        """How a rig file describes other gears than those of an asset so far, the first few lines."""
+        lines = other_gears(self._store.asset(asset), rig)
+        more = [f"and {len(lines) - MOST_NAMED} more"] if len(lines) > MOST_NAMED else []
+        return [*lines[:MOST_NAMED], *more]
 
     def of(self, asset: str, offered: OfferedRigs) -> Rig:
         """The rig of an asset; one of which nothing is known where there is none."""
         stored = self._store.asset(asset)
-        rig = self._given or stored.rig or offered.find(asset)
+        differs = self._given is not None and other_gears(stored, self._given)
+        rig = (None if differs else self._given) or stored.rig or offered.find(asset)
         if rig is None:
             log.warning("no rig file is known for %s: only what needs none will be available", asset)
             return Rig.from_mapping({})
         checked = checked_rig(rig, f"rig of {asset}")
         if rig != stored.rig:
-            demand_same_gears(stored, rig, self._where)
             self._adopt(stored, rig)
         self._board.update(asset, rig=rig)
         return checked
@@ -111,6 +116,7 @@ class OfferedRigs:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
         self._offered: dict[str, dict[str, Any]] = {}
+        self._fresh: list[str] = []  # streams for which a rig file has come since they were last asked for
         self._lock = threading.Lock()
 
     @contextmanager
@@ -129,6 +135,14 @@ class OfferedRigs:
         with self._lock:
             return self._offered.get(asset)
 
+    def fresh(self) -> list[tuple[str, Mapping[str, Any]]]:
+        """The rig files that have come since this was last called, with the streams that they are for."""
+        if not self._fresh:
+            return []
+        with self._lock:
+            streams, self._fresh = dict.fromkeys(self._fresh), []
+            return [(stream, self._offered[stream]) for stream in streams]
+
     def _received(self, asset: str, text: bytes) -> None:
         try:
             mapping = tomllib.loads(text.decode("utf-8"))
@@ -140,6 +154,7 @@ class OfferedRigs:
         else:
             with self._lock:
                 self._offered[asset] = mapping
+                self._fresh.append(asset)
 
 
 def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

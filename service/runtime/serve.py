@@ -20,7 +20,9 @@ from service.api import create_app
 from service.errors import InputError
 from service.files.rig import checked_rig, load_mapping
 from service.results.alarm_store import AlarmStore
+from service.results.asset_life import AssetLife
 from service.results.board import Board
+from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
 from service.results.sqlite_store import SqliteStore
@@ -31,12 +33,13 @@ from service.runtime.rigs import Rigs
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.twin_port import Twin, gear_twin
 from service.runtime.webhooks import WebhookSender
-from service.runtime.worker import Worker
+from service.runtime.worker import Kept, Worker
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
 
 DATABASE = "gear-twin.sqlite"
 SIGNALS = "signals"
+WAITING = "waiting"
 CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
 
 OpenStore = Callable[[], AbstractContextManager[ResultStore]]
@@ -67,7 +70,6 @@ def run(
         store = stack.enter_context((open_store or partial(SqliteStore, settings.data / DATABASE))())
         board = Board.from_store(store)
         rigs = Rigs(store, board, rig, str(settings.rig))
-        rigs.check()
         listening = stack.enter_context(listening_at(settings.http_host, settings.http_port))
         queue = DecisionQueue(store)
         signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
@@ -77,7 +79,12 @@ def run(
             board.update(asset, alarms=alarms.open(asset))
         webhooks = WebhookSender(alarms.store, alarms.waiting)
         transport = open_transport or _zenoh_of(settings)
-        worker = Worker(settings, store, board, queue, rigs, twin, transport, writer, alarms)
+        life = AssetLife(store.database, settings.data / WAITING)
+        changes = ChangeQueue(life)
+        kept = Kept(
+            store=store, board=board, decisions=queue, life=life, changes=changes, signals=signals, alarms=alarms
+        )
+        worker = Worker(settings, kept, rigs, twin, transport, writer)
         app = create_app(
             board,
             store,
@@ -86,6 +93,7 @@ def run(
             gauges=lambda: {**worker.gauges(), **webhooks.gauges()},
             signals=signals,
             alarms=alarms,
+            changes=changes,
         )
 
         def ending() -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
+from service.results.asset_life import AssetLife
 from service.results.board import TAIL, Board, Snapshot
 from service.results.status_events import status_events
 from service.results.store import ResultStore, StoredWindow
@@ -29,11 +29,13 @@ class ServiceSink:
         store: ResultStore,
         board: Board,
         publication: StatePublication,
+        life: AssetLife,
         clock: Callable[[], int] = time.time_ns,
         signals: SignalWriter | None = None,
         alarms: AlarmKeeper | None = None,
     ) -> None:
         self._signals, self._alarms = signals, alarms
+        self._life = life
         self._open: tuple[Mapping[str, Any], ...] = ()  # alarms after the window that was committed last
         self._store, self._board, self._publication, self._clock = store, board, publication, clock
         self._received_ns = 0
@@ -43,7 +45,7 @@ class ServiceSink:
         """Keeps a window with everything that a restart needs and the alarms that it raises, in one transaction."""
         self._received_ns = self._clock()
         self._committed = None
-        with self._alarms.transaction() if self._alarms else nullcontext():
+        with self._life.transaction():
             self._committed = self._store.commit(
                 outcome.asset,
                 outcome.window.start_time_ns,
@@ -56,17 +58,33 @@ class ServiceSink:
                 events=outcome.events,
             )
             if self._committed is not None:
+                self._keep_question(outcome)
                 self._note_health(outcome)
+            if outcome.waited is not None:
+                self._life.drop_waiting(outcome.waited)
+        if outcome.waited is not None:
+            self._life.delete_file(outcome.waited)
         if self._committed is None:
             log.error("%s: window %s had been committed before", outcome.asset, outcome.record["start_time"])
         return self._committed is not None
+
+    def _keep_question(self, outcome: WindowOutcome) -> None:
+        snapshot = self._board.get(outcome.asset)
+        if snapshot is not None and snapshot.question != outcome.question:
+            self._store.keep(outcome.asset, question=outcome.question)
 
     def _note_health(self, outcome: WindowOutcome) -> None:
         """The alarms that the window raises or ends, and the event where the status changes; in its transaction."""
         asset = outcome.asset
         before = self._board.get(asset)
         records = (*(before.records if before else ()), outcome.record)[-TAIL:]
-        shown = replace(before or Snapshot(asset=asset), report=outcome.report, records=records, stale=None)
+        shown = replace(
+            before or Snapshot(asset=asset),
+            report=outcome.report,
+            records=records,
+            stale=None,
+            question=outcome.question,
+        )
         events: Events = ()
         if self._alarms is not None:
             _, data = shown.health()
@@ -84,6 +102,7 @@ class ServiceSink:
             report=outcome.report,
             quality=outcome.quality,
             alarms=self._open,
+            question=outcome.question,
             received_ns=self._received_ns,
             last_event_id=self._store.last_event_id(outcome.asset),
         )

@@ -104,7 +104,7 @@ class StalenessWatch:
         self._looked = now
         for asset in self._board.assets():
             snapshot = self._board.get(asset)
-            if snapshot is None:
+            if snapshot is None or snapshot.retired is not None:
                 continue
             heard = self._heard.get(asset, _Heard())
             current = heard.window_ns == snapshot.received_ns  # else a window has come since the last frame

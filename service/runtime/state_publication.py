@@ -35,6 +35,11 @@ class StatePublication:
             return None
         return json.dumps({"asset": asset, "alarms": list(snapshot.alarms)}, allow_nan=False)
 
+    def withdraw(self, asset: str) -> None:
+        """Ends the announcement of an asset that has another name now."""
+        self._published.pop(asset, None)
+        self._transport.withdraw(asset)
+
     def publish(self, asset: str) -> None:
         """Publishes the asset's state as the board has it, and its open alarms where they are others than before."""
         text, alarms = self.state_text(asset), self.alarms_text(asset)

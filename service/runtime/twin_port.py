@@ -14,6 +14,7 @@ from typing import Any
 from service.errors import FAULT
 from service.json_text import plain
 from twin.errors import NotAvailable, TwinError
+from twin.machine_change import MachineChange
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
 from twin.windows import Window
@@ -41,6 +42,9 @@ class Twin:
     load_state: Callable[[Mapping[str, Any]], Any]  # from what `state.to_dict()` gave, of this or an earlier version
     decide: Callable[..., tuple[Any, Any]] | None = None  # (rig, state, decision, options) → state, estimate
     inspect: Callable[..., tuple[Any, Any]] | None = None  # (rig, state, inspection, options) → state, estimate
+    change: Callable[..., tuple[Any, Any]] | None = None  # (rig, state, change, options) → state, estimate
+    ignore: Callable[[Any], Any] = lambda state: state  # the state that refuses windows of the fallen count unasked
+    forget: Callable[[Any], Any] = lambda state: state  # the state without a fallen count
     options: Any = None
 
     def process(self, rig: Rig, state: Any, window: Window) -> tuple[Any, Answer]:
@@ -62,17 +66,32 @@ class Twin:
         state, estimate = self.inspect(rig, state, inspection, self.options)
         return state, _answer(estimate)
 
+    def follow(self, rig: Rig, state: Any, made: MachineChange) -> tuple[Any, Answer]:
+        """A change of the machine; TwinError where it cannot be followed."""
+        if self.change is None:
+            raise NotAvailable("this twin follows no changes of the machine")
+        state, estimate = self.change(rig, state, made, self.options)
+        return state, _answer(estimate)
+
 
 def gear_twin(options: Any = None) -> Twin:
     """The twin itself, imported where it is first needed."""
-    from service.contract.estimate import decide, inspect, step
+    from service.contract.estimate import change, decide, inspect, step
+    from twin.fallen_count import with_fallen_forgotten, with_fallen_ignored
     from twin.options import Options
     from twin.state import State
 
     return Twin(
-        step=step, new_state=State, load_state=State.from_dict, decide=decide, inspect=inspect,
+        step=step,
+        new_state=State,
+        load_state=State.from_dict,
+        decide=decide,
+        inspect=inspect,
+        change=change,
+        ignore=with_fallen_ignored,
+        forget=with_fallen_forgotten,
         options=options or Options(),
-    )  # fmt: skip
+    )
 
 
 def guarded(twin: Twin, on_fault: Callable[[], None]) -> Twin:
@@ -99,6 +118,7 @@ def guarded(twin: Twin, on_fault: Callable[[], None]) -> Twin:
         step=barrier(twin.step),
         decide=None if twin.decide is None else barrier(twin.decide),
         inspect=None if twin.inspect is None else barrier(twin.inspect),
+        change=None if twin.change is None else barrier(twin.change),
     )
 
 

@@ -6,28 +6,54 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 
 from service.alarms.keeper import AlarmKeeper
 from service.errors import NotReachable, StoreError
+from service.results.asset_life import AssetLife
 from service.results.board import Board
+from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
+from service.results.signal_store import SignalStore
 from service.results.store import ResultStore
+from service.runtime.changes import ChangeWorker
 from service.runtime.decisions import DecisionWorker, Ended
 from service.runtime.intake import Intake
 from service.runtime.pipeline import Checkpoint, Pipeline, assembly_settings
 from service.runtime.pump import pump
+from service.runtime.rig_questions import RigQuestions
 from service.runtime.rigs import OfferedRigs, Rigs
 from service.runtime.service_sink import ServiceSink
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, StalenessWatch
 from service.runtime.state_publication import StatePublication
+from service.runtime.streams import Streams
 from service.runtime.twin_port import Twin, guarded
+from service.runtime.waiting_windows import WaitingWindows
 from service.settings import Settings
 from service.stream.inbox import Inbox
 from service.transport.protocol import OpenTransport, Transport
 from twin.errors import TwinError
 
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kept:
+    """Where results are kept and shown, and what waits to be carried out."""
+
+    store: ResultStore
+    board: Board
+    decisions: DecisionQueue
+    life: AssetLife
+    changes: ChangeQueue
+    signals: SignalStore | None = None
+    alarms: AlarmKeeper | None = None
+
+    def close(self) -> None:
+        """Releases everyone who waits for a decision or a change."""
+        self.decisions.close()
+        self.changes.close()
 
 
 class Worker(threading.Thread):
@@ -40,18 +66,15 @@ class Worker(threading.Thread):
     def __init__(
         self,
         settings: Settings,
-        store: ResultStore,
-        board: Board,
-        queue: DecisionQueue,
+        kept: Kept,
         rigs: Rigs,
         twin: Twin,
         open_transport: OpenTransport,
         signals: SignalWriter | None = None,
-        alarms: AlarmKeeper | None = None,
     ) -> None:
-        self._signals, self._alarms = signals, alarms
+        self._signals = signals
         super().__init__(name="twin", daemon=True)
-        self._settings, self._store, self._board, self._queue = settings, store, board, queue
+        self._settings, self._kept = settings, kept
         self._rigs, self._twin, self._open_transport = rigs, guarded(twin, self._count_fault), open_transport
         self._inbox = Inbox(
             frames=settings.queue_frames,
@@ -78,14 +101,14 @@ class Worker(threading.Thread):
             self.failure = error
         finally:
             self._reason = "the subscription to the stream has ended"
-            self._queue.close()
+            self._kept.close()
             self.on_end()
 
     def stop(self) -> None:
         """Tells the thread to end after the current window."""
         self._stopping.set()
         self._inbox.close()
-        self._queue.close()
+        self._kept.close()
 
     def end(self) -> None:
         """Ends the thread; a window that takes longer than a few seconds is left to the next start.
@@ -127,34 +150,49 @@ class Worker(threading.Thread):
             yield transport
 
     def _serve(self, transport: Transport) -> None:
-        publication = StatePublication(transport, self._board)
+        kept = self._kept
+        store, board, life = kept.store, kept.board, kept.life
+        publication = StatePublication(transport, board)
         with OfferedRigs(transport).watching() as offered, transport.answer_states(publication):
             pipeline = Pipeline(
                 lambda asset: self._rigs.of(asset, offered),
                 self._twin,
-                ServiceSink(self._store, self._board, publication, signals=self._signals, alarms=self._alarms),
+                ServiceSink(store, board, publication, life, signals=self._signals, alarms=kept.alarms),
                 assembly=assembly_settings(self._settings),
                 before_window=self._end_if_stopping,
                 host_clock=time.time_ns,
+                waiting=WaitingWindows(store, life, board, publication),
             )
-            restore(pipeline, self._store, self._twin)
-            watch = StalenessWatch(
-                self._store, self._board, publication, staleness_limits(self._settings), alarms=self._alarms
-            )
+            restore(pipeline, store, self._twin)
+            watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
             intake = Intake(pipeline, lambda asset: self._show_quality(pipeline, asset), heard=watch.heard)
-            decisions = DecisionWorker(
-                self._queue, pipeline, self._store, self._board, publication, self._stopping, self._alarms
+            streams = Streams(life, intake, self._is_retired)
+            decisions = DecisionWorker(kept.decisions, pipeline, store, board, publication, self._stopping, kept.alarms)
+            changes = ChangeWorker(
+                kept.changes, pipeline, store, life, board, publication,
+                streams=streams, intake=intake, signals=kept.signals, alarms=kept.alarms, ending=self._stopping,
+            )  # fmt: skip
+            questions = RigQuestions(
+                pipeline, store, life, board, publication, rigs=self._rigs, streams=streams, offered=offered
             )
+            questions.start()
             with transport.subscribe(self._inbox):
                 self._reason = None
+                changes.resume()
 
                 def between() -> None:
+                    questions()
                     decisions()
+                    changes()
                     watch()
-                    for asset in self._alarms.changed_by_people() if self._alarms else ():
+                    for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                         publication.publish(asset)
 
-                pump(self._inbox, intake, self._stopping, self._settings.idle_timeout, between)
+                pump(self._inbox, streams, self._stopping, self._settings.idle_timeout, between)
+
+    def _is_retired(self, asset: str) -> bool:
+        snapshot = self._kept.board.get(asset)
+        return snapshot is not None and snapshot.retired is not None
 
     def _end_if_stopping(self) -> None:
         if self._stopping.is_set():
@@ -162,7 +200,7 @@ class Worker(threading.Thread):
 
     def _show_quality(self, pipeline: Pipeline, asset: str) -> None:
         last_frame_ns = pipeline.freshness(asset).last_arrival_ns
-        self._board.update(asset, quality=pipeline.quality(asset), last_frame_ns=last_frame_ns)
+        self._kept.board.update(asset, quality=pipeline.quality(asset), last_frame_ns=last_frame_ns)
 
     def _count_fault(self) -> None:
         self._faults += 1
@@ -178,23 +216,23 @@ def restore(pipeline: Pipeline, store: ResultStore, twin: Twin) -> None:
     """Goes on where the store's assets ended; StoreError where a state cannot be read."""
     for asset in store.assets():
         stored = store.asset(asset)
-        if stored.state is None or stored.assembly is None or stored.quality is None:
+        if stored.assembly is None or stored.quality is None:
             continue
         try:
-            state = twin.load_state(stored.state)
+            state = twin.new_state() if stored.state is None else twin.load_state(stored.state)
         except (TwinError, LookupError, TypeError, ValueError) as error:
             raise StoreError(
                 f"the stored state of {asset} cannot be read ({type(error).__name__}: {error}): it was written by "
                 "another version of gear-twin; use that version, or another --data directory"
             ) from error
-        last = store.latest_windows(asset, 1)[-1].record
         pipeline.restore(
             asset,
             Checkpoint(
-                index=last["index"],
+                index=store.next_index(asset) - 1,
                 state=state,
                 report=stored.report,
                 assembly=stored.assembly,
                 quality=stored.quality,
+                question=stored.question,
             ),
         )

@@ -46,8 +46,14 @@ class Timeline:
         return _lies_on([*self.stretches[-1], newest], start, sequence)
 
     def held_before(self, start: int, sequence: int) -> bool:
-        """Whether a frame lies on a stretch before the clock was last set."""
-        return any(_lies_on(points, start, sequence) for points in self.stretches[:-1])
+        """Whether a frame lies on a stretch before the clock was last set.
+
+        One from before a stretch does not: since then the clock has been set, so that it may be another recording's.
+        """
+        return any(
+            bool(points) and start >= points[0][0] and _lies_on(points, start, sequence)
+            for points in self.stretches[:-1]
+        )
 
     def to_dict(self) -> list[list[list[int]]]:
         """JSON-safe."""

@@ -52,6 +52,10 @@ class Transport(Protocol):
         """Shows that this service serves the asset, until the connection is closed; repeated calls change nothing."""
         ...
 
+    def withdraw(self, asset: str) -> None:
+        """Shows that the asset is no longer served under this name."""
+        ...
+
     def watch_rigs(self, received: Callable[[str, bytes], None]) -> AbstractContextManager[object]:
         """Passes on each rig file that somebody publishes, as asset and TOML text, until left."""
         ...

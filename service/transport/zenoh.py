@@ -176,6 +176,11 @@ class ZenohTransport:
         if asset not in self._tokens:
             self._tokens[asset] = self._session.liveliness().declare_token(alive_topic(asset, self._prefix))
 
+    def withdraw(self, asset: str) -> None:
+        """Gives up the asset's liveliness token."""
+        if asset in self._tokens:
+            self._tokens.pop(asset).undeclare()
+
     @contextmanager
     def watch_rigs(self, received: Callable[[str, bytes], None]) -> Iterator[None]:
         """Passes published rig files on until left."""

@@ -17,8 +17,19 @@ from service.runtime.serve import run
 from service.runtime.twin_port import Twin
 from service.settings import Settings
 from twin.errors import NotAvailable
+from twin.fallen_count import CountFellError
 
+FALL = 150.0  # turns of the pinion by which a count must fall to raise the question
 SLOW = float(os.environ.get("FAKE_TWIN_SECONDS", "0"))  # what one window costs [s]
+
+
+@dataclass(frozen=True)
+class FakeFallen:
+    """A count that has fallen."""
+
+    revolutions: float
+    refusals: int
+    ignored: bool
 
 
 @dataclass(frozen=True)
@@ -27,8 +38,11 @@ class FakeState:
 
     windows_seen: int = 0
     total: float = 0.0
-    decided: tuple = ()  # every decision carried out, in order
+    decided: tuple = ()  # every decision and every change carried out, in order
     inspected: tuple = ()  # every depth inspected, in order [µm]
+    last: float = 0.0  # revolutions by the latest window
+    offset: float = 0.0  # of the counter
+    fallen: FakeFallen | None = None
 
     def to_dict(self):
         return asdict(self)
@@ -36,7 +50,9 @@ class FakeState:
     @classmethod
     def from_dict(cls, data):
         decided, inspected = tuple(tuple(d) for d in data["decided"]), tuple(data.get("inspected", ()))
-        return cls(**{**data, "decided": decided, "inspected": inspected})
+        fallen = data.get("fallen")
+        fallen = fallen and FakeFallen(**fallen)
+        return cls(**{**data, "decided": decided, "inspected": inspected, "fallen": fallen})
 
 
 def step(rig, state, window, options):
@@ -44,7 +60,12 @@ def step(rig, state, window, options):
     time.sleep(SLOW)
     state = state if isinstance(state, FakeState) else FakeState()
     edges = window.encoders["pinion"]
-    revolutions = (edges.first_index + edges.times.size / 2) / edges.per_rev
+    revolutions = state.offset + (edges.first_index + edges.times.size / 2) / edges.per_rev
+    before = state.fallen
+    goes_on = before is not None and before.refusals > 1 and revolutions >= before.revolutions
+    if revolutions < state.last - FALL or goes_on:
+        fallen = FakeFallen(revolutions, 1 + (before.refusals if before else 0), bool(before and before.ignored))
+        raise CountFellError("the count has fallen", replace(state, fallen=fallen), state.last)
     rms = float(np.sqrt(np.nanmean(window.accelerations["y6"].values ** 2)))
     seen = state.windows_seen + 1
     total = 0.75 * state.total + rms * seen
@@ -73,7 +94,7 @@ def step(rig, state, window, options):
     report = {"wear": wear, "rul": rul, "residual": {"rms_error_percent": float("inf")}, "effects": []}
     events = (("window", record), ("rul", rul))
     report["effects"] = effects(state.decided)
-    state = replace(state, windows_seen=seen, total=total)
+    state = replace(state, windows_seen=seen, total=total, last=revolutions, fallen=None)
     return state, Estimate(record=record, report=report, events=events)
 
 
@@ -110,7 +131,34 @@ def inspect(rig, state, inspection, options):
     return state, Estimate(record={}, report={"wear": wear}, events=(("rul", {"hours": band}),))
 
 
-TWIN = Twin(step=step, new_state=FakeState, load_state=FakeState.from_dict, decide=decide, inspect=inspect)
+def change(rig, state, made, options):
+    """Replaced gears have no depth; a counter that was reset goes on; every change is listed as a decision is."""
+    time.sleep(SLOW)
+    state = replace(state, decided=(*state.decided, (made.kind, str(made.sensor))), fallen=None)
+    if made.kind == "gears_replaced":
+        state = replace(state, last=0.0, total=0.0)
+    if made.kind == "counter_reset":
+        state = replace(state, offset=state.last)
+    missing = {"status": "not available", "reason": f"{made.kind}: no window since"}
+    wear = missing if made.kind == "gears_replaced" else {"max_depth_um": {"combined": {"median": state.last}}}
+    status = {"level": "no_verdict", "reasons": [made.kind]}
+    return state, Estimate(record={}, report={"wear": wear, "rul": missing, "effects": [], "status": status})
+
+
+def ignore(state):
+    """Windows of the fallen count are refused without asking again."""
+    return state if state.fallen is None else replace(state, fallen=replace(state.fallen, ignored=True))
+
+
+def forget(state):
+    """The fallen count was another machine's."""
+    return replace(state, fallen=None)
+
+
+TWIN = Twin(
+    step=step, new_state=FakeState, load_state=FakeState.from_dict, decide=decide, inspect=inspect,
+    change=change, ignore=ignore, forget=forget,
+)  # fmt: skip
 
 if __name__ == "__main__":
     leave(run(Settings(), twin=TWIN))

@@ -20,6 +20,7 @@ class MemoryStore:
     def __init__(self):
         self._lock = threading.RLock()
         self.database = Database(Path(":memory:"))  # of what has a store of its own: alarms
+        self._epochs = {}
         self._assets, self._windows, self._events, self._inspections, self._decisions = {}, {}, [], [], []
 
     @contextmanager
@@ -34,6 +35,7 @@ class MemoryStore:
             if any(w.start_ns == start_ns for w in windows):
                 return None
             windows.append(window)
+            self._epochs[asset, start_ns] = self.asset(asset).epoch
             before = self.asset(asset)
             totals = dict(before.fault_totals)
             for key, found in faults_of(record).items():
@@ -62,6 +64,13 @@ class MemoryStore:
     def keep_rig(self, asset, rig):
         with self._lock:
             self._assets[asset] = replace(self.asset(asset), rig=rig)
+
+    def keep(self, asset, **parts):
+        with self._lock:
+            known = {k: v for k, v in parts.items() if v is not None or k in ("question", "retired")}
+            if parts.get("epoch", 0) > self.asset(asset).epoch:
+                known |= {"windows": 0, "updates": 0}
+            self._assets[asset] = replace(self.asset(asset), **json.loads(json.dumps(known)))
 
     def add_inspection(self, asset, inspection, answer):
         with self._lock:
@@ -113,16 +122,32 @@ class MemoryStore:
     def asset(self, asset):
         return self._assets.get(asset, StoredAsset(asset=asset))
 
-    def windows(self, asset, after=-1, limit=1000, every=1):
+    def next_index(self, asset):
+        return max((w.record["index"] + 1 for w in self._windows.get(asset, [])), default=0)
+
+    def epochs(self, asset):
+        found = {}
+        for w in self._windows.get(asset, []):
+            found.setdefault(self._epochs[asset, w.start_ns], []).append(w.record)
+        return tuple(
+            {"epoch": n, "windows": len(r), "first": r[0]["index"], "last": r[-1]["index"], "since": r[0]["start_time"]}
+            for n, r in sorted(found.items())
+        )
+
+    def _of(self, asset, epoch=None):
+        epoch = self.asset(asset).epoch if epoch is None else epoch
+        return [w for w in self._windows.get(asset, []) if self._epochs[asset, w.start_ns] == epoch]
+
+    def windows(self, asset, after=-1, limit=1000, every=1, epoch=None):
         with self._lock:
-            found = self._windows.get(asset, [])
+            found = self._of(asset, epoch)
             chosen = [
                 w for w in found if w.record["index"] > after and (w.record["index"] % every == 0 or w is found[-1])
             ]
             return tuple(chosen[:limit])
 
     def latest_windows(self, asset, limit):
-        return tuple(self._windows.get(asset, [])[-limit:])
+        return tuple(self._of(asset)[-limit:])
 
     def events(self, asset, after, limit=500):
         return tuple(e for e in self._events if e.asset == asset and e.id > after)[:limit]

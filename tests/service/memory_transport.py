@@ -55,6 +55,9 @@ class MemoryNetwork:
     def announce(self, asset):
         self.announced.add(asset)
 
+    def withdraw(self, asset):
+        self.announced.discard(asset)
+
     @contextmanager
     def watch_rigs(self, received):
         self.on_rig = received

@@ -29,15 +29,31 @@ FRAME_S, WINDOW_S, PAUSE_S = 0.25, 2.0, 60.0
 RIG = ROOT / "recordings" / "rigs" / "unsw.toml"
 
 
-def write_recording(path: Path, windows: int = 8, asset: str = "unsw", rig: Path | None = RIG) -> Path:
-    """A campaign of short windows, minutes apart, whose level differs from window to window."""
-    rng = np.random.default_rng(7)
+def write_recording(
+    path: Path,
+    windows: int = 8,
+    asset: str = "unsw",
+    rig: Path | None = RIG,
+    *,
+    later: float = 0.0,
+    seed: int = 7,
+    changed: tuple[bytes, bytes] | None = None,
+) -> Path:
+    """A campaign of short windows, minutes apart, whose level differs from window to window.
+
+    later    how much later than others it was recorded [s]; its revolutions begin at 0 all the same
+    changed  what the rig file says instead of something else
+    """
+    rng = np.random.default_rng(seed)
     text = rig.read_bytes() if rig else None
     for stated in (b"pinion_edges_per_rev = 1024", b"gear_edges_per_rev = 2048"):
         text = text and text.replace(stated, stated.partition(b"=")[0] + b"= %d" % PER_REV)
+    if changed is not None:
+        assert text and changed[0] in text
+        text = text.replace(*changed)
     with RecordingWriter(path, rig_text=text, metadata={"asset": asset}) as writer:
         for w in range(windows):
-            start = 1_700_000_000 * NS + round(w * PAUSE_S * NS)
+            start = 1_700_000_000 * NS + round((later + w * PAUSE_S) * NS)
             for f in range(round(WINDOW_S / FRAME_S)):
                 at = start + round(f * FRAME_S * NS)
                 number = w * round(WINDOW_S / FRAME_S) + f

@@ -20,6 +20,7 @@ BASE = "/v1/assets/{asset}"
 PARTS = (
     "wear", "rul", "residual", "effects", "tracing", "decisions", "rig", "windows", "trend", "quality", "inspections",
     "alarms", "alarm-rules", "signals", "waterfall", "indicators", "windows/{index}/signals/{view}",
+    "changes", "epochs",
 )  # fmt: skip
 # The stream of events never ends by itself: test_api_events.py reads it.
 OPERATIONS = [
@@ -29,6 +30,8 @@ OPERATIONS = [
     ("POST", f"{BASE}/effects/{{name}}"),
     ("POST", f"{BASE}/alarms/{{number}}/{{verb}}"),
     ("PUT", f"{BASE}/alarm-rules"),
+    ("POST", f"{BASE}/changes"),
+    ("POST", "/v1/assets"),
 ]
 LONGER = [("GET", f"{BASE}/report")]
 

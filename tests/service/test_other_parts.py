@@ -128,7 +128,10 @@ def imported(file: Path) -> set[str]:
 
 @pytest.mark.parametrize(
     ("package", "homes"),
-    [("zenoh", {"transport/zenoh.py"}), ("sqlite3", {"results/database.py", "results/sqlite_store.py"})],
+    [
+        ("zenoh", {"transport/zenoh.py"}),
+        ("sqlite3", {"results/database.py", "results/sqlite_store.py"}),
+    ],
 )
 def test_one_file_alone_knows_the_network_and_one_the_database(package, homes):
     knowing = {str(f.relative_to(ROOT / "service")) for f in (ROOT / "service").rglob("*.py") if package in imported(f)}

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from service_streams import RIG, Sink
 
-from service.errors import InputError, StoreError
+from service.errors import StoreError
 from service.results.board import Board
 from service.results.migrations import MIGRATIONS
 from service.results.sqlite_store import SqliteStore
@@ -139,19 +139,16 @@ class Nobody:
         return None
 
 
-def test_rig_file_of_other_gears_is_refused_with_both_values(learned, board):
+def test_rig_file_of_other_gears_is_not_used_until_people_have_answered(learned, board):
     rigs = Rigs(learned, board, changed(gears__face_width=0.025), "mine.toml")
-    with pytest.raises(InputError, match=r"mine\.toml: gears\.face_width = 0.025 \(was 0.02\).*state of unsw"):
-        rigs.check()
-    with pytest.raises(InputError, match="earlier rig file"):
-        rigs.of("unsw", Nobody())
+    assert rigs.named_differences("unsw", rigs.given) == ["gears.face_width = 0.025 (was 0.02)"]
+    assert rigs.of("unsw", Nobody()).get("gears.face_width") == 0.02
     assert learned.asset("unsw").rig == GIVEN and learned.last_event_id("unsw") == 0
 
 
 def test_rig_file_that_differs_elsewhere_is_adopted_with_an_event(learned, board):
     rig = changed(name="after the overhaul", end_of_life__max_depth=4e-4)
     rigs = Rigs(learned, board, rig, "mine.toml")
-    rigs.check()
     rigs.of("unsw", Nobody())
     assert learned.asset("unsw").rig == rig
     (event,) = learned.events("unsw", 0)
@@ -165,7 +162,6 @@ def test_rig_file_that_differs_elsewhere_is_adopted_with_an_event(learned, board
 
 def test_the_same_rig_file_says_nothing(learned, board):
     rigs = Rigs(learned, board, copy.deepcopy(GIVEN), "mine.toml")
-    rigs.check()
     rigs.of("unsw", Nobody())
     assert learned.last_event_id("unsw") == 0
 

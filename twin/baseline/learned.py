@@ -15,7 +15,7 @@ Holds    the same gears in the same mesh as in the recordings: `ExpectedLines.al
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -119,6 +119,19 @@ class Baseline:
             if best is not None and fit[best] > max(fit[None] + limits.exchange_gain, limits.exchange_fit)
             else None
         )
+
+
+def without_channels(baseline: Baseline, names: Iterable[str]) -> Baseline | None:
+    """The baseline without some of its channels; None where none is left."""
+    gone = set(names)
+    if gone >= set(baseline.std):
+        return None
+    readings = tuple(
+        replace(r, channels={name: c for name, c in r.channels.items() if name not in gone}) for r in baseline.readings
+    )
+    std = {name: value for name, value in baseline.std.items() if name not in gone}
+    path = {name: value for name, value in baseline.path_scatter.items() if name not in gone}
+    return replace(baseline, readings=readings, std=std, path_scatter=path)
 
 
 def _fit(lines: Values, others: Values, period: int, teeth: int) -> float:

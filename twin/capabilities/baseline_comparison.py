@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from twin.assessment import EffectAssessment, EffectEvent, Unexplained
 from twin.baseline.comparison import compare_with_baseline, described, tracked
+from twin.baseline.validity import valid_part
 from twin.capabilities.context import Context, Draft
 from twin.errors import TwinError
 from twin.state import BaselineParts
@@ -20,6 +21,7 @@ def assess(context: Context, draft: Draft) -> Draft:
     baseline, index = context.options.baseline, context.input.index
     assert baseline is not None
     try:
+        baseline = valid_part(baseline, draft.state.outdated)
         window = tracked(context.rig, context.window, f"window {index}", baseline.shafts)
         result = compare_with_baseline(baseline, context.rig, [window])
     except TwinError as fault:

@@ -99,6 +99,7 @@ class BearingDefect:
         acts_on="bearing",
         periods=("hunting",),
         detector="non_gear",
+        ended_by=(),
         alarm_class="alarm",
         changes_mesh_lines=False,
         synchronous=False,

@@ -16,6 +16,7 @@ from twin.thresholds import deciding
 ACTS_ON = ("nothing", "mesh", "teeth", "shaft", "bearing", "sensor")
 DETECTORS = ("", "rattle", "shaft_forces", "non_gear", "tooth_errors", "crack", "eccentricity", "mesh", "sensor")
 ALARM_CLASSES = ("none", "watch", "alarm")
+CHANGES = ("gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled")  # of a machine, by people
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +92,7 @@ class Facts:
     detector: str  # that finds it: one of DETECTORS; "" for none
     alarm_class: str = "watch"  # one of ALARM_CLASSES: what a machine with this effect deserves
     stated: tuple[str, ...] = ()  # parameters that only shape it, and that a person wants to know all the same
+    ended_by: tuple[str, ...] = ("gears_replaced",)  # changes of the machine after which it has to be found again
     changes_mesh_lines: bool = True  # whether the lines at mesh orders change, and with them the estimated wear depth
     shapes_wear: bool = False  # whether flanks wear to another profile under it
     tilts_shaft: bool = False  # whether the mean transmission error moves by an unknown step when it sets in
@@ -111,6 +113,9 @@ class Facts:
                 raise ValueError(f"{name} = {value!r} must be one of {', '.join(map(repr, known))}")
         if not self.action.endswith(".") or len(self.action) < 2:
             raise ValueError(f"action = {self.action!r} must be a sentence that ends with a full stop")
+        for change in self.ended_by:
+            if change not in CHANGES:
+                raise ValueError(f"ended_by = {change!r} must be one of {', '.join(map(repr, CHANGES))}")
 
 
 def numbers_from_priors(parameters: Iterable[Parameter]) -> tuple[FittedNumber, ...]:

@@ -68,6 +68,7 @@ class Misalignment:
         acts_on="mesh",
         periods=("mesh",),
         detector="mesh",
+        ended_by=("gears_replaced", "reassembled"),
         shapes_wear=True,
         tilts_shaft=True,
         slices=SLICES,

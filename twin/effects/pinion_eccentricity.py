@@ -36,5 +36,6 @@ class PinionEccentricity(Eccentricity):
         acts_on="shaft",
         periods=("pinion",),
         detector="eccentricity",
+        ended_by=("gears_replaced", "reassembled"),
         changes_mesh_lines=False,  # by less than 0.1 % of worn teeth's lines: extended.py
     )

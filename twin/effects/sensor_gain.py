@@ -36,6 +36,7 @@ class SensorGain:
         acts_on="sensor",
         periods=("mesh",),
         detector="sensor",
+        ended_by=("sensor_moved",),
     )
     period: ClassVar[str] = "mesh"
 

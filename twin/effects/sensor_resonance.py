@@ -43,6 +43,7 @@ class SensorResonance:
         acts_on="sensor",
         periods=("mesh",),
         detector="sensor",
+        ended_by=("sensor_moved",),
     )
     period: ClassVar[str] = "mesh"
 

@@ -48,6 +48,7 @@ class TorqueRipple:
         acts_on="shaft",
         periods=("pinion", "hunting"),
         detector="shaft_forces",
+        ended_by=(),
         shaft_line=ShaftLine(
             channel="torque", size="amplitude", phase="phase", order="order", unit=0.01, unit_of="rated torque"
         ),

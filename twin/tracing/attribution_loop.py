@@ -47,7 +47,7 @@ def attribute_window(
         stages=(*before, staged(rig, latest, window, outcome)),
         measured=tracing.measured + measurement,
     )
-    if not measurement or tracing.measured < LEAST_WINDOWS:
+    if not measurement or tracing.few_windows:
         return LoopResult(tracing=tracing, outcome=outcome)
     shown = change_indicators(rig, window, outcome)
     if not trace_due(tracing) and not is_new(shown, tracing.signs, Scales.of(rig)):

@@ -88,7 +88,7 @@ def with_found(
 ) -> LoopResult:
     """The twin with other effects: the history is replayed for every stage that they change."""
     stages, again = with_effects(
-        rig, tracing.stages, relevant(tracing.found), relevant(found), tracing.history, options
+        rig, tracing, relevant(tracing.found), relevant(found), options
     )  # fmt: skip
     if again and again[-1][0] is tracing.history[-1]:
         outcome = replace(again[-1][1], memory=stages[-1].memory)

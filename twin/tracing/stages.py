@@ -13,9 +13,10 @@ from twin.effects.addition import Addition
 from twin.errors import NotAvailable, NotConverged
 from twin.rig import Rig
 from twin.tracing.schedule import MOST_HISTORY
-from twin.tracing.state import TwinStage
+from twin.tracing.state import Tracing, TwinStage
 from twin.updating.history import UpdateOptions, WindowInput, replay_history, update_window
 from twin.updating.life import life_of
+from twin.updating.memory import Memory
 from twin.updating.update import UpdateOutcome
 
 Replayed = tuple[tuple[WindowInput, UpdateOutcome], ...]
@@ -48,23 +49,22 @@ def advanced(rig: Rig, stage: TwinStage, window: WindowInput, options: UpdateOpt
 
 def with_effects(
     rig: Rig,
-    stages: Sequence[TwinStage],
+    tracing: Tracing,
     old: Sequence[Addition],
     new: Sequence[Addition],
-    history: Sequence[WindowInput],
     options: UpdateOptions,
 ) -> tuple[tuple[TwinStage, ...], Replayed]:
     """The stages with other effects: those they have in common are kept, the history is replayed for the others.
 
     The second value holds the windows as the last stage updated by them; empty where nothing was replayed.
     """
-    common = 0
+    history, stages, common = tracing.history, tracing.stages, 0
     while common < min(len(old), len(new)) and old[common] == new[common]:
         common += 1
     out = list(stages[: common + 1])
     again: Replayed = ()
     for count in range(common + 1, len(new) + 1):
-        memory, outcomes = replay_history(rig, new[:count], history, options)
+        memory, outcomes = replay(rig, tracing, new[:count], options)
         stage = TwinStage(memory=memory)
         for window, result in zip(history, outcomes, strict=True):
             if result is not None:
@@ -72,9 +72,16 @@ def with_effects(
         out.append(stage)
         again = _taken(history, outcomes)
     if len(new) == common and common < len(old):  # effects have gone: the twin in use is an earlier stage
-        _, outcomes = replay_history(rig, new, history, options)
+        _, outcomes = replay(rig, tracing, new, options)
         again = _taken(history, outcomes)
     return tuple(out), again
+
+
+def replay(
+    rig: Rig, tracing: Tracing, effects: Sequence[Addition], options: UpdateOptions
+) -> tuple[Memory, tuple[UpdateOutcome | None, ...]]:
+    """The history since the machine was last changed, as it would have been with these effects."""
+    return replay_history(rig, effects, tracing.history, options, tracing.start, tracing.widened)
 
 
 def _taken(history: Sequence[WindowInput], outcomes: Sequence[UpdateOutcome | None]) -> Replayed:

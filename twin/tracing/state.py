@@ -84,7 +84,10 @@ class EffectErrors:
 class Tracing:
     """What the attribution remembers of one machine; plain serialisable data."""
 
-    history: tuple[WindowInput, ...] = ()
+    history: tuple[WindowInput, ...] = ()  # windows since the machine was last changed
+    start: Memory | None = None  # of the twin in use before the first of them; None: the rig file alone
+    started: int = 0  # measurement windows before the first of them
+    widened: tuple[int, ...] = ()  # windows from which on the wear rate may be another
     measured: int = 0  # measurement windows so far
     next_search: int = LEAST_WINDOWS
     next_trace: int = LEAST_WINDOWS
@@ -116,12 +119,20 @@ class Tracing:
     @property
     def memory(self) -> Memory:
         """The memory of the twin in use."""
-        return self.stages[-1].memory if self.stages else Memory()
+        return self.stages[-1].memory if self.stages else self.start or Memory()
+
+    @property
+    def few_windows(self) -> bool:
+        """Whether fewer measurement windows than a search needs have come since the machine was last changed."""
+        return self.measured - self.started < LEAST_WINDOWS
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
         return {
             "history": [t.to_dict() for t in self.history],
+            "start": None if self.start is None else self.start.to_dict(),
+            "started": self.started,
+            "widened": list(self.widened),
             "measured": self.measured,
             "next_search": self.next_search,
             "next_trace": self.next_trace,
@@ -140,6 +151,9 @@ class Tracing:
             return cls()
         return cls(
             history=tuple(WindowInput.from_dict(t) for t in data["history"]),
+            start=None if data.get("start") is None else Memory.from_dict(data["start"]),
+            started=data.get("started", 0),
+            widened=tuple(data.get("widened", ())),
             measured=data["measured"],
             next_search=data["next_search"],
             next_trace=data["next_trace"],

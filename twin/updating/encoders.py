@@ -158,7 +158,7 @@ def unworn_like(features: WindowFeatures, memory: Memory) -> WindowFeatures | No
     """An unworn window of the same condition, recorded earlier on the present discs; None where there is none."""
     if len(memory.segments) > 1:
         return None
-    for unworn in memory.unworn:
+    for unworn in memory.unworn[memory.unworn_before :]:
         start = encoder_lines(unworn)
         if not memory.discs_since_ns <= unworn.start_time_ns < features.start_time_ns:
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from twin.effects.addition import Addition
@@ -11,6 +11,7 @@ from twin.errors import NotAvailable, NotConverged
 from twin.features.non_gear import NonGearFeatures
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
+from twin.updating.carried_over import with_wider_rate
 from twin.updating.memory import Memory
 from twin.updating.update import UpdateOptions, UpdateOutcome, update_twin
 
@@ -51,15 +52,27 @@ def update_window(rig: Rig, memory: Memory, window: WindowInput, options: Update
 
 
 def replay_history(
-    rig: Rig, effects: Iterable[Addition], history: Sequence[WindowInput], options: UpdateOptions
+    rig: Rig,
+    effects: Iterable[Addition],
+    history: Sequence[WindowInput],
+    options: UpdateOptions,
+    start: Memory | None = None,
+    widened: Iterable[int] = (),
 ) -> tuple[Memory, tuple[UpdateOutcome | None, ...]]:
     """Memory and outcomes that the twin would have had with these effects from the start; a pure function.
 
     An outcome is None where a window cannot update the twin.
+
+    start    what was known of the machine before the first window; None: its rig file alone
+    widened  indices of windows from which on the wear rate may be another (other oil)
     """
-    memory = Memory(effects=tuple(effects))
+    memory = replace(start or Memory(), effects=tuple(effects))
+    pending = sorted(widened)
     outcomes: list[UpdateOutcome | None] = []
     for window in history:
+        while pending and pending[0] <= window.index:
+            memory = with_wider_rate(memory)
+            pending.pop(0)
         try:
             outcome = update_window(rig, memory, window, options)
         except (NotAvailable, NotConverged):

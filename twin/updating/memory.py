@@ -95,6 +95,7 @@ class Memory:
     fit: Fit | None = None
     compliance_scale: float = 1.0  # measured over predicted mean transmission error per torque
     unworn: tuple[WindowFeatures, ...] = ()  # windows that the calibration rests on
+    unworn_before: int = 0  # how many of them, from the first, are of other gears or of other zeros of the encoders
     depth: float = 0.0  # of the latest measurement window, by the method in use [m]
     half_width_from: float = 0.0  # depth at which the half-width was fitted [m], 0 before
     segments: tuple[Segment, ...] = ()
@@ -122,6 +123,7 @@ class Memory:
             "fit": None if self.fit is None else {**asdict(self.fit), "calibration": self.fit.calibration.to_dict()},
             "compliance_scale": self.compliance_scale,
             "unworn": [w.to_dict() for w in self.unworn],
+            "unworn_before": self.unworn_before,
             "depth": self.depth,
             "half_width_from": self.half_width_from,
             "segments": [s.to_dict() for s in self.segments],
@@ -151,6 +153,7 @@ class Memory:
             fit=fit,
             compliance_scale=data["compliance_scale"],
             unworn=tuple(WindowFeatures.from_dict(w) for w in data["unworn"]),
+            unworn_before=data.get("unworn_before", 0),
             depth=data["depth"],
             half_width_from=data["half_width_from"],
             segments=tuple(Segment.from_dict(s) for s in data["segments"]),

@@ -71,6 +71,18 @@ def with_segment(
     return replace(memory, segments=(*memory.segments, segment)[-KEPT_SEGMENTS:] if depth > 0 else (segment,))
 
 
+def segment_begun(rig: Rig, memory: Memory) -> Memory:
+    """The memory with a new segment from the present profile, under the condition of the present one."""
+    if not memory.segments:
+        return memory
+    last, revolutions = memory.segments[-1], memory.track.revolutions
+    depth, work, profile = _at_change(rig, memory, revolutions)
+    segment = replace(
+        last, start_depth=depth, start_work=work, start_revolutions=revolutions, start_profile=profile
+    )  # fmt: skip
+    return replace(memory, segments=(*memory.segments, segment)[-KEPT_SEGMENTS:] if depth > 0 else (segment,))
+
+
 def _at_change(rig: Rig, memory: Memory, revolutions: float) -> tuple[float, float, StoredProfile | None]:
     """Depth [m], work [rad/N] and profile at which the present segment ends: at the onset of an effect, or now."""
     if not memory.segments or not memory.track.windows:

@@ -1,0 +1,85 @@
+"""REST: the life of an asset: created, changed, renamed, retired; questions answered; the epochs of its gears."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+from starlette.concurrency import run_in_threadpool
+
+from service.api import asset_life_models as models
+from service.api.assets import ERRORS, snapshot_of
+from service.api.models import AssetSummary
+from service.api.problems import problem, responses
+from service.contract.base import iso_time
+from service.errors import FAULT, InputError
+from service.files.rig import checked_rig
+from service.results.asset_life import StoredChange
+
+router = APIRouter(prefix="/v1/assets", tags=["life of an asset"])
+
+KEPT: dict[int | str, dict[str, Any]] = {202: {"model": models.AssetChange}}
+
+
+@router.post("", status_code=201, response_model=AssetSummary, responses=responses(400, 409, 422))
+def create(request: Request, given: models.AssetIn) -> Any:
+    """Creates an asset before its first frame, with its rig file."""
+    board, store = request.app.state.board, request.app.state.store
+    if given.asset in store.assets() or given.asset in request.app.state.changes.life.routes():
+        return problem(request, 409, f"there is an asset {given.asset!r} already, or one that was called so")
+    if given.rig is not None:
+        try:
+            checked_rig(given.rig, "rig")
+        except InputError as error:
+            return problem(request, 409, f"the rig file cannot be used: {error}")
+    store.note(given.asset, [("change", {"kind": "created", "by": given.by, "note": given.note})])
+    if given.rig is not None:
+        store.keep_rig(given.asset, given.rig)
+    shown = board.update(given.asset, rig=given.rig, last_event_id=store.last_event_id(given.asset))
+    return JSONResponse(shown.summary(), 201)
+
+
+@router.get("/{asset}/changes", response_model=list[models.AssetChange], responses=ERRORS)
+def changes(request: Request, asset: str) -> Any:
+    """What people have changed on the asset, oldest first."""
+    snapshot_of(request, asset)
+    return JSONResponse([_answer(c) for c in request.app.state.changes.life.changes(asset) if c.refused is None])
+
+
+@router.post(
+    "/{asset}/changes",
+    status_code=201,
+    response_model=models.AssetChange,
+    responses=KEPT | responses(400, 404, 409, 422, 500),
+)
+async def change(request: Request, asset: str, given: models.ChangeIn) -> Any:
+    """Enters a change, or answers the open question; 202 where it is queued and applied after the current window."""
+    snapshot_of(request, asset)
+    queue = request.app.state.changes
+    number = await run_in_threadpool(queue.submit, asset, given.kind, given.kept())
+    done = await queue.wait(number, request.app.state.decision_wait)
+    if done is None:
+        return JSONResponse(_answer(await run_in_threadpool(queue.life.change, number)), 202)
+    if done.refused is not None:
+        return problem(request, 500 if done.refused.startswith(FAULT) else 409, done.refused)
+    return JSONResponse(_answer(done), 201)
+
+
+@router.get("/{asset}/epochs", response_model=list[models.Epoch], responses=ERRORS)
+def epochs(request: Request, asset: str) -> Any:
+    """The gears that the asset has had, each with its windows; `?epoch=` of `/windows` and `/trend` reads them."""
+    snapshot_of(request, asset)
+    return JSONResponse([dict(e) for e in request.app.state.store.epochs(asset)])
+
+
+def _answer(change: StoredChange) -> dict[str, Any]:
+    return {
+        "id": change.id,
+        "asset": change.asset,
+        "kind": change.kind,
+        "received": iso_time(change.received_ns),
+        **{name: change.given.get(name) for name in models.OPTIONAL},
+        "done": change.done,
+        "effect": change.effect,
+    }

@@ -1,0 +1,67 @@
+"""Changes of assets on their way to the thread that owns the twin: kept when they are submitted, carried out once.
+
+queue.submit(asset, kind, given) → id       in the store when it returns, whatever happens then
+await queue.wait(id, seconds) → change      once it has been carried out or refused; None while it waits
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+
+from service.results.asset_life import AssetLife, StoredChange
+from service.results.change_signal import ChangeSignal
+
+
+class ChangeQueue:
+    """Where changes are submitted, and waited for."""
+
+    def __init__(self, life: AssetLife) -> None:
+        self.life = life
+        self._signal = ChangeSignal()
+        self._closed = False
+        self.asked = threading.Event()
+        if life.pending_changes():
+            self.asked.set()
+
+    def submit(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
+        """Keeps a change; its id."""
+        number = self.life.add_change(asset, kind, given)
+        self.asked.set()
+        return number
+
+    async def wait(self, number: int, seconds: float) -> StoredChange | None:
+        """The change once it is done; None after so many seconds, or where the service ends before.
+
+        No thread is held meanwhile.
+        """
+        with self._signal.listening() as changed:
+            try:
+                async with asyncio.timeout(seconds):
+                    while not self._closed:
+                        changed.clear()  # before reading: what is done while reading sets it again
+                        change = await run_in_threadpool(self.life.change, number)
+                        if change.done:
+                            return change
+                        await changed.wait()
+            except TimeoutError:
+                pass
+        return None
+
+    def pending(self) -> tuple[StoredChange, ...]:
+        """What waits, oldest first; for the worker."""
+        self.asked.clear()
+        return self.life.pending_changes()
+
+    def done(self) -> None:
+        """Wakes waiting callers."""
+        self._signal.wake()
+
+    def close(self) -> None:
+        """Releases waiting callers: the service ends, and what is kept is left to its next start."""
+        self._closed = True
+        self._signal.wake()

@@ -1,0 +1,63 @@
+"""Questions that only people can answer: whether gears were replaced, or whether the data are of another machine.
+
+While a question is open, the windows that it concerns are kept and not used, and the asset is never `normal`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from service.contract.base import iso_time
+
+TEXT = "Gears replaced, or another machine?"
+COUNT_FELL, GEARS_DIFFER, REPEATED = "count_fell", "gears_differ", "frames_repeat"
+ANSWERS = {
+    COUNT_FELL: ("gears_replaced", "counter_reset", "other_machine", "ignore"),
+    GEARS_DIFFER: ("gears_replaced", "other_machine", "ignore"),
+    REPEATED: ("other_machine", "ignore"),
+}
+ALL_WAIT = (GEARS_DIFFER,)  # kinds during which no window can be assigned; else those that continue the count are used
+
+
+def count_fell(asset: str, seen: float, now: float, time_ns: int) -> dict[str, Any]:
+    """The question where a revolution count has fallen."""
+    detail = (
+        f"The pinion of {asset} had made {seen:,.0f} revolutions, and has made {now:,.0f} by a later window: the gears "
+        "may have been replaced, the counter may have been reset, or this may be another machine."
+    )
+    return _question(COUNT_FELL, detail, time_ns)
+
+
+def gears_differ(asset: str, differences: Sequence[str], where: str, time_ns: int) -> dict[str, Any]:
+    """The question where a rig file describes other gears than those that the asset's state was learned with."""
+    detail = f"The {where} describes other gears than those of {asset} so far: {', '.join(differences)}."
+    return _question(GEARS_DIFFER, detail, time_ns) | {"differences": list(differences)}
+
+
+def frames_repeat(asset: str, frames: int, time_ns: int) -> dict[str, Any]:
+    """The question where nothing but frames of times that have passed is received."""
+    detail = (
+        f"The latest {frames} frames of {asset} lie at times for which frames have already been used, and are not the "
+        "same frames: they may be of another machine, or of a recording made earlier. They were not used; replay them "
+        "again under the name of the machine that they belong to."
+    )
+    return _question(REPEATED, detail, time_ns)
+
+
+def waiting(question: Mapping[str, Any], windows: int, left_out: int = 0) -> dict[str, Any]:
+    """The question with the windows that wait for its answer."""
+    out = {**question, "waiting": windows}
+    more = question.get("left_out", 0) + left_out
+    return {**out, "left_out": more} if more else out
+
+
+def _question(kind: str, detail: str, time_ns: int) -> dict[str, Any]:
+    return {
+        "kind": kind,
+        "text": TEXT,
+        "detail": detail,
+        "since": iso_time(time_ns),
+        "answers": list(ANSWERS[kind]),
+        "waiting": 0,
+    }

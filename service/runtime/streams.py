@@ -1,0 +1,64 @@
+"""Which stream belongs to which asset; frames of a retired asset are left out.
+
+A stream is what a publisher calls an asset. It is the asset of the same name unless people have said otherwise: after
+an asset was renamed, or after the data of its stream were found to be another machine's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+from service.errors import FrameError
+from service.results.asset_life import AssetLife
+from service.runtime.pump import FrameConsumer
+from service.stream.frames import Frame
+from service.stream.wire.topics import Channel
+
+
+class Streams:
+    """A `FrameConsumer` before another, which knows assets alone.
+
+    retired  whether an asset is retired
+    """
+
+    def __init__(self, life: AssetLife, consumer: FrameConsumer, retired: Callable[[str], bool]) -> None:
+        self._life, self._consumer, self._retired = life, consumer, retired
+        self._routes = life.routes()
+        self.left_out: dict[str, int] = {}  # frames of retired assets
+
+    def reload(self) -> None:
+        """Reads the routes again, after they have been changed."""
+        self._routes = self._life.routes()
+
+    def asset_of(self, stream: str) -> str:
+        """The asset that a stream belongs to."""
+        return self._routes.get(stream, stream)
+
+    def feed(self, frame: Frame) -> None:
+        """Hands one frame on to its asset."""
+        stream = frame.channel.asset
+        asset = self.asset_of(stream)
+        if self._retired(asset):
+            self.left_out[asset] = self.left_out.get(asset, 0) + 1
+            return
+        self._consumer.feed(frame if asset == stream else replace(frame, channel=frame.channel._replace(asset=asset)))
+
+    def reject(self, channel: Channel, error: FrameError) -> None:
+        """Hands on that a frame breaks the contract."""
+        asset = self.asset_of(channel.asset)
+        if not self._retired(asset):
+            self._consumer.reject(channel._replace(asset=asset), error)
+
+    def flush(self, stream: str) -> None:
+        """Closes the window in progress, after silence."""
+        self._consumer.flush(self.asset_of(stream))
+
+    def waiting(self, stream: str) -> bool:
+        """Whether frames wait for their window's end."""
+        asset = self.asset_of(stream)
+        return not self._retired(asset) and self._consumer.waiting(asset)
+
+    def wait_only_for(self, stream: str, labels: Iterable[str]) -> None:
+        """Lets windows close without the channels that have fallen silent."""
+        self._consumer.wait_only_for(self.asset_of(stream), labels)

@@ -1,0 +1,357 @@
+"""The life of an asset: questions, changes, names; nothing mixes, nothing is lost or counted twice by a kill."""
+
+from __future__ import annotations
+
+import json
+import signal
+
+import pytest
+from memory_store import MemoryStore
+from memory_transport import MemoryNetwork
+from service_streams import RIG, Service, wait_until, write_recording
+from test_decisions import post
+from test_other_parts import serving
+
+from service.results.asset_life import AssetLife
+from service.results.sqlite_store import SqliteStore
+from service.runtime.replay import replay
+from service.runtime.serve import DATABASE, WAITING
+
+WINDOWS = 4
+LATER = 86_400.0  # [s]
+UNSW = "/v1/assets/unsw"
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("first") / "first.mcap", WINDOWS)
+
+
+@pytest.fixture(scope="module")
+def second(tmp_path_factory):
+    """Another machine, or new gears, under the same name: recorded a day later, its revolutions begin again."""
+    return write_recording(tmp_path_factory.mktemp("second") / "second.mcap", WINDOWS, later=LATER, seed=8)
+
+
+class SqliteFile:
+    """A store that `serving` opens again at each start."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def open(self):
+        return SqliteStore(self.path / DATABASE)
+
+
+@pytest.fixture
+def network():
+    return MemoryNetwork()
+
+
+@pytest.fixture
+def running(tmp_path, network):
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        yield running
+
+
+def send(network, recording):
+    replay(recording, (), 0, publish_to=network.open_publisher)
+
+
+def change(running, kind, asset="unsw", **given):
+    return post(running, f"/v1/assets/{asset}/changes", {"kind": kind, **given})
+
+
+def waiting(running, asset="unsw"):
+    question = running.get(f"/v1/assets/{asset}")["question"]
+    return None if question is None else question["waiting"]
+
+
+def asked(running, network, first, second):
+    """Both recordings sent; the question is open, and all windows of the second one wait."""
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+    send(network, second)
+    wait_until(lambda: waiting(running) == WINDOWS)
+    return running.get(UNSW)
+
+
+def revolutions(windows):
+    return [round(w["revolutions"]) for w in windows]
+
+
+def events(running, asset="unsw"):
+    with SqliteStore(running.out.parent / DATABASE) as store:
+        return [(e.kind, e.data) for e in store.events(asset, 0, 10_000)]
+
+
+FIRST = [10, 610, 1210, 1810]
+
+
+def test_revolutions_that_fall_ask_whose_they_are_and_the_windows_wait(running, network, first, second):
+    """They were mixed into the first machine's history, or refused one by one, while the status stayed `ok`."""
+    state = asked(running, network, first, second)
+    assert state["question"]["text"] == "Gears replaced, or another machine?"
+    assert state["question"]["answers"] == ["gears_replaced", "counter_reset", "other_machine", "ignore"]
+    assert state["status"]["level"] == "no_verdict" and "another machine?" in state["status"]["reasons"][0]
+    assert revolutions(running.windows()) == FIRST  # none of the second is in the first one's history
+    (summary,) = running.get("/v1/assets")
+    assert summary["status"]["level"] != "normal" and summary["windows"] == WINDOWS
+    assert json.loads(network.published[-1][1])["question"]["waiting"] == WINDOWS
+    assert [data["kind"] for kind, data in events(running) if kind == "question"] == ["count_fell"]
+
+
+def test_replaced_gears_begin_an_epoch_with_the_windows_that_waited(running, network, first, second):
+    asked(running, network, first, second)
+    status, answer = change(running, "gears_replaced", by="A. Fitter", note="pinion pitted")
+    assert (status, answer["done"], answer["effect"]["epoch"], answer["by"]) == (201, True, 1, "A. Fitter")
+    windows = running.wait_for_windows(WINDOWS)
+    wait_until(lambda: running.get(UNSW)["windows_total"] == WINDOWS)
+    state = running.get(UNSW)
+    assert state["question"] is None and state["epoch"] == 1
+    assert revolutions(state["windows"]) == FIRST and [w["index"] for w in windows] == [4, 5, 6, 7]
+    assert revolutions(running.get(f"{UNSW}/windows?epoch=0")) == FIRST
+    trend = running.get(f"{UNSW}/trend?resolution=100")
+    assert [p["index"] for p in trend] == [4, 5, 6, 7]  # revolutions of a chart never run backwards
+    epochs = running.get(f"{UNSW}/epochs")
+    assert [(e["epoch"], e["windows"], e["first"]) for e in epochs] == [(0, 4, 0), (1, 4, 4)]
+    assert epochs[1]["since"] == windows[0]["start_time"]
+    (event,) = [data for kind, data in events(running) if kind == "change"]
+    assert event["kind"] == "gears_replaced" and event["note"] == "pinion pitted"
+    (kept,) = running.get(f"{UNSW}/changes")
+    assert kept["kind"] == "gears_replaced" and kept["by"] == "A. Fitter"
+
+
+def test_a_counter_that_was_reset_goes_on_from_the_sum(running, network, first, second):
+    asked(running, network, first, second)
+    assert change(running, "counter_reset")[0] == 201
+    windows = running.wait_for_windows(2 * WINDOWS)
+    assert revolutions(windows) == [*FIRST, *(n + FIRST[-1] for n in FIRST)]
+    assert running.get(UNSW)["epoch"] == 0
+
+
+def test_another_machine_is_an_asset_of_its_own_with_the_stream_from_then_on(running, network, first, second, tmp_path):
+    asked(running, network, first, second)
+    assert change(running, "other_machine", name="bench-2", by="me")[0] == 201
+    assert revolutions(running.wait_for_windows(WINDOWS, "bench-2")) == FIRST
+    assert revolutions(running.windows()) == FIRST and running.get(UNSW)["question"] is None
+    assert running.get("/v1/assets/bench-2/rig")["name"] == "unsw"
+    third = write_recording(tmp_path / "third.mcap", WINDOWS, later=2 * LATER, seed=9)
+    send(network, third)
+    wait_until(lambda: waiting(running, "bench-2") == WINDOWS)  # frames under the old name are the new asset's now
+    assert waiting(running) is None and revolutions(running.windows()) == FIRST
+
+
+def test_windows_that_are_ignored_are_listed_as_refused_and_nobody_is_asked_again(running, network, first, second):
+    asked(running, network, first, second)
+    assert change(running, "ignore")[0] == 201
+    wait_until(lambda: len(running.windows()) == 2 * WINDOWS)
+    refused = running.windows()[WINDOWS:]
+    assert all(w["quality"] == "refused" and "revolution count are not used" in w["reason"] for w in refused)
+    assert running.get(UNSW)["question"] is None
+
+
+def test_one_disturbed_count_closes_its_question_itself(running, network, first, tmp_path):
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+    send(network, write_recording(tmp_path / "glitch.mcap", 1, later=3600, seed=8))
+    wait_until(lambda: waiting(running) == 1)
+    longer = write_recording(tmp_path / "on.mcap", WINDOWS + 1, later=7200, seed=9)
+    only_last(longer, tmp_path / "last.mcap")
+    send(network, tmp_path / "last.mcap")
+    wait_until(lambda: len(running.windows()) == WINDOWS + 2)
+    state = running.get(UNSW)
+    assert state["question"] is None
+    assert "disturbance of the counter" in next(w for w in state["windows"] if w["quality"] == "refused")["reason"]
+
+
+def only_last(recording, out):
+    """The last window of a recording alone."""
+    from service.stream.sources.mcap import Recording
+    from service.stream.sources.mcap_write import RecordingWriter
+    from service.stream.wire.codec import encode
+
+    with Recording(recording) as source, RecordingWriter(out, rig_text=source.rig_text, metadata={}) as writer:
+        frames = list(source.frames(lambda *_: None))
+        begin = max(f.start_time_ns for f in frames) - 3 * 10**9
+        for frame in frames:
+            if frame.start_time_ns > begin:
+                writer.write(frame.channel, frame.end_time_ns, encode(frame))
+
+
+def test_an_older_recording_of_another_machine_is_asked_about_too(running, network, first, second):
+    """All its frames were dropped as late or duplicate, while the replay said `delivered` and the status `ok`."""
+    send(network, second)
+    running.wait_for_windows(WINDOWS)
+    send(network, first)
+    wait_until(lambda: waiting(running) == WINDOWS)
+    assert change(running, "other_machine", name="older")[0] == 201
+    assert revolutions(running.wait_for_windows(WINDOWS, "older")) == FIRST
+
+
+def test_a_rig_file_of_other_gears_is_asked_about_before_its_windows_are_used(running, network, first, tmp_path):
+    """A second machine's rig file was ignored, and its windows evaluated with the gears of the first one."""
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+    wider = write_recording(
+        tmp_path / "wider.mcap", WINDOWS, later=LATER, changed=(b"face_width = 0.020", b"face_width = 0.025")
+    )
+    network.on_rig("unsw", b"".join(_rig_text(wider)))
+    wait_until(lambda: waiting(running) == 0)
+    question = running.get(UNSW)["question"]
+    assert question["kind"] == "gears_differ" and "gears.face_width = 0.025 (was 0.02)" in question["detail"]
+    send(network, wider)
+    wait_until(lambda: waiting(running) == WINDOWS)
+    assert change(running, "gears_replaced")[0] == 201
+    wait_until(lambda: running.get(UNSW)["windows_total"] == WINDOWS)
+    assert running.get(f"{UNSW}/rig")["gears"]["face_width"] == 0.025 and running.get(UNSW)["epoch"] == 1
+
+
+def _rig_text(recording):
+    from service.stream.sources.mcap import Recording
+
+    with Recording(recording) as source:
+        yield source.rig_text
+
+
+def test_a_rig_file_of_the_settings_that_differs_is_asked_about_and_the_service_starts(tmp_path, network, first):
+    """The service refused to start."""
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        send(network, first)
+        running.wait_for_windows(WINDOWS)
+        given = running.get(f"{UNSW}/rig")
+    rig = tmp_path / "wider.toml"
+    rig.write_text(RIG.read_text().replace("face_width = 0.020", "face_width = 0.025"))
+    with serving(tmp_path, network, SqliteFile(tmp_path), rig=rig) as running:
+        wait_until(lambda: waiting(running) == 0)
+        assert running.get(UNSW)["question"]["kind"] == "gears_differ"
+        assert running.get(f"{UNSW}/rig") == given  # the earlier rig file holds until people have answered
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        wait_until(lambda: running.get(UNSW)["question"] is None)  # with the earlier rig file there is nothing to ask
+    with serving(tmp_path, network, SqliteFile(tmp_path), rig=rig) as running:
+        wait_until(lambda: waiting(running) == 0)
+        assert change(running, "ignore")[0] == 201
+    with serving(tmp_path, network, SqliteFile(tmp_path), rig=rig) as running:
+        assert running.get(UNSW)["question"] is None  # answered once
+
+
+# -- kills -----------------------------------------------------------------------------------------------
+
+
+def test_a_kill_while_windows_wait_and_while_they_are_processed_loses_and_doubles_none(tmp_path, first, second):
+    running = Service(tmp_path, slow=0.3).start()
+    try:
+        replay(first, [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        replay(second, [running.endpoint], 0)
+        wait_until(lambda: (waiting(running) or 0) >= 2)
+        running.end(signal.SIGKILL)
+        running.start()
+        assert waiting(running) >= 2
+        replay(second, [running.endpoint], 0)  # what was committed before the kill is known, what was not comes again
+        wait_until(lambda: waiting(running) == WINDOWS)
+        with SqliteStore(tmp_path / DATABASE) as store:
+            AssetLife(store.database, tmp_path / WAITING).add_change("unsw", "gears_replaced", {"by": "me"})
+        running.end(signal.SIGKILL)  # before the change was carried out
+        running.start()
+        wait_until(lambda: running.get(f"{UNSW}/windows?epoch=1"))
+        running.end(signal.SIGKILL)  # while the windows that waited are processed
+        running.start()
+        wait_until(lambda: len(running.windows()) == WINDOWS)
+        assert revolutions(running.windows()) == FIRST
+        assert len(running.get(f"{UNSW}/windows?epoch=0")) == WINDOWS
+        assert running.get(UNSW)["epoch"] == 1  # carried out once
+        wait_until(lambda: not list((tmp_path / WAITING).iterdir()))
+    finally:
+        running.end(signal.SIGKILL)
+
+
+# -- names -----------------------------------------------------------------------------------------------
+
+
+def test_a_renamed_asset_keeps_its_history_and_the_frames_of_its_old_name(running, network, first, tmp_path):
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+    given = {"revolutions": 1200.0, "max_depth_um": 30.0, "flank": "combined", "std_um": 1.0}
+    assert post(running, f"{UNSW}/inspections", given)[0] == 201
+    status, answer = change(running, "renamed", name="press-7", by="me")
+    assert (status, answer["effect"]) == (201, {"asset": "press-7", "was": "unsw"})
+    assert running.get(UNSW) is None and revolutions(running.windows("press-7")) == FIRST
+    assert len(running.get("/v1/assets/press-7/inspections")) == 1
+    assert [a["asset"] for a in running.get("/v1/assets")] == ["press-7"]
+    assert network.announced == {"press-7"}
+    longer = write_recording(tmp_path / "on.mcap", WINDOWS + 2)
+    send(network, longer)  # under the old name; its first windows are known
+    assert revolutions(running.wait_for_windows(WINDOWS + 2, "press-7")) == [*FIRST, 2410, 3010]
+    assert running.get(UNSW) is None
+    status, answer = post(running, "/v1/assets", {"asset": "unsw"})
+    assert status == 409 and "called so" in answer["detail"]
+
+
+def test_a_restart_knows_the_new_name_and_the_old_one(tmp_path, network, first):
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        send(network, first)
+        running.wait_for_windows(WINDOWS)
+        assert change(running, "renamed", name="press-7")[0] == 201
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        send(network, write_recording(tmp_path / "on.mcap", WINDOWS + 1))
+        assert revolutions(running.wait_for_windows(WINDOWS + 1, "press-7")) == [*FIRST, 2410]
+        assert running.get(UNSW) is None
+        assert (tmp_path / "signals" / "press-7").is_dir() and not (tmp_path / "signals" / "unsw").exists()
+
+
+def test_frames_of_a_retired_asset_are_left_out_until_it_is_reinstated(running, network, first, second):
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+    assert change(running, "retired", by="me", note="scrapped")[0] == 201
+    state = running.get(UNSW)
+    assert state["retired"]["by"] == "me" and state["retired"]["note"] == "scrapped"
+    assert running.get("/v1/assets")[0]["retired"] is True
+    send(network, second)
+    wait_until(lambda: network.inbox.depth == 0)
+    assert waiting(running) is None and len(running.windows()) == WINDOWS
+    assert change(running, "reinstated")[0] == 201
+    assert running.get(UNSW)["retired"] is None
+
+
+def test_an_asset_is_created_with_its_rig_file_before_its_first_frame(running, network, first):
+    rig = {"gears": {"pinion": {"teeth": 19}, "gear": {"teeth": 52}}}
+    status, answer = post(running, "/v1/assets", {"asset": "unsw", "rig": rig, "by": "me"})
+    assert (status, answer["asset"], answer["windows"]) == (201, "unsw", 0)
+    assert post(running, "/v1/assets", {"asset": "unsw"})[0] == 409
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+    assert running.get(f"{UNSW}/rig") == rig  # not the one that the recording offers
+
+
+# -- refusals --------------------------------------------------------------------------------------------
+
+
+def test_what_cannot_be_changed_is_refused_with_its_reason(running, network, first):
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+
+    def refused(kind, status, text, **given):
+        got, answer = change(running, kind, **given)
+        assert got == status and text in answer["detail"], answer
+
+    refused("ignore", 409, "answers a question, and none that it answers is open")
+    refused("other_machine", 409, "none that it answers is open", name="b")
+    refused("other_machine", 422, "name: Field required")
+    refused("renamed", 409, "there is an asset 'unsw' already", name="unsw")
+    refused("renamed", 422, "name", name="a/b")
+    refused("sensor_moved", 422, "sensor: Field required")
+    refused("sensor_moved", 409, "no accelerometer 'y9' of unsw has sent a frame; known: y6", sensor="y9")
+    refused("oil_changed", 422, "count: Extra inputs are not permitted", count=3.0)
+    refused("painted", 422, "gears_replaced")
+    assert post(running, "/v1/assets/nobody/changes", {"kind": "oil_changed"})[0] == 404
+    status, answer = post(running, "/v1/assets", {"asset": "b", "rig": {"gears": {"modul": 2}}})
+    assert status == 409 and "did you mean gears.module" in answer["detail"]
+
+
+def test_a_store_of_another_kind_knows_epochs_too(tmp_path, network, first, second):
+    with serving(tmp_path, network, MemoryStore()) as running:
+        asked(running, network, first, second)
+        assert change(running, "gears_replaced")[0] == 201
+        wait_until(lambda: running.get(UNSW)["windows_total"] == WINDOWS and running.get(UNSW)["epoch"] == 1)
+        assert revolutions(running.windows()) == FIRST
