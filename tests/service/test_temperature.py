@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import service_fakes as fakes
 from service_streams import PAUSE_S, free_port, service, write_recording
-from test_page import browser, open_page, wait_for_windows  # noqa: F401 - fixtures
 
 from service.files.import_recording import import_recording
 from service.runtime.assess import assess
@@ -108,7 +107,7 @@ unit = "{unit}"
     assert (oil.count, oil.value) == (4, pytest.approx(273.15 + celsius.mean(), abs=1e-4))
 
 
-def test_the_page_shows_the_latest_temperature_with_its_unit_and_age(open_page, store, board):  # noqa: F811
+def test_the_page_shows_the_latest_temperature_with_its_unit_and_age(open_page, store, board):
     window = {"value": 61.25, "unit": "°C", "values": 0, "age_s": 12.0}
     given = fakes.record(0, 10.0) | {"temperatures": {"oil": window}}
     original = fakes.record
@@ -117,7 +116,7 @@ def test_the_page_shows_the_latest_temperature_with_its_unit_and_age(open_page, 
         fakes.take(store, board, "unsw", 0, 10.0)
     finally:
         fakes.record = original
-    page = open_page()
-    wait_for_windows(page, 1)
-    shown = page.inner_text("#cards")
+    page = open_page("/#/asset/unsw")
+    page.wait_for_selector("main[data-windows='1']")
+    shown = page.inner_text("main")
     assert "temperature oil" in shown.lower() and "61.3 °C" in shown and "12 s old" in shown
