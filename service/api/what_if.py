@@ -11,8 +11,9 @@ from fastapi.responses import JSONResponse
 from service.api.assets import snapshot_of
 from service.api.problems import problem, responses
 from service.contract.what_if import WhatIf, WhatIfIn, answer
+from service.errors import InputError
 from service.files.rig import checked_rig
-from twin.errors import NotAvailable, ParameterError
+from twin.errors import NotAvailable, ParameterError, TwinError
 from twin.state import State
 
 router = APIRouter(prefix="/v1/assets", tags=["what-if"])
@@ -29,6 +30,9 @@ def what_if(request: Request, asset: str, asked: WhatIfIn) -> Any:
         return problem(request, 409, f"no window of {asset} has been assessed yet")
     try:
         rig, state = checked_rig(snapshot.rig, f"rig of {asset}"), State.from_dict(stored.state)
+    except (InputError, TwinError, LookupError, TypeError, ValueError) as reason:
+        return problem(request, 409, f"what is stored of {asset} cannot be used for this: {reason}")
+    try:
         with ONE_AT_A_TIME:
             return JSONResponse(answer(asset, rig, state, asked))
     except NotAvailable as reason:

@@ -109,6 +109,11 @@ def _key(channel: ChannelMapping) -> str:
 def _column(mapping: ImportMapping, channel: ChannelMapping, name: str, table: Table, file: str) -> Column:
     column = table.column(name)
     if column is None:
+        if name in table.numbers:
+            raise InputError(
+                f"{mapping.where}: {channel.key}.{_key(channel)} = {name!r} of {file} is a single number and must be "
+                "a row of numbers"
+            )
         why = "holds no numbers" if name in table.other_names else "is not"
         has = ", ".join(table.names) or "no named column"
         raise InputError(f"{mapping.where}: {channel.key}.{_key(channel)} = {name!r} {why} in {file}, which has {has}")

@@ -22,6 +22,7 @@ from service.alarms.rules import DEFAULT_RULES, Rule
 from service.api import create_app
 from service.contract.base import not_available
 from service.results.alarm_store import AlarmStore
+from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.results.sqlite_store import SqliteStore
 from service.runtime.replay import replay
@@ -50,7 +51,9 @@ class Bench:
             self.board.update(asset, alarms=self.keeper.open(asset))
         self.network = MemoryNetwork()
         self.publication = StatePublication(self.network, self.board)
-        self.sink = ServiceSink(self.store, self.board, self.publication, alarms=self.keeper)
+        self.sink = ServiceSink(
+            self.store, self.board, self.publication, AssetLife(self.store.database), alarms=self.keeper
+        )
         self.client = Client(create_app(self.board, self.store, alarms=self.keeper))
         self.index = len(self.board.get("unsw").records) if self.board.get("unsw") else 0
 

@@ -276,7 +276,7 @@ def test_trends_run_against_time_as_well(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page(UNSW)
     page.get_by_label("time", exact=True).check()
-    assert "Nov 2023" in page.get_attribute("#rms .u-wrap", "aria-label")
+    page.wait_for_selector("#rms .u-wrap[aria-label*='Nov 2023']")
     page.reload()
     page.wait_for_selector("main[data-view=overview]")
     assert page.get_by_label("time", exact=True).is_checked()  # kept for all views

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from contextlib import closing
 from pathlib import Path
 
 import nbformat
@@ -61,14 +62,14 @@ def test_a_refusal_is_one_error_with_the_words_of_the_service(service):
 
 
 def test_events_come_as_they_happen_and_from_where_they_were_left(service, store, board):
-    seen = next(service.events("unsw", after=0))
+    with closing(service.events("unsw", after=0)) as events:
+        seen = next(events)
     assert seen.kind == "window" and seen.data["index"] == 0
     last, found = store.last_event_id("unsw"), []
 
     def listen():
-        for event in service.events("unsw", after=last):
-            found.append(event)
-            return
+        with closing(service.events("unsw", after=last)) as events:
+            found.append(next(events))
 
     listening = threading.Thread(target=listen)
     listening.start()

@@ -60,11 +60,13 @@ class Examined:
 
     @cached_property
     def vibrations(self) -> dict[str, Samples]:
-        """Accelerometers without a gap that are long enough to be examined, their mean left out."""
+        """Accelerometers that read something, without a gap and long enough to be examined, their mean left out."""
         out = {}
         for name, samples in self.window.accelerations.items():
             if samples.duration >= SHORTEST and np.isfinite(samples.values).all():
                 values = samples.values - samples.values.mean()
+                if not np.ptp(values):
+                    continue
                 out[name] = Samples(rate=samples.rate, start=samples.start, values=values)
         return out
 
