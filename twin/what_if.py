@@ -22,12 +22,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import exp, hypot, inf, log
+from math import exp, hypot, inf, log, sqrt
 from statistics import NormalDist
 
 import numpy as np
 
-from twin.assessment import Life, Preliminary, Unavailable, Wear
+from twin.assessment import Interval, Life, Preliminary, Unavailable, Wear
 from twin.errors import NotAvailable, NotConverged, ParameterError
 from twin.features.plausible import torque_contradiction
 from twin.model import Condition
@@ -144,10 +144,13 @@ class _Wear:
         return inf, inf
 
 
-def what_if(rig: Rig, state: State, phases: Sequence[Phase], until: float | None = None) -> DutyLife:
+def what_if(
+    rig: Rig, state: State, phases: Sequence[Phase], until: float | None = None, limit: float | None = None
+) -> DutyLife:
     """The life of a machine under a duty, from its latest answer.
 
     until  running time whose probability of being reached is asked for [s]
+    limit  a depth instead of the rig file's end of life, and below it [m]
     Raises NotAvailable where the machine has no life, or none can be stated under this duty; ParameterError where the
     duty cannot be.
     """
@@ -163,15 +166,37 @@ def what_if(rig: Rig, state: State, phases: Sequence[Phase], until: float | None
     if life.reached or depth >= life.limit:
         return _reached(life, phases[0], until, notes)
     added = DUTY.outside * _outside(state.memory, phases)
-    return _distribution(life, _growth(rig, state.memory, life, depth, phases), added, until, notes)
-
-
-def _distribution(life: Life, growth: _Wear, added: float, until: float | None, notes: tuple[str, ...]) -> DutyLife:
-    """The life's distribution carried over to another duty."""
+    if limit is not None and not depth < limit <= life.limit:
+        raise ParameterError(
+            f"limit = {limit * 1e6:.4g} µm is outside ({depth * 1e6:.4g}, {life.limit * 1e6:.4g}] µm, from the present "
+            "depth to the end of life"
+        )
+    growth = _growth(rig, state.memory, life, depth, phases, limit or life.limit)
     if life.revolutions.median is None:
         return _lower_bound(life, growth, added, until, notes)
-    own = log(life.revolutions.median / life.revolutions.p05) / Z95 if life.revolutions.p05 > 0 else 0.0
-    spread = hypot(own, added)
+    own = _spread(rig, state.memory, life, wear.depth["combined"], limit or life.limit)
+    return _distribution(life, growth, hypot(own, added), until, notes)
+
+
+def _spread(rig: Rig, memory: Memory, life: Life, depth: Interval, limit: float) -> float:
+    """Standard deviation of the logarithm of the life to a depth.
+
+    What all depths are off by together, ε, changes the work to go g = X − x by ε·X: it counts more to a nearer depth.
+    """
+    if not life.revolutions.median or not 0 < life.revolutions.p05 < life.revolutions.median:
+        return 0.0
+    own = log(life.revolutions.median / life.revolutions.p05) / Z95
+    if limit == life.limit or not depth.median or depth.p95 is None:
+        return own
+    curve, base = curve_of(rig, memory), memory.segments[-1].start_work
+    x, near, end = (curve.work_at(max(d, curve.start_depth)) for d in (depth.median, limit, life.limit))
+    ε = (depth.p95 - depth.p05) / (2 * Z95 * depth.median)
+    to_near, to_end = (ε * (base + far) / (far - x) for far in (near, end))
+    return sqrt(max(own**2 - to_end**2, 0.0) + to_near**2)
+
+
+def _distribution(life: Life, growth: _Wear, spread: float, until: float | None, notes: tuple[str, ...]) -> DutyLife:
+    """The life's distribution carried over to another duty."""
     ends = {p: growth.end(exp(spread * NORMAL.inv_cdf(p))) for p in PROBABILITIES}
     return DutyLife(
         quantiles=tuple((p, *end) for p, end in ends.items()),
@@ -280,12 +305,13 @@ def _outside(memory: Memory, phases: Sequence[Phase]) -> float:
     return worst
 
 
-def _growth(rig: Rig, memory: Memory, life: Life, depth: float, phases: Sequence[Phase]) -> _Wear:
-    """Running times between depths, such that the present condition gives the stated life."""
-    grid = np.linspace(min(depth, life.limit), life.limit, STEPS + 1)
-    now = _work(curve_of(rig, memory), grid)
+def _growth(rig: Rig, memory: Memory, life: Life, depth: float, phases: Sequence[Phase], limit: float) -> _Wear:
+    """Running times between depths to a limit, such that the present condition gives the stated life."""
+    whole = _work(curve_of(rig, memory), np.linspace(depth, life.limit, STEPS + 1))
     revolutions = life.revolutions.p05 if life.revolutions.median is None else life.revolutions.median
-    rate = now[-1] / revolutions  # κ of the stated life
+    rate = whole[-1] / revolutions  # κ of the stated life
+    grid = np.linspace(depth, limit, STEPS + 1)
+    now = whole if limit == life.limit else _work(curve_of(rig, memory), grid)
     works: dict[tuple[float, float], np.ndarray] = {}
     for point in (p for phase in phases for p in phase.points):
         condition = Condition(speed_hz=point.speed, torque=point.torque)

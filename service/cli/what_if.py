@@ -23,6 +23,9 @@ def what_if(
     ] = None,
     until: Annotated[str | None, typer.Option(metavar="DATE", help="Date to reach, ISO 8601.")] = None,
     hours: Annotated[float | None, typer.Option(help="Hours of operation to reach.")] = None,
+    depth: Annotated[
+        float | None, typer.Option(metavar="UM", help="Depth to reach [µm]; default: the rig file's end of life.")
+    ] = None,
     hours_per_day: Annotated[
         float | None, typer.Option(help="Running time per day; default: the rig file's, or as observed.")
     ] = None,
@@ -48,6 +51,7 @@ def what_if(
         "until": until,
         "hours": hours,
         "hours_per_day": hours_per_day,
+        "max_depth_um": depth,
     }
     asked = {key: value for key, value in body.items() if value is not None}
     if source.startswith(("http://", "https://")):

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from service.contract.base import HOUR, Band, ContractModel, NotAvailable, in_unit, iso_time
+from service.contract.base import HOUR, MICROMETRE, Band, ContractModel, NotAvailable, in_unit, iso_time
 from service.contract.wear import Preliminary, preliminary_of
 from twin.assessment import Life, Unavailable
 from twin.errors import NotAvailable as Missing
@@ -59,6 +59,9 @@ class WhatIfIn(BaseModel):
     until: datetime | None = Field(None, description="date whose probability of being reached is asked for")
     hours: float | None = Field(
         None, gt=0, le=LONGEST, description="or so many hours of operation from the latest window"
+    )
+    max_depth_um: float | None = Field(
+        None, gt=0, le=1e5, description="depth to reach, below the end of life; left out: the end of life"
     )
     hours_per_day: float | None = Field(
         None, gt=0, le=24, description="running time per day; left out: the rig file's, or as observed"
@@ -118,7 +121,7 @@ class WhatIf(ContractModel):
     asset: str
     since: str | None = Field(description="start of the latest window, from which all times are counted")
     criterion: str
-    max_depth_um: float = Field(description="depth at the end of life")
+    max_depth_um: float = Field(description="depth to which the life is stated: the end of life, or what was asked for")
     reached: bool
     hours: Band = Field(description="of operation")
     revolutions: Band
@@ -141,7 +144,8 @@ def answer(asset: str, rig: Rig, state: State, asked: WhatIfIn) -> dict[str, Any
         raise Missing(f"a life under another duty is not available: {why}")
     clock = _Clock(rig, state, asked.hours_per_day)
     target = clock.running_hours(asked.until, "until") if asked.until else asked.hours
-    found = what_if(rig, state, _phases(asked, life, clock), None if target is None else target * HOUR)
+    limit = None if asked.max_depth_um is None else asked.max_depth_um * MICROMETRE
+    found = what_if(rig, state, _phases(asked, life, clock), None if target is None else target * HOUR, limit)
     hours, revolutions = (
         Band(median=q[0.5], p05=q[0.05], p95=q[0.95])
         for q in (
@@ -153,7 +157,7 @@ def answer(asset: str, rig: Rig, state: State, asked: WhatIfIn) -> dict[str, Any
         asset=asset,
         since=clock.since,
         criterion=life.criterion,
-        max_depth_um=life.limit * 1e6,
+        max_depth_um=(limit or life.limit) / MICROMETRE,
         reached=found.reached,
         hours=hours,
         revolutions=revolutions,

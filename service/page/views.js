@@ -7,9 +7,13 @@
 // context.axis      "revolutions" or "time", of trends; context.setAxis(axis) changes it for all views
 // `shown` says of which machines a view makes sense; without it, of all.
 
+import { isAvailable } from "./format.js";
+
 export const VIEWS = [
   { path: "", title: "Overview", load: () => import("./views/overview.js") },
   { path: "signals", title: "Signals", load: () => import("./views/signals.js") },
   { path: "alarms", title: "Alarms", load: () => import("./views/alarms.js") },
+  { path: "what-if", title: "What if", load: () => import("./views/what-if.js"),
+    shown: ({ wear, calibration }) => (isAvailable(wear) || isAvailable(calibration)) && !wear?.relation },
   { path: "data", title: "Windows and data", load: () => import("./views/data.js") },
 ];

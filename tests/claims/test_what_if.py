@@ -169,3 +169,20 @@ def test_last_phase_has_no_end_and_the_others_have_one(machine):
     rig, state = machine
     with pytest.raises(ParameterError, match="last phase"):
         what_if(rig, state, [duty(present(state), duration=HOUR)])
+
+
+def test_nearer_depth_is_reached_sooner_and_known_less_well(machine):
+    rig, state = machine
+    phases = [duty(present(state))]
+    whole, near = what_if(rig, state, phases), what_if(rig, state, phases, limit=80e-6)
+    assert near.quantile(0.5) < 0.2 * whole.quantile(0.5)
+    assert near.quantile(0.95) / near.quantile(0.5) > whole.quantile(0.95) / whole.quantile(0.5)
+    same = what_if(rig, state, phases, limit=state.latest.life.limit)
+    assert same.quantile(0.5) == whole.quantile(0.5)
+
+
+@pytest.mark.parametrize("limit", [1e-6, 6e-4])
+def test_limit_lies_between_the_present_depth_and_the_end_of_life(machine, limit):
+    rig, state = machine
+    with pytest.raises(ParameterError, match="from the present depth to the end of life"):
+        what_if(rig, state, [duty(present(state))], limit=limit)

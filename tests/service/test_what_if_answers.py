@@ -88,6 +88,7 @@ REFUSED = [
     ({"duty": [{"speed_hz": 10.0, "torque_nm": 900.0}]}, 409, "times the largest"),
     ({"duty": [{"speed_hz": -1.0, "torque_nm": 10.0}]}, 422, "speed_hz"),
     ({"duties": []}, 422, "duties"),
+    ({"max_depth_um": 600.0}, 422, "end of life"),
 ]
 
 
