@@ -102,18 +102,28 @@ def _compliance(rig: Rig) -> float:
 
 def drawn(rig: Rig, rng: np.random.Generator) -> Rig:
     """A machine from the distribution that the rig file states."""
+    spreads = drawn_keys(rig)
+    return _times(
+        rig, dict(zip(spreads, np.array(list(spreads.values())) * rng.standard_normal(len(spreads)), strict=True))
+    )
+
+
+def drawn_keys(rig: Rig) -> dict[str, float]:
+    """The assumed keys that change the response, each with its spread."""
     estimated = rig.estimated
+    parts = {key: part_of(key) for key in estimated.assumed}
+    return {key: estimated.spread[p] for key, p in parts.items() if p in DRAWN and p in estimated.spread}
+
+
+def _times(rig: Rig, logarithms: Mapping[str, float]) -> Rig:
+    """The rig with values times factors, given as logarithms by key."""
     values = _copied(rig.values)
-    for key in estimated.assumed:
-        part = part_of(key)
-        if part not in DRAWN or part not in estimated.spread:
-            continue
-        factor = exp(estimated.spread[part] * rng.standard_normal())
+    for key, logarithm in logarithms.items():
         *tables, name = key.split(".")
         node = values
         for table in tables:
             node = node[table]
-        node[name] *= factor
+        node[name] *= exp(logarithm)
     return Rig(values)
 
 

@@ -100,7 +100,9 @@ def _asked() -> dict[str, Any]:
 
     found: dict[str, Any] = {}
     for question in QUESTIONS:
-        if not (question.without and found.get(question.without)):
+        superseded = question.without and found.get(question.without)
+        needless = question.where and found.get(question.where) in (None, "", "0", "no", "n")
+        if not superseded and not needless:
             found[question.key] = _ask(question)
     found["accelerometers"] = _accelerometers()
     return {key: value for key, value in found.items() if value not in (None, "")}

@@ -74,7 +74,10 @@ class Answers:
     encoder_pinion: int  # edges a turn, 0 for none
     encoder_gear: int
     encoder_signal: str
+    encoder_pinion_column: str | None
+    encoder_gear_column: str | None
     torque_meter: bool
+    torque_column: str | None
     shaft_diameter_pinion: float | None  # [m]
     shaft_diameter_gear: float | None  # [m]
     bearing_span: float | None  # [m]
@@ -99,6 +102,12 @@ class Answers:
         """Edges a turn on the driving and on the driven shaft: of a quadrature encoder four a line."""
         each = 4 if self.encoder_signal == "quadrature" else 1
         both = each * self.encoder_pinion, each * self.encoder_gear
+        return both if self.driver == "pinion" else both[::-1]
+
+    @property
+    def encoder_columns(self) -> tuple[str | None, str | None]:
+        """Of the encoders of the driving and of the driven shaft."""
+        both = self.encoder_pinion_column, self.encoder_gear_column
         return both if self.driver == "pinion" else both[::-1]
 
     @property

@@ -27,10 +27,10 @@ def mapping_text(answers: Answers, draft: RigDraft, rig_name: str) -> str:
         if sensor.sensitivity is not None:
             lines.append(f"sensitivity = {value_text(sensor.sensitivity)}")
     if answers.torque_meter:
-        lines += ["", "[channels.torque.pinion]", *_column(None, "torque"), 'unit = "Nm"']
-    for shaft, edges in zip(("pinion", "gear"), answers.edges, strict=True):
+        lines += ["", "[channels.torque.pinion]", *_column(answers.torque_column, "torque"), 'unit = "Nm"']
+    for shaft, edges, column in zip(("pinion", "gear"), answers.edges, answers.encoder_columns, strict=True):
         if edges:
-            lines += ["", *_encoder(answers.encoder_signal, shaft, edges)]
+            lines += ["", *_encoder(answers.encoder_signal, shaft, edges, column)]
     return "\n".join(lines)
 
 
@@ -40,11 +40,11 @@ def _column(column: str | None, name: str) -> list[str]:
     return [f"column = {value_text(name)}  # replace: header of the column"]
 
 
-def _encoder(signal: str, shaft: str, edges: int) -> list[str]:
+def _encoder(signal: str, shaft: str, edges: int, column: str | None) -> list[str]:
     if signal == "pulses":
         return [
             f"[channels.tachometer.{shaft}]",
-            *_column(None, f"tachometer_{shaft}"),
+            *_column(column, f"tachometer_{shaft}"),
             'unit = "V"',
             f"pulses_per_rev = {edges}",
         ]
@@ -57,4 +57,4 @@ def _encoder(signal: str, shaft: str, edges: int) -> list[str]:
             'unit = "quadrature"',
             f"edges_per_rev = {edges}",
         ]
-    return [head, *_column(None, f"{shaft}_edges"), 'unit = "s"', f"edges_per_rev = {edges}"]
+    return [head, *_column(column, f"{shaft}_edges"), 'unit = "s"', f"edges_per_rev = {edges}"]

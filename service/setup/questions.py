@@ -20,6 +20,7 @@ class Question:
     needed: bool = False  # whether there is no rig file without it
     choices: tuple[str, ...] = ()
     without: str = ""  # asked only where this key has no answer
+    where: str = ""  # asked only where this key has an answer other than 0 and no
     hint: str = ""  # said in the reference
 
 
@@ -62,7 +63,13 @@ QUESTIONS = (
              example="2048"),
     Question(key="encoder_signal", text="How pulses are recorded", kind="choice", default="pulses", choices=SIGNALS,
              hint="`pulses`: a sampled voltage; `edge times`: a column of times; `quadrature`: two levels"),
+    Question(key="encoder_pinion_column", text="Column of the pulses on the pinion's shaft (Enter: later)", kind="text",
+             example="Tacho (V)", where="encoder_pinion"),
+    Question(key="encoder_gear_column", text="Column of the pulses on the gear's shaft (Enter: later)", kind="text",
+             example="Enc2 (V)", where="encoder_gear"),
     Question(key="torque_meter", text="Is there a torque meter on the driving shaft", kind="yes", default="no"),
+    Question(key="torque_column", text="Column of the torque (Enter: later)", kind="text", example="Torque (Nm)",
+             where="torque_meter"),
     Question(key="shaft_diameter_pinion", text="Diameter of the pinion's shaft next to it (Enter: not known)",
              kind="length", example="20 mm"),
     Question(key="shaft_diameter_gear", text="Diameter of the gear's shaft next to it (Enter: not known)",

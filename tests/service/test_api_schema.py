@@ -33,7 +33,7 @@ OPERATIONS = [
     ("POST", f"{BASE}/changes"),
     ("POST", "/v1/assets"),
 ]
-# The fields of a duty depend on one another, which the description cannot say: test_what_if.py refuses and answers it.
+# The fields of a duty depend on one another, which the description cannot say: see test_what_if_answers.py.
 DEPENDENT = [("POST", f"{BASE}/what-if")]
 LONGER = [("GET", f"{BASE}/report")]
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -218,17 +220,52 @@ def test_a_coarse_encoder_is_named():
 def test_questions_are_asked_and_a_wrong_answer_is_asked_again(tmp_path):
     said = [
         "box-1", "19", "52", "", "600", "600 rpm", "", "628 W", "", "71 mm", "", "20 mm", "", "", "", "", "dry", "",
-        "1024", "2048", "edge times", "yes", "", "", "", "", "",
+        "1024", "2048", "edge times", "e1", "", "yes", "", "", "", "", "", "",
         "y", "acc", "g", "", "", "n",
     ]  # fmt: skip
     run = CliRunner().invoke(app, ["init", "--out", str(tmp_path), "--json", "-"], input="\n".join(said) + "\n")
     assert run.exit_code == 0, run.output
     assert "speed = '600' needs a number with its unit" in run.output
     rig = load_rig(tmp_path / "rig.toml")
+    mapping = tomllib.loads((tmp_path / "mapping.toml").read_text())
+    assert mapping["channels"]["encoder"]["pinion"]["column"] == "e1"
     assert rig.name == "box-1" and rig.get("gears.module") == pytest.approx(0.002)
     answer = json.loads(run.output[run.output.index("{") :])
     assert answer["abilities"][0]["what"] == "wear depth"
     assert answer["without_model"] == []
+
+
+def test_a_csv_file_with_a_tachometer_gets_in_with_the_files_that_init_writes(tmp_path):
+    """The tutorial's machine: from answers to an assessment that claims neither depth nor life without saying so."""
+    spec = importlib.util.spec_from_file_location("machine", EXAMPLE.parent / "machine.py")
+    assert spec is not None and spec.loader is not None
+    machine = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(machine)
+    values = machine.recording(0.5, seed=3, modulation=0.15, duration=6.0)
+    header = ",".join(machine.COLUMNS)
+    np.savetxt(tmp_path / "run.csv", values, delimiter=",", header=header, comments="", fmt="%.9g")
+    (tmp_path / "answers.toml").write_text(
+        'schema = "gear-answers/1"\nasset = "pump-drive"\npinion_teeth = 23\ngear_teeth = 57\nspeed = "1476 rpm"\n'
+        'module = "2.5 mm"\nface_width = "25 mm"\npower = "4 kW"\nencoder_pinion = 1\n'
+        'encoder_pinion_column = "Tacho (V)"\ndata_file = "run.csv"\n'
+        '[[accelerometers]]\ncolumn = "Acc1 (g)"\nunit = "g"\n'
+    )
+    steps = (
+        ["init", "--answers", str(tmp_path / "answers.toml"), "--out", str(tmp_path)],
+        ["import", str(tmp_path / "mapping.toml"), "--out", str(tmp_path / "run.mcap")],
+        ["doctor", str(tmp_path / "run.mcap"), "--json", str(tmp_path / "doctor.json")],
+        ["assess", str(tmp_path / "run.mcap"), "--no-trace", "--json", str(tmp_path / "answer.json")],
+    )
+    for step in steps:
+        run = CliRunner().invoke(app, step)
+        assert run.exit_code == 0, (step, run.output, run.exception)
+    said = json.loads((tmp_path / "doctor.json").read_text())
+    assert {row["label"] for row in said["channels"]} == {"accel/y6", "encoder/pinion"}
+    assert said["abilities"][0]["level"] == PARTLY
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    assert answer["status"]["level"] not in ("alarm", "end_of_life")
+    for part in ("wear", "rul"):
+        assert answer[part].get("preliminary") or answer[part].get("reason")
 
 
 def test_files_that_are_there_are_not_replaced_unasked(tmp_path):
