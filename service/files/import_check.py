@@ -12,22 +12,23 @@ from service.stream.sources.mcap import read_windows
 from twin.plausibility import mistakes_of
 from twin.rig import Rig
 
+EXAMINED = 3  # windows, from the first: a mistake of the installation is in all of them
 SAME = 0.01  # relative difference of two factors that are one
 
 
 def likely_mistakes(recording: Path) -> list[str]:
     """A line for each fault and each likely mistake of a recording's windows, each once."""
     rig, _, windows = read_windows(recording)
-    lines: dict[str, None] = {}
-    for window in windows:
+    known = Rig.from_mapping(rig or {})
+    lines: dict[tuple[str, ...], str] = {}  # windows of one recording repeat a mistake with other figures
+    for number, window in enumerate(windows):
         for fault in window.faults:
-            lines.setdefault(f"{fault.channel}: {fault.kind.replace('_', ' ')}, {fault.detail}", None)
-        for mistake in mistakes_of(Rig.from_mapping(rig or {}), window):
-            lines.setdefault(mistake.text, None)
-    kinds: dict[str, str] = {}
-    for line in lines:  # one line for each channel and kind: windows of one recording repeat it with other figures
-        kinds.setdefault(" ".join(line.split()[:4]), line)
-    return list(kinds.values())
+            said = f"{fault.channel}: {fault.kind.replace('_', ' ')}" + (f", {fault.detail}" if fault.detail else "")
+            lines.setdefault((fault.channel, fault.kind), said)
+        if number < EXAMINED:
+            for mistake in mistakes_of(known, window):
+                lines.setdefault((*mistake.channels, mistake.kind), mistake.text)
+    return list(lines.values())
 
 
 def contradicted_units(channels: Iterable[ChannelMapping], units: Mapping[str, str]) -> Iterator[str]:

@@ -214,3 +214,10 @@ def test_mapping_of_the_tutorial_is_what_the_guess_writes(tmp_path, monkeypatch)
     arguments = ["--guess", "--teeth", "23/57", "--asset", "pump-drive", "--write", "mapping.toml"]
     assert run(["import", "run.csv", *arguments]) == 0
     assert (tmp_path / "mapping.toml").read_text() == expected
+
+
+def test_clipped_samples_of_an_imported_file_are_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write("own.csv", **{"Time (s)": T, "Acc1 (g)": vibration().clip(-0.7, 0.7), "Tacho (V)": tacho()})
+    assert run(["import", "own.csv", "--guess", "--teeth", "23/57", "--yes"]) == 0
+    assert "likely mistake: accel/Acc1: clipping" in capsys.readouterr().err

@@ -57,9 +57,10 @@ class _Spectrum:
         return float(10 * np.log10(max(self.at(order), 1e-300) / max(float(self.floor[i]), 1e-300)))
 
     def strongest(self) -> tuple[float, float]:
-        """Order of the line that is highest over the noise floor, and its height [dB]."""
+        """Order of the line highest over the noise floor, where a mesh may be, and its height [dB]."""
         over = self.power[1:] / np.maximum(self.floor[1:], 1e-300)
-        i = int(np.argmax(np.where(np.arange(1, self.power.size) * self.step < self.highest, over, 0.0)))
+        order = np.arange(1, self.power.size) * self.step
+        i = int(np.argmax(np.where((order > min(TEETH)) & (order < self.highest), over, 0.0)))
         return (i + 1) * self.step, float(10 * np.log10(over[i]))
 
     def height(self, order: float) -> float:
