@@ -37,7 +37,7 @@ at_revolutions = {revolutions}
 
 
 def simulated(name: str, seed: int, folder: Path, revolutions: list[int], k: float, seconds: float = 1.2) -> Path:
-    """A recording with its truth beside it (`.json`), of a machine that the rig file of these answers may describe."""
+    """A recording, and its truth in `truth/NAME.json`, of a machine that the rig file of these answers may describe."""
     rig = drawn(rig_of(name), np.random.default_rng(seed))
     (folder / "machine.toml").write_text(_rig_text(rig), encoding="utf-8")
     speed, torque = rig.require("the condition", "operating.pinion_speed_hz", "operating.input_torque")
@@ -46,7 +46,9 @@ def simulated(name: str, seed: int, folder: Path, revolutions: list[int], k: flo
     )
     (folder / "spec.toml").write_text(spec, encoding="utf-8")
     out = folder / f"{name}-{seed}.mcap"
-    simulate_file(folder / "spec.toml", out, out.with_suffix(".json"), lambda share, note: None)
+    truth = folder / "truth" / f"{out.stem}.json"
+    truth.parent.mkdir(exist_ok=True)
+    simulate_file(folder / "spec.toml", out, truth, lambda share, note: None)
     return out
 
 

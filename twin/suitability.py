@@ -74,6 +74,7 @@ class Finding:
     level: str  # OK, NOTE or PROBLEM
     text: str
     remedy: str = ""  # what would be right; empty where nothing is to be done
+    mistake: str = ""  # kind of likely mistake (twin/plausibility) that says the same, where it is found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,11 +155,12 @@ def _encoder_ratio(rig: Rig, seen: Sequence[Seen], limits: SuitabilityLimits) ->
             level=OK, text=f"the encoders turn in the ratio {ratio:.5g}; the tooth counts give {expected:.5g}"
         )
         return
-    swapped = abs(ratio * expected - 1) <= limits.ratio
+    exchanged = abs(ratio * expected - 1) <= limits.ratio
     yield Finding(
         level=PROBLEM,
         text=f"the encoders turn in the ratio {ratio:.5g}, the tooth counts {teeth[0]}/{teeth[1]} give {expected:.5g}",
-        remedy="the encoders of pinion and gear are swapped" if swapped else "edges a turn, or the tooth counts?",
+        remedy="the encoders of pinion and gear are exchanged" if exchanged else "edges a turn, or the tooth counts?",
+        mistake="swapped",
     )
 
 
@@ -205,6 +207,7 @@ def _mesh_lines(rig: Rig, seen: Sequence[Seen], limits: SuitabilityLimits) -> It
         text=f"no line of the accelerometer stands out at the mesh frequency, {teeth[0]} teeth × "
         f"{mesh / teeth[0]:.4g} Hz = {mesh:.4g} Hz, or its harmonics",
         remedy="tooth counts, speed (pulses a turn) or sampling rate?",
+        mistake="mesh",
     )
 
 
@@ -252,7 +255,10 @@ def _load(rig: Rig, seen: Sequence[Seen], limits: SuitabilityLimits) -> Iterator
     text = f"torque {_range(torques)} N·m" + ("" if nominal is None else f"; nominal {nominal:g} N·m")
     contradiction = torque_contradiction(rig, median)
     if median < 0:
-        yield Finding(level=PROBLEM, text=text, remedy="positive torque drives the pinion forward: polarity, or shaft?")
+        yield Finding(
+            level=PROBLEM, text=text, remedy="positive torque drives the pinion forward: polarity, or shaft?",
+            mistake="polarity",
+        )  # fmt: skip
     elif contradiction is not None:
         yield Finding(level=PROBLEM, text=contradiction, remedy="gain or unit of the torque meter, or another rig file")
     else:

@@ -106,7 +106,12 @@ def _of_windows(path: Path, rig: Rig, rig_said: Any, windows: list[Window]) -> E
             seen.append(Seen(window=window, features=extract(rig, window)))
         except TwinError as error:
             refused.append(str(error))
-    found = [*_channel_findings(rig, windows), *findings(rig, seen), *_mistakes(rig, windows), *_rig_findings(rig)]
+    mistakes = list(_mistakes(rig, windows))
+    named = {finding.mistake for finding in mistakes}
+    if "swapped" in named:  # the speed is another shaft's then, and so is the mesh frequency
+        named.add("mesh")
+    own = [f for f in findings(rig, seen) if not f.mistake or f.mistake not in named]
+    found = [*_channel_findings(rig, windows), *own, *mistakes, *_rig_findings(rig)]
     for reason in dict.fromkeys(refused):
         found.append(Finding(level=PROBLEM, text=f"{refused.count(reason)} of {len(windows)} windows: {reason}"))
     labels = {label for window in windows for label in _labels(window)}
@@ -202,7 +207,7 @@ def _mistakes(rig: Rig, windows: list[Window]) -> Iterator[Finding]:
             if (mistake.kind, mistake.channels) not in known:
                 known.add((mistake.kind, mistake.channels))
                 text = f"{', '.join(mistake.channels)}: {mistake.evidence}"
-                yield Finding(level=PROBLEM, text=text, remedy=mistake.remedy)
+                yield Finding(level=PROBLEM, text=text, remedy=mistake.remedy, mistake=mistake.kind)
 
 
 def _rig_findings(rig: Rig) -> Iterator[Finding]:

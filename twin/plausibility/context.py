@@ -8,13 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from twin.errors import TwinError
-from twin.features.angle import AngleTrack, angle_track
+from twin.features.angle import AngleTrack
 from twin.features.extract import pinion_angle
 from twin.rig import Rig
 from twin.windows import Edges, Samples, Window
 
 SLOW = 0.5  # of the stated speed
 SHORTEST = 1.0  # of a record that is examined [s]
+FEWEST_TURNS = 1.0  # of a shaft, over which its speed is taken: within one, an encoder's run-out is part of it
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,10 +54,12 @@ class Examined:
         edges: Edges | None = self.window.encoders.get(shaft)
         if edges is None:
             return None
-        try:
-            return angle_track(edges, 1.0, f"encoder/{shaft}").speed
-        except TwinError:
+        known = np.flatnonzero(np.isfinite(edges.times))
+        times = edges.times[known]
+        turns = (known[-1] - known[0]) / edges.per_rev if known.size else 0.0
+        if turns < FEWEST_TURNS or np.any(np.diff(times) <= 0):
             return None
+        return float(turns / (times[-1] - times[0]))
 
     @cached_property
     def vibrations(self) -> dict[str, Samples]:

@@ -82,6 +82,8 @@ def mesh_lines(seen: Examined, limits: SpeedThresholds) -> list[Mistake]:
     """The mesh lines are not where tooth count and encoder put them, in every accelerometer."""
     if seen.teeth is None or seen.track is None or not seen.by_encoder or seen.is_slow:
         return []
+    if _are_exchanged(seen, limits):  # `encoders` says so; lines at a wrong mesh frequency would say nothing more
+        return []
     found: dict[str, str] = {}
     spectra: dict[str, _Spectrum] = {}
     for name, samples in seen.vibrations.items():
@@ -154,6 +156,28 @@ def _suggestion(order: float, text: str, z1: int, z2: int, speed: float) -> str:
     return f"{where}: {order:g} teeth, or a speed of {order / z1 * speed:.4g} Hz?"
 
 
+def _exchanges(seen: Examined) -> tuple[tuple[float, str], ...]:
+    """Ratios of the two encoders' speeds (gear's over pinion's) where something of the two is exchanged."""
+    assert seen.teeth is not None
+    right = seen.teeth[0] / seen.teeth[1]
+    counts = seen.window.encoders["pinion"].per_rev / seen.window.encoders["gear"].per_rev
+    return (
+        (1 / right, "the encoders of pinion and gear are exchanged?"),
+        (right * counts**2, "the edges per turn of the two encoders are exchanged?"),
+        (1 / right * counts**2, "the columns of the two encoders are exchanged?"),
+    )
+
+
+def _are_exchanged(seen: Examined, limits: SpeedThresholds) -> bool:
+    """Whether two encoders are exchanged: the pinion's speed, and any mesh frequency made of it, is then wrong."""
+    if seen.teeth is None:
+        return False
+    pinion, gear = seen.speed_by("pinion"), seen.speed_by("gear")
+    if pinion is None or gear is None or abs(gear / pinion * seen.teeth[1] / seen.teeth[0] - 1) < limits.ratio:
+        return False
+    return any(abs(gear / pinion / value - 1) < limits.ratio for value, _ in _exchanges(seen))
+
+
 def encoders(seen: Examined, limits: SpeedThresholds) -> list[Mistake]:
     """Two encoders whose ratio is that of a mistake: names exchanged, counts a turn exchanged, or counted twice."""
     if seen.teeth is None:
@@ -162,13 +186,10 @@ def encoders(seen: Examined, limits: SpeedThresholds) -> list[Mistake]:
     if pinion is None or gear is None:
         return []
     z1, z2 = seen.teeth
-    counts = seen.window.encoders["pinion"].per_rev / seen.window.encoders["gear"].per_rev
     ratio, right = gear / pinion, z1 / z2
     likely = (
         (right, ""),
-        (1 / right, "the encoders of pinion and gear are exchanged?"),
-        (right * counts**2, "the edges per turn of the two encoders are exchanged?"),
-        (1 / right * counts**2, "the columns of the two encoders are exchanged?"),
+        *_exchanges(seen),
         (2 * right, "the gear's encoder counts twice as many edges a turn as stated, or the pinion's half?"),
         (right / 2, "the pinion's encoder counts twice as many edges a turn as stated, or the gear's half?"),
         (4 * right, "the gear's encoder counts four times as many edges a turn as stated (quadrature)?"),
