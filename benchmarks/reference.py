@@ -240,11 +240,13 @@ def _openapi() -> dict[str, Any]:
 
     from service.api import alarms, assets, effects, events, metrics, signals, what_if
     from service.api import asset_life as life_routes
+    from service.api import baselines as baseline_routes
 
     app = FastAPI()
     for module in (metrics, assets, effects, alarms, events, signals, what_if):
         app.include_router(module.router)
     app.include_router(life_routes.router)
+    app.include_router(baseline_routes.router)
     return app.openapi()
 
 

@@ -13,10 +13,12 @@ from service.alarms.keeper import AlarmKeeper
 from service.api import alarms as alarm_routes
 from service.api import asset_life as life_routes
 from service.api import assets, effects, events, metrics, models, pages, problems, reports
+from service.api import baselines as baseline_routes
 from service.api import signals as signal_routes
 from service.api import what_if as what_if_routes
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
+from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
@@ -39,6 +41,7 @@ def create_app(
     signals: SignalStore | None = None,
     alarms: AlarmKeeper | None = None,
     changes: ChangeQueue | None = None,
+    baselines: BaselineStore | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
@@ -48,6 +51,7 @@ def create_app(
     signals    raw signals of windows; None where none are kept
     alarms     whoever keeps alarms; None for one over the store, with the default rules
     changes    where changes of assets are submitted; None where nobody carries them out: they are kept
+    baselines  healthy baselines of single assets; None where none are kept
     """
     app = FastAPI(
         title="gear-twin",
@@ -61,6 +65,7 @@ def create_app(
     app.state.library = None if signals is None else Library(signals, store, board)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
     app.state.changes = changes or _changes_in(store)
+    app.state.baselines = baselines
     app.state.queue = queue or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.registry = metrics.registry(board, store, gauges)
@@ -69,6 +74,7 @@ def create_app(
     for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports, what_if_routes):
         app.include_router(module.router)
     app.include_router(life_routes.router)
+    app.include_router(baseline_routes.router)
     pages.mount_static(app)
     generate = app.openapi
 

@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 from service.cli.alarms import app as alarms
 from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell, windowing
+from service.cli.assets import app as assets
 from service.cli.doctor import doctor
 from service.cli.effects import app as effects
 from service.cli.example import app as example
@@ -165,6 +166,9 @@ def replay(
         float, typer.Option(min=0.0, help="Longest pause between frames that is kept, in seconds of the recording.")
     ] = float("inf"),
     wait: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for a router and a subscriber.")] = 30.0,
+    asset: Annotated[
+        str | None, typer.Option(help="Publish under this asset's name in place of the recording's.")
+    ] = None,
     prefix: Prefix = "gearbox",
     json: JsonFile = None,
 ) -> None:
@@ -185,6 +189,7 @@ def replay(
             wait=wait,
             progress=lambda share, frames: bar(share, f"{frames} frames"),
             on_fault=tell,
+            asset=asset,
         )
     seconds = time.monotonic() - begun
     if not wrote_json({"frames": delivered, "seconds": seconds}, json):
@@ -423,6 +428,7 @@ app.command(name="import", rich_help_panel=DATA)(import_)
 app.command(name="init", rich_help_panel=START)(init)
 app.command(name="doctor", rich_help_panel=START)(doctor)
 app.command(name="what-if", rich_help_panel=ANSWER)(what_if)
+app.add_typer(assets, name="assets", rich_help_panel=START)
 app.add_typer(alarms, name="alarms", rich_help_panel=ANSWER)
 app.command(name="signals", rich_help_panel=DATA)(signals)
 app.add_typer(effects, name="effects", rich_help_panel=ANSWER)

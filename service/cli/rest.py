@@ -19,13 +19,17 @@ LOCAL = "http://127.0.0.1:8080"
 WAIT = 120.0  # [s]; a wear curve under a new condition takes seconds of a core
 
 
-def call(url: str, path: str, body: Mapping[str, Any] | None = None, method: str | None = None) -> Any:
-    """The service's answer; InputError with its own words where it refuses, or where nothing answers."""
+def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, method: str | None = None) -> Any:
+    """The service's answer; InputError with its own words where it refuses, or where nothing answers.
+
+    body  JSON data, or a file as it is
+    """
     from service.errors import InputError
 
-    data = None if body is None else json.dumps(body).encode()
+    data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
+    kind = "application/octet-stream" if isinstance(body, bytes) else "application/json"
     try:
-        request = Request(url.rstrip("/") + path, data, {"Content-Type": "application/json"}, method=method)
+        request = Request(url.rstrip("/") + path, data, {"Content-Type": kind}, method=method)
         with urlopen(request, timeout=WAIT) as response:
             return json.load(response)
     except HTTPError as error:

@@ -24,7 +24,7 @@ def what_if(
     until: Annotated[str | None, typer.Option(metavar="DATE", help="Date to reach, ISO 8601.")] = None,
     hours: Annotated[float | None, typer.Option(help="Hours of operation to reach.")] = None,
     depth: Annotated[
-        float | None, typer.Option(metavar="UM", help="Depth to reach [µm]; default: the rig file's end of life.")
+        float | None, typer.Option(metavar="UM", help="Depth to reach in µm; default: the rig file's end of life.")
     ] = None,
     hours_per_day: Annotated[
         float | None, typer.Option(help="Running time per day; default: the rig file's, or as observed.")

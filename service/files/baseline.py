@@ -7,11 +7,13 @@ the lines of every recording and channel.
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Sequence
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -45,8 +47,11 @@ from twin.baseline.spacing import shared_ratio
 from twin.errors import TwinError
 from twin.features.modulation import modulations
 from twin.rig import Rig
+from twin.windows import Window
 
 SCHEMA = "gear-twin-baseline/1"
+# what NumPy and the readers of its archive raise where a file is cut off, damaged or something else
+NO_BASELINE = (ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile, zlib.error, ZeroDivisionError)
 KEPT = (
     "name", "start_time_ns", "duration", "turns", "period", "speed_hz", "speed_std_hz", "angle_from", "absolute",
     "torque_nm",
@@ -104,11 +109,26 @@ def learned(paths: Sequence[Path], rig_path: Path | None = None, assembly: Assem
         if other.rig.teeth != rig.teeth:
             raise InputError(f"{path}: {other.rig.teeth} teeth, while {paths[0]} has {rig.teeth}: not one machine")
     windows = [w for found in loaded for w in found.windows]
-    shafts = (*pair_shafts(rig), *_geared(windows))
     try:
-        return learn(rig, [read(rig, w.window, shafts, w.name, w.track) for w in windows], shafts)
+        return _learned(rig, windows)
     except TwinError as error:
         raise InputError(f"{', '.join(map(str, paths))}: {error}") from None
+
+
+def learned_from(rig: Rig, windows: Sequence[tuple[str, Window]], earlier: Baseline | None = None) -> Baseline:
+    """A baseline from named windows of the healthy machine, added to the recordings of an earlier one."""
+    try:
+        shafts = pair_shafts(rig)
+        return _learned(rig, [tracked(rig, window, name, shafts) for name, window in windows], earlier)
+    except TwinError as error:
+        raise InputError(f"no baseline can be learned from {', '.join(name for name, _ in windows)}: {error}") from None
+
+
+def _learned(rig: Rig, windows: Sequence[TrackedWindow], earlier: Baseline | None = None) -> Baseline:
+    shafts = (*pair_shafts(rig), *_geared(windows)) if earlier is None else earlier.shafts
+    names = {w.name for w in windows}  # a recording that is given once more takes the place of the earlier reading
+    before = () if earlier is None else [r for r in earlier.readings if r.name not in names]
+    return learn(rig, [*before, *(read(rig, w.window, shafts, w.name, w.track) for w in windows)], shafts)
 
 
 def _geared(windows: Sequence[TrackedWindow]) -> tuple[Fraction, ...]:
@@ -221,23 +241,25 @@ def save(baseline: Baseline, path: Path) -> None:
 def read_baseline(path: Path) -> Baseline:
     """A baseline from its file; InputError where it is none."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             header = json.loads(bytes(archive["header"]).decode())
             if header.get("schema") != SCHEMA:
                 raise InputError(f"{path}: schema {header.get('schema')!r} is not {SCHEMA!r}")
             readings = tuple(_reading(archive, i, values) for i, values in enumerate(header["readings"]))
             std = {name.partition("/")[2]: archive[name] for name in archive.files if name.startswith("std/")}
+            return Baseline(
+                rig=checked_rig(header["rig"], f"{path}: its rig"),
+                shafts=tuple(Fraction(n, d) for n, d in header["shafts"]),
+                readings=readings,
+                std=std,
+                path_scatter=header["path_scatter"],
+            )
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
-    except (ValueError, KeyError, UnicodeDecodeError) as error:
+    except NO_BASELINE as error:
         raise InputError(f"{path}: not a baseline of `gear-twin baseline`: {error}") from None
-    return Baseline(
-        rig=checked_rig(header["rig"], f"{path}: its rig"),
-        shafts=tuple(Fraction(n, d) for n, d in header["shafts"]),
-        readings=readings,
-        std=std,
-        path_scatter=header["path_scatter"],
-    )
 
 
 def _reading(archive: Any, index: int, values: dict[str, Any]) -> WindowReading:

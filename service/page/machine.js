@@ -23,6 +23,7 @@ export class Machine extends EventTarget {
     this.seen = new Set();
     this.timer = null;
     this.busy = false;
+    this.leaving = false; // while it is given another name: nothing is asked for under the present one
   }
 
   async load(signal) {
@@ -42,7 +43,7 @@ export class Machine extends EventTarget {
   // Follows the events until the signal ends it; a hidden page holds no connection.
   follow(signal) {
     const start = () => {
-      if (signal.aborted || document.hidden || this.source) return;
+      if (signal.aborted || document.hidden || this.source || this.leaving) return;
       this.source = new EventSource(`${this.base}/events`);
       this.source.onopen = () => this.linked(true);
       this.source.onerror = () => {
@@ -88,6 +89,7 @@ export class Machine extends EventTarget {
 
   // Asks for what changed, once the burst of events is over.
   soon(kind) {
+    if (this.leaving) return;
     this.seen.add(kind);
     if (this.timer === null) this.timer = setTimeout(() => this.refresh(), SETTLE_MS);
   }
@@ -105,7 +107,7 @@ export class Machine extends EventTarget {
       await this.fetchChanged(kinds);
       this.dispatchEvent(new CustomEvent("change", { detail: kinds }));
     } catch (error) {
-      if (error.name === "AbortError") return;
+      if (error.name === "AbortError" || this.leaving) return;
       console.warn(error.message);
       this.linked(false);
     } finally {

@@ -15,5 +15,6 @@ export const VIEWS = [
   { path: "alarms", title: "Alarms", load: () => import("./views/alarms.js") },
   { path: "what-if", title: "What if", load: () => import("./views/what-if.js"),
     shown: ({ wear, calibration }) => (isAvailable(wear) || isAvailable(calibration)) && !wear?.relation },
+  { path: "life", title: "Life of the machine", load: () => import("./views/asset-life.js") },
   { path: "data", title: "Windows and data", load: () => import("./views/data.js") },
 ];

@@ -140,5 +140,13 @@ MIGRATIONS = (
         asset TEXT NOT NULL REFERENCES assets(asset)
     );
     """,
+    """
+    CREATE TABLE baselines (
+        asset TEXT PRIMARY KEY REFERENCES assets(asset),
+        file TEXT NOT NULL,
+        about TEXT NOT NULL
+    );
+    CREATE TABLE baseline_numbers (id INTEGER PRIMARY KEY AUTOINCREMENT);
+    """,
 )
 """The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""

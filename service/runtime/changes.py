@@ -6,6 +6,7 @@
 | other_machine | answers a question: the windows that wait, and the stream, are those of a new asset |
 | ignore | answers a question: the windows of the fallen count are not used; the earlier rig file is kept |
 | renamed | the asset with its whole history has another name; frames under the old name go on to it |
+| baseline_given, baseline_removed | the asset has a healthy baseline of its own, or that of the settings again |
 | retired, reinstated | no frames are expected, and those that come are left out; and the reverse |
 
 Each is one transaction with all that it changes. The windows that waited for its answer are processed afterwards, one
@@ -23,6 +24,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.contract.base import iso_time
 from service.errors import InputError
 from service.results.asset_life import AssetLife, StoredChange
+from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
 from service.results.signal_store import SignalStore
@@ -58,18 +60,21 @@ class ChangeWorker:
         intake: Intake,
         signals: SignalStore | None,
         alarms: AlarmKeeper | None,
+        baselines: BaselineStore,
         ending: threading.Event,
     ) -> None:
         self._queue, self._pipeline, self._store, self._life = queue, pipeline, store, life
         self._board, self._publication, self._ending = board, publication, ending
         self._streams, self._intake, self._signals = streams, intake, signals
-        self._alarms = alarms
+        self._alarms, self._baselines = alarms, baselines
         self._kinds: Mapping[str, Callable[[StoredChange], None]] = {
             "other_machine": self._other_machine,
             "ignore": self._ignore,
             "renamed": self._rename,
             "retired": self._retire,
             "reinstated": self._retire,
+            "baseline_given": self._baseline,
+            "baseline_removed": self._baseline,
         }
 
     def resume(self) -> None:
@@ -106,7 +111,8 @@ class ChangeWorker:
         answers = question is not None and change.kind in question["answers"]
         outcome = self._pipeline.follow(asset, made)
         epoch = self._store.asset(asset).epoch + (change.kind == "gears_replaced")
-        effect = {"epoch": epoch, "revolutions": self._revolutions(asset)}
+        first = self._pipeline.next_index(asset)
+        effect = {"epoch": epoch, "revolutions": self._revolutions(asset), "from_window": first}
         rig = question.get("rig") if answers and question is not None and change.kind == "gears_replaced" else None
         with self._life.transaction():
             if not self._life.change_done(change.id, effect):
@@ -168,6 +174,8 @@ class ChangeWorker:
                 return
             self._store.keep(asset, question=None, **({} if state is None else {"state": state.to_dict()}))
             self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
+        if question["kind"] == REPEATED:
+            self._pipeline.ignore_repeats(asset)
         if state is not None:
             self._pipeline.set_state(asset, state)
             self._pipeline.ask(asset, None)
@@ -203,6 +211,26 @@ class ChangeWorker:
             self._store.keep(asset, retired=retired)
             self._store.note(asset, [_event(change, {})])
         self._show(asset, retired=retired)
+
+    def _baseline(self, change: StoredChange) -> None:
+        """The asset has another healthy baseline of its own, or none."""
+        asset, given = change.asset, change.given
+        before = self._baselines.path(asset)
+        file = given.get("file")
+        if file is not None and not self._baselines.exists(file):
+            raise InputError("the baseline that was to be used has been deleted meanwhile: learn it again")
+        about = {name: given[name] for name in ("by", "note", "windows", "added") if given.get(name) is not None}
+        with self._life.transaction():
+            if not self._life.change_done(change.id, about):
+                return
+            if file is None:
+                self._baselines.remove(asset)
+            else:
+                self._baselines.use(asset, file, {**about, "at": iso_time(change.received_ns)})
+            self._store.note(asset, [("change", {"id": change.id, "kind": change.kind, **about})])
+        self._pipeline.renew_twin(asset)
+        self._baselines.delete(before)
+        self._show(asset)
 
     # -- within --------------------------------------------------------------------------------------
 

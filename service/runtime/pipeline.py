@@ -12,9 +12,9 @@ the state after a window only once that window has been committed. No threads, n
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 from service.contract.base import iso_time
 from service.contract.slow_channels import slow_channels
@@ -22,7 +22,16 @@ from service.contract.status import with_status_since
 from service.contract.window import refused_record
 from service.errors import FrameError
 from service.files.rig import assembly_for, expected_channels, window_of_rig
-from service.runtime.questions import ALL_WAIT, COUNT_FELL, count_fell
+from service.runtime.outcomes import (
+    Checkpoint,
+    DecisionOutcome,
+    Freshness,
+    HeldWindow,
+    ResultSink,
+    WaitingPlace,
+    WindowOutcome,
+)
+from service.runtime.questions import ALL_WAIT, COUNT_FELL, REPEATED, count_fell, frames_repeat
 from service.runtime.twin_port import Events, Twin
 from service.settings import Settings
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
@@ -42,90 +51,6 @@ ONE_DISTURBED = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WindowOutcome:
-    """What one window led to; all but `window` and `state` is JSON-safe."""
-
-    asset: str
-    index: int  # of the window, from 0, counting refused ones
-    window: Window
-    record: Mapping[str, Any]  # the contract's `windows[]`, with `quality` and `faults`
-    state: Any  # twin.step.State after the window
-    report: Mapping[str, Any] | None  # the twin's newest answer; None before its first window
-    events: Events
-    assembly: Mapping[str, Any]  # Assembler.to_dict() as of this window
-    quality: Mapping[str, Any]  # the section `data_quality`
-    waited: int | None = None  # number of the window among those that waited for an answer; None where it did not
-    question: Mapping[str, Any] | None = None  # open after the window
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldWindow:
-    """A window that cannot be used until people have answered a question."""
-
-    asset: str
-    window: Window
-    state: Any  # twin.step.State, which remembers that the window came
-    question: Mapping[str, Any]
-    assembly: Mapping[str, Any]
-    quality: Mapping[str, Any]
-    events: Events
-    waited: int | None = None  # number of the window among those that wait already; None for one that has just come
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Checkpoint:
-    """Where an asset's windows ended: the newest outcome, as a store gives it back."""
-
-    index: int
-    state: Any  # twin.step.State
-    report: Mapping[str, Any] | None
-    assembly: Mapping[str, Any]
-    quality: Mapping[str, Any]
-    question: Mapping[str, Any] | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DecisionOutcome:
-    """What a decision on an effect, an inspection, or a change of the machine, led to."""
-
-    asset: str
-    state: Any  # twin.step.State after it
-    report: Mapping[str, Any]
-    events: Events
-
-
-class Freshness(NamedTuple):
-    """How old what is known of an asset is; None where nothing has come yet."""
-
-    last_arrival_ns: int | None  # host's clock when the newest frame came, Unix time [ns]
-    last_window_ns: int | None  # end of the newest window by the stream's own clock, Unix time [ns]
-
-
-class WaitingPlace(Protocol):
-    """Where windows wait until people have answered a question."""
-
-    def hold(self, held: HeldWindow) -> Mapping[str, Any]:
-        """Keeps a window, or counts it as left out where there is no room; the question as it is shown then."""
-        ...
-
-    def waiting(self, asset: str) -> Iterator[tuple[int, Window]]:
-        """The windows of an asset that wait, with their numbers, in the order in which they came."""
-        ...
-
-
-class ResultSink(Protocol):
-    """Where outcomes go."""
-
-    def commit(self, outcome: WindowOutcome) -> bool:
-        """Keeps a window, whole; False, with nothing changed, where it has been committed before."""
-        ...
-
-    def publish(self, outcome: WindowOutcome) -> None:
-        """Shows a committed window."""
-        ...
-
-
 @dataclass(slots=True)
 class _Progress:
     """How far one asset has come."""
@@ -133,6 +58,7 @@ class _Progress:
     rig: Rig
     expected: tuple[str, ...]  # labels of the channels that the rig file names
     assembler: Assembler
+    twin: Twin
     state: Any
     index: int = 0  # of the next window
     report: Mapping[str, Any] | None = None
@@ -167,6 +93,7 @@ class Pipeline:
     before_window  called before each window is processed; an exception of it leaves the window unprocessed
     host_clock     Unix time of this host [ns], which frames of a live stream are held against; None for recordings
     waiting        where windows wait for an answer by people; None where nobody answers, and they are refused
+    twin_of        the twin of an asset with this rig; None where all have the same
     """
 
     def __init__(
@@ -179,8 +106,10 @@ class Pipeline:
         before_window: Callable[[], None] = lambda: None,
         host_clock: Callable[[], int] | None = None,
         waiting: WaitingPlace | None = None,
+        twin_of: Callable[[str, Rig], Twin] | None = None,
     ):
         self._host_clock, self._waiting = host_clock, waiting
+        self._twin_of = twin_of or (lambda asset, rig: twin)
         self._rig_of, self._twin, self._sink, self._assembly = rig_of, twin, sink, assembly
         self._before_window = before_window
         self._assets: dict[str, _Progress] = {}
@@ -201,6 +130,7 @@ class Pipeline:
         now_ns = None if self._host_clock is None else self._host_clock()
         for window, assembly in list(progress.assembler.assemble(frame, now_ns)):
             self._process(asset, progress, window, assembly)
+        self._look_for_repeats(asset, progress)
 
     def flush(self, asset: str | None = None) -> None:
         """Closes the windows in progress, of one asset or of all: at the end of a file, or after silence."""
@@ -232,7 +162,7 @@ class Pipeline:
         if asset not in self._assets:
             raise NotAvailable(f"no window of {asset} has been processed yet")
         progress = self._assets[asset]
-        state, answer = self._twin.apply(progress.rig, progress.state, Decision(name=name, verb=verb))
+        state, answer = progress.twin.apply(progress.rig, progress.state, Decision(name=name, verb=verb))
         report = with_status_since(progress.report, answer.report, progress.assembler.closed_until_ns, None)
         return DecisionOutcome(asset=asset, state=state, report=report, events=answer.events)
 
@@ -241,7 +171,7 @@ class Pipeline:
         if asset not in self._assets:
             raise NotAvailable(f"no window of {asset} has been processed yet")
         progress = self._assets[asset]
-        state, answer = self._twin.inspected(progress.rig, progress.state, inspection)
+        state, answer = progress.twin.inspected(progress.rig, progress.state, inspection)
         report = progress.report if progress.report is None else {**progress.report, **answer.report}
         return DecisionOutcome(asset=asset, state=state, report=report or answer.report, events=answer.events)
 
@@ -250,7 +180,7 @@ class Pipeline:
         if asset not in self._assets:
             raise NotAvailable(f"no window of {asset} has been processed yet: there is nothing that the change ends")
         progress = self._assets[asset]
-        state, answer = self._twin.follow(progress.rig, progress.state, made)
+        state, answer = progress.twin.follow(progress.rig, progress.state, made)
         report = with_status_since(progress.report, answer.report, self._ended_ns(progress), None)
         return DecisionOutcome(asset=asset, state=state, report=report, events=answer.events)
 
@@ -300,6 +230,10 @@ class Pipeline:
         """Goes on from another state, once it has been committed."""
         self._progress(asset).state = state
 
+    def next_index(self, asset: str) -> int:
+        """The index that the asset's next window will have."""
+        return self._progress(asset).index
+
     def ended_ns(self, asset: str) -> int:
         """End of the newest window on the stream's own clock, else the host's time; Unix time [ns]."""
         return self._ended_ns(self._progress(asset))
@@ -324,6 +258,22 @@ class Pipeline:
                 asset, progress, window, progress.assembler.to_dict(), Result.refusal(progress, reason), number
             )
 
+    def ignore_repeats(self, asset: str) -> None:
+        """Asks no more about the frames that are left out at present."""
+        self._progress(asset).assembler.repeats.ignored = True
+
+    def _look_for_repeats(self, asset: str, progress: _Progress) -> None:
+        """Asks where nothing but frames of passed times is received, and ends that question where others come."""
+        repeats = progress.assembler.repeats
+        if self._waiting is None or (progress.question is not None and progress.question["kind"] != REPEATED):
+            return
+        frames = repeats.suspicious()
+        if frames and progress.question is None:
+            question = frames_repeat(asset, frames, bool(repeats.other), self._ended_ns(progress))
+            progress.question = self._waiting.ask(asset, question)
+        elif progress.question is not None and not repeats.run:
+            progress.question = self._waiting.ask(asset, None)
+
     # -- life ----------------------------------------------------------------------------------------
 
     def rename(self, asset: str, name: str) -> None:
@@ -347,13 +297,20 @@ class Pipeline:
         progress.rig = self._rig_of(asset)
         progress.expected = expected_channels(progress.rig)
         progress.assembler.settings = assembly_for(progress.rig, self._assembly)
+        progress.twin = self._twin_of(asset, progress.rig)
+
+    def renew_twin(self, asset: str) -> None:
+        """Goes on with the options that the asset has now."""
+        if asset in self._assets:
+            progress = self._assets[asset]
+            progress.twin = self._twin_of(asset, progress.rig)
 
     def _progress(self, asset: str) -> _Progress:
         if asset not in self._assets:
             rig = self._rig_of(asset)
             expected = expected_channels(rig)
             assembler = Assembler(assembly_for(rig, self._assembly))
-            self._assets[asset] = _Progress(rig, expected, assembler, self._twin.new_state())
+            self._assets[asset] = _Progress(rig, expected, assembler, self._twin_of(asset, rig), self._twin.new_state())
         return self._assets[asset]
 
     def _process(
@@ -394,7 +351,7 @@ class Pipeline:
         if window.quality == "refused":
             return Result.refusal(progress, "; ".join(f.detail for f in window.faults if f.action == "refused"))
         try:
-            state, answer = self._twin.process(progress.rig, progress.state, window)
+            state, answer = progress.twin.process(progress.rig, progress.state, window)
         except CountFellError:
             raise
         except TwinError as error:

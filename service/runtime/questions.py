@@ -35,12 +35,16 @@ def gears_differ(asset: str, differences: Sequence[str], where: str, time_ns: in
     return _question(GEARS_DIFFER, detail, time_ns) | {"differences": list(differences)}
 
 
-def frames_repeat(asset: str, frames: int, time_ns: int) -> dict[str, Any]:
-    """The question where nothing but frames of times that have passed is received."""
+def frames_repeat(asset: str, frames: int, differ: bool, time_ns: int) -> dict[str, Any]:
+    """The question where nothing but frames of times that have passed is received.
+
+    differ  whether they have been compared with the used frames, and are others
+    """
+    compared = "differ from those" if differ else "could not be recognised as the same ones"
     detail = (
-        f"The latest {frames} frames of {asset} lie at times for which frames have already been used, and are not the "
-        "same frames: they may be of another machine, or of a recording made earlier. They were not used; replay them "
-        "again under the name of the machine that they belong to."
+        f"The latest {frames} frames of {asset} lie at times for which frames have already been used, and {compared}: "
+        "they may be of another machine, or of a recording made earlier. They are not used; send them again under the "
+        "name of the machine that they belong to."
     )
     return _question(REPEATED, detail, time_ns)
 

@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
+from service.errors import InputError
 from service.stream.frames import NS
 from service.stream.sources.mcap import RawFrame, Recording
-from service.stream.wire.topics import PREFIX
+from service.stream.wire.topics import NAME, PREFIX, Channel
 from service.transport.protocol import FramePublisher
 from service.transport.zenoh import open_publisher
 
@@ -54,6 +55,10 @@ def shuffled(frames: Iterable[RawFrame], horizon: int, seed: int = 0) -> Iterato
     yield from waiting
 
 
+def _named(channel: Channel, asset: str | None) -> Channel:
+    return channel if asset is None else channel._replace(asset=asset)
+
+
 def replay(
     path: str | Path,
     connect: Sequence[str],
@@ -66,23 +71,30 @@ def replay(
     on_fault: Callable[[str], None] = lambda line: None,
     disturb: Callable[[Iterable[RawFrame]], Iterable[RawFrame]] = lambda frames: frames,
     publish_to: Callable[[Sequence[str], str, float], AbstractContextManager[FramePublisher]] = open_publisher,
+    asset: str | None = None,
 ) -> int:
     """Publishes a whole recording; answers how many frames were delivered.
 
     on_fault    receives, in one line, what of the file was damaged
     disturb     may repeat or reorder frames
     publish_to  opens a publisher, given endpoints, prefix and the time to wait for subscribers [s]
+    asset       the name to publish under in place of the recording's own; None: the recording's
     """
+    if asset is not None and not NAME.fullmatch(asset):
+        raise InputError(f"asset = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
     with (
         Recording(path, prefix) as recording,
         publish_to(connect, prefix, wait) as publisher,
     ):
+        if asset is not None and len(recording.assets) > 1:
+            known = ", ".join(recording.assets)
+            raise InputError(f"{path}: holds the assets {known}: only a recording of one can have another name")
         if recording.rig_text is not None:
-            for asset in recording.assets:
-                publisher.offer_rig(asset, recording.rig_text)
-        publisher.declare(sorted(set(recording.channels.values())))
+            for name in recording.assets if asset is None else [asset]:
+                publisher.offer_rig(name, recording.rig_text)
+        publisher.declare(sorted({_named(channel, asset) for channel in recording.channels.values()}))
         for frame in paced(disturb(recording.messages()), speed, max_pause):
-            publisher.publish(frame)
+            publisher.publish(frame._replace(channel=_named(frame.channel, asset)))
             progress(recording.bytes_read / recording.size, publisher.delivered)
         publisher.confirm()
         progress(1.0, publisher.delivered)

@@ -21,6 +21,7 @@ from service.errors import InputError
 from service.files.rig import checked_rig, load_mapping
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
+from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
@@ -40,6 +41,7 @@ from service.transport.protocol import OpenTransport
 DATABASE = "gear-twin.sqlite"
 SIGNALS = "signals"
 WAITING = "waiting"
+BASELINES = "baselines"
 CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
 
 OpenStore = Callable[[], AbstractContextManager[ResultStore]]
@@ -81,8 +83,16 @@ def run(
         transport = open_transport or _zenoh_of(settings)
         life = AssetLife(store.database, settings.data / WAITING)
         changes = ChangeQueue(life)
+        baselines = BaselineStore(store.database, settings.data / BASELINES)
         kept = Kept(
-            store=store, board=board, decisions=queue, life=life, changes=changes, signals=signals, alarms=alarms
+            store=store,
+            board=board,
+            decisions=queue,
+            life=life,
+            changes=changes,
+            signals=signals,
+            alarms=alarms,
+            baselines=baselines,
         )
         worker = Worker(settings, kept, rigs, twin, transport, writer)
         app = create_app(
@@ -94,6 +104,7 @@ def run(
             signals=signals,
             alarms=alarms,
             changes=changes,
+            baselines=baselines,
         )
 
         def ending() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+from service.contract.question import shown_question
 from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.results.status_events import status_events
@@ -59,6 +60,20 @@ class WaitingWindows:
             last_event_id=self._store.last_event_id(held.asset),
         )
         self._publication.publish(held.asset)
+        return question
+
+    def ask(self, asset: str, question: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+        """Keeps and shows a question for which no window waits yet, or that it is over."""
+        before = self._board.get(asset)
+        with self._life.transaction():
+            self._store.keep(asset, question=question)
+            events = () if question is None else (("question", shown_question(question)),)
+            changed = status_events(before, *replace(before, question=question).health()) if before else ()
+            self._store.note(asset, (*events, *changed))
+        if question is not None:
+            log.warning("%s: %s", asset, question["detail"])
+        self._board.update(asset, question=question, last_event_id=self._store.last_event_id(asset))
+        self._publication.publish(asset)
         return question
 
     def waiting(self, asset: str) -> Iterator[tuple[int, Window]]:

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from service.alarms.keeper import AlarmKeeper
 from service.errors import NotReachable, StoreError
 from service.results.asset_life import AssetLife
+from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore
+from service.runtime.asset_twins import AssetTwins
 from service.runtime.changes import ChangeWorker
 from service.runtime.decisions import DecisionWorker, Ended
 from service.runtime.intake import Intake
@@ -47,6 +49,7 @@ class Kept:
     decisions: DecisionQueue
     life: AssetLife
     changes: ChangeQueue
+    baselines: BaselineStore
     signals: SignalStore | None = None
     alarms: AlarmKeeper | None = None
 
@@ -154,6 +157,7 @@ class Worker(threading.Thread):
         store, board, life = kept.store, kept.board, kept.life
         publication = StatePublication(transport, board)
         with OfferedRigs(transport).watching() as offered, transport.answer_states(publication):
+            waiting = WaitingWindows(store, life, board, publication)
             pipeline = Pipeline(
                 lambda asset: self._rigs.of(asset, offered),
                 self._twin,
@@ -161,7 +165,8 @@ class Worker(threading.Thread):
                 assembly=assembly_settings(self._settings),
                 before_window=self._end_if_stopping,
                 host_clock=time.time_ns,
-                waiting=WaitingWindows(store, life, board, publication),
+                waiting=waiting,
+                twin_of=AssetTwins(self._twin, kept.baselines).of,
             )
             restore(pipeline, store, self._twin)
             watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
@@ -170,11 +175,10 @@ class Worker(threading.Thread):
             decisions = DecisionWorker(kept.decisions, pipeline, store, board, publication, self._stopping, kept.alarms)
             changes = ChangeWorker(
                 kept.changes, pipeline, store, life, board, publication,
-                streams=streams, intake=intake, signals=kept.signals, alarms=kept.alarms, ending=self._stopping,
+                streams=streams, intake=intake, signals=kept.signals, alarms=kept.alarms,
+                baselines=kept.baselines, ending=self._stopping,
             )  # fmt: skip
-            questions = RigQuestions(
-                pipeline, store, life, board, publication, rigs=self._rigs, streams=streams, offered=offered
-            )
+            questions = RigQuestions(pipeline, store, life, waiting, rigs=self._rigs, streams=streams, offered=offered)
             questions.start()
             with transport.subscribe(self._inbox):
                 self._reason = None

@@ -24,6 +24,7 @@ from service.stream.clock import Contradictions, said
 from service.stream.faults import totals
 from service.stream.frames import LENGTH_LIMITS, NS, Frame, SampleFrame
 from service.stream.pieces import Piece, size_of, split_index
+from service.stream.repeats import Repeats
 from service.stream.samples import MOST_SAMPLES, Span
 from service.stream.slow import SlowChannels
 from service.stream.timeline import Timeline
@@ -82,6 +83,7 @@ class Assembler:
         self._open: _Open | None = None
         self._contradictions = Contradictions()
         self._noted: dict[str, Fault] = {}  # faults of the clock since the last window, by channel
+        self.repeats = Repeats()
         self._times_set = 0  # how often a clock was set
         self._latest = 0  # latest end of a window, before the clock was last set [ns]
         self.last_arrival_ns: int | None = None  # host's clock when the newest frame came, Unix time [ns]
@@ -114,6 +116,10 @@ class Assembler:
         fate, disorder = (order.CLOCK, False) if self._is_ahead(frame, now_ns) else lane.offer(frame)
         if disorder:
             self.count(label, "disorder")
+        if fate == order.QUEUED:
+            self.repeats.queued()
+        elif fate != order.CLOCK:
+            self.repeats.left_out(frame)
         if fate == order.CLOCK:
             if self._contradictions.hold(frame):
                 yield from self._resynchronise(frame, now_ns)
@@ -165,6 +171,7 @@ class Assembler:
             "channels": sorted(self._known),
             "edges_counted": dict(self._counted),
             "slow": self._slow.to_dict(),
+            "marks": self.repeats.to_dict(),
             "timelines": {label: lane.timeline.to_dict() for label, lane in self._lanes.items()},
             "clock": {"times_set": self._times_set, "latest_ns": self._latest, "last_arrival_ns": self.last_arrival_ns},
             "last_frames": {
@@ -188,6 +195,7 @@ class Assembler:
         self._counted = {label: int(count) for label, count in data["edges_counted"].items()}
         self.counters = {label: dict(kinds) for label, kinds in data["counters"].items()}
         self._slow = SlowChannels.from_dict(data.get("slow", {}))  # absent in what version 1 wrote
+        self.repeats = Repeats.from_dict(data.get("marks", {}))  # absent in what earlier programs wrote
         clock = data.get("clock", {})
         self._times_set, self._latest = int(clock.get("times_set", 0)), int(clock.get("latest_ns", 0))
         self.last_arrival_ns = clock.get("last_arrival_ns")
@@ -352,6 +360,7 @@ class Assembler:
                 else:
                     self._consumed[label] = (frame.sequence, frame.start_time_ns, frame.end_time_ns)
                     self._lanes[label].timeline.note(frame.start_time_ns, frame.sequence)
+                    self.repeats.used(frame)
         most = self.settings.window_bytes // 8
         # A window's start is its name: one in a time that was passed before begins some nanoseconds off the old names.
         start = current.start + (self._times_set if current.start < self._latest else 0)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from schemathesis.generation import GenerationMode
 
 from service.api import create_app
+from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.signal_store import SignalStore
 from service.results.sqlite_store import SqliteStore
@@ -20,7 +21,7 @@ BASE = "/v1/assets/{asset}"
 PARTS = (
     "wear", "rul", "residual", "effects", "tracing", "decisions", "rig", "windows", "trend", "quality", "inspections",
     "alarms", "alarm-rules", "signals", "waterfall", "indicators", "windows/{index}/signals/{view}",
-    "changes", "epochs",
+    "changes", "epochs", "baseline",
 )  # fmt: skip
 # The stream of events never ends by itself: test_api_events.py reads it.
 OPERATIONS = [
@@ -31,6 +32,9 @@ OPERATIONS = [
     ("POST", f"{BASE}/alarms/{{number}}/{{verb}}"),
     ("PUT", f"{BASE}/alarm-rules"),
     ("POST", f"{BASE}/changes"),
+    ("PUT", f"{BASE}/baseline"),
+    ("DELETE", f"{BASE}/baseline"),
+    ("POST", f"{BASE}/baseline/learn"),
     ("POST", "/v1/assets"),
 ]
 # The fields of a duty depend on one another, which the description cannot say: see test_what_if_answers.py.
@@ -46,7 +50,9 @@ def described(tmp_path_factory):
     signals = SignalStore(tmp_path_factory.mktemp("signals"), 2**30)
     for index in range(3):
         signals.keep("unsw", index, meshing_window(index), revolutions=100.0 * index)
-    yield schemathesis.openapi.from_asgi("/openapi.json", create_app(board, store, signals=signals))
+    baselines = BaselineStore(store.database, tmp_path_factory.mktemp("baselines"))
+    app = create_app(board, store, signals=signals, baselines=baselines)
+    yield schemathesis.openapi.from_asgi("/openapi.json", app)
     store.close()
 
 

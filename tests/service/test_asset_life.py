@@ -12,6 +12,8 @@ from service_streams import RIG, Service, wait_until, write_recording
 from test_decisions import post
 from test_other_parts import serving
 
+from service.cli import run
+from service.errors import InputError
 from service.results.asset_life import AssetLife
 from service.results.sqlite_store import SqliteStore
 from service.runtime.replay import replay
@@ -355,3 +357,42 @@ def test_a_store_of_another_kind_knows_epochs_too(tmp_path, network, first, seco
         assert change(running, "gears_replaced")[0] == 201
         wait_until(lambda: running.get(UNSW)["windows_total"] == WINDOWS and running.get(UNSW)["epoch"] == 1)
         assert revolutions(running.windows()) == FIRST
+
+
+# -- command line ----------------------------------------------------------------------------------------
+
+
+def test_the_command_lists_the_question_and_answers_it(running, network, first, second, capsys, tmp_path):
+    asked(running, network, first, second)
+    url = f"http://{running.http}"
+
+    def gear_twin(*arguments, status=0):
+        assert run(["assets", *arguments, "--service", url]) == status
+        said = capsys.readouterr()
+        return said.out if status == 0 else said.err
+
+    listed = gear_twin("list")
+    assert "unsw  no verdict" in listed and "Gears replaced, or another machine?" in listed
+    assert "4 windows wait. Answer: gear-twin assets change unsw ANSWER" in listed
+    assert gear_twin("change", "unsw", "other_machine", "--name", "bench-2", "--by", "me") == (
+        "other_machine of unsw: done\n"
+    )
+    running.wait_for_windows(WINDOWS, "bench-2")
+    assert "other_machine  by me; name bench-2" in gear_twin("changes", "unsw")
+    assert gear_twin("rename", "bench-2", "press-7") == "renamed of bench-2: done\n"
+    assert gear_twin("retire", "press-7", "--note", "scrapped") == "retired of press-7: done\n"
+    assert "press-7  retired" in gear_twin("list")
+    assert gear_twin("reinstate", "press-7") == "reinstated of press-7: done\n"
+    assert "created" in gear_twin("create", "new-one", "--rig", str(RIG))
+    assert running.get("/v1/assets/new-one/rig")["name"] == "unsw"
+    refused = gear_twin("change", "unsw", "ignore", status=2)
+    assert refused.count("\n") == 1 and "answers a question" in refused
+
+
+def test_a_recording_is_replayed_under_the_name_of_another_asset(running, network, first, tmp_path):
+    replay(first, (), 0, publish_to=network.open_publisher, asset="bench-9")
+    assert revolutions(running.wait_for_windows(WINDOWS, "bench-9")) == FIRST
+    assert [a["asset"] for a in running.get("/v1/assets")] == ["bench-9"]
+    assert running.get("/v1/assets/bench-9/rig")["name"] == "unsw"  # the recording's rig file is offered under it, too
+    with pytest.raises(InputError, match=r"asset = 'a b' must be 1 to 64 letters"):
+        replay(first, (), 0, publish_to=network.open_publisher, asset="a b")

@@ -1,13 +1,14 @@
 """A machine without a rig model from files to answers: import, baseline, diagnosis; and what is refused."""
 
 import json
+from io import BytesIO
 
 import numpy as np
 import pytest
 
 from service.cli import run
 from service.errors import InputError
-from service.files.baseline import compared, learned, load, read_baseline, save
+from service.files.baseline import SCHEMA, compared, learned, load, read_baseline, save
 from service.files.import_recording import import_recording
 from tests.claims.test_baseline import RATE, SPEED, TEETH, machine
 from twin.baseline.comparison import described
@@ -138,6 +139,24 @@ def test_file_that_is_no_baseline_is_refused_in_one_line(folder, healthy, capsys
     assert "not a baseline" in capsys.readouterr().err
     assert run(["diagnose", str(healthy[0]), "--baseline", str(folder / "absent")]) == 2
     assert "cannot be read" in capsys.readouterr().err
+
+
+def damaged(data):
+    array, other, bare = BytesIO(), BytesIO(), BytesIO()
+    np.save(array, np.arange(4))
+    np.savez(other, a=np.arange(4))
+    np.savez(bare, header=np.frombuffer(json.dumps({"schema": SCHEMA, "readings": []}).encode(), np.uint8))
+    return {"empty": b"", "cut off": data[: len(data) // 2], "flipped": data[:4000] + b"\0" * 99 + data[4099:],
+            "array": array.getvalue(), "other archive": other.getvalue(), "bare": bare.getvalue()}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["empty", "cut off", "flipped", "array", "other archive", "bare"])
+def test_damaged_baseline_is_one_clear_error(file, tmp_path, kind):
+    """An empty or cut-off file ended in an EOFError or BadZipFile."""
+    path = tmp_path / "damaged.baseline"
+    path.write_bytes(damaged(file.read_bytes())[kind])
+    with pytest.raises(InputError, match="not a baseline"):
+        read_baseline(path)
 
 
 def test_baseline_that_cannot_be_written_is_said(healthy, folder):

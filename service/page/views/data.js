@@ -11,7 +11,7 @@ const SHOWN = 25; // windows at first
 // keys of the state that have a place of their own; others are listed as they come
 const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration", "data_quality",
   "tracing", "pair", "unattributed_lines", "schema_version", "status", "rig", "windows_total", "energy_breakdown", "baseline",
-  "data", "question", "alarms", "retired"]);
+  "data", "question", "alarms", "retired", "epoch"]);
 
 function windowsPanel(windows, all, more) {
   const rows = windows.slice(all ? 0 : -SHOWN).reverse().map((w) => ({

@@ -1,0 +1,180 @@
+"""REST: the healthy baseline of one asset: shown, learned from windows of its own, given as a file, removed."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
+
+from service.api.assets import ERRORS, LARGEST, snapshot_of
+from service.api.problems import problem, responses
+from service.contract.baseline import Baseline
+from service.errors import FAULT, InputError
+
+router = APIRouter(prefix="/v1/assets", tags=["life of an asset"])
+
+LARGEST_FILE = 256 * 2**20  # of a baseline that is given as a file [bytes]
+NOT_KEPT = "this service keeps no baselines of single assets"
+FILE = {"requestBody": {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}}
+
+
+class AssetBaseline(BaseModel):
+    """The healthy baseline of an asset."""
+
+    own: bool = Field(description="false where the asset has none of its own, and that of the settings may hold")
+    by: str | None = None
+    note: str | None = None
+    at: str | None = Field(None, description="when it came into use, ISO 8601")
+    windows: list[int] | None = Field(None, description="windows of the asset that it was learned from")
+    added: bool | None = Field(None, description="whether recordings of an earlier baseline take part, too")
+    baseline: Baseline | None = Field(None, description="what it was learned from, and what it suffices for")
+
+
+def _whole(value: Any) -> Any:
+    """A JSON number without a fraction, such as 3.0, as an integer."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+class LearnIn(BaseModel):
+    """Which windows of the healthy machine a baseline is learned from."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    windows: list[Annotated[int, Field(ge=0, le=LARGEST), BeforeValidator(_whole)]] = Field(
+        min_length=1,
+        max_length=1000,
+        description="indices of windows whose raw signals are kept (`/signals` lists them)",
+    )
+    add: bool = Field(False, description="whether the recordings of the asset's baseline so far take part, too")
+    by: str | None = Field(None, max_length=200)
+    note: str | None = Field(None, max_length=2000)
+
+
+QUEUED: dict[int | str, dict[str, Any]] = {
+    202: {
+        "model": AssetBaseline,
+        "description": "queued: it is used after the current window; the earlier one is shown",
+    }
+}
+
+
+@router.get("/{asset}/baseline", response_model=AssetBaseline, responses=ERRORS)
+def baseline(request: Request, asset: str) -> Any:
+    """The asset's own healthy baseline, and what it suffices for."""
+    snapshot_of(request, asset)
+    return JSONResponse(_shown(request, asset))
+
+
+@router.put(
+    "/{asset}/baseline", response_model=AssetBaseline, responses=QUEUED | responses(404, 409, 500), openapi_extra=FILE
+)
+async def put(
+    request: Request,
+    asset: str,
+    by: Annotated[str | None, Query(max_length=200)] = None,
+    note: Annotated[str | None, Query(max_length=2000)] = None,
+) -> Any:
+    """Gives the asset a baseline as a file, as `gear-twin baseline` writes it."""
+    snapshot_of(request, asset)
+    store = request.app.state.baselines
+    if store is None:
+        return problem(request, 409, NOT_KEPT)
+    data = bytearray()
+    async for part in request.stream():
+        data += part
+        if len(data) > LARGEST_FILE:
+            return problem(request, 409, f"the file is larger than {LARGEST_FILE} bytes")
+
+    def taken() -> str:
+        from service.files.baseline import read_baseline
+        from service.runtime.baseline_learning import demand_same_teeth
+
+        path = store.new_path()
+        path.write_bytes(data)
+        try:
+            demand_same_teeth(read_baseline(path), asset, request.app.state.store)
+        except InputError as error:
+            path.unlink(missing_ok=True)
+            raise InputError(str(error).replace(str(path), "the file")) from None
+        return path.name
+
+    try:
+        file = await run_in_threadpool(taken)
+    except InputError as error:
+        return problem(request, 409, str(error))
+    return await _submitted(request, asset, "baseline_given", {"file": file, "by": by, "note": note})
+
+
+@router.post(
+    "/{asset}/baseline/learn",
+    status_code=201,
+    response_model=AssetBaseline,
+    responses=QUEUED | responses(400, 404, 409, 422, 500),
+)
+async def learn(request: Request, asset: str, given: LearnIn) -> Any:
+    """Learns the asset's baseline from chosen windows of its own, in place of the earlier one or added to it."""
+    snapshot_of(request, asset)
+    state = request.app.state
+    if state.baselines is None or state.signals is None:
+        return problem(request, 409, NOT_KEPT)
+
+    def learned() -> str:
+        from service.runtime.baseline_learning import learn_from_windows, written
+
+        before = state.baselines.path(asset) if given.add else None
+        found = learn_from_windows(asset, given.windows, state.store, state.signals, state.changes.life, before)
+        return written(found, state.baselines.new_path()).name
+
+    try:
+        file = await run_in_threadpool(learned)
+    except InputError as error:
+        return problem(request, 409, str(error))
+    about = {
+        "file": file,
+        "windows": sorted(set(given.windows)),
+        "added": given.add,
+        "by": given.by,
+        "note": given.note,
+    }
+    return await _submitted(request, asset, "baseline_given", about, 201)
+
+
+@router.delete("/{asset}/baseline", response_model=AssetBaseline, responses=QUEUED | responses(404, 409, 422, 500))
+async def remove(request: Request, asset: str, by: Annotated[str | None, Query(max_length=200)] = None) -> Any:
+    """Leaves the asset without a baseline of its own."""
+    snapshot_of(request, asset)
+    if request.app.state.baselines is None:
+        return problem(request, 409, NOT_KEPT)
+    return await _submitted(request, asset, "baseline_removed", {"by": by})
+
+
+async def _submitted(request: Request, asset: str, kind: str, about: dict[str, Any], status: int = 200) -> Any:
+    """The answer after a baseline has come into use, between two windows; 202 with the earlier one while it waits."""
+    queue = request.app.state.changes
+    given = {name: value for name, value in about.items() if value is not None}
+    number = await run_in_threadpool(queue.submit, asset, kind, given)
+    done = await queue.wait(number, request.app.state.decision_wait)
+    if done is None:
+        return JSONResponse(await run_in_threadpool(_shown, request, asset), 202)
+    if done.refused is not None:
+        return problem(request, 500 if done.refused.startswith(FAULT) else 409, done.refused)
+    return JSONResponse(await run_in_threadpool(_shown, request, asset), status)
+
+
+def _shown(request: Request, asset: str) -> dict[str, Any]:
+    store = request.app.state.baselines
+    path = None if store is None else store.path(asset)
+    if path is None:
+        return {"own": False}
+    from service.files.baseline import read_baseline
+    from twin.baseline.comparison import described
+
+    about = {name: value for name, value in (store.about(asset) or {}).items() if name in AssetBaseline.model_fields}
+    try:
+        shown = Baseline.of(described(read_baseline(path))).as_json()
+    except InputError:
+        shown = None
+    return {"own": True, **about, "baseline": shown}

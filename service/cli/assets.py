@@ -1,0 +1,231 @@
+"""`gear-twin assets`: the machines of a running service, and what people change on them."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+from urllib.parse import quote, urlencode
+
+import typer
+
+from service.cli.rest import LOCAL, JsonFile, Url, call
+
+app = typer.Typer(no_args_is_help=True, help="List the machines of a running service; create, change, rename, retire.")
+
+AssetName = Annotated[str, typer.Argument(metavar="ASSET", help="The asset.")]
+NewName = Annotated[str, typer.Argument(metavar="NAME", help="Its new name: letters, digits, '_', '-', '.'.")]
+By = Annotated[str | None, typer.Option(help="Your name.", envvar="GEAR_TWIN_NAME", show_default=False)]
+Note = Annotated[str | None, typer.Option(help="What was done, and why.")]
+DONE, QUEUED = "done", "queued; applied after the current window"
+
+
+class Kind(StrEnum):
+    """What people enter for a machine."""
+
+    gears_replaced = "gears_replaced"
+    sensor_moved = "sensor_moved"
+    oil_changed = "oil_changed"
+    counter_reset = "counter_reset"
+    reassembled = "reassembled"
+    other_machine = "other_machine"
+    ignore = "ignore"
+
+
+@app.command(name="list")
+def list_(url: Url = LOCAL, json: JsonFile = None) -> None:
+    """Show every asset with its status, and the question that waits for an answer."""
+    from service.json_text import wrote_json
+
+    found = call(url, "/v1/assets")
+    if wrote_json(found, json):
+        return
+    asked = {a["asset"]: call(url, _path(a["asset"]))["question"] for a in found}
+    print("\n".join(asset_lines(found, asked, shutil.get_terminal_size().columns)))
+
+
+@app.command()
+def create(
+    asset: AssetName,
+    rig: Annotated[Path | None, typer.Option(help="Rig file of the machine.")] = None,
+    by: By = None,
+    note: Note = None,
+    url: Url = LOCAL,
+    json: JsonFile = None,
+) -> None:
+    """Create an asset before its first frame, with its rig file."""
+    from service.files.rig import load_mapping
+    from service.json_text import wrote_json
+
+    given: dict[str, Any] = {"asset": asset, "rig": None if rig is None else load_mapping(rig), "by": by, "note": note}
+    answer = call(url, "/v1/assets", {name: value for name, value in given.items() if value is not None})
+    if not wrote_json(answer, json):
+        print(f"{asset} created: publish its frames under this name")
+
+
+@app.command()
+def change(
+    asset: AssetName,
+    kind: Annotated[Kind, typer.Argument(metavar="KIND", help="What was changed, or the answer to the open question.")],
+    by: By = None,
+    note: Note = None,
+    at: Annotated[str | None, typer.Option(help="When it was made, ISO 8601; kept as it is given.")] = None,
+    sensor: Annotated[str | None, typer.Option(help="sensor_moved: the accelerometer.")] = None,
+    revolutions: Annotated[
+        float | None,
+        typer.Option(help="gears_replaced: the encoder's count then; counter_reset: revolutions since new then."),
+    ] = None,
+    count: Annotated[float | None, typer.Option(help="counter_reset: what it was set to, in turns.")] = None,
+    name: Annotated[str | None, typer.Option(help="other_machine: the new asset's name.")] = None,
+    url: Url = LOCAL,
+    json: JsonFile = None,
+) -> None:
+    """Enter a change of the machine, or answer the question about its data."""
+    given = {"by": by, "note": note, "at": at, "sensor": sensor, "revolutions": revolutions, "count": count}
+    _change(url, asset, kind.value, {**given, "name": name}, json)
+
+
+@app.command()
+def changes(asset: AssetName, url: Url = LOCAL, json: JsonFile = None) -> None:
+    """Show what people have changed on an asset."""
+    from service.json_text import wrote_json
+
+    found = call(url, f"{_path(asset)}/changes")
+    if not wrote_json(found, json):
+        print("\n".join(change_line(c) for c in found) or f"{asset}: no changes have been entered")
+
+
+@app.command()
+def rename(
+    asset: AssetName, name: NewName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None
+) -> None:
+    """Give an asset another name, with its whole history; frames of its old name still reach it."""
+    _change(url, asset, "renamed", {"name": name, "by": by, "note": note}, json)
+
+
+@app.command()
+def retire(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
+    """Take an asset out of use: its history stays, its frames are left out."""
+    _change(url, asset, "retired", {"by": by, "note": note}, json)
+
+
+@app.command()
+def reinstate(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
+    """Take a retired asset back into use."""
+    _change(url, asset, "reinstated", {"by": by, "note": note}, json)
+
+
+@app.command()
+def baseline(
+    asset: AssetName,
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(metavar="RECORDING…", help="Recordings of the healthy machine to learn from.")
+    ] = None,
+    windows: Annotated[
+        str | None, typer.Option(help="Learn from windows of the asset whose signals are kept, such as 0-5,8.")
+    ] = None,
+    add: Annotated[bool, typer.Option("--add", help="With --windows: the recordings so far take part, too.")] = False,
+    remove: Annotated[bool, typer.Option("--remove", help="Leave the asset without a baseline of its own.")] = False,
+    by: By = None,
+    note: Note = None,
+    url: Url = LOCAL,
+    json: JsonFile = None,
+) -> None:
+    """Show an asset's own healthy baseline, learn it from recordings or from its windows, or remove it."""
+    from service.cli.baseline_report import learned_text
+    from service.errors import InputError
+    from service.json_text import wrote_json
+
+    if sum((bool(recordings), windows is not None, remove)) > 1:
+        raise InputError("give recordings, --windows or --remove, and one of them alone")
+    path = f"{_path(asset)}/baseline"
+    signed = {name: value for name, value in (("by", by), ("note", note)) if value is not None}
+    if recordings:
+        answer = call(url, f"{path}?{urlencode(signed)}", _learned_bytes(recordings), "PUT")
+    elif windows is not None:
+        answer = call(url, f"{path}/learn", {"windows": numbers_of(windows), "add": add, **signed})
+    elif remove:
+        answer = call(url, f"{path}?{urlencode(signed)}", method="DELETE")
+    else:
+        answer = call(url, path)
+    if wrote_json(answer, json):
+        return
+    if not answer["own"]:
+        print(f"{asset} has no baseline of its own")
+        return
+    print(learned_text(answer["baseline"]))
+
+
+def numbers_of(text: str) -> list[int]:
+    """Window numbers of a list such as `0-5,8`."""
+    from service.errors import InputError
+
+    out: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        try:
+            out += range(int(first), int(last if dash else first) + 1)
+        except ValueError:
+            raise InputError(f"{part.strip()!r} is no window number or range; 0-5,8 is such a list") from None
+    return out
+
+
+def _learned_bytes(recordings: Sequence[Path]) -> bytes:
+    """The file of a baseline learned from recordings."""
+    from tempfile import TemporaryDirectory
+
+    from service.cli.assessing import windowing
+    from service.files.baseline import learned, save
+
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "learned.baseline"
+        save(learned(recordings, None, windowing()), path)
+        return path.read_bytes()
+
+
+# -- text ------------------------------------------------------------------------------------------------
+
+
+def asset_lines(found: Sequence[Mapping[str, Any]], asked: Mapping[str, Any], width: int) -> list[str]:
+    """A line for each asset, and one for its question."""
+    if not found:
+        return ["no asset has sent a frame yet"]
+    longest = max(len(a["asset"]) for a in found)
+    lines = []
+    for a in found:
+        level = "retired" if a["retired"] else a["status"]["level"].replace("_", " ")
+        turns = "" if a["revolutions"] is None else f"{a['revolutions']:,.0f} revolutions"
+        lines.append(f"{a['asset']:<{longest}}  {level:<11}  {a['windows']:>6} windows  {turns}".rstrip()[:width])
+        question = asked.get(a["asset"])
+        if question is not None:
+            answers = ", ".join(question["answers"])
+            lines.append(f"  {question['text']} {question['detail']}")
+            lines.append(f"  {question['waiting']} windows wait. Answer: gear-twin assets change {a['asset']} ANSWER")
+            lines.append(f"  with one of {answers}")
+    return lines
+
+
+def change_line(change: Mapping[str, Any]) -> str:
+    """One change in one line."""
+    named = ("by", "at", "sensor", "revolutions", "count", "name", "note")
+    said = [f"{name} {change[name]}" for name in named if change.get(name) is not None]
+    done = "" if change["done"] else f" ({QUEUED})"
+    return f"{change['received'][:16].replace('T', ' ')}  {change['kind']}{done}  {'; '.join(said)}".rstrip()
+
+
+# -- within ----------------------------------------------------------------------------------------------
+
+
+def _path(asset: str) -> str:
+    return f"/v1/assets/{quote(asset, safe='')}"
+
+
+def _change(url: str, asset: str, kind: str, given: Mapping[str, Any], json: Path | None) -> None:
+    from service.json_text import wrote_json
+
+    body = {"kind": kind} | {name: value for name, value in given.items() if value is not None}
+    answer = call(url, f"{_path(asset)}/changes", body)
+    if not wrote_json(answer, json):
+        print(f"{kind} of {asset}: {DONE if answer['done'] else QUEUED}")

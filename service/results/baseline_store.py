@@ -1,0 +1,77 @@
+"""Healthy baselines of single assets: a file each, and what is said of it in the results' database.
+
+A baseline is named by a number of its own, so that an asset can be renamed, and that a kill leaves the asset with the
+earlier baseline or with the new one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+from service.errors import StoreError
+from service.results.json_columns import dump, load
+from service.results.store import Tables
+
+SUFFIX = ".baseline"
+
+
+class BaselineStore:
+    """The baselines of all assets."""
+
+    def __init__(self, database: Tables, folder: Path) -> None:
+        self._database, self._folder = database, Path(folder)
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            known = {name for (name,) in database.rows("SELECT file FROM baselines")}
+            for (given,) in database.rows("SELECT given FROM changes WHERE done = 0"):
+                known.add(load(given).get("file"))  # of a change that was submitted before the service ended
+            for path in self._folder.iterdir():
+                if path.name not in known:
+                    path.unlink(missing_ok=True)  # of a baseline that was replaced, or never came into use
+        except OSError as error:
+            raise StoreError(f"{self._folder} cannot hold baselines: {error.strerror or error}") from error
+
+    def transaction(self) -> AbstractContextManager[Any]:
+        """A transaction that other stores of the same database take part in."""
+        return self._database.transaction()
+
+    def new_path(self) -> Path:
+        """Where a baseline is to be written before it comes into use."""
+        with self._database.transaction() as db:
+            number = db.execute("INSERT INTO baseline_numbers DEFAULT VALUES").lastrowid
+        return self._folder / f"{number:08d}{SUFFIX}"
+
+    def path(self, asset: str) -> Path | None:
+        """The file of the asset's own baseline; None where it has none."""
+        rows = self._database.rows("SELECT file FROM baselines WHERE asset = ?", (asset,))
+        return self._folder / rows[0][0] if rows else None
+
+    def about(self, asset: str) -> Mapping[str, Any] | None:
+        """Who gave the asset its own baseline, when and from which windows; None where it has none."""
+        rows = self._database.rows("SELECT about FROM baselines WHERE asset = ?", (asset,))
+        return load(rows[0][0]) if rows else None
+
+    def use(self, asset: str, file: str, about: Mapping[str, Any]) -> None:
+        """Gives an asset the baseline of a file that `new_path` named, in place of an earlier one."""
+        with self._database.transaction() as db:
+            db.execute("INSERT OR IGNORE INTO assets (asset) VALUES (?)", (asset,))
+            db.execute(
+                "INSERT OR REPLACE INTO baselines (asset, file, about) VALUES (?, ?, ?)", (asset, file, dump(about))
+            )
+
+    def remove(self, asset: str) -> None:
+        """Leaves the asset without a baseline of its own."""
+        with self._database.transaction() as db:
+            db.execute("DELETE FROM baselines WHERE asset = ?", (asset,))
+
+    def exists(self, file: str) -> bool:
+        """Whether a file that `new_path` named has been written."""
+        return (self._folder / file).exists()
+
+    def delete(self, path: Path | None) -> None:
+        """Deletes a file that is no asset's baseline any more."""
+        if path is not None:
+            path.unlink(missing_ok=True)

@@ -1,0 +1,98 @@
+"""What passes between the loop and its collaborators: outcomes of windows and decisions, and who takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+from service.runtime.twin_port import Events
+from twin.windows import Window
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WindowOutcome:
+    """What one window led to; all but `window` and `state` is JSON-safe."""
+
+    asset: str
+    index: int  # of the window, from 0, counting refused ones
+    window: Window
+    record: Mapping[str, Any]  # the contract's `windows[]`, with `quality` and `faults`
+    state: Any  # twin.step.State after the window
+    report: Mapping[str, Any] | None  # the twin's newest answer; None before its first window
+    events: Events
+    assembly: Mapping[str, Any]  # Assembler.to_dict() as of this window
+    quality: Mapping[str, Any]  # the section `data_quality`
+    waited: int | None = None  # number of the window among those that waited for an answer; None where it did not
+    question: Mapping[str, Any] | None = None  # open after the window
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldWindow:
+    """A window that cannot be used until people have answered a question."""
+
+    asset: str
+    window: Window
+    state: Any  # twin.step.State, which remembers that the window came
+    question: Mapping[str, Any]
+    assembly: Mapping[str, Any]
+    quality: Mapping[str, Any]
+    events: Events
+    waited: int | None = None  # number of the window among those that wait already; None for one that has just come
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checkpoint:
+    """Where an asset's windows ended: the newest outcome, as a store gives it back."""
+
+    index: int
+    state: Any  # twin.step.State
+    report: Mapping[str, Any] | None
+    assembly: Mapping[str, Any]
+    quality: Mapping[str, Any]
+    question: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecisionOutcome:
+    """What a decision on an effect, an inspection, or a change of the machine, led to."""
+
+    asset: str
+    state: Any  # twin.step.State after it
+    report: Mapping[str, Any]
+    events: Events
+
+
+class Freshness(NamedTuple):
+    """How old what is known of an asset is; None where nothing has come yet."""
+
+    last_arrival_ns: int | None  # host's clock when the newest frame came, Unix time [ns]
+    last_window_ns: int | None  # end of the newest window by the stream's own clock, Unix time [ns]
+
+
+class WaitingPlace(Protocol):
+    """Where windows wait until people have answered a question."""
+
+    def hold(self, held: HeldWindow) -> Mapping[str, Any]:
+        """Keeps a window, or counts it as left out where there is no room; the question as it is shown then."""
+        ...
+
+    def ask(self, asset: str, question: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+        """Keeps and shows a question for which no window waits, or that it is over."""
+        ...
+
+    def waiting(self, asset: str) -> Iterator[tuple[int, Window]]:
+        """The windows of an asset that wait, with their numbers, in the order in which they came."""
+        ...
+
+
+class ResultSink(Protocol):
+    """Where outcomes go."""
+
+    def commit(self, outcome: WindowOutcome) -> bool:
+        """Keeps a window, whole; False, with nothing changed, where it has been committed before."""
+        ...
+
+    def publish(self, outcome: WindowOutcome) -> None:
+        """Shows a committed window."""
+        ...

@@ -1,0 +1,88 @@
+"""Frames of times for which frames have already been used: the same ones again, or those of something else.
+
+A recording that is replayed once more is left out frame by frame, as it should be. Frames of another machine, or of a
+recording made earlier, may lie at the same times; they would be left out just as silently. So the content of a few used
+frames of every key is remembered by a checksum: of the first ones and of the latest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+from zlib import crc32
+
+from service.stream.frames import EncoderFrame, Frame
+from twin.thresholds import deciding
+
+Mark = tuple[int, int, int]  # start [ns], sequence, checksum
+FIRST, LATEST = 4, 12  # frames of a key that are remembered
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RepeatThresholds:
+    """When frames that are left out are another machine's."""
+
+    run: int = deciding(
+        64,
+        unit="frames",
+        meaning="frames of all keys in a row that are left out because of their time, from which people are asked",
+        source="not derived: several seconds of a stream, and less than one measurement window of four keys",
+    )
+
+
+DEFAULT = RepeatThresholds()
+
+
+@dataclass(slots=True)
+class Repeats:
+    """What is remembered of used frames, and the frames that have been left out since the latest that was used."""
+
+    marks: dict[str, list[Mark]] = field(default_factory=dict)  # by channel
+    run: int = 0  # frames left out in a row
+    same: int = 0  # of them, those that are the very frames that were used
+    other: int = 0  # of them, those that are not, though their number and time are those of a used frame
+    ignored: bool = False  # whether people have said that the run is of no interest
+
+    def used(self, frame: Frame) -> None:
+        """A frame has gone into a window."""
+        marks = self.marks.setdefault(frame.channel.label, [])
+        marks.append((frame.start_time_ns, frame.sequence, checksum(frame)))
+        if len(marks) > FIRST + LATEST:
+            del marks[FIRST]
+
+    def queued(self) -> None:
+        """A frame of a new time has come: the run is over."""
+        self.run = self.same = self.other = 0
+        self.ignored = False
+
+    def left_out(self, frame: Frame) -> None:
+        """A frame has been left out because of its time."""
+        self.run += 1
+        for start, sequence, kept in self.marks.get(frame.channel.label, ()):
+            if (start, sequence) == (frame.start_time_ns, frame.sequence):
+                same = kept == checksum(frame)
+                self.same, self.other = self.same + same, self.other + (not same)
+                return
+
+    def suspicious(self, limits: RepeatThresholds = DEFAULT) -> int:
+        """How many frames in a row were left out that are not the used ones again; 0 where there is no such sign."""
+        if self.ignored or self.run < limits.run or (self.same and not self.other):
+            return 0
+        return self.run
+
+    def to_dict(self) -> dict[str, list[list[int]]]:
+        """What outlives a restart, JSON-safe."""
+        return {label: [list(mark) for mark in marks] for label, marks in self.marks.items()}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Repeats:
+        marks = {label: [(int(a), int(b), int(c)) for a, b, c in found] for label, found in data.items()}
+        return cls(marks=marks)
+
+
+def checksum(frame: Frame) -> int:
+    """A number that differs where frames differ."""
+    if isinstance(frame, EncoderFrame):
+        return crc32(frame.edge_offsets_ns.tobytes(), frame.first_edge_index & 0xFFFFFFFF)
+    return crc32(frame.values.tobytes())

@@ -1,0 +1,82 @@
+"""Frames of times that have passed: the same ones again are left out silently, those of something else are counted."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+from streams import PINION, bursts
+
+from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.repeats import DEFAULT
+
+SETTINGS = AssemblySettings(settle=4)
+
+
+def used(frames) -> Assembler:
+    assembler = Assembler(SETTINGS)
+    for frame in frames:
+        assembler.add(frame)
+    assembler.flush()
+    return assembler
+
+
+def altered(frames):
+    """Other content at the same times, under the same numbers."""
+    for frame in frames:
+        if frame.channel.kind == "encoder":
+            yield dataclasses.replace(frame, first_edge_index=frame.first_edge_index + 5000)
+        else:
+            yield dataclasses.replace(frame, values=frame.values + 1)
+
+
+@pytest.fixture(params=[False, True], ids=["at once", "after a restart"])
+def again(request):
+    def restored(assembler):
+        return (
+            Assembler.from_dict(json.loads(json.dumps(assembler.to_dict())), SETTINGS) if request.param else assembler
+        )
+
+    return restored
+
+
+def test_a_recording_that_is_sent_again_is_no_sign_of_anything(again):
+    frames = bursts(8)
+    assembler = again(used(frames))
+    for frame in frames:
+        assert assembler.add(frame) == []
+    assert assembler.repeats.run == len(frames) and assembler.repeats.suspicious() == 0
+
+
+def test_other_frames_at_the_same_times_are_seen_to_be_others(again):
+    """They were dropped as duplicates without a word."""
+    frames = bursts(8)
+    assembler = again(used(frames))
+    for frame in altered(frames):
+        assert assembler.add(frame) == []
+    assert assembler.repeats.suspicious() == len(frames) and assembler.repeats.other > 0
+
+
+def test_a_frame_of_a_new_time_ends_the_run():
+    frames = bursts(9)
+    assembler = used(frames[:-24])
+    for frame in altered(frames[:-24]):
+        assembler.add(frame)
+    assert assembler.repeats.suspicious()
+    assembler.add(frames[-24])
+    assert assembler.repeats.suspicious() == 0
+
+
+def test_a_few_copies_and_late_frames_are_no_run():
+    frames = bursts(3)
+    assembler = Assembler(SETTINGS)
+    for frame in frames:
+        assembler.add(frame)
+        assembler.add(frame)
+    assert assembler.repeats.run < DEFAULT.run and assembler.repeats.suspicious() == 0
+
+
+def test_what_is_remembered_is_bounded():
+    assembler = used(bursts(40, channels=(PINION,)))
+    assert len(json.dumps(assembler.to_dict()["marks"])) < 1500
