@@ -16,8 +16,8 @@ from math import inf, isfinite
 import numpy as np
 
 from twin.assessment import FLANKS, InspectedDepth, InspectionResult, Interval, Life, Unavailable, Wear
+from twin.established import LIMITS as ESTABLISHED
 from twin.model import Condition
-from twin.preliminary import LIMITS as ESTABLISHED
 from twin.quantiles import Z95
 from twin.rig import Rig
 from twin.thresholds import deciding

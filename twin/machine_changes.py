@@ -16,6 +16,7 @@
 | levels by operating condition | anew | anew, of that sensor | kept | kept | anew |
 | records of NA4 | anew | anew, of that sensor | kept | kept | anew |
 | healthy baseline | not comparable | that sensor is not | kept | kept | not comparable |
+| windows with an established depth | anew | kept | kept | kept | anew |
 
 An effect that does not end keeps its place and its numbers; it is searched for again as soon as enough windows have
 come since the change, and leaves only where they speak against it.
@@ -29,6 +30,7 @@ from dataclasses import replace
 from twin.baseline.learned import Baseline
 from twin.baseline.validity import WHOLE, identity_of
 from twin.effects.addition import Addition
+from twin.established import History
 from twin.machine_change import MachineChange
 from twin.model import Calibration
 from twin.options import Options
@@ -59,6 +61,8 @@ def changed(rig: Rig, state: State, change: MachineChange, options: Options | No
         count = state.count.awaiting(change.kind, state.counted, change.at, change.began)
         state = replace(state, count=count, counted=0.0 if change.kind == "gears_replaced" else state.counted)
         state = replace(state, fallen=None)
+    if change.kind in ("gears_replaced", "reassembled"):
+        state = replace(state, history=History())
     return replace(state, outdated={**state.outdated, **_outdated(change, options.baseline)})
 
 

@@ -26,6 +26,7 @@ from twin.assessment import (
     Wear,
 )
 from twin.errors import ParameterError
+from twin.established import History
 from twin.features.indicator_record import Records
 from twin.revolution_count import CountOffset
 from twin.serial import from_plain, to_plain
@@ -89,6 +90,7 @@ class State:
     count: CountOffset = field(default_factory=CountOffset)  # from the encoder's count to revolutions
     counted: float = 0.0  # revolutions of the present gears by the latest window
     outdated: Mapping[str, str] = field(default_factory=dict)  # baselines that no longer hold (machine_changes.py)
+    history: History = field(default_factory=History)  # windows of these gears with an established depth
 
     @property
     def memory(self) -> Memory:
@@ -111,6 +113,7 @@ class State:
             "count": to_plain(self.count),
             "counted": self.counted,
             "outdated": dict(self.outdated),
+            "history": to_plain(self.history),
         }
 
     @classmethod
@@ -139,4 +142,5 @@ class State:
             count=from_plain(CountOffset, data.get("count", {})),
             counted=data.get("counted", 0.0),
             outdated=dict(data.get("outdated", {})),
+            history=from_plain(History, data.get("history", {})),
         )

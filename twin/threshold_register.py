@@ -32,6 +32,7 @@ from twin.effects.tooth_friction import ToothFrictionDetection
 from twin.encoder_pair.assessing import RatioThresholds
 from twin.encoder_pair.jumps import JumpThresholds
 from twin.encoder_pair.motion import PairThresholds
+from twin.established import EstablishedLimits
 from twin.fallen_count import FallenCountThresholds
 from twin.features.despike import SpikeThresholds
 from twin.features.modulation import ModulationThresholds
@@ -44,7 +45,6 @@ from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
 from twin.levels.wear_by_level import LevelLimits
 from twin.plausibility.thresholds import LevelThresholds, SamplingThresholds, SpeedThresholds
-from twin.preliminary import EstablishedLimits
 from twin.rig_notes import NoteLimits
 from twin.scales import UNITS, Scales
 from twin.suitability import SuitabilityLimits

@@ -113,7 +113,7 @@ def _judged(rule: Rule, own: KeyMemory, reading: Reading, at: Moment) -> Judged 
         if not rule.is_above:  # mirrored: as far below the median as the limit lies above it
             limits = {name: found.median**2 / limit for name, limit in limits.items() if limit}
     reached, held = (_beyond(rule, reading.value, limits, share) for share in (0.0, rule.hysteresis))
-    if reading.preliminary:
+    if reading.preliminary and not reading.supported:
         reached, held = ("watch" if level == "alarm" else level for level in (reached, held))
     return Judged(reached=reached, held=held, limits=limits, origin=origin)
 

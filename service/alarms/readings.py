@@ -26,7 +26,8 @@ class Reading:
     level: str | None = None  # of SEVERITY, where a criterion gave it
     reason: str = ""
     action: str = ""
-    preliminary: bool = False  # at most watch
+    preliminary: bool = False  # at most watch, unless
+    supported: bool = False  # by earlier windows, in which the figure was established
     point: OperatingPoint | None = None  # of the window
 
 
@@ -101,7 +102,11 @@ def _of_figures(report: Mapping[str, Any]) -> Iterator[Reading]:
         ("life", rul, rul.get("hours")),
     ):
         if is_available(part) and isinstance(band, Mapping) and band.get("median") is not None:
-            yield Reading(quantity=quantity, value=band["median"], preliminary=bool(part.get("preliminary")))
+            preliminary = part.get("preliminary") or {}
+            yield Reading(
+                quantity=quantity, value=band["median"], preliminary=bool(preliminary),
+                supported=bool(preliminary.get("established_before")),
+            )  # fmt: skip
 
 
 def _of_record(record: Mapping[str, Any]) -> Iterator[Reading]:

@@ -17,11 +17,19 @@
 | depth or life are preliminary | no_verdict |
 
 A depth or life that is preliminary gives at most `watch`, and the action is then the measurement that would settle it.
+The exception is a machine whose depth earlier windows had established, and whose model has come to its end since
+(twin/established.py):
+
+| at or beyond the end of life | depth established | preliminary, established before | preliminary |
+| --- | --- | --- | --- |
+| the 5th percentile | end_of_life | end_of_life | watch |
+| the median | end_of_life | alarm: stop, measure | watch |
+| the 95th percentile alone | watch | watch | watch |
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -239,52 +247,77 @@ def _insufficient(found: assessment.Assessment, limits: StatusLimits) -> Iterato
         )
 
 
-def _depth_unless_preliminary(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
-    return _capped(_depth(found, limits), _preliminary(found.wear) or _preliminary(found.life))
+def _depth_as_established(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    doubts = _doubts(found.wear, found.life)
+    for finding in _weighed(_depth(found, limits), doubts):
+        yield finding if finding.level != "end_of_life" or not doubts else _unsure_end(found, finding)
 
 
-def _life_unless_preliminary(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
-    return _capped(_life(found, limits), _preliminary(found.life) or _preliminary(found.wear))
+def _life_as_established(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    return _weighed(_life(found, limits), _doubts(found.life, found.wear))
+
+
+def _unsure_end(found: assessment.Assessment, finding: Finding) -> Finding:
+    """An end of life by a preliminary depth that earlier windows support: certain where its 5th percentile is there."""
+    life, band = found.life, depth_of(found)
+    assert isinstance(life, assessment.Life)
+    if band is not None and band.p05 >= life.limit:
+        return finding
+    at = _Limit(depth=None if band is None else band.median, limit=life.limit)
+    action = f"Stop the machine, measure the wear depth, and replace the gear pair if it is as estimated: {at.said}."
+    return finding.model_copy(update={"level": "alarm", "action": action})
 
 
 def _figures(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
     """Figures that are only preliminary leave nothing normal, however far they are from their limits."""
-    preliminary = _preliminary(found.wear) or _preliminary(found.life)
-    if preliminary is None or any((*_depth(found, limits), *_life(found, limits))):
+    doubts = _doubts(found.wear, found.life)
+    if not doubts or any((*_depth(found, limits), *_life(found, limits))):
         return
     yield Finding(
         subject="preliminary",
         level="no_verdict",
-        reason=sentence(f"Wear depth and remaining life are preliminary: {_listed(preliminary)}"),
-        action=imperative(preliminary.remedies, "Record further windows."),
+        reason=sentence(f"Wear depth and remaining life are preliminary: {_listed(doubts[0])}"),
+        action=imperative(doubts[0].remedies, "Record further windows."),
     )
 
 
-def _preliminary(part: Any) -> assessment.Preliminary | None:
-    """Why a depth or life is only preliminary, with the measurements that would settle it; None where it is not."""
-    return part.preliminary if isinstance(part, assessment.Wear | assessment.Life) else None
+def _doubts(*parts: Any) -> list[assessment.Preliminary]:
+    """Why depth or life is only preliminary, with the measurements that would settle it; empty where neither is."""
+    known = (part for part in parts if isinstance(part, assessment.Wear | assessment.Life))
+    return [part.preliminary for part in known if part.preliminary is not None]
 
 
 def _listed(preliminary: assessment.Preliminary) -> str:
     return "; ".join(reason.removesuffix(".") for reason in preliminary.reasons)
 
 
-def _capped(findings: Iterable[Finding], preliminary: assessment.Preliminary | None) -> Iterator[Finding]:
-    """Findings from a preliminary figure: at most `watch`, with why, and the measurement that would settle it."""
+def _weighed(findings: Iterable[Finding], doubts: Sequence[assessment.Preliminary]) -> Iterator[Finding]:
+    """Findings from figures that are preliminary, with why.
+
+    At most `watch`, with the measurement that would settle it, unless earlier windows of the same gears had established
+    the depth and nothing that speaks against it now says anything against them: then level and action stay.
+    """
+    before = [doubt.before for doubt in doubts]
     for finding in findings:
-        if preliminary is None:
+        if not doubts:
             yield finding
             continue
+        reason = f"{finding.reason.removesuffix('.')}, but the figure is preliminary: {_listed(doubts[0])}"
+        supported = before[0] if None not in before else None
+        if supported is not None:
+            yield finding.model_copy(update={"reason": sentence(f"{reason}; {_supported(supported)}")})
+            continue
         level: Level = min(finding.level, "watch", key=SEVERITY.index)
-        yield finding.model_copy(
-            update={
-                "level": level,
-                "reason": sentence(
-                    f"{finding.reason.removesuffix('.')}, but the figure is preliminary: {_listed(preliminary)}"
-                ),
-                "action": imperative(preliminary.remedies, finding.action),
-            }
-        )
+        action = imperative(doubts[0].remedies, finding.action)
+        yield finding.model_copy(update={"level": level, "reason": sentence(reason), "action": action})
+
+
+def _supported(before: assessment.EstablishedBefore) -> str:
+    """What earlier windows say for a preliminary figure."""
+    return (
+        f"it counts all the same, because {before.windows} earlier windows had established the depth "
+        f"({before.depth / MICROMETRE:.4g} µm at {before.revolutions:,.0f} revolutions) and it has grown on as before"
+    )
 
 
 def imperative(remedies: Iterable[str], otherwise: str) -> str:
@@ -294,8 +327,8 @@ def imperative(remedies: Iterable[str], otherwise: str) -> str:
 
 
 RULES: tuple[Rule, ...] = (
-    _depth_unless_preliminary,
-    _life_unless_preliminary,
+    _depth_as_established,
+    _life_as_established,
     _effects,
     _unknown,
     _validity,

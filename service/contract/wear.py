@@ -87,15 +87,35 @@ class Relation(ContractModel):
     note: str | None = Field(description="what the relation does not state")
 
 
+class EstablishedBefore(ContractModel):
+    """What earlier windows of the same gears had established."""
+
+    windows: int = Field(description="worn windows with an established depth")
+    revolutions: float = Field(description="of the pinion at the latest of them")
+    max_depth_um: float = Field(description="depth there")
+
+
 class Preliminary(ContractModel):
-    """Why a figure is not established yet: it raises no alarm, and its band is wider."""
+    """Why a figure is not established: its band is wider, and it raises no alarm unless earlier windows support it."""
 
     reasons: list[str] = Field(description="one sentence each, with figures")
     remedies: list[str] = Field(description="measurements that would settle it")
+    established_before: EstablishedBefore | None = Field(
+        default=None, description="where earlier windows support the figure, so that it raises alarms all the same"
+    )
 
     @classmethod
     def of(cls, preliminary: assessment.Preliminary) -> Preliminary:
-        return cls(reasons=list(preliminary.reasons), remedies=list(preliminary.remedies))
+        before = preliminary.before
+        return cls(
+            reasons=list(preliminary.reasons),
+            remedies=list(preliminary.remedies),
+            established_before=None
+            if before is None
+            else EstablishedBefore(
+                windows=before.windows, revolutions=before.revolutions, max_depth_um=before.depth / MICROMETRE
+            ),
+        )
 
 
 def preliminary_of(value: assessment.Preliminary | None) -> Preliminary | None:

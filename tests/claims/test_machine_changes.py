@@ -107,6 +107,7 @@ DISCS = {"memory.phase", "memory.phase_std", "memory.offset", "memory.offset.val
 ANGLES = {"tracing.phase", "tracing.turns"}
 PENDING = {"count.pending", "count.seen"}
 LEVELS = {"levels", "levels.10 Hz.level", "levels.10 Hz.window", "residual_records"}
+HISTORY = {f"history.{name}" for name in ("rig", "latest", "windows", "revolutions", "depth", "depth_high")}
 SEARCH = {"tracing.next_trace"}  # next_search is due at the same number of windows as it was
 
 
@@ -132,7 +133,7 @@ SEARCH = {"tracing.next_trace"}  # next_search is due at the same number of wind
                 "effects", "memory.path", "memory.mesh", "memory.segments", "memory.compliance_scale",
                 "memory.fit.calibration.modal_damping", "memory.fit.calibration.damping_time",
                 "memory.fit.std.modal_damping", "memory.fit.std.damping_time", "tracing.decisions.misalignment",
-            } | LEVELS | RECENT | DISCS | ANGLES | SINCE_NOW | SEARCH,
+            } | LEVELS | RECENT | DISCS | ANGLES | SINCE_NOW | SEARCH | HISTORY,
         ),
     ],
     ids=["oil", "another sensor", "the sensor", "counter", "reassembled"],

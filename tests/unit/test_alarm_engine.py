@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from service.alarms.engine import Moment, evaluate
 from service.alarms.memory import Memory
-from service.alarms.readings import Reading, Readings, of_window
+from service.alarms.readings import Reading, Readings, of_report, of_window
 from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.errors import InputError
 from twin.learned_limits import OperatingPoint
@@ -71,6 +71,15 @@ def test_preliminary_figure_is_at_most_watch():
     reading = Readings(readings=(Reading(quantity="depth", value=600.0, preliminary=True),), judged=frozenset())
     _, (change,) = evaluate([rule], Memory(), reading, Moment(time_ns=0, window=0))
     assert change.level == "watch" and "preliminary" in change.reason
+
+
+def test_preliminary_figure_that_earlier_windows_support_reaches_its_level():
+    rule = Rule(name="depth", quantity="depth", alarm=500.0)
+    part = {"max_depth_um": {"combined": {"median": 600.0}}}
+    for before, level in ((None, "watch"), ({"windows": 6}, "alarm")):
+        report = {"wear": {**part, "preliminary": {"reasons": ["r"], "established_before": before}}}
+        _, (change,) = evaluate([rule], Memory(), of_report(report), Moment(time_ns=0, window=0))
+        assert change.level == level and "preliminary" in change.reason
 
 
 def test_window_that_arrives_late_or_twice_changes_nothing():

@@ -9,8 +9,9 @@ from tests.unit.test_step import recorded
 from twin.assessment import HeldOutErrors
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
+from twin.established import LIMITS, History
 from twin.features.extract import extract
-from twin.preliminary import LIMITS, confidence_of
+from twin.preliminary import confidence_of, history_after
 from twin.rig import Rig
 from twin.step import Options
 from twin.updating.history import WindowInput, replay_history
@@ -143,3 +144,64 @@ def test_machine_that_the_model_does_not_describe_has_neither_depth_nor_life():
     lines = replace(outcome.estimate, misfit=36.0)
     other = replace(outcome, memory=replace(outcome.memory, fit=None), estimate=lines)
     assert "6.0 times" in confidence_of(rig, other, GOOD).not_this_machine
+
+
+BEFORE = History(latest=4, windows=4, revolutions=1000.0, depth=30e-6, depth_high=32e-6)
+HELD_OUT = replace(GOOD, waveform=0.45)
+
+
+def of(rig, history=BEFORE):
+    return replace(history, rig=history.of_rig(rig).rig)
+
+
+def test_earlier_windows_support_a_figure_where_the_doubt_has_arisen_since():
+    rig, outcome = latest()
+    found = confidence_of(rig, outcome, HELD_OUT, of(rig))
+    assert found.depth.before.windows == 4 and found.life.before == found.depth.before
+    assert confidence_of(rig, outcome, HELD_OUT).depth.before is None
+    lines = replace(outcome, estimate=replace(outcome.estimate, misfit=16.0))
+    assert confidence_of(rig, lines, HELD_OUT, of(rig)).depth.before is not None
+
+
+def test_nothing_supports_what_was_as_doubtful_before_or_may_be_no_wear():
+    """Stand-ins, estimated rig files, a calibration that fits badly, a prior wear coefficient: never an alarm."""
+    rig, outcome = latest()
+    fit, track = outcome.memory.fit, outcome.memory.track
+    values = replace(fit.calibration, modal_damping=3 * fit.calibration.modal_damping)
+    found = Addition(effect=EFFECTS["tooth_friction"](coefficient=0.1), onset_revolutions=0.0)
+    for why, doubted, errors in (
+        ("not calibrated", {"fit": None}, HELD_OUT),
+        ("poor calibration", {"fit": replace(fit, misfit=9.0)}, HELD_OUT),
+        ("far from the rig file", {"fit": replace(fit, calibration=values)}, HELD_OUT),
+        ("untested effect", {"effects": (found,)}, None),
+        ("sudden change", {"track": replace(track, steady=1)}, HELD_OUT),
+    ):
+        _, now = latest(**doubted)
+        found_now = confidence_of(rig, now, errors, of(rig))
+        assert found_now.depth is not None and found_now.depth.before is None, why
+        assert found_now.life.before is None, why
+    assert confidence_of(rig, by_level(outcome), HELD_OUT, of(rig)).depth.before is None
+    _, young = latest(track=replace(track, windows=2, steady=2))  # the wear coefficient is still that of the rig file
+    judged = confidence_of(rig, young, HELD_OUT, of(rig))
+    assert judged.depth.before is not None and judged.life.before is None
+    estimated = Rig({**rig.values, "estimated": {"by": "gear-twin init", "parts": ("mesh",), "spread": {"mesh": 0.3}}})
+    assert confidence_of(estimated, outcome, HELD_OUT, of(estimated)).depth.before is None
+
+
+def test_earlier_windows_support_a_depth_that_has_grown_as_before_or_up_to_twice_as_fast():
+    rig, _ = latest()
+    history = of(rig)
+    assert history.supports(61e-6, 2000.0) is not None
+    assert history.supports(95e-6, 2000.0) is None and history.supports(40e-6, 1001.0) is None
+
+
+def test_history_counts_each_window_with_an_established_depth_once():
+    rig, outcomes = history()
+    state = History()
+    for index, outcome in enumerate(outcomes):
+        for _ in range(2):
+            state = history_after(rig, state, index, outcome, confidence_of(rig, outcome, None, state))
+    worn = [o for o in outcomes if o.kind == "measurement" and o.memory.track.windows]
+    assert state.windows == len(worn) and state.depth == outcomes[-1].depth
+    poor = confidence_of(rig, outcomes[-1], HELD_OUT, state)
+    assert history_after(rig, state, 99, outcomes[-1], poor) == state

@@ -10,6 +10,7 @@ from twin.assessment import (
     Assessment,
     EffectAssessment,
     EncoderPair,
+    EstablishedBefore,
     Evidence,
     FlankProfile,
     Interval,
@@ -233,6 +234,35 @@ def test_preliminary_depth_or_life_is_never_more_than_watch_and_says_what_would_
         assert status.level == "watch", status
         assert "preliminary: the wear coefficient is only that of the rig file." in status.reasons[0]
         assert status.action == "Record a run at low speed."
+
+
+SUPPORTED = replace(PRELIMINARY, before=EstablishedBefore(windows=6, revolutions=12_001.0, depth=328e-6))
+
+
+@pytest.mark.parametrize(
+    ("depth", "spread", "level", "action"),
+    [
+        (511e-6, 2.0, "alarm", "Stop the machine, measure the wear depth, and replace the gear pair if it is as"),
+        (511e-6, 1.01, "end_of_life", "Stop the machine and replace the gear pair: 511 µm of 500 µm."),
+        (460e-6, 1.1, "watch", "Plan the replacement of the gear pair and measure the wear depth"),
+    ],
+)
+def test_preliminary_depth_that_earlier_windows_had_established_keeps_its_alarm(depth, spread, level, action):
+    """The lower end of the band beyond the limit is the end of life; the median alone stops the machine to measure."""
+    reached = life(1e6, reached=depth > 500e-6)
+    changes = {"wear": replace(wear(depth, spread=spread), preliminary=SUPPORTED)}
+    status = status_of(replace(HEALTHY, **changes, life=replace(reached, preliminary=SUPPORTED)))
+    assert status.level == level and status.action.startswith(action), status
+    assert "is preliminary: the wear coefficient is only that of the rig file; it counts all the" in status.reasons[0]
+    assert "6 earlier windows had established the depth (328 µm at 12,001 revolutions)" in status.reasons[0]
+    unsure = replace(HEALTHY, **changes, life=replace(reached, preliminary=PRELIMINARY))
+    assert status_of(unsure).level == "watch" and status_of(unsure).action == "Record a run at low speed."
+
+
+def test_life_that_earlier_windows_support_keeps_its_alarm():
+    soon = replace(life(500.0), preliminary=SUPPORTED)
+    status = status_of(replace(HEALTHY, wear=replace(wear(), preliminary=SUPPORTED), life=soon))
+    assert status.level == "alarm" and status.action.startswith("Replace the gear pair within")
 
 
 def test_preliminary_figures_far_from_their_limits_leave_nothing_normal():

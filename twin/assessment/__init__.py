@@ -52,6 +52,7 @@ from twin.assessment.mistake import Mistake
 from twin.assessment.modulation import Modulation, SidebandPair
 from twin.assessment.values import FLANKS, Interval, ParameterValue, SpectralLine, Unavailable
 from twin.assessment.wear import (
+    EstablishedBefore,
     FlankProfile,
     InspectedDepth,
     InspectionResult,
@@ -82,6 +83,7 @@ __all__ = [
     "EffectAssessment",
     "EffectEvent",
     "EncoderPair",
+    "EstablishedBefore",
     "Event",
     "Evidence",
     "FlankProfile",

@@ -37,11 +37,21 @@ class ModelValidity:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class EstablishedBefore:
+    """What earlier windows of the same gears had established."""
+
+    windows: int  # worn windows with an established depth
+    revolutions: float  # of the pinion at the latest of them
+    depth: float  # there [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Preliminary:
     """Why a figure is not established yet, and what would make it so."""
 
     reasons: tuple[str, ...]  # one sentence each, with figures
     remedies: tuple[str, ...]  # measurements that would settle it
+    before: EstablishedBefore | None = None  # where earlier windows support the figure all the same
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,8 +22,9 @@ from twin.assessment import (
 )
 from twin.capabilities.context import Context, Draft, carried_over
 from twin.errors import NotAvailable, NotConverged
+from twin.established import History
 from twin.inspected import with_inspections
-from twin.preliminary import Confidence, confidence_of
+from twin.preliminary import Confidence, confidence_of, history_after
 from twin.rig import Rig
 from twin.state import LatestParts, State
 from twin.tracing.attribution_loop import LoopResult, attribute_window
@@ -68,7 +69,11 @@ def assess(context: Context, draft: Draft) -> Draft:
     if result.again:
         recent = recent_residuals(rig, (), result.again)
     assessment = answer_of(rig, state, result.tracing, recent, result.outcome)
-    record = _with_estimate(_record(context, result.outcome, result.tracing), assessment.wear)
+    confidence = confidence_of(rig, result.outcome, result.tracing.error, state.history)
+    record = _with_estimate(_record(context, result.outcome, result.tracing, confidence), assessment.wear)
+    history = state.history
+    if isinstance(assessment.wear, Wear):
+        history = history_after(rig, history, context.input.index, result.outcome, confidence)
     events: list[Event] = [*result.events]
     if result.outcome.updated:
         events.append(UpdateEvent(window=record))
@@ -76,7 +81,7 @@ def assess(context: Context, draft: Draft) -> Draft:
         events.append(LifeEvent(life=assessment.life))
     return replace(
         draft,
-        state=replace(state, recent=recent, latest=latest_of(assessment), tracing=result.tracing),
+        state=replace(state, recent=recent, latest=latest_of(assessment), tracing=result.tracing, history=history),
         assessment=replace(assessment, window=record, events=tuple(events)),
         modelled=True,
     )
@@ -88,7 +93,7 @@ def answer_of(
     """The answer of a machine with a model, without a window's record."""
     unexplained = unexplained_of(recent, doubts_of(rig, outcome), tracing.error)
     wear, life = with_inspections(
-        rig, outcome.memory, *_wear_and_life(rig, tracing, outcome), state.inspections
+        rig, outcome.memory, *_wear_and_life(rig, tracing, outcome, state.history), state.inspections
     )  # fmt: skip
     life = dated(rig, life, state.running)
     return Assessment(
@@ -103,9 +108,11 @@ def answer_of(
     )
 
 
-def _wear_and_life(rig: Rig, tracing: Tracing, outcome: UpdateOutcome) -> tuple[Wear | Unavailable, Life | Unavailable]:
+def _wear_and_life(
+    rig: Rig, tracing: Tracing, outcome: UpdateOutcome, history: History
+) -> tuple[Wear | Unavailable, Life | Unavailable]:
     """Depth and life with what speaks against relying on them, or why they are not available."""
-    confidence = confidence_of(rig, outcome, tracing.error)
+    confidence = confidence_of(rig, outcome, tracing.error, history)
     missing = _why_none(tracing, confidence)
     if missing is not None:
         return Unavailable(reason=missing), Unavailable(reason=missing)
@@ -162,10 +169,9 @@ def _updated(rig: Rig, tracing: Tracing, window: WindowInput, outcome: UpdateOut
     return replace(tracing, stages=(*tracing.stages[:-1], staged(rig, latest, window, outcome)))
 
 
-def _record(context: Context, outcome: UpdateOutcome, tracing: Tracing) -> WindowAssessment:
+def _record(context: Context, outcome: UpdateOutcome, tracing: Tracing, confidence: Confidence) -> WindowAssessment:
     features, rig = context.features, context.rig
     loss = None if outcome.expectation is None else outcome.expectation.contact_loss
-    confidence = confidence_of(rig, outcome, tracing.error)
     missing = _why_none(tracing, confidence)
     record = WindowAssessment(
         index=context.input.index,

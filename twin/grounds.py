@@ -1,0 +1,338 @@
+"""What speaks against using a wear depth or a remaining life as it is: every rule with its sentence and its remedy.
+
+Every rule reads what the twin knows after a window and gives its grounds, a sentence each with figures. What held-out
+windows confirm is not doubted: there the twin has predicted windows that no fit had used.
+
+Depth and life are doubted apart: a depth measured by the encoders holds from its first worn window on, a life needs a
+rate as well.
+
+A ground that has arisen since (the model no longer meets what is measured today) says nothing against earlier windows.
+One that was as true of them does: a rig file of another machine or of estimates, a calibration that fits badly, a level
+alone, a wear rate that is only a prior. So does one by which today's figure may be no wear at all: an effect in the
+model that nothing has tested yet, a sudden change of the rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from math import sqrt
+
+from twin.assessment import HeldOutErrors
+from twin.established import LIMITS, EstablishedLimits
+from twin.rig import Rig
+from twin.tracing.unexplained import VERDICT_LIMITS, VerdictLimits, held_out_faults
+from twin.updating.calibration import outliers
+from twin.updating.conditions import MATCH
+from twin.updating.encoders import ENCODERS
+from twin.updating.measurement import SCATTER
+from twin.updating.remaining_life import LIFE
+from twin.updating.update import UpdateOutcome
+
+NEW_GEARS = f"three windows of the gears when they are new (their first {MATCH.unworn_revolutions:.0f} turns)"
+LOW_SPEED = "runs of the unworn gears at a fifth of the operating speed, under two loads that differ by a third or more"
+MEASURED_DEPTH = "a measured wear depth"
+TWO_ENCODERS = "encoders on both shafts: their transmission error measures the depth"
+OWN_RIG_FILE = "a rig file of this machine: teeth, module, shafts, bearings, place and unit of the sensor"
+MORE_WINDOWS = "more windows at this speed and load"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ground:
+    """Why a figure is not established."""
+
+    reason: str
+    remedies: tuple[str, ...]
+    depth: bool = True  # whether the depth is doubted
+    life: bool = True
+    in_band: bool = False  # whether the band of a depth by encoders holds it already
+    arisen: bool = False  # whether it says nothing against earlier windows in which it was not there
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Basis:
+    """What the twin knows after a window."""
+
+    rig: Rig
+    outcome: UpdateOutcome
+    errors: HeldOutErrors | None  # of the twin in use, on held-out windows
+    verdict: VerdictLimits = VERDICT_LIMITS
+    limits: EstablishedLimits = LIMITS
+
+    @property
+    def by_level(self) -> bool:
+        """Whether the depth rests on the vibration level: no encoder has measured one."""
+        return by_level(self.outcome)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether held-out windows confirm the twin."""
+        errors = self.errors
+        return errors is not None and bool(errors.windows) and not held_out_faults(errors, self.verdict.held_out_error)
+
+    @property
+    def level_rise(self) -> float | None:
+        """Rise of the level since the gears were new, at the same speed and torque; None where that is not known."""
+        outcome, now = self.outcome, self.outcome.condition
+        if outcome.rms_measured is None:
+            return None
+        before = [
+            w.rms
+            for w in outcome.memory.unworn
+            if w.rms
+            and _near(w.speed_hz, now.speed_hz, ENCODERS.same_speed)
+            and (w.torque_nm is None or _near(w.torque_nm, now.torque, ENCODERS.same_torque))
+        ]
+        return outcome.rms_measured / (sum(before) / len(before)) - 1 if before else None
+
+    @property
+    def shows_wear(self) -> bool:
+        """Whether the level has risen since the gears were new."""
+        rise = self.level_rise
+        return rise is not None and rise > self.limits.level_rise
+
+
+Rule = Callable[[Basis], Iterable[Ground]]
+
+
+def by_level(outcome: UpdateOutcome) -> bool:
+    """Whether a depth rests on the vibration level: no encoder has measured one."""
+    return outcome.method == "rms" or (outcome.estimate is None and not outcome.memory.track.windows)
+
+
+def _near(value: float | None, other: float, tolerance: float) -> bool:
+    return value is not None and abs(value / other - 1) < tolerance
+
+
+# -- the model is not one of this machine ---------------------------------------------------------------------
+
+
+def _other_machine(basis: Basis) -> Iterator[Ground]:
+    """A calibration by the acceleration alone that the unworn windows contradict."""
+    fit = basis.outcome.memory.fit
+    if basis.by_level and fit is not None and fit.misfit > basis.limits.other_machine:
+        yield Ground(
+            reason=f"the mesh lines of the unworn gears differ from the calibrated model by {sqrt(fit.misfit):.1f} "
+            f"times their scatter (limit {sqrt(basis.limits.other_machine):.1f}): the rig file does not describe this "
+            "machine",
+            remedies=(OWN_RIG_FILE, TWO_ENCODERS),
+        )
+
+
+def _other_gears(basis: Basis) -> Iterator[Ground]:
+    """Encoder lines that no depth explains, with nothing known of the unworn gears."""
+    estimate, fit = basis.outcome.estimate, basis.outcome.memory.fit
+    if estimate is not None and fit is None and estimate.misfit > basis.limits.other_gears:
+        yield Ground(
+            reason=f"the encoders' mesh lines differ from the model by {sqrt(estimate.misfit):.1f} times what the rig "
+            "file's tolerances allow at any depth: the rig file does not describe these gears",
+            remedies=("a rig file of these gears: teeth, module, face width", NEW_GEARS, MEASURED_DEPTH),
+        )
+
+
+def _unreachable_level(basis: Basis) -> Iterator[Ground]:
+    """A level that the model does not reach at any depth."""
+    outcome, found = basis.outcome, basis.outcome.rms_result
+    if not basis.by_level or found is None or not found.updated or found.converged or not outcome.rms_measured:
+        return
+    off = found.rms_after / outcome.rms_measured - 1
+    if abs(off) > basis.limits.unreachable:
+        yield Ground(
+            reason=f"the model gives {found.rms_after:.3g} m/s² where {outcome.rms_measured:.3g} m/s² were measured, "
+            "and no wear depth removes the difference: the rig file does not describe this machine, or the level is "
+            "in another unit",
+            remedies=(OWN_RIG_FILE, TWO_ENCODERS),
+        )
+
+
+# -- depth and life are preliminary -----------------------------------------------------------------------------
+
+
+def _level_alone(basis: Basis) -> Iterator[Ground]:
+    """A depth that no encoder has measured."""
+    if not basis.by_level:
+        return
+    fit, low, high = basis.outcome.memory.fit, 1 - SCATTER.rms_low, SCATTER.rms_high - 1
+    reason = (
+        f"the depth follows from the vibration level alone, which was off by −{100 * low:.0f} to +{100 * high:.0f} % "
+        "in trials, and no transfer path from the mesh to the accelerometer has been learned"
+    )
+    yield Ground(reason=reason, remedies=(TWO_ENCODERS, MEASURED_DEPTH))
+    if basis.outcome.rms_measured is not None and not basis.shows_wear:
+        yield Ground(reason=no_rise(basis), remedies=(NEW_GEARS, MEASURED_DEPTH))
+    if fit is not None and not _low_speed(basis):
+        yield Ground(
+            reason="the level was calibrated at one operating condition", remedies=(LOW_SPEED,), life=False
+        )  # fmt: skip
+
+
+def no_rise(basis: Basis) -> str:
+    """Why the level shows no wear."""
+    rise = basis.level_rise
+    if rise is None:
+        now = basis.outcome.condition
+        return (
+            f"the vibration level of the new gears at {now.speed_hz:.4g} Hz and {now.torque:.4g} N·m is not known, so "
+            "none of the present level can be ascribed to wear"
+        )
+    return (
+        f"the vibration level is {100 * rise:+.0f} % from that of the new gears: it shows wear from "
+        f"+{100 * basis.limits.level_rise:.0f} % on"
+    )
+
+
+def _low_speed(basis: Basis) -> bool:
+    """Whether unworn windows of more than one operating condition have calibrated the model."""
+    now = basis.outcome.condition
+    return any(
+        not _near(w.speed_hz, now.speed_hz, MATCH.calibration_point)
+        or (w.torque_nm is not None and not _near(w.torque_nm, now.torque, MATCH.calibration_point))
+        for w in basis.outcome.memory.unworn
+    )
+
+
+def _nothing_measured(basis: Basis) -> Iterator[Ground]:
+    """A depth of zero that is assumed, not measured."""
+    if basis.outcome.method == "unworn":
+        yield Ground(
+            reason="no worn window has been measured: the depth of zero is an assumption",
+            remedies=("a window at the operating speed",),
+        )
+
+
+def _not_calibrated(basis: Basis) -> Iterator[Ground]:
+    """A model of which no unworn window has been seen."""
+    if basis.outcome.memory.fit is None:
+        yield Ground(
+            reason="no window of the new gears has calibrated the model: stiffness and damping are those of the rig "
+            "file, and deviations of the unworn teeth count as wear",
+            remedies=(NEW_GEARS, MEASURED_DEPTH),
+        )
+
+
+def _calibration(basis: Basis) -> Iterator[Ground]:
+    """A calibration that fits badly, or only far from the rig file, and that no held-out window confirms."""
+    fit = basis.outcome.memory.fit
+    if fit is None or (basis.confirmed and not basis.by_level):
+        return
+    if fit.misfit > basis.verdict.doubtful_misfit:
+        yield Ground(
+            reason=f"the mesh lines of the new gears differ from the calibrated model by {sqrt(fit.misfit):.1f} times "
+            f"their scatter (limit {sqrt(basis.verdict.doubtful_misfit):.1f})",
+            remedies=(LOW_SPEED, MORE_WINDOWS, MEASURED_DEPTH),
+        )
+    for sentence in outliers(basis.rig, fit):
+        yield Ground(reason=sentence, remedies=(LOW_SPEED, MORE_WINDOWS, MEASURED_DEPTH))
+
+
+def _mesh_lines(basis: Basis) -> Iterator[Ground]:
+    """Encoder lines that the model does not meet at the depth found."""
+    estimate = basis.outcome.estimate
+    if estimate is not None and estimate.misfit > basis.verdict.doubtful_misfit and not basis.confirmed:
+        yield Ground(
+            reason=f"the encoders' mesh lines differ from the model by {sqrt(estimate.misfit):.1f} times what the rig "
+            f"file's tolerances allow (limit {sqrt(basis.verdict.doubtful_misfit):.1f})",
+            remedies=(MORE_WINDOWS, MEASURED_DEPTH),
+            arisen=True,
+        )
+
+
+def _held_out(basis: Basis) -> Iterator[Ground]:
+    """Held-out windows that the twin does not predict."""
+    if basis.errors is None or not basis.errors.windows:
+        return
+    for sentence in held_out_faults(basis.errors, basis.verdict.held_out_error, missing=False):
+        yield Ground(
+            reason=f"{sentence}: vibration that the model does not explain may change the depth",
+            remedies=(MORE_WINDOWS, MEASURED_DEPTH),
+            arisen=True,
+        )
+
+
+def _estimated_rig(basis: Basis) -> Iterator[Ground]:
+    """A rig file whose structure, inertias or mesh are estimates."""
+    estimated = basis.rig.estimated
+    if estimated.parts:
+        by = f" by {estimated.by}" if estimated.by else ""
+        yield Ground(
+            reason=f"the rig file's {', '.join(estimated.parts)} are estimates{by}",
+            remedies=("drawings or measured natural frequencies of the machine", MEASURED_DEPTH),
+            in_band=True,  # twin/updating/joint_gauge.py
+        )
+
+
+def _beyond_the_curve(basis: Basis) -> Iterator[Ground]:
+    """A depth at the end of what the model can compute, below the end of life."""
+    outcome, limit = basis.outcome, basis.rig.get("end_of_life.max_depth")
+    if limit is not None and outcome.depth >= limit:
+        return
+    end = outcome.curve.valid_within(outcome.depth)
+    if outcome.depth > end:
+        yield Ground(
+            reason=f"the depth lies beyond the last steady state that the model finds ({1e6 * end:.0f} µm)",
+            remedies=(MEASURED_DEPTH,),
+            arisen=True,
+        )
+
+
+def _untested_effects(basis: Basis) -> Iterator[Ground]:
+    """Effects in the model that no held-out window has tested."""
+    found = basis.outcome.memory.effects
+    if found and (basis.errors is None or not basis.errors.windows):
+        yield Ground(
+            reason=f"{_listed(dict.fromkeys(a.effect.facts.label for a in found))} in the model has not been tested on "
+            "held-out windows yet",
+            remedies=(MORE_WINDOWS,),
+        )
+
+
+def _listed(names: Iterable[str]) -> str:
+    return " and ".join(names)
+
+
+def _windows(count: int, more: str = "") -> str:
+    return f"{count} {more}window{'' if count == 1 else 's'}"
+
+
+def _changed_rate(basis: Basis) -> Iterator[Ground]:
+    """A wear rate that has changed suddenly: the wear, or an effect that has begun and looks like wear."""
+    track, least = basis.outcome.memory.track, basis.limits.least_worn_windows
+    if not basis.by_level and track.steady < least <= track.windows:
+        yield Ground(
+            reason=f"the wear rate changed suddenly, {_windows(track.steady)} ago: either the wear itself, or an "
+            "effect that has begun and moves the transmission error as wear does",
+            remedies=(f"{_windows(least - track.steady, 'more ')} at this speed and load", MEASURED_DEPTH),
+        )
+
+
+def _young(basis: Basis) -> Iterator[Ground]:
+    """A wear rate from few worn windows, or none that differs from zero."""
+    track, least = basis.outcome.memory.track, basis.limits.least_worn_windows
+    if basis.by_level:
+        return
+    if track.windows < least:
+        yield Ground(
+            reason=f"the wear rate rests on {track.windows} of at least {least} worn windows",
+            remedies=(f"{_windows(least - track.windows, 'more ')} at this speed and load",),
+            depth=False,
+        )
+    elif track.rate <= LIFE.measurable * track.rate_std:
+        yield Ground(
+            reason="the wear rate cannot be distinguished from zero yet", remedies=(MORE_WINDOWS,), depth=False
+        )  # fmt: skip
+
+
+EXCLUDING: tuple[Rule, ...] = (_other_machine, _other_gears, _unreachable_level)
+RULES: tuple[Rule, ...] = (
+    _nothing_measured,
+    _not_calibrated,
+    _calibration,
+    _mesh_lines,
+    _held_out,
+    _level_alone,
+    _estimated_rig,
+    _beyond_the_curve,
+    _untested_effects,
+    _changed_rate,
+    _young,
+)
