@@ -34,7 +34,8 @@ def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, met
             return json.load(response)
     except HTTPError as error:
         try:
-            detail = json.load(error)["detail"]
+            with error:
+                detail = json.load(error)["detail"]
         except (ValueError, KeyError, TypeError):
             detail = f"status {error.code}"
         raise InputError(f"{url}: {detail}") from None

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
@@ -147,8 +148,11 @@ class Service:
         try:
             with urllib.request.urlopen(f"http://{self.http}{path}", timeout=10) as answer:
                 return json.load(answer)
+        except urllib.error.HTTPError as error:
+            error.close()
         except OSError:
-            return None
+            pass
+        return None
 
     def text(self, path: str) -> str:
         """What is answered at a path, as text."""

@@ -44,7 +44,8 @@ def post(running: Service, path: str, body: dict) -> tuple[int, dict]:
         with urllib.request.urlopen(request, timeout=40) as answer:
             return answer.status, json.load(answer)
     except urllib.error.HTTPError as error:
-        return error.code, json.load(error)
+        with error:
+            return error.code, json.load(error)
 
 
 def counted(running: Service) -> float:

@@ -102,9 +102,10 @@ def test_network_that_is_off_is_awaited_and_named(tmp_path):
 
 def _reason(running):
     try:
-        urllib.request.urlopen(f"http://{running.http}/readyz", timeout=5)
+        urllib.request.urlopen(f"http://{running.http}/readyz", timeout=5).close()
     except urllib.error.HTTPError as error:
-        return json.load(error)["detail"]
+        with error:
+            return json.load(error)["detail"]
     return ""
 
 

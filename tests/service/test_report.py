@@ -101,14 +101,14 @@ def test_a_machine_without_a_model_has_a_report_too(answer):
 
 def test_rest_gives_both_formats_and_names_the_file(address, store, board):
     fakes.campaign(store, board)
-    client = httpx.Client(base_url=address, timeout=60)
-    page = client.get("/v1/assets/unsw/report")
-    assert page.status_code == 200 and page.headers["content-type"].startswith("text/html")
-    file = client.get("/v1/assets/unsw/report?format=pdf")
-    assert file.content.startswith(b"%PDF") and "unsw-13.pdf" in file.headers["content-disposition"]
-    assert "500 µm" in pdf_text(file.content)[1]  # the machine's limit, from its rig file
-    assert client.get("/v1/assets/unsw/report?format=doc").status_code == 422
-    assert client.get("/v1/assets/other/report").status_code == 404
+    with httpx.Client(base_url=address, timeout=60) as client:
+        page = client.get("/v1/assets/unsw/report")
+        assert page.status_code == 200 and page.headers["content-type"].startswith("text/html")
+        file = client.get("/v1/assets/unsw/report?format=pdf")
+        assert file.content.startswith(b"%PDF") and "unsw-13.pdf" in file.headers["content-disposition"]
+        assert "500 µm" in pdf_text(file.content)[1]  # the machine's limit, from its rig file
+        assert client.get("/v1/assets/unsw/report?format=doc").status_code == 422
+        assert client.get("/v1/assets/other/report").status_code == 404
 
 
 def test_the_command_writes_both_formats_and_refuses_others(capsys, tmp_path, answer):

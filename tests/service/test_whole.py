@@ -70,7 +70,8 @@ def answer_of(address: str, asset: str, windows: int, patience: float = PATIENCE
     while True:
         try:
             found = fetch(f"{address}/v1/assets/{asset}")
-        except urllib.error.HTTPError:
+        except urllib.error.HTTPError as error:
+            error.close()
             found = {"windows": []}
         if len(found["windows"]) >= windows:
             return found
