@@ -12,6 +12,7 @@ ARGS ?=
 
 help:
 	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
+	@echo 'make install      the gear-twin command, in .venv/bin'
 	@echo 'make serve        the service alone'
 	@echo 'make install-formats   readers of TDMS, UFF-58, MDF4, HDF5, MAT 7.3 and Parquet files for gear-twin import'
 	@echo 'make test         the test suite; test-slow: the longer proofs; test-all: both'

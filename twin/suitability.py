@@ -178,6 +178,8 @@ def _encoder_edges(rig: Rig, seen: Sequence[Seen], limits: SuitabilityLimits) ->
             yield Finding(level=OK, text=text)
         else:
             needed = -int(-HARMONICS * teeth[i] // USABLE_RATE)
+            if counts[0] == 1:
+                text = f"encoder/{shaft}: one pulse a turn"
             yield Finding(
                 level=NOTE,
                 text=f"{text}: it counts revolutions, but shows no transmission error",
@@ -295,7 +297,7 @@ def _history(rig: Rig, seen: Sequence[Seen], limits: SuitabilityLimits) -> Itera
     worn = int(np.sum(counted >= MATCH.unworn_revolutions))
     unworn = int(np.sum(counted < MATCH.unworn_revolutions))
     text = (
-        f"revolutions {counted.min():.0f} to {counted.max():.0f}: {unworn} windows of new gears (first "
+        f"windows at {counted.min():.0f} to {counted.max():.0f} revolutions: {unworn} of new gears (first "
         f"{MATCH.unworn_revolutions:.0f} turns), {worn} later"
     )
     remedies = []

@@ -9,7 +9,7 @@ from typing import Any
 from service.cli import encoder_pair as pair
 from service.cli import modulation
 from service.cli import non_gear as strange
-from service.cli.show import number, spread
+from service.cli.show import number, reason, spread
 
 SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°")}
 EFFECT_COLUMNS = ("effect", "status", "parameters", "since rev.", "ln evidence", "runner-up", "waveform %", "depth µm")
@@ -49,6 +49,8 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
     """What an engineer may quote."""
     tracing, effects = answer["tracing"], answer["effects"]
     out = [*modulation.sentences(answer.get("modulation")), *verdict(answer), *(sentence(effect) for effect in effects)]
+    if answer["wear"].get("reason"):
+        out.append(f"Wear depth: {reason(answer['wear'])}.")
     if effects:
         out.append(_together(answer))
     left = answer["unexplained"]
@@ -86,7 +88,7 @@ def verdict(answer: Mapping[str, Any]) -> list[str]:
         out.append(_without_effects(answer))
     if left.get("verdict") == "unknown_effect":
         out.append(f"Unknown effect: {left.get('reason') or 'vibration that no known effect explains'}.")
-    elif left.get("verdict") == "insufficient_data":
+    elif left.get("verdict") == "insufficient_data" and left.get("reason") != answer["wear"].get("reason"):
         out.append(f"The residual could not be judged: {left.get('reason')}.")
     return out
 

@@ -49,5 +49,7 @@ def spread(value: Any, unit: str) -> str:
 def reason(value: Any) -> str:
     """Why a quantity is not there."""
     if isinstance(value, Mapping) and value.get("reason"):
-        return f"not available: {value['reason']}"
+        from service.contract.findings import cause
+
+        return f"not available: {cause(value['reason'])}"
     return "not available"

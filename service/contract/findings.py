@@ -29,6 +29,7 @@ The exception is a machine whose depth earlier windows had established, and whos
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -45,6 +46,7 @@ Level = Literal["normal", "no_verdict", "watch", "alarm", "end_of_life"]
 SEVERITY: tuple[Level, ...] = ("normal", "no_verdict", "watch", "alarm", "end_of_life")
 OTHER_ACTIONS = {"mesh_change": "Inspect the flanks and the lubrication of the gears at the next stop."}
 PLURALS = ("errors", "teeth")  # at the end of a label
+_QUANTITY = re.compile(r"^(the )?[a-z ]{3,30} (is|are) not available: (?=.)")  # at the start of a reason
 UNNAMED_ACTION = "Find out what has changed in the machine, and inspect it at the next stop."
 """For changes against a baseline that are no effect of the table."""
 
@@ -230,14 +232,18 @@ def _basis(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findi
         yield Finding(
             subject="basis",
             level="no_verdict",
-            reason=sentence(f"The machine cannot be judged: {found.wear.reason}"),
-            action="Complete the rig file, or learn a healthy baseline, so that the machine can be judged.",
+            reason=sentence(f"The machine cannot be judged: {cause(found.wear.reason)}"),
+            action="Complete the rig file (`gear-twin init` makes one), or learn a healthy baseline (`gear-twin "
+            "baseline`), so that the machine can be judged.",
         )
 
 
 def _insufficient(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
     rest = found.unexplained
-    if rest.verdict == "insufficient_data":
+    said = (
+        found.baseline is None and isinstance(found.wear, assessment.Unavailable) and found.wear.reason == rest.reason
+    )
+    if rest.verdict == "insufficient_data" and not said:  # `_basis` gives the reason already
         yield Finding(
             subject="explanation",
             level="no_verdict",
@@ -358,9 +364,14 @@ def depth_of(found: assessment.Assessment) -> assessment.Interval | None:
     return wear.depth if isinstance(wear, assessment.LevelWear) else None
 
 
+def cause(reason: str) -> str:
+    """A reason without the quantity that it is the reason of: "wear is not available: no module" is "no module"."""
+    return _QUANTITY.sub("", reason)
+
+
 def sentence(text: str) -> str:
     """A text that ends as a sentence does."""
     return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
-__all__ = ["SEVERITY", "Finding", "Level", "by_severity", "depth_of", "findings_of", "imperative", "sentence"]
+__all__ = ["SEVERITY", "Finding", "Level", "by_severity", "cause", "depth_of", "findings_of", "imperative", "sentence"]

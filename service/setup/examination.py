@@ -170,10 +170,12 @@ def _row(label: str, windows: list[Window]) -> ChannelRow:
         )
     if kind == "encoder":
         edges = [w.encoders[name] for w in windows if name in w.encoders]
-        turns = sum(np.isfinite(e.times).sum() / e.per_rev for e in edges)
+        known = [np.flatnonzero(np.isfinite(e.times)) for e in edges]
+        turns = sum((k[-1] - k[0]) / e.per_rev for k, e in zip(known, edges, strict=True) if k.size)
         length = sum(float(np.nanmax(e.times) - np.nanmin(e.times)) for e in edges if np.isfinite(e.times).any())
+        rate = "1 edge a turn" if edges[0].per_rev == 1 else f"{edges[0].per_rev} edges a turn"
         return ChannelRow(
-            label=label, rate=f"{edges[0].per_rev} edges a turn", duration=length,
+            label=label, rate=rate, duration=length,
             level=f"{turns:.4g} turns, {turns / length:.4g} Hz" if length else "no valid edge",
         )  # fmt: skip
     values = np.array([w.slow[label].value for w in windows if label in w.slow])

@@ -47,8 +47,24 @@ def test_a_lost_count_is_noticed_and_does_not_shift_the_depth():
     found = list(windows(twin, TEN, seed=5))
     found[4:] = [lost_count(w, 109e-6) for w in found[4:]]
     outcomes = followed(rig, iter(found))
-    assert any("its zero is learned again" in note for o in outcomes for note in o.notes)
+    assert any("1 edge(s) of the pinion's encoder" in note for o in outcomes for note in o.notes)
     assert all(inside(outcomes))
+    assert not outcomes[-1].memory.line_factors.contradicted
+
+
+@pytest.mark.slow
+def test_a_mean_that_contradicts_its_lines_by_no_whole_count_widens_the_band():
+    rig, twin = rig_of("lab"), machine("lab", 5)
+    found = list(windows(twin, TEN, seed=5))
+    counted = followed(rig, iter([*found[:4], *(lost_count(w, 109.55e-6) for w in found[4:])]))
+    moved = followed(rig, iter([*found[:4], *(lost_count(w, 30e-6) for w in found[4:])]))
+    assert any("an effect that is not in the model" in note for o in moved for note in o.notes)
+    assert all(inside(moved))
+    low, high = moved[-1].depth_band
+    assert low < 0.75 * moved[-1].depth and high > 1.25 * moved[-1].depth
+    assert high - low > 1.3 * (counted[-1].depth_band[1] - counted[-1].depth_band[0])
+    stored = moved[-1].memory.line_factors
+    assert stored.contradicted and LineFactors.from_dict(stored.to_dict()) == stored
 
 
 @pytest.mark.slow

@@ -106,6 +106,8 @@ def test_assess_and_diagnose_give_one_verdict_in_the_same_words(answer):
         assert said and all(line in answer_text(given).splitlines() and line in shown for line in said)
     assert "none found" not in answer_text(unknown)
     assert verdict(bare)[0] == "No model is available for this machine, so no effects were evaluated."
+    bare["unexplained"] = {"verdict": "insufficient_data", "reason": "no module"}  # said of the wear already
+    assert verdict(bare) == verdict(bare)[:1] and text(bare).count("no module") == 1
 
 
 def test_text_holds_candidates_bands_and_the_log(answer):

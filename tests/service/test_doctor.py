@@ -113,8 +113,12 @@ def test_a_coarse_encoder_shows_what_would_resolve_the_mesh():
         )
 
     found = said(change=once)
-    coarse = next(f for f in found.findings if f.text.startswith("encoder/pinion: 1 edges"))
+    coarse = next(f for f in found.findings if f.text.startswith("encoder/pinion: one pulse a turn"))
     assert coarse.level == NOTE and coarse.remedy == "an encoder with at least 127 edges a turn"
+    row = next(row for row in found.channels if row.label == "encoder/pinion")
+    turns, speed = (float(part.split()[0]) for part in row.level.split(", "))
+    assert row.rate == "1 edge a turn" and speed == pytest.approx(turns / row.duration, rel=1e-3)
+    assert turns == pytest.approx(sum(int(w.encoders["pinion"].times.size - 1) // 1024 for w in recorded()[1][:4]))
     assert found.abilities[0].level == "partly"
     assert any("encoders on both shafts (127 and 347 edges" in line for line in found.one_more_sensor)
 

@@ -296,3 +296,15 @@ def test_since_is_when_the_level_was_reached():
     assert same["status"]["since"] == first["status"]["since"] and same["status"]["reasons"] == ["b."]
     assert first["status"]["since"]["time"].startswith("2001-09-09T01:46:40")
     assert worse["status"]["since"]["revolutions"] == 300.0
+
+
+def test_the_same_reason_is_said_once():
+    reason = "wear is not available: the rig file does not give gears.module"
+    status = status_of(
+        replace(
+            HEALTHY, wear=Unavailable(reason=reason), life=Unavailable(reason="-"),
+            unexplained=Unexplained(verdict="insufficient_data", reason=reason),
+        )
+    )  # fmt: skip
+    assert status.reasons == ["The machine cannot be judged: the rig file does not give gears.module."]
+    assert "gear-twin init" in status.action

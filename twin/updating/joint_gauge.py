@@ -18,7 +18,8 @@ For a given depth d both are linear in θ, so the probability of a depth is
 and θ after the window is the mixture of what every depth would teach, by its first two moments. The lines give the
 shape of wear over time, the mean its scale: neither needs the structure. At first P is the spread of the draws
 (twin/structure_spread.py); unworn windows, of known depth, teach the factors as far as the deviations of unworn teeth
-allow. The band of a depth are the 5 and 95 % quantiles of p(d), wider by √χ² where the window fits worse (Birge).
+allow. The band of a depth are the 5 and 95 % quantiles of p(d), wider by √χ² where the window fits worse (Birge), and
+by an effect's share of the depth from the window on in which mean and lines contradict each other.
 
 Source   A. H. Jazwinski, Stochastic Processes and Filtering Theory (1970), ch. 7 (moments of a filter); the mixture is
          that of a Rao–Blackwellised filter over a grid
@@ -71,6 +72,19 @@ class JointScatter:
         meaning="standard deviation of the growth by the shape of the worn profile",
         source="D00: 0.66 of the depth where the model of the generic structure gives 0.67 to 0.70",
     )
+    unknown_effect: float = deciding(
+        0.2,
+        of="depth",
+        meaning="standard deviation of a depth by an effect that is not in the model, where the mean and the lines "
+        "contradict each other",
+        source="D02 and D07 with their own rig files, wear alone: 19 to 20 % off",
+    )
+    least_edge: float = deciding(
+        4.0,
+        of="5–95 % half-width of a zero",
+        meaning="edge of a disc, at its base radius, from which a lost count shows as a whole number of edges",
+        source="derivation: another jump then passes for whole edges by chance in half of the cases at most",
+    )
     at_limit: float = deciding(
         0.05,
         of="largest probability density",
@@ -97,6 +111,7 @@ class LineFactors:
     depth: float = 0.0  # of the latest window [m]
     depth_std: float = 0.0  # its standard deviation [m]
     fresh: bool = False  # whether the lines' factors are unknown again since that window
+    contradicted: bool = False  # whether mean and lines have contradicted each other, by no whole count of edges
 
     @classmethod
     def of_spread(cls, lines: Spread, compliance: Spread, speed_hz: float) -> LineFactors:
@@ -147,6 +162,7 @@ class LineFactors:
             "depth": self.depth,
             "depth_std": self.depth_std,
             "fresh": self.fresh,
+            "contradicted": self.contradicted,
         }
 
     @classmethod
@@ -159,6 +175,7 @@ class LineFactors:
             depth=data["depth"],
             depth_std=data["depth_std"],
             fresh=data["fresh"],
+            contradicted=data.get("contradicted", False),
         )
 
 
@@ -211,6 +228,8 @@ def estimate_jointly(gauge: Gauge, own: Own, factors: LineFactors, depths: np.nd
     after = 0.5 * (after + after.T)
     best = float(chi2[int(np.argmax(p))])
     estimate = _summary(gauge, own.response, depths, p, best / used.size)
+    if factors.contradicted:
+        estimate = _with_unknown_effect(estimate)
     return JointDepth(
         estimate=estimate,
         factors=replace(
@@ -280,6 +299,14 @@ def _summary(gauge: Gauge, response: Response, depths: np.ndarray, p: np.ndarray
         at_limit=bool(depths.size > 1 and density[-1] > JOINT.at_limit * density.max()),
         band=_band(low, median, high, float(np.hypot(shape, DEPTH.floor))),
     )  # fmt: skip
+
+
+def _with_unknown_effect(estimate: DepthEstimate) -> DepthEstimate:
+    """The depth with a wider band: by as much as an effect that is not in the model has been seen to shift one."""
+    more = JOINT.unknown_effect * estimate.depth
+    assert estimate.band is not None
+    low, high = estimate.band
+    return replace(estimate, std=float(np.hypot(estimate.std, more)), band=_band(low, estimate.depth, high, more))
 
 
 def _band(low: float, median: float, high: float, more: float) -> tuple[float, float]:

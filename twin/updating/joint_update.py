@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import pi
 
 import numpy as np
 
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
+from twin.quantiles import Z95
 from twin.rig import Rig
 from twin.structure_spread import Spread, structure_spread
 from twin.updating import encoders
@@ -16,7 +18,7 @@ from twin.updating.depth import HARMONICS, Gauge, Response
 from twin.updating.depth_search import SEARCH, first_range
 from twin.updating.disc_remount import REMOUNT, SettledDepth
 from twin.updating.encoders import DEPTH_HARMONICS, ENCODERS
-from twin.updating.joint_gauge import SCANNED, JointDepth, LineFactors, Own, estimate_jointly
+from twin.updating.joint_gauge import JOINT, SCANNED, ZERO, JointDepth, LineFactors, Own, estimate_jointly
 from twin.updating.memory import Memory
 from twin.updating.prediction import Expectation
 
@@ -82,15 +84,36 @@ def settled_jointly(
     if gauge.mean is not None and factors.has_zero and found.chi_square > REMOUNT.chi_square:
         again = search(gauge, factors.without_zero())
         if found.chi_square - again[1].chi_square > REMOUNT.chi_square:
-            notes = (
-                "the mean of the transmission error contradicts its mesh lines: a lost count, a moved disc, or an "
-                "effect that is not in the model; its zero is learned again",
-            )
+            notes, contradicted = _contradiction(rig, factors, again[1].factors)
+            if contradicted:
+                again = search(gauge, replace(factors.without_zero(), contradicted=True))
             expectation, found = again
     memory = replace(memory, line_factors=found.factors, phase=found.estimate.phase, phase_std=ENCODERS.unworn_phase)
     return SettledDepth(
         memory=memory, gauge=gauge, expectation=expectation, estimate=found.estimate, notes=notes
     )  # fmt: skip
+
+
+def _contradiction(rig: Rig, before: LineFactors, after: LineFactors) -> tuple[tuple[str, ...], bool]:
+    """What is said of a mean that contradicts its lines, and whether it may be an effect that is not in the model.
+
+    A lost count shifts the zero by whole edges of one disc, at its base radius; an effect or a moved disc by any
+    amount. An edge that is not large against what the zero is uncertain by shows nothing.
+    """
+    said = "the mean of the transmission error contradicts its mesh lines"
+    jump = after.mean[ZERO] - before.mean[ZERO]
+    near = Z95 * float(np.hypot(ENCODERS.offset_drift, after.depth_std))
+    for shaft, radius in zip(("pinion", "gear"), rig.gear_pair().base_radius, strict=True):
+        edges = rig.get(f"encoders.{shaft}_edges_per_rev")
+        edge = 2 * pi * radius / edges if edges else 0.0
+        count = round(jump / edge) if edge > JOINT.least_edge * near else 0
+        if count and abs(jump - count * edge) < near:
+            note = f"{said} by {abs(count)} edge(s) of the {shaft}'s encoder: lost counts; its zero is learned again"
+            return (note,), False
+    return (
+        f"{said}: a moved disc, or an effect that is not in the model; its zero is learned again, and the band of the "
+        "depth is wider by what such an effect may shift it",
+    ), True
 
 
 def of_known_depth(expectation: Expectation, model: Model, depth: float) -> Search:
