@@ -17,7 +17,8 @@ Holds    for one set of gears and one rig file: others begin a new history
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from math import log
 
@@ -104,12 +105,53 @@ class EstablishedLimits:
     )
 
 
-LIMITS = EstablishedLimits()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HysteresisLimits:
+    """When a doubt by a quantity that scatters begins and ends."""
+
+    windows: int = deciding(
+        3,
+        unit="windows",
+        meaning="latest windows of which the majority judges the error on held-out windows",
+        source="derivation: every third window is held out, and each joins with an error that the next trace lowers "
+        "(0.44 to 0.12 and 0.66 to 0.41 in the published campaign)",
+    )
+    release: float = deciding(
+        0.75,
+        of="the limit of a misfit of mesh lines, of an error on held-out windows, or of a level that is not reached",
+        meaning="value below which a doubt ends",
+        source="D00, D03-D05, D07, D10, D12, D13 and the published campaign, one standard deviation of the change from "
+        "window to window: 0.77 for mesh lines (19 pairs), 0.72 for the acceleration of held-out windows (31 pairs)",
+    )
+    rate_release: float = deciding(
+        1.25,
+        of="the rate from which wear is measurable (LifeScatter.measurable)",
+        meaning="wear rate from which a doubt of it ends",
+        source="not derived: as release",
+    )
+    level_release: float = deciding(
+        1.25,
+        of="the rise from which a level shows wear (EstablishedLimits.level_rise)",
+        meaning="rise from which a doubt of it ends",
+        source="not derived: as release",
+    )
+
+
+LIMITS, HYSTERESIS = EstablishedLimits(), HysteresisLimits()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Doubts:
+    """Which quantities that scatter from window to window are in doubt, and their latest values (twin/noisy.py)."""
+
+    effects: tuple[str, ...] = ()  # in the model that they were compared with
+    values: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    raised: tuple[str, ...] = ()  # names of those in doubt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """Which windows of these gears had an established depth; plain serialisable data."""
+    """Which windows of these gears had an established depth, and what is in doubt; plain serialisable data."""
 
     rig: str = ""  # which rig file they were judged with
     latest: int = -1  # index of the latest of them
@@ -117,6 +159,7 @@ class History:
     revolutions: float = 0.0  # of the pinion at the latest of them
     depth: float = 0.0  # there [m]
     depth_high: float = 0.0  # its 95th percentile [m]
+    doubts: Doubts = field(default_factory=Doubts)  # at the latest window
 
     def of_rig(self, rig: Rig) -> History:
         """The history where it was made with this rig file, else an empty one."""

@@ -1,5 +1,7 @@
 """What speaks against using a wear depth or a remaining life as it is: every rule with its sentence and its remedy.
 
+What a quantity that scatters from window to window says is judged with hysteresis (twin/noisy.py).
+
 Every rule reads what the twin knows after a window and gives its grounds, a sentence each with figures. What held-out
 windows confirm is not doubted: there the twin has predicted windows that no fit had used.
 
@@ -19,14 +21,13 @@ from dataclasses import dataclass
 from math import sqrt
 
 from twin.assessment import HeldOutErrors
-from twin.established import LIMITS, EstablishedLimits
+from twin.established import HYSTERESIS, LIMITS, EstablishedLimits
 from twin.rig import Rig
-from twin.tracing.unexplained import VERDICT_LIMITS, VerdictLimits, held_out_faults
+from twin.tracing.unexplained import VERDICT_LIMITS, VerdictLimits
 from twin.updating.calibration import outliers
 from twin.updating.conditions import MATCH
 from twin.updating.encoders import ENCODERS
 from twin.updating.measurement import SCATTER
-from twin.updating.remaining_life import LIFE
 from twin.updating.update import UpdateOutcome
 
 NEW_GEARS = f"three windows of the gears when they are new (their first {MATCH.unworn_revolutions:.0f} turns)"
@@ -35,6 +36,11 @@ MEASURED_DEPTH = "a measured wear depth"
 TWO_ENCODERS = "encoders on both shafts: their transmission error measures the depth"
 OWN_RIG_FILE = "a rig file of this machine: teeth, module, shafts, bearings, place and unit of the sensor"
 MORE_WINDOWS = "more windows at this speed and load"
+
+# quantities that scatter from window to window, and are judged with hysteresis (twin/noisy.py)
+HELD_OUT = {"transmission_error": "held-out transmission error", "waveform": "held-out acceleration"}
+MESH_LINES, OTHER_GEARS, UNREACHABLE = "mesh lines", "other gears", "unreachable level"
+LEVEL_RISE, RATE = "level rise", "wear rate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +62,7 @@ class Basis:
     rig: Rig
     outcome: UpdateOutcome
     errors: HeldOutErrors | None  # of the twin in use, on held-out windows
+    raised: tuple[str, ...] = ()  # quantities in doubt
     verdict: VerdictLimits = VERDICT_LIMITS
     limits: EstablishedLimits = LIMITS
 
@@ -68,7 +75,9 @@ class Basis:
     def confirmed(self) -> bool:
         """Whether held-out windows confirm the twin."""
         errors = self.errors
-        return errors is not None and bool(errors.windows) and not held_out_faults(errors, self.verdict.held_out_error)
+        if errors is None or not errors.windows or any(name in self.raised for name in HELD_OUT.values()):
+            return False
+        return all(getattr(errors, channel) is not None for channel in HELD_OUT)
 
     @property
     def level_rise(self) -> float | None:
@@ -88,8 +97,15 @@ class Basis:
     @property
     def shows_wear(self) -> bool:
         """Whether the level has risen since the gears were new."""
-        rise = self.level_rise
-        return rise is not None and rise > self.limits.level_rise
+        return self.level_rise is not None and LEVEL_RISE not in self.raised
+
+    @property
+    def level_missed(self) -> float | None:
+        """By how much the level that the model reaches differs from the measured one; None where it reaches it."""
+        outcome, found = self.outcome, self.outcome.rms_result
+        if not self.by_level or found is None or not found.updated or found.converged or not outcome.rms_measured:
+            return None
+        return abs(found.rms_after / outcome.rms_measured - 1)
 
 
 Rule = Callable[[Basis], Iterable[Ground]]
@@ -121,8 +137,8 @@ def _other_machine(basis: Basis) -> Iterator[Ground]:
 
 def _other_gears(basis: Basis) -> Iterator[Ground]:
     """Encoder lines that no depth explains, with nothing known of the unworn gears."""
-    estimate, fit = basis.outcome.estimate, basis.outcome.memory.fit
-    if estimate is not None and fit is None and estimate.misfit > basis.limits.other_gears:
+    estimate = basis.outcome.estimate
+    if estimate is not None and OTHER_GEARS in basis.raised:
         yield Ground(
             reason=f"the encoders' mesh lines differ from the model by {sqrt(estimate.misfit):.1f} times what the rig "
             "file's tolerances allow at any depth: the rig file does not describe these gears",
@@ -133,10 +149,7 @@ def _other_gears(basis: Basis) -> Iterator[Ground]:
 def _unreachable_level(basis: Basis) -> Iterator[Ground]:
     """A level that the model does not reach at any depth."""
     outcome, found = basis.outcome, basis.outcome.rms_result
-    if not basis.by_level or found is None or not found.updated or found.converged or not outcome.rms_measured:
-        return
-    off = found.rms_after / outcome.rms_measured - 1
-    if abs(off) > basis.limits.unreachable:
+    if found is not None and UNREACHABLE in basis.raised:
         yield Ground(
             reason=f"the model gives {found.rms_after:.3g} m/s² where {outcome.rms_measured:.3g} m/s² were measured, "
             "and no wear depth removes the difference: the rig file does not describe this machine, or the level is "
@@ -168,7 +181,7 @@ def _level_alone(basis: Basis) -> Iterator[Ground]:
 
 def no_rise(basis: Basis) -> str:
     """Why the level shows no wear."""
-    rise = basis.level_rise
+    rise, limit = basis.level_rise, basis.limits.level_rise
     if rise is None:
         now = basis.outcome.condition
         return (
@@ -177,7 +190,7 @@ def no_rise(basis: Basis) -> str:
         )
     return (
         f"the vibration level is {100 * rise:+.0f} % from that of the new gears: it shows wear from "
-        f"+{100 * basis.limits.level_rise:.0f} % on"
+        f"+{100 * (limit if rise <= limit else limit * HYSTERESIS.level_release):.0f} % on"
     )
 
 
@@ -227,23 +240,29 @@ def _calibration(basis: Basis) -> Iterator[Ground]:
 
 def _mesh_lines(basis: Basis) -> Iterator[Ground]:
     """Encoder lines that the model does not meet at the depth found."""
-    estimate = basis.outcome.estimate
-    if estimate is not None and estimate.misfit > basis.verdict.doubtful_misfit and not basis.confirmed:
-        yield Ground(
-            reason=f"the encoders' mesh lines differ from the model by {sqrt(estimate.misfit):.1f} times what the rig "
-            f"file's tolerances allow (limit {sqrt(basis.verdict.doubtful_misfit):.1f})",
-            remedies=(MORE_WINDOWS, MEASURED_DEPTH),
-            arisen=True,
-        )
+    estimate, limit = basis.outcome.estimate, basis.verdict.doubtful_misfit
+    if estimate is None or MESH_LINES not in basis.raised or basis.confirmed:
+        return
+    once = "" if estimate.misfit > limit else f"; {sqrt(limit * HYSTERESIS.release):.1f} once it was exceeded"
+    yield Ground(
+        reason=f"the encoders' mesh lines differ from the model by {sqrt(estimate.misfit):.1f} times what the rig "
+        f"file's tolerances allow (limit {sqrt(limit):.1f}{once})",
+        remedies=(MORE_WINDOWS, MEASURED_DEPTH),
+        arisen=True,
+    )
 
 
 def _held_out(basis: Basis) -> Iterator[Ground]:
     """Held-out windows that the twin does not predict."""
-    if basis.errors is None or not basis.errors.windows:
-        return
-    for sentence in held_out_faults(basis.errors, basis.verdict.held_out_error, missing=False):
+    limit = basis.verdict.held_out_error
+    for channel, name in HELD_OUT.items():
+        if name not in basis.raised:
+            continue
+        error = getattr(basis.errors, channel)
+        once = "" if error > limit else f"; {100 * limit * HYSTERESIS.release:.0f} % once it was exceeded"
         yield Ground(
-            reason=f"{sentence}: vibration that the model does not explain may change the depth",
+            reason=f"the error of the {name.removeprefix('held-out ')} on held-out windows is {100 * error:.0f} % "
+            f"(limit {100 * limit:.0f} %{once}): vibration that the model does not explain may change the depth",
             remedies=(MORE_WINDOWS, MEASURED_DEPTH),
             arisen=True,
         )
@@ -316,7 +335,7 @@ def _young(basis: Basis) -> Iterator[Ground]:
             remedies=(f"{_windows(least - track.windows, 'more ')} at this speed and load",),
             depth=False,
         )
-    elif track.rate <= LIFE.measurable * track.rate_std:
+    elif RATE in basis.raised:
         yield Ground(
             reason="the wear rate cannot be distinguished from zero yet", remedies=(MORE_WINDOWS,), depth=False
         )  # fmt: skip

@@ -16,19 +16,20 @@ Bands  by level: the half-widths of its band in ln, times √max(misfit of the c
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 from twin.assessment import EstablishedBefore, HeldOutErrors, Preliminary
-from twin.established import History
+from twin.established import Doubts, History
 from twin.grounds import EXCLUDING, RULES, Basis, Ground, no_rise
+from twin.noisy import doubts_after
 from twin.quantiles import Z95
 from twin.rig import Rig
 from twin.updating.life import NO_DOUBT, LifeDoubt
 from twin.updating.measurement import SCATTER
 from twin.updating.update import UpdateOutcome
 
-NO_HISTORY = History()
+NO_HISTORY, NO_DOUBTS = History(), Doubts()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,20 +42,28 @@ class Confidence:
     life: Preliminary | None = None
     no_life: str | None = None  # why the life alone is not available
     life_doubt: LifeDoubt = NO_DOUBT
+    doubts: Doubts = NO_DOUBTS
 
 
 def confidence_of(
-    rig: Rig, outcome: UpdateOutcome, errors: HeldOutErrors | None, history: History = NO_HISTORY
+    rig: Rig,
+    outcome: UpdateOutcome,
+    errors: HeldOutErrors | None,
+    history: History = NO_HISTORY,
+    *,
+    again: bool = False,
 ) -> Confidence:
     """What a window's depth and life are worth.
 
     errors   of the twin in use on held-out windows; None where there were none
-    history  of the windows before
+    history  of the windows before; with this one where it is judged `again`
     """
     basis = Basis(rig=rig, outcome=outcome, errors=errors)
+    doubts = doubts_after(basis, history.of_rig(rig).doubts, again=again)
+    basis = replace(basis, raised=doubts.raised)
     excluding = [ground for rule in EXCLUDING for ground in rule(basis)]
     if excluding:
-        return Confidence(not_this_machine=_missing(excluding), band=outcome.depth_band)
+        return Confidence(not_this_machine=_missing(excluding), band=outcome.depth_band, doubts=doubts)
     grounds = [ground for rule in RULES for ground in rule(basis)]
     doubted = any(ground.depth and not ground.in_band for ground in grounds)
     before = history.of_rig(rig).supports(outcome.depth, outcome.memory.track.revolutions)
@@ -64,6 +73,7 @@ def confidence_of(
         life=_preliminary((ground for ground in grounds if ground.life), before),
         no_life=no_rise(basis) if basis.by_level and not basis.shows_wear else None,
         life_doubt=_life_doubt(basis, doubted),
+        doubts=doubts,
     )
 
 
@@ -120,10 +130,17 @@ def _life_doubt(basis: Basis, doubted: bool) -> LifeDoubt:
     )
 
 
-def history_after(rig: Rig, history: History, index: int, outcome: UpdateOutcome, confidence: Confidence) -> History:
-    """The history after a window; one whose depth is not established, or that measured no wear, adds nothing."""
-    history = history.of_rig(rig)
-    established = confidence.depth is None and confidence.not_this_machine is None
-    if not established or outcome.kind != "measurement" or not outcome.memory.track.windows:
+def history_after(
+    rig: Rig, history: History, outcome: UpdateOutcome, confidence: Confidence, index: int | None
+) -> History:
+    """The history after a window: it counts where it measured a worn depth that is established.
+
+    index  of the window; None where it gave no depth
+    """
+    if outcome.kind != "measurement":
         return history
-    return history.with_window(index, outcome.memory.track.revolutions, outcome.depth, confidence.band[1])
+    history = replace(history.of_rig(rig), doubts=confidence.doubts)
+    revolutions, established = outcome.memory.track.revolutions, confidence.depth is None
+    if index is None or not established or not outcome.memory.track.windows:
+        return history
+    return history.with_window(index, revolutions, outcome.depth, confidence.band[1])

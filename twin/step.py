@@ -25,6 +25,7 @@ from twin.inspected import with_inspections
 from twin.machine_change import MachineChange
 from twin.machine_changes import changed
 from twin.options import Options
+from twin.preliminary import confidence_of
 from twin.revolution_count import counted
 from twin.rig import Rig
 from twin.state import State
@@ -163,7 +164,8 @@ def decide(rig: Rig, state: State, decision: Decision, options: Options = DEFAUL
     outcome = replace(known[-1][1], memory=state.memory)
     result = decided(rig, state.tracing, decision, outcome, options.updating)
     recent = recent_residuals(rig, (), result.again or tuple(known))
-    assessment = answer_of(rig, state, result.tracing, recent, result.outcome)
+    confidence = confidence_of(rig, result.outcome, result.tracing.error, state.history, again=True)
+    assessment = answer_of(rig, state, result.tracing, recent, result.outcome, confidence)
     event = EffectEvent(action=decision.verb, name=decision.name, window=latest.index)
     assessment = replace(assessment, events=(*result.events, event), revolutions=_run(state))
     return state_after(state, result.tracing, recent, assessment), assessment

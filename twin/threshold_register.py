@@ -32,7 +32,7 @@ from twin.effects.tooth_friction import ToothFrictionDetection
 from twin.encoder_pair.assessing import RatioThresholds
 from twin.encoder_pair.jumps import JumpThresholds
 from twin.encoder_pair.motion import PairThresholds
-from twin.established import EstablishedLimits
+from twin.established import EstablishedLimits, HysteresisLimits
 from twin.fallen_count import FallenCountThresholds
 from twin.features.despike import SpikeThresholds
 from twin.features.modulation import ModulationThresholds
@@ -127,6 +127,7 @@ SETS: tuple[type, ...] = (
     TrialLimits,
     LevelLimits,
     EstablishedLimits,
+    HysteresisLimits,
     NoteLimits,
     LevelThresholds,
     SpeedThresholds,

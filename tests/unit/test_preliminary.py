@@ -200,8 +200,9 @@ def test_history_counts_each_window_with_an_established_depth_once():
     state = History()
     for index, outcome in enumerate(outcomes):
         for _ in range(2):
-            state = history_after(rig, state, index, outcome, confidence_of(rig, outcome, None, state))
+            state = history_after(rig, state, outcome, confidence_of(rig, outcome, None, state), index)
     worn = [o for o in outcomes if o.kind == "measurement" and o.memory.track.windows]
     assert state.windows == len(worn) and state.depth == outcomes[-1].depth
     poor = confidence_of(rig, outcomes[-1], HELD_OUT, state)
-    assert history_after(rig, state, 99, outcomes[-1], poor) == state
+    after = history_after(rig, state, outcomes[-1], poor, 99)
+    assert replace(after, doubts=state.doubts) == state and after.doubts != state.doubts

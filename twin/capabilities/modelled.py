@@ -22,7 +22,6 @@ from twin.assessment import (
 )
 from twin.capabilities.context import Context, Draft, carried_over
 from twin.errors import NotAvailable, NotConverged
-from twin.established import History
 from twin.inspected import with_inspections
 from twin.preliminary import Confidence, confidence_of, history_after
 from twin.rig import Rig
@@ -68,12 +67,11 @@ def assess(context: Context, draft: Draft) -> Draft:
     recent = recent_residuals(rig, state.recent, ((context.input, result.outcome),))
     if result.again:
         recent = recent_residuals(rig, (), result.again)
-    assessment = answer_of(rig, state, result.tracing, recent, result.outcome)
     confidence = confidence_of(rig, result.outcome, result.tracing.error, state.history)
+    assessment = answer_of(rig, state, result.tracing, recent, result.outcome, confidence)
     record = _with_estimate(_record(context, result.outcome, result.tracing, confidence), assessment.wear)
-    history = state.history
-    if isinstance(assessment.wear, Wear):
-        history = history_after(rig, history, context.input.index, result.outcome, confidence)
+    index = context.input.index if isinstance(assessment.wear, Wear) else None
+    history = history_after(rig, state.history, result.outcome, confidence, index)
     events: list[Event] = [*result.events]
     if result.outcome.updated:
         events.append(UpdateEvent(window=record))
@@ -88,12 +86,17 @@ def assess(context: Context, draft: Draft) -> Draft:
 
 
 def answer_of(
-    rig: Rig, state: State, tracing: Tracing, recent: tuple[WindowResidual, ...], outcome: UpdateOutcome
+    rig: Rig,
+    state: State,
+    tracing: Tracing,
+    recent: tuple[WindowResidual, ...],
+    outcome: UpdateOutcome,
+    confidence: Confidence,
 ) -> Assessment:
     """The answer of a machine with a model, without a window's record."""
     unexplained = unexplained_of(recent, doubts_of(rig, outcome), tracing.error)
     wear, life = with_inspections(
-        rig, outcome.memory, *_wear_and_life(rig, tracing, outcome, state.history), state.inspections
+        rig, outcome.memory, *_wear_and_life(rig, tracing, outcome, confidence), state.inspections
     )  # fmt: skip
     life = dated(rig, life, state.running)
     return Assessment(
@@ -109,10 +112,9 @@ def answer_of(
 
 
 def _wear_and_life(
-    rig: Rig, tracing: Tracing, outcome: UpdateOutcome, history: History
+    rig: Rig, tracing: Tracing, outcome: UpdateOutcome, confidence: Confidence
 ) -> tuple[Wear | Unavailable, Life | Unavailable]:
     """Depth and life with what speaks against relying on them, or why they are not available."""
-    confidence = confidence_of(rig, outcome, tracing.error, history)
     missing = _why_none(tracing, confidence)
     if missing is not None:
         return Unavailable(reason=missing), Unavailable(reason=missing)
