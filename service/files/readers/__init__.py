@@ -49,7 +49,7 @@ FORMATS = (
     Format(name="NPY", begins=(b"\x93NUMPY",), read=read_npy),
     Format(name="WAV", begins=(b"RIFF", b"RF64", b"RIFX"), read=read_wav),
     Format(name="MAT", begins=(b"MATLAB 5.0 MAT-file",), read=read_mat),
-    Format(name="MAT 7.3", begins=(b"MATLAB 7.3 MAT-file",), read=read_mat73, library="mat73"),
+    Format(name="MAT 7.3", begins=(b"MATLAB 7.3 MAT-file", b"MATLAB 7.0 MAT-file"), read=read_mat73, library="mat73"),
     Format(name="TDMS", begins=(b"TDSm",), read=read_tdms, library="nptdms"),
     Format(name="UFF-58", begins=(b"    -1",), read=read_uff, library="pyuff"),
     Format(name="MDF", begins=(b"MDF     ", b"UnFinMF "), read=read_mdf, library="asammdf"),
@@ -79,7 +79,8 @@ def read_table(path: Path, text: TextForm | None = None) -> Table:
         form = format_of(path)
         table = read_text(path, text) if form is None else form.read(path)
         if not table.columns:
-            raise ValueError(f"it holds no column of numbers, only {', '.join(table.names) or 'nothing'}")
+            only = f", only {', '.join(table.names)}" if table.names else ""
+            raise ValueError(f"it holds no column of numbers{only}")
         return table
     except ModuleNotFoundError as error:
         library = error.name or (form.library if form else "")

@@ -26,6 +26,8 @@ def read_text(path: Path, form: TextForm | None = None) -> Table:
     """The columns of numbers; columns of dates or times of day become seconds after the first row."""
     whole = _lines(path)
     lines = [line for line in whole if line.strip()]
+    if not lines:
+        raise ValueError("it is empty")
     form = form or TextForm()
     if form.header_row:  # without the blank lines above it
         above = whole[: form.header_row]

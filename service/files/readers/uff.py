@@ -21,8 +21,14 @@ def read_uff(path: Path) -> Table:
     import pyuff
 
     file = pyuff.UFF(str(path))
-    sets = [file.read_sets(int(i)) for i, kind in enumerate(file.get_set_types()) if int(kind) == 58]
+    kinds = [int(kind) for kind in file.get_set_types()]
+    sets = [file.read_sets(i) for i, kind in enumerate(kinds) if kind == 58]
     histories = [s for s in sets if _is_history(s)]
+    if not histories:
+        held = ", ".join(str(kind) for kind in sorted(set(kinds)))
+        raise ValueError(
+            f"it holds no time history (data set 58 of function type 1), only data sets {held or 'of none'}"
+        )
     others = len(sets) - len(histories)
     names = unique_names([("", _name(s)) for s in histories])
     columns = tuple(_column(name, s) for name, s in zip(names, histories, strict=True))
