@@ -15,6 +15,7 @@ SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°")
 EFFECT_COLUMNS = ("effect", "status", "parameters", "since rev.", "ln evidence", "runner-up", "waveform %", "depth µm")
 STRONGEST = 6  # unexplained lines that are named
 CERTAIN, LIKELY = 10.0, 5.0  # nats over the runner-up
+COUNTED = 1e-3  # of a value: a spread that is smaller belongs to a count, such as the number of a tooth
 
 
 def label(name: str) -> str:
@@ -156,7 +157,8 @@ def figure(value: Mapping[str, Any]) -> str:
     factor, unit = SMALL.get(value["unit"], (1.0, value["unit"]))
     if value["value"] is None:
         return "–"
-    about = "" if value["std"] is None else f" ± {number(value['std'] * factor, 2)}"
+    known = value["std"] is not None and value["std"] > COUNTED * abs(value["value"])
+    about = f" ± {number(value['std'] * factor, 2)}" if known else ""
     gap = "" if unit in ("", "°") else " "
     return f"{number(value['value'] * factor, 3)}{about}{gap}{unit}"
 

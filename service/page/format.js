@@ -29,7 +29,7 @@ export function fixed(value, digits = 3) {
 
 export function range(band, digits = 3) {
   if (!band || !Number.isFinite(band.p05) || !Number.isFinite(band.p95)) return "no band";
-  return `${number(band.p05, digits)} – ${number(band.p95, digits)}`;
+  return `${fixed(band.p05, digits)} – ${fixed(band.p95, digits)}`;
 }
 
 export function revolutions(value) {
@@ -108,14 +108,16 @@ export function instant(text) {
 export const dateTime = (time) => (Number.isFinite(time) ? DATE.format(time) : "–");
 export const day = (time) => (Number.isFinite(time) ? DAY.format(time) : "–");
 
+const AHEAD_S = 60; // by which clocks may differ
 const STEPS = [[60, "second"], [60, "minute"], [24, "hour"], [7, "day"], [4.345, "week"], [12, "month"],
   [Infinity, "year"]];
 const RELATIVE = new Intl.RelativeTimeFormat("en", { numeric: "auto" });
 
-// "5 minutes ago".
+// "5 minutes ago"; nothing of a time to come, which the clock of a recording can show.
 export function ago(time, now = Date.now()) {
   if (!Number.isFinite(time)) return "never";
   let value = (time - now) / 1000;
+  if (value > AHEAD_S) return "";
   if (Math.abs(value) < 5) return "now";
   for (const [size, unit] of STEPS) {
     if (Math.abs(value) < size) return RELATIVE.format(Math.round(value), unit);
@@ -128,8 +130,8 @@ const SMALL = { "m": [1e6, "µm"], "kg·m": [1e6, "g·mm"], "rad": [180 / Math.P
 
 // A parameter of an effect in the unit that workshops use.
 export function figure({ value, unit, std }, name = "") {
-  const [factor, shown] = unit === "" && /share$/.test(name) ? [100, "%"] : SMALL[unit] ?? [1, unit];
-  const spread = Number.isFinite(std) ? ` ± ${number(factor * std, 2)}` : "";
+  const [factor, shown] = !unit && /(share|loss)$/.test(name) ? [100, "%"] : SMALL[unit] ?? [1, unit ?? ""];
+  const spread = Number.isFinite(std) && std > 1e-3 * Math.abs(value) ? ` ± ${number(factor * std, 2)}` : ""; // a tooth is counted
   return `${number(factor * value)}${spread}${shown && shown !== "°" ? " " : ""}${shown}`;
 }
 

@@ -110,7 +110,7 @@ function contextOf(root, signal) {
       context.handlers.push(handler);
     },
     get axis() {
-      return storedAxis() ?? (machine.trend.some((p) => Number.isFinite(p.revolutions)) ? "revolutions" : "time");
+      return storedAxis() ?? (counted(machine.trend) ? "revolutions" : "time");
     },
     setAxis(axis) {
       localStorage.setItem(AXIS, axis);
@@ -118,6 +118,12 @@ function contextOf(root, signal) {
     },
   };
   return context;
+}
+
+// Whether the trend has revolutions that only rise: a counter that begins again makes a poor axis.
+function counted(trend) {
+  const known = trend.map((p) => p.revolutions).filter(Number.isFinite);
+  return known.length > 0 && known.every((n, i) => i === 0 || n >= known[i - 1]);
 }
 
 function storedAxis() {

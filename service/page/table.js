@@ -3,8 +3,13 @@
 import { element } from "./dom.js";
 
 // heads: column headings, those of numbers end with "#". rows: arrays of cells, or { className, cells }.
-// On a phone every row is a block in which each value follows its heading; nothing is cut off.
-export function table(heads, rows, { caption = "", blocks = rows.length > 0 && heads.length > 4 } = {}) {
+// `drop`: columns without any value are left out. On a phone every row is a block in which each value follows its heading; nothing is cut off.
+export function table(heads, rows, { caption = "", blocks = rows.length > 0 && heads.length > 4, drop = false } = {}) {
+  if (drop) {
+    const kept = heads.map((_, i) => rows.some((row) => !empty((row.cells ?? row)[i])));
+    const of = (list) => list.filter((_, i) => kept[i]);
+    return table(of(heads), rows.map((row) => (row.cells ? { ...row, cells: of(row.cells) } : of(row))), { caption, blocks });
+  }
   const numeric = heads.map((h) => h.endsWith("#"));
   const names = heads.map((h) => h.replace(/#$/, ""));
   const head = element("thead", {}, element("tr", {}, ...names.map((name, i) =>

@@ -9,6 +9,7 @@ from typing import Any
 
 SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°"), "1/N": (1.0, "1/N")}
 CERTAIN, LIKELY = 10.0, 5.0  # nats over the next best explanation
+COUNTED = 1e-3  # of a value: a spread that is smaller belongs to a count, such as the number of a tooth
 LEAST_CHANGE = 0.05  # of a depth that is said [µm]
 ERRORS = (
     ("transmission_error_percent", "transmission error"),
@@ -54,7 +55,7 @@ def findings(answer: Mapping[str, Any]) -> list[Finding]:
 def _effect(effect: Mapping[str, Any]) -> Finding:
     where = f" ({', '.join(effect['channels'])})" if effect.get("channels") else ""
     title = f"{_capital(label(effect['name']))}{where}"
-    sizes = ", ".join(f"{name.replace('_', ' ')} {_size(value)}" for name, value in effect["parameters"].items())
+    sizes = ", ".join(f"{name.replace('_', ' ')} {_size(value, name)}" for name, value in effect["parameters"].items())
     sentences = [f"{_capital(sizes)}; {_since(effect)}." if sizes else f"{_capital(_since(effect))}."]
     sentences += [_sureness(effect["evidence"]), *_consequences(effect)]
     if effect.get("status") in ("accepted", "pinned"):
@@ -69,11 +70,13 @@ def _since(effect: Mapping[str, Any]) -> str:
     return f"since {onset:,.0f} revolutions" if onset else "present from the first measurement on"
 
 
-def _size(figure: Mapping[str, Any]) -> str:
+def _size(figure: Mapping[str, Any], name: str) -> str:
     if figure["value"] is None:
         return "–"
-    factor, unit = SMALL.get(figure["unit"], (1.0, figure["unit"]))
-    spread = "" if figure["std"] is None else f" ± {number(figure['std'] * factor, 2)}"
+    share = not figure["unit"] and name.endswith(("_share", "_loss"))
+    factor, unit = (100.0, "%") if share else SMALL.get(figure["unit"], (1.0, figure["unit"]))
+    known = figure["std"] is not None and figure["std"] > COUNTED * abs(figure["value"])
+    spread = f" ± {number(figure['std'] * factor, 2)}" if known else ""
     return f"{number(figure['value'] * factor)}{spread}{'' if unit in ('', '°') else ' '}{unit}"
 
 

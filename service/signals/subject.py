@@ -80,7 +80,7 @@ class Subject:
             return self.window.accelerations[name]
         if kind == "torque":
             return self.window.torques[name]
-        raise NotAvailable(f"{label} is known at the encoders' edges, not evenly in time: its order spectrum is shown")
+        raise NotAvailable(f"{label} is known at the encoders' edges, not evenly in time: choose its order spectrum")
 
     @cached_property
     def _angle(self) -> AngleTrack | TwinError:

@@ -28,12 +28,24 @@ KINDS = {
     "baseline": Kind(shown_as="baseline", first="Changes since the healthy baseline"),
     "encoders": Kind(shown_as="encoders", first="Gear ratio"),
     "level": Kind(shown_as="level", first="Vibration RMS"),
+    "preliminary": Kind(shown_as="model", first="Largest wear depth"),
+    "cracked": Kind(shown_as="model", first="Largest wear depth"),
 }
+
+NOT_GIVEN = "the rig file does not give gears.module, gears.face_width"
+SUDDEN = "the wear rate changed suddenly, 1 window ago"
 
 LINES = {
     "frequency_hz": 39.597, "frequency_std_hz": 0.001, "order": 1.188, "part": 3, "geared": None, "spectrum": [],
     "sidebands": [{"channel": "ch11", "harmonic": 1, "multiple": 2, "amplitude": 1.1, "depth": 0.083}],
     "causes": [{"name": "mains of 50 Hz", "possible": False, "detail": "13.199 Hz"}],
+}  # fmt: skip
+
+MODULATION = {
+    "channel": "accel/a1", "shaft": "pinion", "per_turn": 1, "frequency_hz": 24.48, "depth_percent": 18.87,
+    "depth_std_percent": 0.11, "kind": "amplitude", "possible_causes": "run-out or eccentricity of the pinion",
+    "sidebands": [{"mesh_harmonic": 1, "mesh_amplitude": 1.95, "lower_amplitude": 0.15, "upper_amplitude": 0.16,
+                   "depth_percent": 16.0, "depth_std_percent": 0.1}],
 }  # fmt: skip
 
 CHANGE = {
@@ -55,9 +67,11 @@ def status(level: str, reason: str, action: str) -> dict:
 
 def show_machine(store, board, kind: str) -> None:
     """The machine under its kind's name, with a dozen windows."""
-    {"model": _model, "worn-out": _worn_out, "baseline": _baseline, "encoders": _encoders, "level": _level}[kind](
-        store, board
-    )
+    made = {
+        "model": _model, "worn-out": _worn_out, "baseline": _baseline, "encoders": _encoders, "level": _level,
+        "preliminary": _preliminary, "cracked": _cracked,
+    }  # fmt: skip
+    made[kind](store, board)
 
 
 def _model(store, board):
@@ -83,6 +97,37 @@ def _worn_out(store, board):
         "end_of_life", "The wear depth has reached 523.1 µm of 500.0 µm.", "STOP: replace the pair of gears."
     )
     fakes.take(store, board, "worn-out", 90, 22000.0, report=report)
+
+
+def _preliminary(store, board):
+    """At its limit by a figure that is preliminary."""
+    fakes.campaign(store, board, "preliminary")
+    report = fakes.report(22000.0, 12)
+    left = {"median": 0.0, "p05": 0.0, "p95": 0.05}
+    why = {"reasons": [SUDDEN], "remedies": ["2 more windows at this speed and load", "a measured wear depth"]}
+    report["wear"] |= {"preliminary": why}
+    report["rul"] |= {"reached": True, "hours": left, "preliminary": why}
+    reason = (
+        f"The wear depth has reached the end of life: 523.1 µm of 500.0 µm, but the figure is preliminary: {SUDDEN}."
+    )
+    report["status"] = status("watch", reason, "Measure the wear depth at the next stop.")
+    fakes.take(store, board, "preliminary", 90, 22000.0, report=report)
+
+
+def _cracked(store, board):
+    """A cracked tooth on a machine whose wear is far from its limit."""
+    fakes.campaign(store, board, "cracked", windows=6)
+    found = CHANGE | {
+        "label": None, "channels": None, "onset_revolutions": 3000.0,
+        "wear_depth_um_before": 33.0, "wear_depth_um_after": 33.0,
+        "parameters": {"stiffness_loss": {"value": 0.532, "unit": "", "std": 0.044},
+                       "tooth": {"value": 9.0, "unit": "", "std": 1.4e-129}},
+    }  # fmt: skip
+    report = fakes.report(6000.0, 12) | {
+        "effects": [found],
+        "status": status("alarm", "A cracked tooth was found: tooth 9.", "Stop the machine and inspect the teeth."),
+    }
+    fakes.take(store, board, "cracked", 90, 20000.0, report=report)
 
 
 def _poor(store, board, name: str, given: dict, windows: int = 12) -> None:
@@ -114,5 +159,7 @@ def _encoders(store, board):
 
 
 def _level(store, board):
-    found = status("no_verdict", "The machine cannot be judged.", "Add a rig file or a healthy baseline.")
-    _poor(store, board, "level", {"unattributed_lines": [LINES], "status": found})
+    found = status("no_verdict", f"The machine cannot be judged: wear is not available: {NOT_GIVEN}.",
+                   "Add a rig file or a healthy baseline.")  # fmt: skip
+    found["reasons"].append(f"The vibration is not explained yet: wear is not available: {NOT_GIVEN}.")
+    _poor(store, board, "level", {"unattributed_lines": [LINES], "modulation": [MODULATION], "status": found})

@@ -170,7 +170,7 @@ def test_effects_are_sentences_with_size_consequence_and_onset(traced, store):
         "It began at about 4,095 revolutions (",
         "With it the wear depth is 152 µm; without it, it would be 180 µm.",
         "The remaining life is 11,400 instead of 9,800 revolutions.",
-        "It changes neither wear depth nor remaining life.",
+        "It changes neither the wear depth nor the life until the wear limit.",
         "The error of the acceleration falls from 24 to 9 %.",
         "tooth friction: rejected",
     ):

@@ -58,6 +58,16 @@ def test_the_pdf_has_two_pages_whatever_there_is_to_say(answer):
     assert "Data quality" in second and "Latest measurements" in second
 
 
+def test_a_count_has_no_spread_and_a_share_is_in_percent(answer):
+    sizes = {
+        "stiffness_loss": {"value": 0.532, "unit": "", "std": 0.044},
+        "tooth": {"value": 9.0, "unit": "", "std": 1e-129},
+    }
+    effect = {"name": "tooth_crack", "parameters": sizes, "evidence": {}, "onset_revolutions": 0.0}
+    (found,) = report_of({**answer, "effects": [effect]}).findings
+    assert found.sentences[0].startswith("Stiffness loss 53.2 ± 4.4 %, tooth 9; present")
+
+
 def test_an_effect_is_said_with_size_onset_sureness_and_consequence(answer):
     effect = {
         "name": "misalignment", "status": "pinned", "onset_revolutions": 0.0,

@@ -47,7 +47,7 @@ def test_a_view_is_written_as_its_ending_says(recording, tmp_path, ending):
         (["--window", "7"], "there is no window 7; the recording has windows 0 to 2"),
         (["--channel", "accel/zz"], "has no channel 'accel/zz'; it has accel/y6"),
         (["--out", "picture.bmp"], "picture.bmp: the ending must be one of .png, .csv, .json"),
-        (["--view", "spectrum", "--channel", "encoder/gear"], "its order spectrum is shown"),
+        (["--view", "spectrum", "--channel", "encoder/gear"], "choose its order spectrum"),
     ],
 )
 def test_what_cannot_be_shown_is_one_clear_line(recording, capsys, options, said):

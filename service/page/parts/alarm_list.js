@@ -29,7 +29,8 @@ function title(alarm, withAsset) {
   return withAsset ? [element("a", { href: `#/asset/${encodeURIComponent(alarm.asset)}/alarms` }, alarm.asset), " ", what] : [what];
 }
 
-const moment = (text) => element("time", { dateTime: text, title: dateTime(instant(text)) }, `${dateTime(instant(text))} (${ago(instant(text))})`);
+const moment = (text) => element("time", { dateTime: text, title: dateTime(instant(text)) },
+  [dateTime(instant(text)), ago(instant(text))].filter(Boolean).map((part, i) => (i ? ` (${part})` : part)).join(""));
 
 function signedLine(word, signed) {
   return signed ? [element("p", { className: "signed" }, `${word} by ${signed.by}, ${dateTime(instant(signed.at))}`,

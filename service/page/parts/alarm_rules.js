@@ -7,15 +7,15 @@ import { busy, field, valuesOf } from "../forms.js";
 import { table } from "../table.js";
 import { keepName, quantityWords, storedName } from "./alarm_list.js";
 
-const BASES = { criterion: "by the criterion of the status", learned: "learned from this machine", fixed: "stated here" };
+const BASES = { criterion: "as for the state of the machine", learned: "learned from this machine", fixed: "stated here" };
 const NUMBERS = ["watch", "alarm", "windows", "seconds", "learn_windows"];
 
 const limit = (value, unit) => (Number.isFinite(value) ? `${number(value)}${unit ? ` ${unit}` : ""}` : "–");
 
-function learnedText(rule, learning) {
+function learnedText(rule, learning, depthKnown) {
   const own = learning.filter((point) => point.rule === rule.name);
   if (rule.basis !== "learned") return "–";
-  if (!own.length) return rule.without_depth ? "nothing learned: a wear depth is known, or no window has come" : "nothing learned yet";
+  if (!own.length) return rule.without_depth && depthKnown ? "not needed: the wear depth is known" : "nothing learned yet";
   const ready = own.filter((point) => Number.isFinite(point.watch)).length;
   return `${ready} of ${own.length} limits learned`;
 }
@@ -71,7 +71,7 @@ function ruleOf(values) {
 }
 
 // The panel; `load()` gives the rules as the service has them.
-export function alarmRules({ base, signal, load }) {
+export function alarmRules({ base, signal, load, depthKnown }) {
   const root = element("section", { className: "panel", id: "alarm-rules" });
   let kept = null; // as the service has them
   let draft = null; // as they are edited here; null where they are not
@@ -84,7 +84,7 @@ export function alarmRules({ base, signal, load }) {
     const button = (text, act) => element("button", { type: "button", onclick: act, dataset: { key: `${text}-${index}` },
       "aria-label": `${text} rule ${rule.name}` }, text);
     return [rule.name, quantityWords(rule.quantity), rule.place === "*" ? "each" : rule.place, BASES[rule.basis] ?? "–",
-      limit(rule.watch, unit), limit(rule.alarm, unit), duration(rule), learnedText(rule, kept.learning), rule.enabled ? "on" : "off",
+      limit(rule.watch, unit), limit(rule.alarm, unit), duration(rule), learnedText(rule, kept.learning, depthKnown()), rule.enabled ? "on" : "off",
       element("span", { className: "buttons" }, button("Edit", () => { draft = [...rules()]; editing = index; draw(); }),
         button("Remove", () => { draft = rules().filter((_, i) => i !== index); editing = null; draw(); }))];
   }

@@ -45,11 +45,19 @@ function depthCard({ wear }, machine) {
     inspected, tag(wear));
 }
 
-function lifeCard({ rul }) {
+// Life counts wear alone: where the state asks to stop for something else, the card must not calm.
+const aloneOf = ({ findings }) => ((findings ?? []).some((f) => f.level === "alarm" && f.subject.startsWith("effect"))
+  ? element("p", { className: "more" }, element("span", { className: "badge bad" }, "of wear alone"), " the damage found is not counted in") : "");
+
+function lifeCard({ rul, status }) {
   if (!isAvailable(rul)) return null;
+  const alone = aloneOf(status);
   const { hours, reached, reason, speed_hz: speed, torque_nm: torque } = rul;
   const date = isAvailable(rul.date) ? rul.date : null;
-  if (reached) return card("Remaining life", "none", "", "The limit is reached.", tag(rul));
+  if (reached) {
+    const more = hours?.p95 > 0 ? `5–95 %: 0 – ${duration(hours.p95)}` : "";
+    return card("Remaining life", "none", "", "The limit is reached.", more, tag(rul));
+  }
   if (!isAvailable(hours)) return null;
   const point = `at ${number(speed)} Hz and ${number(torque)} N·m`;
   if (!Number.isFinite(hours.median)) {
@@ -59,7 +67,7 @@ function lifeCard({ rul }) {
     `5–95 %: ${duration(hours.p05)} – ${Number.isFinite(hours.p95) ? duration(hours.p95) : "no upper bound"}, ${point}`,
     date?.median ? `limit reached about ${moment(date.median, date)}${date.p05 && date.p95
       ? ` (${moment(date.p05, date)} – ${moment(date.p95, date)})` : ""}, at ${number(date.hours_per_day, 2)} h a day (${date.source})` : "",
-    rul.revolutions?.median ? `${revolutions(rul.revolutions.median)} revolutions` : "", tag(rul));
+    rul.revolutions?.median ? `${number(Number(rul.revolutions.median.toPrecision(3)))} revolutions` : "", alone, tag(rul));
 }
 
 // A day; with the time where the limit is less than three days away.
@@ -85,7 +93,7 @@ function indicatorCard(last) {
 }
 
 const EXPLAINED = { explained: "the model explains the vibration", unknown_effect: "part of the vibration has an unknown cause",
-  insufficient_data: "too few data to say whether the vibration is explained" };
+  insufficient_data: "whether the vibration is explained cannot be said yet" };
 
 function effectsCard({ effects, unexplained, baseline, wear, calibration }) {
   const found = isAvailable(effects) ? effects : [];
@@ -97,7 +105,8 @@ function effectsCard({ effects, unexplained, baseline, wear, calibration }) {
   const names = new Map();
   for (const e of found) names.set(e.label ?? words(e.name), (names.get(e.label ?? words(e.name)) ?? 0) + 1);
   return card(learned ? "Changes since the healthy baseline" : "Effects other than wear",
-    found.length ? String(found.length) : "none", "", [...names].map(([name, count]) => (count > 1 ? `${name} (${count} channels)` : name)).join(", "), verdict);
+    found.length ? String(found.length) : "none found", "", [...names].map(([name, count]) => (count > 1 ? `${name} (${count} channels)` : name)).join(", "), verdict,
+    judged && Number.isFinite(unexplained.share_percent) ? `${number(unexplained.share_percent)} % of the energy above the noise is unexplained` : "");
 }
 
 function pairCards({ pair }) {
@@ -110,7 +119,8 @@ function pairCards({ pair }) {
       stated ? `the ratio from ${stated.source} is ${stated.contradicted ? "contradicted" : "confirmed"}` : "",
       fit.length ? `tooth counts that fit: ${fit.slice(0, 4).join(", ")}` : ""),
     ...(largest ? [card("Largest run-out", size, Number.isFinite(largest.amplitude_um) ? "µm" : "µrad",
-      `${largest.multiple}× a turn of the ${largest.shaft}`)] : []),
+      `${largest.multiple}× a turn of the ${largest.shaft}`, largest.indistinguishable_from?.length
+        ? `indistinguishable from ${largest.indistinguishable_from.join(", ")}` : "")] : []),
     card("Missed counts", missed.length ? String(missed.length) : "none", "", "in the latest window"),
   ];
 }
@@ -150,8 +160,7 @@ export function cards(machine, kind) {
 const PARTS = { wear: "wear depth and profile", rul: "remaining life", residual: "residual", unexplained: "unexplained share",
   calibration: "calibration", tracing: "search for other effects", pair: "gear pair from its encoders" };
 
-// One card for all that this machine cannot tell: every reason once, with the parts that it concerns.
-export function missing(state) {
+function missingParts(state) {
   const named = new Map();
   for (const [key, name] of Object.entries(PARTS)) {
     const part = state[key];
@@ -159,6 +168,14 @@ export function missing(state) {
     const reason = reasonOf(part).replace(/^[\w ]+ (is|are) not available: /, "");
     named.set(reason, [...(named.get(reason) ?? []), name]);
   }
+  return named;
+}
+
+export const missingReasons = (state) => (state.windows_total === 0 ? [] : [...missingParts(state).keys()]);
+
+// One card for all that this machine cannot tell: every reason once, with the parts that it concerns.
+export function missing(state) {
+  const named = missingParts(state);
   if (!named.size) return "";
   return element("section", { className: "panel missing" }, element("h2", {}, "What this machine cannot tell yet"),
     element("ul", {}, ...[...named].map(([reason, names]) =>

@@ -29,9 +29,22 @@ function sinceOf(effect, trend) {
   return `It began at about ${revolutions(effect.onset_revolutions)} revolutions${time ? ` (${dateTime(time)})` : ""}.`;
 }
 
+const rounded = (count) => number(Number(count.toPrecision(3)));
+
+// Angles and shares describe an effect further: they are part of its evidence.
+const secondary = (name) => /(_point|_phase|_share|_angle)$/.test(name);
+
+function sizesOf({ parameters }, wanted) {
+  const all = Object.entries(parameters ?? {});
+  const main = all.filter(([name]) => !secondary(name));
+  const first = main.length ? main : all;
+  return (wanted === "main" ? first : all.filter((one) => !first.includes(one)))
+    .map(([name, value]) => `${words(name)} ${figure(value, name)}`).join(", ");
+}
+
 function sizeOf(effect) {
-  const sizes = Object.entries(effect.parameters ?? {}).map(([name, value]) => `${words(name)} ${figure(value, name)}`);
-  return sizes.length ? `Size: ${sizes.join(", ")}.` : "";
+  const sizes = sizesOf(effect, "main");
+  return sizes ? `Size: ${sizes}.` : "";
 }
 
 // An error before and after, in a sentence that says which of the two is better.
@@ -48,8 +61,8 @@ function consequences(effect) {
     rul_revolutions_before: l0, rul_revolutions_after: l1 } = effect;
   const changed = (a, b) => Number.isFinite(a) && Number.isFinite(b) && Math.abs(a - b) > 0.005 * Math.max(Math.abs(a), Math.abs(b));
   const depth = changed(d0, d1) ? `With it the wear depth is ${number(d1)} µm; without it, it would be ${number(d0)} µm.` : "";
-  const life = changed(l0, l1) ? `The remaining life is ${revolutions(l1)} instead of ${revolutions(l0)} revolutions.` : "";
-  const none = !depth && !life && Number.isFinite(d0) ? "It changes neither wear depth nor remaining life." : "";
+  const life = changed(l0, l1) ? `The remaining life is ${rounded(l1)} instead of ${rounded(l0)} revolutions.` : "";
+  const none = !depth && !life && Number.isFinite(d0) ? "It changes neither the wear depth nor the life until the wear limit." : "";
   return [depth, life, none,
     errorSentence("transmission error", before.transmission_error_percent, after.transmission_error_percent),
     errorSentence("acceleration", before.waveform_percent, after.waveform_percent)].filter(Boolean);
@@ -64,11 +77,13 @@ function alternatives(effect) {
     + "or one more channel (torque, or an encoder on each shaft), can help to decide.";
 }
 
-function evidencePairs({ evidence = {}, error_before: before = {}, error_after: after = {}, channels }) {
+function evidencePairs(effect) {
+  const { evidence = {}, error_before: before = {}, error_after: after = {}, channels } = effect;
   const rival = evidence.runner_up ? `${words(evidence.runner_up)}, by ${number(evidence.over_runner_up)}` : "none";
   const change = (a, b) => (Number.isFinite(a) && Number.isFinite(b) ? `${number(a)} → ${number(b)} %` : null);
   return [[`log evidence over the ${channels ? "baseline alone" : "model without it"}`, number(evidence.log_evidence)],
     ["ahead of the next best explanation", rival],
+    ["further parameters", sizesOf(effect, "rest")],
     ["observation", evidence.detail],
     ["waveform error on held-out windows", change(before.waveform_percent, after.waveform_percent)],
     ["RMS error on held-out windows", change(before.rms_percent, after.rms_percent)],
@@ -155,7 +170,8 @@ export function effectsPanel(machine, signal) {
       ...verdictOf(machine.state, found.length));
     // without a model and without a baseline nothing was searched for, so that nothing can be said of it
     const searched = isAvailable(wear) || isAvailable(baseline) || isAvailable(calibration);
-    root.hidden = !found.length && !rejected.length && !searched && unexplained?.verdict !== "unknown_effect";
+    const settled = unexplained?.verdict === "explained" || unexplained?.verdict === "insufficient_data"; // the card says it
+    root.hidden = !found.length && !rejected.length && (settled || !searched && unexplained?.verdict !== "unknown_effect");
   }
 
   return { root, draw };

@@ -1,4 +1,5 @@
-// What is found without a model of the machine: the gear pair from its encoders, and lines that belong to no known shaft.
+// What is found without a model of the machine: the gear pair from its encoders, how deep the shafts modulate the mesh
+// vibration, and lines that belong to no known shaft.
 
 import { element, panel } from "../dom.js";
 import { fixed, isAvailable, number } from "../format.js";
@@ -23,6 +24,26 @@ export function pairPanel(pair) {
     ...(inUm ? [`${number(t.amplitude_um)} ± ${number(t.std_um, 2)}`] : []), t.indistinguishable_from.join(", ")]);
   return [panel("Gear pair from its encoders", facts(rows),
     table(["run-out", "µrad of the pinion#", ...(inUm ? ["µm#"] : []), "indistinguishable from"], terms))];
+}
+
+const TIMES = { 1: "once", 2: "twice", 3: "three times" };
+const MOST = 6; // modulations that are listed, the deepest
+
+// Sidebands of the mesh lines: a description, and a finding only where a healthy baseline shows that they are new.
+export function modulationPanel(modulation) {
+  if (!isAvailable(modulation) || !modulation.length) return [];
+  const compared = modulation.some((m) => m.healthy_percent);
+  const listed = [...modulation].sort((a, b) => Number(Boolean(b.new)) - Number(Boolean(a.new)) || b.depth_percent - a.depth_percent).slice(0, MOST);
+  const rows = listed.map((m) => [`${TIMES[m.per_turn] ?? `${m.per_turn} times`} per turn of the ${m.shaft}`, fixed(m.frequency_hz, 4), m.channel,
+    `${number(m.depth_percent)} ± ${number(m.depth_std_percent, 2)}`, m.kind,
+    ...(compared ? [m.healthy_percent ? `${number(m.healthy_percent[0], 2)} to ${number(m.healthy_percent[1], 2)}` : "–", m.new ? "yes" : "no"] : []),
+    m.possible_causes]);
+  const meaning = compared ? "The depth is compared with the recordings of the healthy baseline."
+    : "Healthy gears have sidebands, too: whether these are new, a healthy baseline shows.";
+  const more = modulation.length > MOST ? ` ${modulation.length - MOST} shallower ones are in the REST answer.` : "";
+  return [panel("Modulation of the mesh vibration", element("p", {}, `${meaning} The accelerometers cannot distinguish the causes of one line.${more}`),
+    table(["modulated", "sidebands at ± [Hz]#", "channel", "depth [% of the mesh lines]#", "kind",
+      ...(compared ? ["healthy [%]#", "new"] : []), "possible causes"], rows))];
 }
 
 export function unattributedPanels(lines) {

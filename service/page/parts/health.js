@@ -2,6 +2,7 @@
 
 import { element } from "../dom.js";
 import { VIEWS } from "../views.js";
+import { missingReasons } from "./cards.js";
 import { dataOf, dateTime, instant, isAvailable, levelWord, revolutions, sentence } from "../format.js";
 
 const DATA_WORDS = { ok: "data good", waiting: "no data yet", degraded: "data degraded", stale: "data out of date" };
@@ -23,14 +24,30 @@ function since(status) {
 }
 
 // Why depth or life is preliminary, and which measurement would cure it.
-function preliminary({ wear, rul }) {
+function preliminary({ wear, rul, status }) {
   const found = [wear, rul].filter(isAvailable).map((part) => part.preliminary).filter(Boolean);
   const reasons = [...new Set(found.flatMap((p) => p.reasons ?? []))];
   const remedies = [...new Set(found.flatMap((p) => p.remedies ?? []))];
   if (!reasons.length) return "";
+  const said = (status.reasons ?? []).join(" ").toLowerCase(); // what the state has said is not repeated
+  const others = reasons.filter((reason) => !said.includes(reason.toLowerCase()));
   return element("div", { className: "preliminary" }, element("strong", {}, "Depth and life are preliminary. "),
-    ...reasons.map((reason) => `${sentence(reason)} `),
-    ...(remedies.length ? [element("span", {}, "What helps: ", remedies.map(sentence).join(" "))] : []));
+    ...others.map((reason) => `${sentence(reason)} `),
+    ...(remedies.length ? [element("span", {}, `What helps: ${sentence(remedies.join("; ")).replace(/^./, (c) => c.toLowerCase())}`)] : []));
+}
+
+// The reasons, without why parts are not available: a card below says that once.
+function shortened(state) {
+  const listed = missingReasons(state);
+  let pointed = false;
+  return (state.status.reasons ?? []).map((reason) => {
+    const why = listed.find((one) => reason.includes(one));
+    const head = why ? reason.slice(0, reason.indexOf(why)).replace(/[;:,]?\s*([\w ]+ (is|are) not available)?[;:,]?\s*$/, "") : reason;
+    if (!why || !head) return reason;
+    if (pointed || head.includes(":")) return head;
+    pointed = true;
+    return `${head}; see below what it cannot tell yet, and why`;
+  });
 }
 
 function question(asked, machine) {
@@ -42,7 +59,7 @@ function question(asked, machine) {
 
 export function health(state) {
   const { status } = state;
-  const [first = "", ...others] = status.reasons ?? [];
+  const [first = "", ...others] = shortened(state);
   const data = dataOf(state);
   return element("section", { className: `panel health health-${status.level}`, "aria-label": "State of the machine" },
     element("div", { className: "head" }, levelBadge(status.level),

@@ -11,20 +11,28 @@ const SHOWN = 25; // windows at first
 // keys of the state that have a place of their own; others are listed as they come
 const KNOWN = new Set(["asset", "windows", "wear", "rul", "residual", "effects", "unexplained", "calibration", "data_quality",
   "tracing", "pair", "unattributed_lines", "schema_version", "status", "rig", "windows_total", "energy_breakdown", "baseline",
-  "data", "question", "alarms", "retired", "epoch"]);
+  "data", "question", "alarms", "retired", "modulation", "epoch"]);
+
+const noteOf = (w) => w.reason ?? (w.notes ?? []).join("; ");
+const depthText = (um) => (Number.isFinite(um) && Math.abs(um) < 0.005 ? "0.00" : fixed(um));
 
 function windowsPanel(windows, all, more) {
-  const rows = windows.slice(all ? 0 : -SHOWN).reverse().map((w) => ({
+  const listed = windows.slice(all ? 0 : -SHOWN).reverse();
+  const shared = listed.length > 1 ? noteOf(listed[0]) : ""; // what every window says is said once
+  const common = shared && listed.every((w) => noteOf(w) === shared);
+  const rows = listed.map((w) => ({
     className: w.updated ? "updated" : "",
     cells: [
       String(w.index), dateTime(instant(w.start_time)), w.kind, revolutions(w.revolutions), fixed(w.speed_hz), fixed(w.torque_nm),
       fixed(w.rms_measured, 4), fixed(w.rms_predicted, 4), Number.isFinite(w.error_percent) ? signed(w.error_percent) : "–",
-      w.updated ? "yes" : "", w.quality ?? "", fixed(w.wear_depth_um), fixed(w.k_wear_per_n), w.reason ?? (w.notes ?? []).join("; "),
+      w.updated ? "yes" : "", w.quality ?? "", depthText(w.wear_depth_um), fixed(w.k_wear_per_n),
+      common ? "" : noteOf(w),
     ],
   }));
   const heads = ["window#", "start", "kind", "revolutions#", "speed [Hz]#", "torque [N·m]#", "RMS [m/s²]#", "model [m/s²]#",
     "error [%]#", "updated", "data", "depth [µm]#", "K [1/N]#", "notes"];
-  const made = panel("Latest windows", table(heads, rows));
+  const made = panel("Latest windows", ...(common ? [element("p", { className: "meta" }, `All of these windows: ${sentence(shared)}`)] : []),
+    table(heads, rows, { drop: rows.length > 0 }));
   made.id = "windows";
   if (windows.length > SHOWN) {
     made.append(element("button", { type: "button", onclick: more, dataset: { key: "more-windows" } },

@@ -20,9 +20,9 @@ export function sparkline(course) {
   const [low, high] = [Math.min(...values), Math.max(...values)];
   const at = values.map((v, i) => `${(2 + 96 * i / (values.length - 1)).toFixed(1)},${(22 - 20 * (v - low) / (high - low || 1)).toFixed(1)}`);
   const last = at.at(-1).split(",");
-  return svg("svg", { class: "sparkline", viewBox: "0 0 100 24", role: "img",
+  return element("span", {}, svg("svg", { class: "sparkline", viewBox: "0 0 100 24", role: "img",
     "aria-label": `${course.quantity}: from ${number(values[0])} to ${number(values.at(-1))} ${course.unit}` },
-  svg("polyline", { points: at.join(" ") }), svg("circle", { cx: last[0], cy: last[1], r: 2.2 }));
+  svg("polyline", { points: at.join(" ") }), svg("circle", { cx: last[0], cy: last[1], r: 2.2 })), small(course.quantity));
 }
 
 const small = (text) => element("small", {}, text);
@@ -31,21 +31,21 @@ function depthCell({ depth_um: depth, limit_um: limit, preliminary }) {
   if (!depth) return "–";
   const value = Number.isFinite(depth.median) ? `${fixed(depth.median)} µm` : `at least ${fixed(depth.p05)} µm`;
   return element("span", {}, value, limit && Number.isFinite(depth.median) ? ` (${number(100 * depth.median / limit, 2)} % of limit)` : "",
-    Number.isFinite(depth.p95) ? small(`5–95 %: ${range(depth)}`) : "", preliminary ? small("preliminary") : "");
+    Number.isFinite(depth.p95) ? small(`5–95 %: ${range(depth)} µm`) : "", preliminary ? small("preliminary") : "");
 }
 
 function lifeCell({ life_hours: hours, preliminary }) {
   if (!hours) return "–";
-  if (hours.median === 0) return "limit reached";
   const known = Number.isFinite(hours.median);
-  return element("span", {}, known ? duration(hours.median) : `at least ${duration(hours.p05)}`,
-    known && Number.isFinite(hours.p95) ? small(`5–95 %: ${duration(hours.p05)} – ${duration(hours.p95)}`) : "",
+  return element("span", {}, hours.median === 0 ? "limit reached" : known ? duration(hours.median) : `at least ${duration(hours.p05)}`,
+    known && hours.p95 > 0 ? small(`5–95 %: ${duration(hours.p05)} – ${duration(hours.p95)}`) : "",
     preliminary ? small("preliminary") : "");
 }
 
 function seenCell(asset) {
   const seen = instant(asset.last_seen) ?? instant(asset.last_window);
-  return element("time", { title: dateTime(seen), dateTime: Number.isFinite(seen) ? new Date(seen).toISOString() : "" }, ago(seen));
+  return element("time", { title: dateTime(seen), dateTime: Number.isFinite(seen) ? new Date(seen).toISOString() : "" },
+    ago(seen) || dateTime(seen));
 }
 
 function stateCell(asset) {
@@ -63,7 +63,7 @@ function row(asset) {
   const cells = [
     ["machine", element("a", { href: `#/asset/${encodeURIComponent(asset.asset)}`, dataset: { key: `asset ${asset.asset}` } }, asset.asset)],
     ["state", stateCell(asset)], ["data", dataBadge(asset) || "–"], ["wear depth", depthCell(asset)], ["remaining life", lifeCell(asset)],
-    ["course", sparkline(asset.sparkline)], ["last seen", seenCell(asset)], ["answers from", KIND_WORDS[asset.kind] ?? "–"],
+    ["course", sparkline(asset.sparkline)], ["last seen", seenCell(asset)], ["answers from", asset.windows === 0 ? "–" : KIND_WORDS[asset.kind] ?? "–"],
   ];
   return element("tr", { className: `row-${asset.status?.level}`, dataset: { asset: asset.asset } },
     ...cells.map(([head, content], i) => element(i ? "td" : "th", { ...(i ? {} : { scope: "row" }), dataset: { head } }, content)));

@@ -4,7 +4,7 @@ import { element, keepingFocus } from "../dom.js";
 import { KIND_WORDS, isAvailable, number, revolutions } from "../format.js";
 import { cards, missing } from "../parts/cards.js";
 import { effectsPanel } from "../parts/effects.js";
-import { pairPanel, unattributedPanels } from "../parts/findings.js";
+import { modulationPanel, pairPanel, unattributedPanels } from "../parts/findings.js";
 import { health } from "../parts/health.js";
 import { trends } from "../parts/trends.js";
 
@@ -42,8 +42,8 @@ export async function show(root, context) {
   const { machine } = context;
   const effects = effectsPanel(machine, context.signal);
   const drawn = trends(context);
-  const [top, found, lower] = [element("div"), element("div", { className: "findings" }), element("div")];
-  root.append(top, effects.root, found, drawn.root, lower);
+  const [top, found, lower, turning] = [element("div"), element("div", { className: "findings" }), element("div"), element("div")];
+  root.append(top, effects.root, turning, found, drawn.root, lower);
 
   const drawAll = () => {
     const { state } = machine;
@@ -51,6 +51,7 @@ export async function show(root, context) {
     const empty = state.windows_total === 0;
     top.replaceChildren(health(state), ...(empty ? [waiting(machine)] : [cards(machine, kind)]));
     effects.draw();
+    turning.replaceChildren(...modulationPanel(state.modulation));
     found.replaceChildren(...pairPanel(state.pair), ...unattributedPanels(state.unattributed_lines));
     drawn.root.hidden = empty;
     lower.replaceChildren(...(empty ? [] : [missing(state), smallPrint(machine, kind)]));

@@ -19,6 +19,7 @@ const POINTS = 2400;
 const SECTIONS = [["window", "One window"], ["waterfall", "Waterfall"], ["indicators", "Indicators"]];
 const VIEWS = { waveform: "Waveform", spectrum: "Spectrum", "order-spectrum": "Order spectrum", "envelope-spectrum": "Envelope spectrum",
   "synchronous-average": "Synchronous average", "transmission-error": "Transmission error", flank: "Worn flank" };
+const EVEN = /^(accel|torque)\//; // channels that are sampled evenly in time, which a spectrum needs
 const KINDS = [["mesh", "mesh"], ["sideband", "sidebands"], ["shaft", "shafts"], ["bearing", "bearings"]];
 const chosen = { view: "spectrum", channel: "", shaft: "pinion", averaged: false, log: true, modelled: true, without_lines: false,
   kinds: new Set(["mesh", "bearing"]), cursor: "none", spacing: "pinion", band: ["", ""] }; // kept while the page is open
@@ -30,8 +31,9 @@ export async function show(root, context) {
   const kept = await get(`${machine.base}/signals`, { signal });
   const at = { section: SECTIONS.some(([s]) => s === given[0]) ? given[0] : "window",
     index: /^\d+$/.test(given[1] ?? "") ? Number(given[1]) : null };
-  if (given[2] in VIEWS) chosen.view = given[2];
   chosen.channel = given[3] ?? "";
+  if (given[2] in VIEWS) chosen.view = given[2];
+  else if (kept.channels.length && !kept.channels.some((c) => EVEN.test(c))) chosen.view = "waveform"; // encoders alone: their speeds
 
   const body = element("div");
   let section = null; // { load }

@@ -1,0 +1,98 @@
+"""What the page says of machines of every kind: each thing once, with its unit, and nothing that is not known."""
+
+from __future__ import annotations
+
+import pytest
+import service_fakes as fakes
+from gear_signals import START, meshing_window
+from machines import NOT_GIVEN, SUDDEN, show_machine
+
+from service.results.signal_store import SignalStore
+from twin.windows import Window
+
+
+@pytest.fixture
+def signals(tmp_path):
+    """The windows of `encoders`: two encoders alone, on a machine whose teeth nobody knows."""
+    kept = SignalStore(tmp_path / "signals", 2**28)
+    kept.keep("encoders", 0, Window(start_time_ns=START, encoders=meshing_window().encoders))
+    return kept
+
+
+def shown(page, kind, view=""):
+    page.evaluate("hash => { location.hash = hash }", f"#/asset/{kind}{view and '/'}{view}")
+    page.wait_for_selector(f"main[data-view={view.partition('/')[0] or 'overview'}]")
+    page.wait_for_function("kind => document.title.includes(kind)", arg=kind)
+    return page.inner_text("main")
+
+
+@pytest.mark.slow
+def test_list_of_machines_gives_units_and_says_nothing_of_a_machine_without_windows(open_page, store, board):
+    show_machine(store, board, "preliminary")
+    store.keep_rig("waiting", {"name": "new"})
+    board.update("waiting", rig={"name": "new"})
+    page = open_page("/")
+    rows = {row.get_attribute("data-asset"): row.inner_text() for row in page.locator(".fleet tbody tr").all()}
+    assert "5–95 %: 495 – 550 µm" in rows["preliminary"]
+    life = page.locator("[data-asset=preliminary] td").nth(3).inner_text()
+    assert "limit reached" in life and "5–95 %: 0 h – 3 min" in life and "preliminary" in life
+    assert "wear depth" in page.locator("[data-asset=preliminary] td").nth(4).inner_text()
+    assert "vibration level" not in rows["waiting"]  # nothing is known of what it can tell
+
+
+@pytest.mark.slow
+def test_a_life_that_is_not_sure_to_be_over_keeps_its_band_and_its_reason_is_said_once(open_page, store, board):
+    show_machine(store, board, "preliminary")
+    page = open_page("/#/asset/preliminary")
+    said = page.inner_text("main")
+    assert said.lower().count(SUDDEN) == 1
+    assert "What helps: 2 more windows at this speed and load; a measured wear depth." in said
+    assert "5–95 %: 0 – 3 min" in page.inner_text(".cards .card >> nth=1")
+
+
+def test_life_of_a_machine_that_must_stop_is_said_to_be_of_wear_alone(open_page, store, board):
+    show_machine(store, board, "cracked")
+    page = open_page("/#/asset/cracked")
+    assert "of wear alone" in page.inner_text(".cards .card >> nth=1").lower()
+    effect = page.inner_text("#effects")
+    assert "stiffness loss 53.2 ± 4.4 %, tooth 9." in effect
+    assert "neither the wear depth nor the life until the wear limit" in effect
+
+
+@pytest.mark.slow
+def test_machine_without_a_model_says_why_once_and_lists_its_sidebands(open_page, store, board):
+    show_machine(store, board, "level")
+    page = open_page("/#/asset/level")
+    assert page.inner_text("main").count(NOT_GIVEN.partition("give ")[2]) == 1
+    assert "The machine cannot be judged; see below what it cannot tell yet, and why." in page.inner_text(".health")
+    table = page.inner_text("section:has(h2:text('Modulation'))")
+    assert "once per turn of the pinion" in table and "18.9 ± 0.11" in table and "Healthy gears have sidebands" in table
+    shown(page, "level", "data")
+    assert page.locator("h2", has_text="Modulation").count() == 0
+    assert "model" not in page.inner_text("#windows")  # a column without values
+
+
+@pytest.mark.slow
+def test_encoders_alone_have_a_signal_to_look_at_first(open_page, store, board):
+    show_machine(store, board, "encoders")
+    page = open_page("/#/asset/encoders/signals")
+    page.wait_for_selector("#signal[data-points]:not([data-points='0'])")
+    assert "Waveform of encoder" in page.inner_text("main")
+    assert page.is_disabled("[data-key=previous-window]") and page.is_disabled("[data-key=next-window]")
+
+
+@pytest.mark.slow
+def test_a_counter_that_begins_again_is_no_axis(open_page, store, board):
+    for index, turns in enumerate((122.0, 122.5, 122.0, 367.0)):
+        fakes.take(store, board, "fan", index, turns, report=fakes.little_known_report())
+    page = open_page("/#/asset/fan")
+    assert page.get_by_label("time", exact=True).is_checked()
+
+
+@pytest.mark.slow
+def test_what_every_window_says_is_said_once(open_page, store, board):
+    for index in range(3):
+        fakes.take(store, board, "fan", index, 4.0e4, report=fakes.little_known_report())
+    page = open_page("/#/asset/fan/data")
+    assert page.inner_text("#windows").count("beyond the steady states of the model") == 0
+    assert page.inner_text("#windows").count("Beyond the steady states of the model") == 1
