@@ -25,9 +25,9 @@ from twin.updating.depth import DEPTH
 from twin.updating.inspected_wear import FAULTS, InspectedWear, InspectedWork, wear_with_inspections
 from twin.updating.inspections import Inspection
 from twin.updating.life import life_of_track
-from twin.updating.memory import Memory
+from twin.updating.memory import Memory, RatePrior
 from twin.updating.model_cache import curve_of
-from twin.updating.tracker import WearTrack
+from twin.updating.tracker import RATE, WearTrack
 from twin.updating.update import reference_rate
 from twin.updating.wear_now import profile_along, wear_shares
 from twin.updating.wear_points import Points, WearPoint
@@ -68,11 +68,10 @@ def with_inspections(
     scale = _Scale.of(rig, memory, by_rms, depth)
     shares = wear_shares(rig)
     works = [scale.inspected(i, shares[i.flank]) for i in inspections]
-    (K,) = rig.require("the wear coefficient", "wear.K")
     found = wear_with_inspections(
         scale.points,
         works,
-        K * reference_rate(rig),
+        memory.prior or _prior_of_rig(rig),
         _track_by_windows(memory, depth, scale, by_rms),
         FAULTS.alike_rms if by_rms else FAULTS.alike_fused,
     )
@@ -103,6 +102,12 @@ def _life(
     if not isinstance(after, Life):
         return after
     return replace(after, preliminary=None if settled and not young else result.life_preliminary)
+
+
+def _prior_of_rig(rig: Rig) -> RatePrior:
+    (K,) = rig.require("the wear coefficient", "wear.K")
+    rate = K * reference_rate(rig)
+    return RatePrior(rate=rate, std=RATE.prior * rate)
 
 
 def _width(band: Interval) -> float:

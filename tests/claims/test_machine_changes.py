@@ -92,6 +92,7 @@ def parts(state: State) -> dict:
     data["effects"] = [f["addition"]["name"] for f in data["tracing"].pop("found")]
     data["memory"] = stages[-1]["memory"]
     del data["memory"]["effects"]
+    data["history"] = json.dumps(data["history"])
     return dict(leaves(data))
 
 
@@ -107,7 +108,7 @@ DISCS = {"memory.phase", "memory.phase_std", "memory.offset", "memory.offset.val
 ANGLES = {"tracing.phase", "tracing.turns"}
 PENDING = {"count.pending", "count.seen"}
 LEVELS = {"levels", "levels.10 Hz.level", "levels.10 Hz.window", "residual_records"}
-HISTORY = {f"history.{name}" for name in ("rig", "latest", "windows", "revolutions", "depth", "depth_high")}
+HISTORY = {"history"}  # as one
 SEARCH = {"tracing.next_trace"}  # next_search is due at the same number of windows as it was
 
 

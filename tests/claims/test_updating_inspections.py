@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -10,10 +11,15 @@ from benchmarks.scoring import run, windows_of
 from service.contract.estimate import inspect as inspect_in_contract
 from twin.assessment import Life, Wear
 from twin.errors import ParameterError
+from twin.machine_change import MachineChange
+from twin.machine_changes import changed
 from twin.options import Options
+from twin.rig import Rig
 from twin.state import State
 from twin.step import inspect, step
 from twin.updating.inspections import MOST_INSPECTIONS, Inspection, with_inspection
+from twin.updating.model_cache import curve_of
+from twin.updating.update import reference_rate
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"
 
@@ -108,6 +114,23 @@ def test_only_so_many_inspections_are_used():
     for n in range(2 * MOST_INSPECTIONS):
         kept = with_inspection(kept, measured(n, 1e-6))
     assert len(kept) == MOST_INSPECTIONS and kept[-1].revolutions == 2 * MOST_INSPECTIONS - 1
+
+
+def test_inspection_of_new_gears_is_weighed_with_the_rate_of_the_pair_before(machine):
+    """The rig file states a fifth of the coefficient that was learned; no worn window of the new gears has come."""
+    rig, _, state = machine
+    wear = {**rig.values["wear"], "K": 0.2 * rig.get("wear.K")}
+    rig = Rig.from_mapping({**rig.values, "wear": wear})
+    state = changed(rig, state, MachineChange(kind="gears_replaced"))
+    learned = state.memory.track.rate
+    assert learned > 3 * reference_rate(rig) * rig.get("wear.K")
+    state, found = step(rig, state, windows_of(RECORDING)[1][2], Options(trace=False))
+    assert isinstance(found.wear, Wear) and not state.memory.track.windows
+    assert State.from_dict(json.loads(json.dumps(state.to_dict()))) == state
+    depth = curve_of(rig, state.memory).depth_at(1000.0 * learned)
+    state, found = inspect(rig, state, measured(1000, depth))
+    assert not found.wear.inspected.compared[0].contradicts
+    assert found.wear.wear_coefficient * reference_rate(rig) == pytest.approx(learned, rel=0.02)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from twin.updating.inspected_wear import FAULTS, InspectedWork, wear_with_inspections
+from twin.updating.memory import RatePrior
 from twin.updating.tracker import RateDrift, WearTrack
 from twin.updating.wear_points import MOST_POINTS, WearPoint, with_point
 
@@ -41,7 +42,8 @@ def inspected(count, work, std):
 
 
 def estimate(of, *inspections, prior=RATE, alike=inf, drift=STEADY, by=None, **more):
-    return wear_with_inspections(of, inspections, prior, by or track(of), alike, drift=drift, **more)
+    known = RatePrior(rate=prior, std=STEADY.prior * prior)
+    return wear_with_inspections(of, inspections, known, by or track(of), alike, drift=drift, **more)
 
 
 def by_matrices(of, inspections, prior, at):
@@ -113,11 +115,21 @@ def test_early_inspection_says_less_of_now_where_depths_are_off_alike_over_short
 def test_inspection_alone_sets_the_rate_before_any_worn_window():
     unworn = WearTrack.unworn(3 * RATE)
     found = wear_with_inspections(
-        (), [inspected(2000, RATE * 2000, 100.0)], 3 * RATE,
+        (), [inspected(2000, RATE * 2000, 100.0)], RatePrior(rate=3 * RATE, std=3 * RATE),
         WearTrack(**{**unworn.to_dict(), "revolutions": 2000.0}), 3.5,
     ).track  # fmt: skip
     assert found.work == pytest.approx(RATE * 2000, rel=0.01)
     assert found.rate == pytest.approx(RATE, rel=0.02)
+
+
+def test_rate_of_the_pair_before_is_weighed_with_an_inspection_by_its_own_spread():
+    """Precision-weighted mean of a prior of 5·κ ± 50 % and an inspection."""
+    prior, of = RatePrior(rate=5 * RATE, std=2.5 * RATE), WearTrack.unworn(5 * RATE)
+    by = WearTrack(**{**of.to_dict(), "revolutions": 1000.0, "work": 5 * RATE * 1000})
+    found = wear_with_inspections((), [inspected(1000, 4 * RATE * 1000, RATE * 1000)], prior, by, 3.5, drift=STEADY)
+    weights = 1 / np.array([2.5, 1.0]) ** 2
+    assert found.track.rate == pytest.approx(RATE * np.average([5, 4], weights=weights), rel=1e-6)
+    assert not found.agreements[0].contradicts
 
 
 def test_contradiction_is_said_and_the_band_covers_both():

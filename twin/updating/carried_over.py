@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.thresholds import deciding
-from twin.updating.memory import Memory
+from twin.updating.memory import Memory, RatePrior
 from twin.updating.rms_update import RmsTrack
 from twin.updating.tracker import WearTrack
 
@@ -57,6 +57,7 @@ def for_next_pair(memory: Memory, carried: CarriedOver = CARRIED) -> Memory:
         compliance_scale=memory.compliance_scale,
         unworn=unworn,
         unworn_before=len(unworn),
+        prior=RatePrior(rate=learned, std=prior.rate_std) if learned > 0 else None,
         track=prior,
         rms_track=RmsTrack(rate=learned),
         path=memory.path,

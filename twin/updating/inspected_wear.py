@@ -35,6 +35,7 @@ from math import erf, exp, hypot, log, pi, sqrt
 import numpy as np
 
 from twin.thresholds import deciding
+from twin.updating.memory import RatePrior
 from twin.updating.tracker import RATE, RateDrift, WearTrack
 from twin.updating.wear_points import Points, WearPoint
 
@@ -213,7 +214,7 @@ class InspectedWear:
 def wear_with_inspections(
     points: Points,
     inspections: Sequence[InspectedWork],
-    prior_rate: float,
+    prior: RatePrior,
     by_windows: WearTrack,
     alike: float,
     faults: InspectionFaults = FAULTS,
@@ -221,11 +222,11 @@ def wear_with_inspections(
 ) -> InspectedWear:
     """The wear at the count of revolutions of `by_windows`, from windows and inspections.
 
-    prior_rate  κ of the rig file [rad/N per revolution]
+    prior       κ before the first worn window: of the rig file, or of the pair before
     by_windows  work and rate without inspections
     alike       ℓ, of the method that gave the points
     """
-    problem = _Problem(points, tuple(inspections), prior_rate, alike, drift)
+    problem = _Problem(points, tuple(inspections), prior, alike, drift)
     agreements = tuple(problem.agreement(own, faults) for own in inspections)
     cases = [_Case(log_prior=0.0)]
     if any(a.contradicts for a in agreements):
@@ -281,15 +282,15 @@ class _Problem:
 
     points: Points
     inspections: tuple[InspectedWork, ...]
-    prior_rate: float
+    prior: RatePrior
     alike: float
     drift: RateDrift
 
     def estimated(self, at: float, case: _Case = NOTHING_WRONG, *, inspected: bool = True) -> Belief:
         """Everything in the order of its revolutions; x and κ at a count are kept."""
-        prior = np.diag([0.0, (self.drift.prior * self.prior_rate) ** 2, 1.0])
+        prior = np.diag([0.0, self.prior.std**2, 1.0])
         points = self.points if case.factor == 1.0 else [p.rescaled(case.factor) for p in self.points]
-        belief = Belief(revolutions=0.0, mean=np.array([0.0, self.prior_rate, 0.0]), covariance=prior)
+        belief = Belief(revolutions=0.0, mean=np.array([0.0, self.prior.rate, 0.0]), covariance=prior)
         events: list[tuple[float, WearPoint | tuple[int, InspectedWork]]] = [(p.revolutions, p) for p in points]
         events += [(own.revolutions, (i, own)) for i, own in enumerate(self.inspections) if inspected]
         kept = False

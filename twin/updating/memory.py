@@ -89,6 +89,14 @@ class MeanOffset:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RatePrior:
+    """What is known of the wear rate of a pair before its first worn window."""
+
+    rate: float  # κ [rad/N per revolution]
+    std: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Memory:
     """The twin's memory of one machine."""
 
@@ -99,6 +107,7 @@ class Memory:
     depth: float = 0.0  # of the latest measurement window, by the method in use [m]
     half_width_from: float = 0.0  # depth at which the half-width was fitted [m], 0 before
     segments: tuple[Segment, ...] = ()
+    prior: RatePrior | None = None  # by the pair before; None: the rig file's
     track: WearTrack = field(default_factory=lambda: WearTrack.unworn(0.0))  # from the encoders
     rms_track: RmsTrack = field(default_factory=RmsTrack)
     phase: float | None = None  # mesh phase against the encoder's zero [rad]
@@ -127,6 +136,7 @@ class Memory:
             "depth": self.depth,
             "half_width_from": self.half_width_from,
             "segments": [s.to_dict() for s in self.segments],
+            "prior": None if self.prior is None else asdict(self.prior),
             "track": self.track.to_dict(),
             "rms_track": self.rms_track.to_dict(),
             "phase": self.phase,
@@ -157,6 +167,7 @@ class Memory:
             depth=data["depth"],
             half_width_from=data["half_width_from"],
             segments=tuple(Segment.from_dict(s) for s in data["segments"]),
+            prior=RatePrior(**data["prior"]) if data.get("prior") else None,
             track=WearTrack.from_dict(data["track"]),
             rms_track=RmsTrack.from_dict(data["rms_track"]),
             phase=data["phase"],
