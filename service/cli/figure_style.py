@@ -18,9 +18,13 @@ LOOK: dict[str, Any] = {
 }
 
 
+CONFIG = {"showSendToCloud": False, "displaylogo": False}  # no button that uploads a chart anywhere
+
+
 def as_html(plots: Iterable[Any]) -> str:
     """The figures as HTML, Plotly's script once; empty where there is none. None among them is left out."""
     drawn = [plot for plot in plots if plot is not None]
     return "".join(
-        plot.to_html(full_html=False, include_plotlyjs="inline" if i == 0 else False) for i, plot in enumerate(drawn)
+        plot.to_html(full_html=False, include_plotlyjs="inline" if i == 0 else False, config=CONFIG)
+        for i, plot in enumerate(drawn)
     )

@@ -7,6 +7,7 @@ from html import escape
 from typing import Any
 
 from service.cli.diagnosis_figures import AFTER, BEFORE, LOOK, MEASURED, STYLE
+from service.cli.figure_style import as_html
 from service.cli.show import number
 
 SPLINE = "#2ca02c"
@@ -118,9 +119,7 @@ def page(answer: Mapping[str, Any]) -> str:
     told = "".join(f"<p>{escape(line)}</p>" for line in sentences(answer))
     table = text(answer).partition(TABLE)
     drawn = [_levels(answer), _causes(answer), _apart(answer)]
-    figures = "".join(
-        plot.to_html(full_html=False, include_plotlyjs="inline" if i == 0 else False) for i, plot in enumerate(drawn)
-    )
+    figures = as_html(drawn)
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'

@@ -121,6 +121,7 @@ def test_page_is_self_contained_and_has_a_figure_each(answer):
     html = page(answer)
     assert html.count('class="plotly-graph-div"') == 3
     assert "http://" not in html.split("<h2>Effects</h2>")[0] and '<script src="' not in html
+    assert html.count('"showSendToCloud": false') == 3  # of Plotly, which offers to upload charts
     bare = page({**answer, "effects": [], "tracing": {"status": "not available", "reason": "none"}})
     assert "plotly-graph-div" not in bare
 
@@ -157,3 +158,16 @@ def test_diagnose_command_reads_the_json_of_an_assess(answer, tmp_path):
     )  # fmt: skip
     assert done.returncode == 0 and done.stdout.startswith("Diagnosis of unsw\n")
     assert out.read_text().startswith("<!doctype html>")
+
+
+@pytest.mark.slow
+def test_no_figure_of_the_page_offers_to_upload_it(answer, browser, tmp_path):
+    (tmp_path / "diagnosis.html").write_text(page(answer), encoding="utf-8")
+    shown = browser.new_page()
+    shown.goto((tmp_path / "diagnosis.html").as_uri())
+    shown.wait_for_selector(".js-plotly-plot .modebar-btn", state="attached", timeout=20_000)
+    titles = shown.locator(".modebar-btn").evaluate_all(
+        "buttons => buttons.map(b => b.dataset.title || b.ariaLabel || '')"
+    )
+    assert any("Download" in title for title in titles)
+    assert not [t for t in titles if any(word in t.lower() for word in ("share", "cloud", "upload"))], titles

@@ -194,6 +194,7 @@ def test_relate_prints_writes_and_draws(series, short, capsys):
     assert answer["estimated"]["masses.m4"]["factor"] == 1.5
     page = out["page.html"].read_text()
     assert "Level against wear depth of bench" in page and page.count("plotly-graph-div") == 3
+    assert page.count('"showSendToCloud": false') == 3  # no figure offers to upload itself
     relation = read_relation(out["relation.json"])
     assert relation.teeth == (20, 40) and set(relation.curves) == {"fast", "slow"}
     assert relation.origin == Origin(asset="bench", causes=tuple(answer["chosen"]["causes"][1:]), sensor="a2")

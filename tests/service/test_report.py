@@ -14,6 +14,7 @@ import service_fakes as fakes
 
 from service.cli import run
 from service.report import rendered, report_of
+from service.report.trends import trends
 
 MADE = datetime(2026, 3, 1, 12, 30, tzinfo=UTC)
 MISSING = {"status": "not available", "reason": "the rig file gives no bearings"}
@@ -130,3 +131,18 @@ def test_the_command_writes_both_formats_and_refuses_others(capsys, tmp_path, an
     assert Path(given[0]).read_text().startswith("<!doctype html>") and Path(given[1]).read_bytes()[:4] == b"%PDF"
     assert run(["report", str(source), "--out", str(tmp_path / "report.docx")]) == 2
     assert "report.docx: a report is written as .html or .pdf" in capsys.readouterr().err
+
+
+def test_the_trends_have_tick_labels_and_units_on_both_axes_and_the_limit(answer):
+    answer["rul"] = {**answer["rul"], "limit_um": 500.0}
+    report = report_of(answer, made=MADE)
+    assert report.limit_um == 500.0
+    for (said, figure), unit in zip(trends(report), ("[µm]", "[m/s²]"), strict=True):
+        (axes,) = figure.axes
+        figure.canvas.draw()
+        for axis in (axes.xaxis, axes.yaxis):
+            labels = [t.get_text() for t in axis.get_ticklabels() if t.get_text()]
+            assert len(labels) >= 3, (said, labels)
+        assert unit in axes.get_ylabel() and "revolutions" in axes.get_xlabel()
+    depth = trends(report)[0][1].axes[0]
+    assert any("limit 500 µm" in text.get_text() for text in depth.get_legend().get_texts())

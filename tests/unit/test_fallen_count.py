@@ -6,10 +6,13 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.scoring import windows_of
 from tests.dynamics_cases import RIG
 from twin.fallen_count import CountFellError, with_count_checked
 from twin.features.window_features import WindowFeatures
+from twin.options import Options
 from twin.state import State
+from twin.step import step
 from twin.tracing.state import Tracing, TwinStage
 from twin.updating.history import WindowInput
 from twin.updating.memory import Memory
@@ -92,3 +95,22 @@ def test_a_rising_count_changes_nothing():
 def test_the_fallen_count_survives_a_restart():
     now = after([(500.0, 1000.0), (520.0, 1002.0)])
     assert State.from_dict(now.to_dict()).fallen == now.fallen
+
+
+@pytest.mark.slow
+def test_two_reference_machines_under_one_name_are_asked_about_and_nothing_crashes(shared):
+    """D08 after D07, both `unsw-rig`: windows were refused with "operands could not be broadcast", others mixed in."""
+    folder = shared / "campaigns"
+    rig, first = windows_of(folder / "D07.mcap")
+    _, second = windows_of(folder / "D08.mcap")
+    assert second[0].start_time_ns > first[-1].start_time_ns
+    now = State()
+    for found in first[:3]:
+        now, _ = step(rig, now, found, Options(trace=True))
+    for found in second[:2]:
+        with pytest.raises(
+            CountFellError, match=r"have the gears been replaced.* or is this another machine"
+        ) as refused:
+            step(rig, now, found, Options(trace=True))
+        now = refused.value.state
+    assert now.fallen is not None and now.fallen.refusals == 2
