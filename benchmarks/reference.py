@@ -319,9 +319,33 @@ def units() -> str:
     return table(("quantity", "units"), [(kind, ", ".join(f"`{u}`" for u in known)) for kind, known in UNITS.items()])
 
 
+def client() -> str:
+    """Every method of the Python client, from its signature and the first line of its docstring."""
+    import inspect
+
+    from gear_twin import Client
+
+    rows = []
+    for name, method in vars(Client).items():
+        if name.startswith("_") or not callable(method):
+            continue
+        signature = inspect.signature(method)
+        parameters = str(_without_types(signature, inspect.Parameter.empty)).removeprefix("(self").removesuffix(")")
+        about = inspect.getdoc(method) or ""
+        rows.append(
+            (f"`{name}({parameters.removeprefix(', ')})`", f"`{signature.return_annotation}`", about.splitlines()[0])
+        )
+    return table(("call", "result", "what it does"), rows)
+
+
+def _without_types(signature: Any, empty: Any) -> Any:
+    parameters = [p.replace(annotation=empty) for p in signature.parameters.values()]
+    return signature.replace(parameters=parameters, return_annotation=empty)
+
+
 TABLES = {
     "commands": commands, "settings": settings, "rig": rig, "rest": rest, "json": keys, "answers": answers,
-    "units": units,
+    "units": units, "client": client,
 }  # fmt: skip
 
 

@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
 
 import httpx
 
 from gear_twin.result import Result
+from service.api.asset_life_models import AssetChange
+from service.api.baselines import AssetBaseline
 from service.api.models import AssetSummary, DecisionAnswer, InspectionAnswer
+from service.api.signal_models import Indicators, Signals, SignalView, Waterfall
+from service.contract.alarms import Alarm
+from service.contract.what_if import WhatIf
 from service.contract.window import WindowRecord
 
 Decision = Literal["accept", "reject", "pin", "release"]
-PAGE = 1000  # windows that one call asks for
+Change = Literal[
+    "gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled", "other_machine", "ignore",
+    "renamed", "retired", "reinstated",
+]  # fmt: skip
+PAGE = 1000  # windows or alarms that one call asks for
+LONG = 120.0  # for answers that are computed: a wear curve under a new condition takes seconds of a core [s]
 
 
 class ServiceError(Exception):
@@ -48,6 +60,7 @@ class Client:
 
     def __init__(self, url: str, timeout: float = 30.0) -> None:
         self._http = httpx.Client(base_url=url.rstrip("/"), timeout=timeout)
+        self._long = max(timeout, LONG)
 
     def __enter__(self) -> Client:
         return self
@@ -82,7 +95,7 @@ class Client:
         std_um: float,
         flank: Literal["combined", "pinion", "gear"] = "combined",
     ) -> InspectionAnswer:
-        """Tells the service a measured wear depth; the answer holds the twin's own figure for comparison."""
+        """Enters a measured wear depth; the answer holds the twin's own figure for comparison."""
         body = {
             "revolutions": float(revolutions),
             "max_depth_um": float(max_depth_um),
@@ -95,6 +108,157 @@ class Client:
         """Decides on an effect that was found: it is accepted, rejected, pinned or released."""
         answer = self.post(f"{_path(asset)}/effects/{quote(effect, safe='')}", {"decision": decision})
         return DecisionAnswer.model_validate(answer, extra="ignore")
+
+    # -- alarms --------------------------------------------------------------------------------------
+
+    def alarms(self, asset: str | None = None, *, closed: bool = False) -> Iterator[Alarm]:
+        """The open alarms of one machine or of all, by their numbers, read page by page.
+
+        closed  whether to list those that are closed, too
+        """
+        path, after = "/v1/alarms" if asset is None else f"{_path(asset)}/alarms", 0
+        state = "all" if closed else "open"
+        while page := self.get(path, state=state, after=after, limit=PAGE):
+            found = sorted((Alarm.model_validate(entry, extra="ignore") for entry in page), key=lambda alarm: alarm.id)
+            yield from found
+            after = found[-1].id
+
+    def acknowledge(self, asset: str, alarm: int, by: str, note: str = "") -> Alarm:
+        """Acknowledges an alarm by name: it stays listed while its quantity is beyond the limit."""
+        return self._sign(asset, alarm, "acknowledge", by, note)
+
+    def clear(self, asset: str, alarm: int, by: str, note: str = "") -> Alarm:
+        """Clears an alarm by name, after a repair; it is raised again if its cause lasts."""
+        return self._sign(asset, alarm, "clear", by, note)
+
+    def _sign(self, asset: str, alarm: int, verb: str, by: str, note: str) -> Alarm:
+        answer = self.post(f"{_path(asset)}/alarms/{alarm}/{verb}", {"by": by, "note": note})
+        return Alarm.model_validate(answer, extra="ignore")
+
+    # -- life of a machine ---------------------------------------------------------------------------
+
+    def changes(self, asset: str) -> list[AssetChange]:
+        """What people have changed on a machine, oldest first."""
+        return [AssetChange.model_validate(c, extra="ignore") for c in self.get(f"{_path(asset)}/changes")]
+
+    def change(
+        self,
+        asset: str,
+        kind: Change,
+        *,
+        by: str | None = None,
+        note: str | None = None,
+        at: str | None = None,
+        sensor: str | None = None,
+        revolutions: float | None = None,
+        count: float | None = None,
+        name: str | None = None,
+    ) -> AssetChange:
+        """Enters a change of a machine, or answers the question about its data; `done` is false while it is queued.
+
+        at           when it was made, ISO 8601; kept as it is given
+        sensor       sensor_moved: the accelerometer
+        revolutions  gears_replaced: the encoder's count then; counter_reset: revolutions since new then
+        count        counter_reset: what it was set to, in turns
+        name         renamed: its new name; other_machine: the new asset's name
+        """
+        given: dict[str, Any] = {"by": by, "note": note, "at": at, "sensor": sensor, "name": name}
+        given |= {"revolutions": revolutions, "count": count}
+        answer = self.post(f"{_path(asset)}/changes", {"kind": kind} | _given(given))
+        return AssetChange.model_validate(answer, extra="ignore")
+
+    def baseline(self, asset: str) -> AssetBaseline:
+        """A machine's own healthy baseline, and what it suffices for."""
+        return AssetBaseline.model_validate(self.get(f"{_path(asset)}/baseline"), extra="ignore")
+
+    def learn_baseline(
+        self,
+        asset: str,
+        windows: Sequence[int],
+        *,
+        add: bool = False,
+        by: str | None = None,
+        note: str | None = None,
+    ) -> AssetBaseline:
+        """Learns a machine's baseline from windows of its own, in place of the earlier one or added to it."""
+        body = {"windows": list(windows), "add": add} | _given({"by": by, "note": note})
+        answer = self.post(f"{_path(asset)}/baseline/learn", body, timeout=self._long)
+        return AssetBaseline.model_validate(answer, extra="ignore")
+
+    def give_baseline(
+        self, asset: str, file: str | Path, *, by: str | None = None, note: str | None = None
+    ) -> AssetBaseline:
+        """Gives a machine a baseline that `gear-twin baseline` has written."""
+        answer = self._http.put(
+            f"{_path(asset)}/baseline",
+            params=_given({"by": by, "note": note}),
+            content=Path(file).read_bytes(),
+            headers={"Content-Type": "application/octet-stream"},
+            timeout=self._long,
+        )
+        return AssetBaseline.model_validate(self._answered(answer).json(), extra="ignore")
+
+    def remove_baseline(self, asset: str, *, by: str | None = None) -> AssetBaseline:
+        """Leaves a machine without a baseline of its own."""
+        answer = self._http.delete(f"{_path(asset)}/baseline", params=_given({"by": by}))
+        return AssetBaseline.model_validate(self._answered(answer).json(), extra="ignore")
+
+    # -- what if -------------------------------------------------------------------------------------
+
+    def what_if(
+        self,
+        asset: str,
+        duty: Sequence[tuple[float, float] | tuple[float, float, float]] | None = None,
+        *,
+        until: date | str | None = None,
+        hours: float | None = None,
+        max_depth_um: float | None = None,
+        hours_per_day: float | None = None,
+    ) -> WhatIf:
+        """Remaining life under another duty, and the probability of reaching a date; changes nothing.
+
+        duty           (speed [Hz], torque [N·m], share of the running time) each; None for the present one
+        until          date whose probability of being reached is asked for
+        hours          or so many hours of operation
+        max_depth_um   depth to reach; None for the end of life
+        hours_per_day  running time per day; None for the rig file's, or as observed
+        """
+        points = (
+            None if duty is None else [dict(zip(("speed_hz", "torque_nm", "share"), p, strict=False)) for p in duty]
+        )
+        date_text = until.isoformat() if isinstance(until, date) else until
+        body = {"duty": points, "until": date_text, "hours": hours, "hours_per_day": hours_per_day}
+        answer = self.post(f"{_path(asset)}/what-if", _given(body | {"max_depth_um": max_depth_um}), timeout=self._long)
+        return WhatIf.model_validate(answer, extra="ignore")
+
+    # -- signals -------------------------------------------------------------------------------------
+
+    def signals(self, asset: str) -> Signals:
+        """Which windows' raw signals are kept, and what can be looked at of the newest."""
+        return Signals.model_validate(self.get(f"{_path(asset)}/signals"), extra="ignore")
+
+    def signal(self, asset: str, window: int, view: str, channel: str | None = None, **query: Any) -> SignalView:
+        """One view of a window, measured and, where there is a model, modelled.
+
+        view     waveform, spectrum, order-spectrum, envelope-spectrum, synchronous-average, transmission-error, flank
+        channel  such as accel/y6; None for the reference accelerometer
+        query    further options of the REST call, such as points=2000
+        """
+        path = f"{_path(asset)}/windows/{window}/signals/{quote(view, safe='')}"
+        answer = self.get(path, timeout=self._long, **_given({"channel": channel}), **query)
+        return SignalView.model_validate(answer, extra="ignore")
+
+    def waterfall(self, asset: str, channel: str | None = None, **query: Any) -> Waterfall:
+        """Spectra of all windows that are kept, one row a window."""
+        answer = self.get(f"{_path(asset)}/waterfall", timeout=self._long, **_given({"channel": channel}), **query)
+        return Waterfall.model_validate(answer, extra="ignore")
+
+    def indicators(self, asset: str, *quantities: str, **query: Any) -> Indicators:
+        """Trends of condition indicators, levels, speed, torque and temperatures; all where none is named."""
+        answer = self.get(f"{_path(asset)}/indicators", quantity=list(quantities), **query)
+        return Indicators.model_validate(answer, extra="ignore")
+
+    # -- all calls -----------------------------------------------------------------------------------
 
     def report(self, asset: str, kind: Literal["html", "pdf"] = "pdf") -> bytes:
         """The report for people, as a file's bytes."""
@@ -120,13 +284,16 @@ class Client:
                     yield Event(int(fields.get("id") or 0), fields["event"], json.loads(fields["data"]))
                 fields = {}
 
-    def get(self, path: str, **query: Any) -> Any:
+    def get(self, path: str, *, timeout: float | None = None, **query: Any) -> Any:
         """The JSON that a path answers; ServiceError where it is refused."""
-        return self._answered(self._http.get(path, params=query)).json()
+        return self._answered(self._http.get(path, params=query, timeout=self._patience(timeout))).json()
 
-    def post(self, path: str, body: Mapping[str, Any]) -> Any:
+    def post(self, path: str, body: Mapping[str, Any], *, timeout: float | None = None) -> Any:
         """The JSON that a path answers to a body; ServiceError where it is refused."""
-        return self._answered(self._http.post(path, json=dict(body))).json()
+        return self._answered(self._http.post(path, json=dict(body), timeout=self._patience(timeout))).json()
+
+    def _patience(self, timeout: float | None) -> httpx.Timeout:
+        return self._http.timeout if timeout is None else httpx.Timeout(timeout)
 
     @staticmethod
     def _answered(answer: httpx.Response) -> httpx.Response:
@@ -137,6 +304,11 @@ class Client:
                 detail = answer.text.strip()[:200] or answer.reason_phrase
             raise ServiceError(answer.status_code, detail)
         return answer
+
+
+def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+    """What was given of optional values."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _path(asset: str) -> str:

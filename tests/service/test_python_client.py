@@ -5,15 +5,25 @@ from __future__ import annotations
 import json
 import threading
 from contextlib import closing
+from datetime import date
 from pathlib import Path
 
 import nbformat
 import pytest
 import service_fakes as fakes
+from memory_transport import MemoryNetwork
 from nbclient import NotebookClient
+from test_alarms import NEAR, WORN
+from test_asset_baseline import with_windows
+from test_asset_life import SqliteFile
+from test_health import report_of
+from test_other_parts import serving
+from test_what_if_answers import ASSET, assess_into
 
 import gear_twin
+from service.alarms.keeper import AlarmKeeper
 from service.contract.base import not_available
+from service.results.alarm_store import AlarmStore
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs" / "examples" / "first-figure.ipynb"
@@ -49,6 +59,101 @@ def test_all_windows_are_read_page_by_page(service, monkeypatch):
 def test_an_inspection_answers_with_the_models_own_depth(service):
     answer = service.inspect("unsw", revolutions=9000, max_depth_um=200.0, std_um=5.0)
     assert answer.inspection.max_depth_um == 200.0 and answer.twin.max_depth_um.median > 0
+
+
+@pytest.fixture
+def worn(store, board, service):
+    """The service with an open alarm."""
+    keeper = AlarmKeeper(AlarmStore(store.database))
+    ok = {"level": "ok", "reason": "the latest window is good"}
+    keeper.window("unsw", 1, {"index": 0, "quality": "good"}, report_of(WORN), ok)
+    board.update("unsw", alarms=keeper.open("unsw"))
+    return service
+
+
+def test_alarms_are_listed_acknowledged_and_cleared_by_name(worn):
+    (alarm,) = worn.alarms()
+    assert (alarm.asset, alarm.quantity, alarm.active, alarm.acknowledged) == ("unsw", "depth", True, False)
+    signed = worn.acknowledge("unsw", alarm.id, "Anna", "seen")
+    assert signed.acknowledged and (signed.acknowledgement.by, signed.acknowledgement.note) == ("Anna", "seen")
+    assert worn.clear("unsw", alarm.id, by="Ben").state == "closed"
+    assert list(worn.alarms("unsw")) == [] and [a.id for a in worn.alarms("unsw", closed=True)] == [alarm.id]
+    with pytest.raises(gear_twin.ServiceError, match="closed already"):
+        worn.clear("unsw", alarm.id, by="Ben")
+
+
+def test_all_alarms_are_read_page_by_page(service, store, board, monkeypatch):
+    keeper = AlarmKeeper(AlarmStore(store.database))
+    for asset, found in (("mill", NEAR), ("pump", WORN), ("saw", WORN)):
+        fakes.campaign(store, board, asset=asset, windows=4)
+        keeper.window(asset, 1, {"index": 0, "quality": "good"}, report_of(found), {"level": "ok", "reason": ""})
+    monkeypatch.setattr("gear_twin.client.PAGE", 2)
+    assert [a.asset for a in service.alarms()] == ["mill", "pump", "saw"]  # the most urgent of a page is not its last
+
+
+def test_changes_are_entered_and_listed(service):
+    made = service.change("unsw", "sensor_moved", sensor="y6", by="Anna", note="other flank")
+    assert (made.kind, made.sensor, made.by, made.done) == (
+        "sensor_moved",
+        "y6",
+        "Anna",
+        False,
+    )  # nobody carries it out
+    assert [(c.kind, c.note) for c in service.changes("unsw")] == [("sensor_moved", "other flank")]
+    with pytest.raises(gear_twin.ServiceError, match="sensor"):
+        service.change("unsw", "sensor_moved")
+
+
+@pytest.mark.slow
+def test_a_baseline_is_learned_given_and_removed(tmp_path):
+    data = with_windows(tmp_path / "data")
+    with (
+        serving(data, MemoryNetwork(), SqliteFile(data)) as running,
+        gear_twin.Client(f"http://{running.http}") as service,
+    ):
+        assert not service.baseline("bench").own
+        learned = service.learn_baseline("bench", range(4), by="Anna", note="new gears")
+        assert learned.own and learned.by == "Anna" and learned.windows == [0, 1, 2, 3]
+        assert learned.baseline.sufficiency.recordings == 4
+        assert service.learn_baseline("bench", [4], add=True).baseline.sufficiency.recordings == 5
+        assert service.signals("bench").windows[-1].index == 4
+        shown = service.signal("bench", 4, "spectrum", "accel/b", points=200)
+        assert shown.channel == "accel/b" and shown.x.unit == "Hz" and len(shown.x.values) <= 200
+        (file,) = (data / "baselines").iterdir()
+        file = file.rename(tmp_path / "copy.baseline")
+        assert not service.remove_baseline("bench", by="Ben").own
+        assert service.give_baseline("bench", file, by="Ben").by == "Ben"
+        with pytest.raises(gear_twin.ServiceError, match="window 17 is none of the present gears"):
+            service.learn_baseline("bench", [17])
+
+
+def test_trends_come_with_their_units(service):
+    found = service.indicators("unsw")
+    assert len(found.index) == 14 and {q.name for q in found.quantities} >= {"rms_measured"}
+    assert [q.unit for q in service.indicators("unsw", "rms_measured").quantities] == ["m/s²"]
+
+
+def test_what_a_duty_and_a_date_are_sent_as(service, monkeypatch):
+    sent = []
+
+    def answer(path, body, **_):
+        sent.append((path, body))
+        raise gear_twin.ServiceError(409, "no window of unsw has been assessed yet")
+
+    monkeypatch.setattr(service, "post", answer)
+    with pytest.raises(gear_twin.ServiceError):
+        service.what_if("unsw", [(10.0, 12.0, 0.7), (5.0, 20.0, 0.3)], until=date(2027, 3, 1), hours_per_day=8)
+    points = [{"speed_hz": 10.0, "torque_nm": 12.0, "share": 0.7}, {"speed_hz": 5.0, "torque_nm": 20.0, "share": 0.3}]
+    assert sent == [("/v1/assets/unsw/what-if", {"duty": points, "until": "2027-03-01", "hours_per_day": 8})]
+
+
+@pytest.mark.slow
+def test_life_under_another_duty_is_typed(address, board, store):
+    assess_into(store, board)
+    with gear_twin.Client(address) as service:
+        found = service.what_if(ASSET, [(5.0, 8.0)], until=date(2026, 3, 1), hours_per_day=2.0)
+        assert found.hours.p05 < found.hours.median and found.target.date.startswith("2026-03-01")
+        assert service.what_if(ASSET).hours.median == found.present_hours.median
 
 
 def test_a_refusal_is_one_error_with_the_words_of_the_service(service):

@@ -22,19 +22,24 @@ RECORDING = ROOT / "recordings" / "short-campaign.mcap"
 ASSET = "unsw-short"
 
 
-@pytest.fixture(scope="module")
-def client(tmp_path_factory):
-    """A service's answers over a store with the short campaign in it."""
+def assess_into(store, board):
+    """The short campaign, without effects, as a service has it after its last window."""
     rig, windows = windows_of(RECORDING)
     state, _ = run_windows(rig, windows[:-1], Options(trace=False))
     state, estimate = step(rig, state, windows[-1], Options(trace=False))
+    store.commit(
+        ASSET, windows[-1].start_time_ns, record=estimate.record, state=state.to_dict(), report=estimate.report,
+        assembly={}, quality={}, received_ns=1,
+    )  # fmt: skip
+    board.update(ASSET, rig=dict(rig.values), report=estimate.report)
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    """A service's answers over a store with the short campaign in it."""
     with SqliteStore(tmp_path_factory.mktemp("store") / "gear-twin.sqlite") as store:
-        store.commit(
-            ASSET, windows[-1].start_time_ns, record=estimate.record, state=state.to_dict(), report=estimate.report,
-            assembly={}, quality={}, received_ns=1,
-        )  # fmt: skip
         board = Board()
-        board.update(ASSET, rig=dict(rig.values), report=estimate.report)
+        assess_into(store, board)
         yield Client(create_app(board, store))
 
 
