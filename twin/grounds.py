@@ -294,6 +294,17 @@ def _beyond_the_curve(basis: Basis) -> Iterator[Ground]:
         )
 
 
+def _doubtful_torque(basis: Basis) -> Iterator[Ground]:
+    """A torque that the depth was found at, and that its meter could not measure."""
+    if basis.outcome.torque_fault is not None:
+        yield Ground(
+            reason=f"the depth was found at a torque of {basis.outcome.condition.torque:.4g} N·m, which is doubtful "
+            f"({basis.outcome.torque_fault})",
+            remedies=("a window with a torque meter that works within its measuring range", MEASURED_DEPTH),
+            arisen=True,
+        )
+
+
 def _untested_effects(basis: Basis) -> Iterator[Ground]:
     """Effects in the model that no held-out window has tested."""
     found = basis.outcome.memory.effects
@@ -351,6 +362,7 @@ RULES: tuple[Rule, ...] = (
     _level_alone,
     _estimated_rig,
     _beyond_the_curve,
+    _doubtful_torque,
     _untested_effects,
     _changed_rate,
     _young,

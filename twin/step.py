@@ -40,6 +40,7 @@ from twin.windows import Window
 
 DEFAULT = Options()
 LEVEL_FAULTS = ("clipping", "stuck")  # faults of an accelerometer that falsify its level
+TORQUE_FAULTS = ("clipping", "stuck", "out_of_range")  # faults of a torque meter that falsify its mean
 
 DONE = {
     "gears_replaced": "the gears have been replaced,",
@@ -96,15 +97,16 @@ def _window_input(rig: Rig, state: State, window: Window, features: WindowFeatur
     return WindowInput(
         index=state.windows_seen,
         features=features,
-        level_fault=_level_fault(window, features.sensor),
+        level_fault=_fault_of(window, f"accel/{features.sensor}", LEVEL_FAULTS),
+        torque_fault=_fault_of(window, "torque/pinion", TORQUE_FAULTS),
         non_gear=non_gear_features(rig, window) if options.trace else None,
     )
 
 
-def _level_fault(window: Window, sensor: str | None) -> str | None:
-    """Why the level of the reference accelerometer may not be compared; None where it may."""
+def _fault_of(window: Window, channel: str, kinds: tuple[str, ...]) -> str | None:
+    """Why a channel may not be relied on in this window; None where it may."""
     for fault in window.faults:
-        if fault.channel == f"accel/{sensor}" and fault.action == "degraded" and fault.kind in LEVEL_FAULTS:
+        if fault.channel == channel and fault.action == "degraded" and fault.kind in kinds:
             return f"{fault.channel}: {fault.kind}, {fault.detail}"
     return None
 

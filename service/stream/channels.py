@@ -66,6 +66,7 @@ class ChannelKind:
     window_field: str = ""  # of twin.windows.Window that holds it by name
     usable_alone: bool = False  # whether a window that holds nothing else can be used
     vibration: bool = False  # whether it alternates about zero, so that extreme values which repeat are clipped
+    loads: bool = False  # whether it may hold a level: clipped only where it reaches its largest value again and again
     summary: Callable[[np.ndarray], float] = np.mean  # of the values of a slow channel in a window
     si_offset: float = 0.0  # what a slow channel's value needs to be in SI
     record_key: str = ""  # of the window record that shows a slow channel's values by name
@@ -91,7 +92,7 @@ CHANNEL_KINDS = {
         ),
         ChannelKind(
             segment="torque", layout=Layout.SAMPLES, quantity="torque", unit="N·m", named_by="shaft", names=SHAFTS,
-            rate=(0.0, 1e5), values=(-1e7, 1e7), window_field="torques",
+            rate=(0.0, 1e5), values=(-1e7, 1e7), window_field="torques", loads=True,
             import_units={"Nm": AS_IT_IS, "V": VOLTS, "unknown": AS_IT_IS},
         ),
         ChannelKind(

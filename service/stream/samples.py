@@ -23,6 +23,7 @@ from twin.windows import Fault, Samples
 
 _TIME_SLACK_NS = 20_000  # of a frame's start, beyond one sample [ns]
 _FLAT_RUN = 4  # equal extreme samples in a row that no vibration gives: clipped
+_LEVELS = 16  # different values from which a load is said to vary
 _PILE = 5  # samples at the extreme level, and times as many as at the level before it, that none gives either
 MOST_SAMPLES = 2**26  # of all channels of one window: 512 MiB
 _MARGIN = 0.05  # [s] by which channels may start and end apart
@@ -185,9 +186,13 @@ def _note_dead_or_clipped(label: str, kind: ChannelKind, values: np.ndarray, fau
         detail = f"every sample is {low:g}: cable or supply?"
         faults.append(Fault(kind="stuck", channel=label, count=finite.size, action="degraded", detail=detail))
         return
-    count = sum(samples_at_end_of_range(finite, sign) for sign in (-1, 1)) if kind.vibration else 0
+    count, where = 0, f"{low:g} or {high:g}"
+    if kind.vibration:
+        count = sum(samples_at_end_of_range(finite, sign) for sign in (-1, 1))
+    elif kind.loads:
+        count, where = samples_of_load_at_limit(finite), f"{max(low, high, key=abs):g}"
     if count:
-        detail = f"samples held at {low:g} or {high:g}: measuring range exceeded"
+        detail = f"samples held at {where}: measuring range exceeded"
         faults.append(Fault(kind="clipping", channel=label, count=count, action="degraded", detail=detail))
 
 
@@ -204,6 +209,22 @@ def samples_at_end_of_range(finite: np.ndarray, sign: int) -> int:
     before = signed[~at].max(initial=-np.inf)
     piled = count >= _PILE and count > _PILE * int((signed == before).sum())
     return count if piled or _in_runs(at) else 0
+
+
+def samples_of_load_at_limit(finite: np.ndarray) -> int:
+    """How many samples of a load lie at its largest value because the range ended there; 0 where they do not.
+
+    A load may hold a level, and its steps may be coarse: it is clipped where it varies over many levels and reaches the
+    largest again and again, far more often than the level before it.
+    """
+    size = np.abs(finite)
+    extreme = size.max()
+    at = size == extreme
+    before = size[~at].max(initial=0.0)
+    visits = int(at[0]) + int(np.count_nonzero(np.diff(at.astype(int)) == 1))
+    piled = int(at.sum()) > _PILE * int((size == before).sum())
+    varied = np.unique(finite).size >= _LEVELS
+    return int(at.sum()) if piled and varied and visits >= _PILE else 0
 
 
 def _in_runs(flags: np.ndarray) -> int:

@@ -332,6 +332,31 @@ def test_a_fast_vibration_beyond_the_range_is_clipped_though_no_two_samples_in_a
     assert held(np.round(vibration), 1) == held(np.round(vibration), -1) == 0  # coarse steps are no clipping
 
 
+def test_a_torque_beyond_the_range_is_clipped_and_one_that_holds_its_level_is_not():
+    from service.stream.samples import samples_of_load_at_limit as held
+
+    random = np.random.default_rng(4)
+    time = np.arange(5000) / 1000
+    torque = 10 + np.sin(2 * np.pi * 19 * time) + 0.3 * random.standard_normal(time.size)
+    for sign in (1, -1):
+        assert held(sign * torque) == 0
+        assert held(sign * np.minimum(torque, 10.8)) == np.sum(torque >= 10.8) > 500
+    assert held(np.round(torque, 1)) == held(np.round(torque)) == 0  # coarse steps
+    assert held(np.minimum(torque.round(2), 10.8)) > 500
+    ramp = np.minimum(5 * time, 10.0)
+    assert held(ramp) == held(np.full(5000, 10.0)) == held(np.where(time < 1, 0.0, torque)) == 0
+
+
+def test_clipped_torque_degrades_the_window():
+    frames = bursts(1)
+    torque = 10 + np.random.default_rng(4).standard_normal(6 * 50)
+    for i, values in enumerate(np.minimum(torque, 10.5).reshape(6, -1)):
+        frames = changed(frames, TORQUE, i, values=values.astype(np.float32))
+    windows, _ = assembled(frames)
+    assert [(f.kind, f.channel, f.action) for f in windows[0].faults] == [("clipping", "torque/pinion", "degraded")]
+    assert "held at 10.5: measuring range exceeded" in windows[0].faults[0].detail
+
+
 def standing(frames, channels, until, since):
     """Frames of encoders that stand still before and after some seconds since T0."""
     out = []

@@ -305,6 +305,28 @@ def test_calibration_in_mid_campaign_carries_the_depth_on_with_its_uncertainty()
     assert after.memory.fit == state.memory.fit, "worn teeth do not calibrate"
 
 
+@pytest.mark.parametrize("kind", ["clipping", "stuck", "out_of_range"])
+def test_depth_at_a_torque_that_its_meter_could_not_measure_is_preliminary(kind):
+    rig, windows = recorded()
+    fault = Fault(kind=kind, channel="torque/pinion", count=9, action="degraded", detail="held at 9 N·m")
+    before = uninterrupted()[FIRST_WORN - 1][0]
+    assert not uninterrupted()[FIRST_WORN][1].report["wear"]["preliminary"]
+    _, estimate = step(rig, before, replace(windows[FIRST_WORN], faults=(fault,), quality="degraded"))
+    (reason,) = estimate.report["wear"]["preliminary"]["reasons"]
+    assert "at a torque of 10" in reason and f"(torque/pinion: {kind}, held at 9 N·m)" in reason
+    assert any("is doubtful: torque/pinion" in note for note in estimate.record["notes"])
+    repaired = replace(fault, action="repaired")
+    _, sound = step(rig, before, replace(windows[FIRST_WORN], faults=(repaired,)))
+    assert not sound.report["wear"]["preliminary"]
+
+
+def test_doubtful_torque_calibrates_nothing():
+    rig, windows = recorded()
+    fault = Fault(kind="clipping", channel="torque/pinion", count=9, action="degraded", detail="held at 9 N·m")
+    state, _ = step(rig, State(), replace(windows[0], faults=(fault,), quality="degraded"))
+    assert state.memory.fit is None and not state.memory.unworn
+
+
 def test_clipped_accelerometer_neither_updates_nor_teaches_but_leaves_the_depth():
     rig, windows = recorded()
     window = windows[FIRST_WORN]

@@ -100,9 +100,12 @@ class Measured:
     rms: float | None  # in the rig's band [m/s²]; None without a usable accelerometer
     noise: float  # the part of it that lies between the orders [m/s²]
     level_fault: str | None  # why the level may not be compared (a clipped sensor), None where it may
+    torque_fault: str | None  # why the torque is doubtful, None where it is not
 
     @classmethod
-    def of(cls, features: WindowFeatures, rig: Rig, level_fault: str | None = None) -> Measured:
+    def of(
+        cls, features: WindowFeatures, rig: Rig, level_fault: str | None = None, torque_fault: str | None = None
+    ) -> Measured:
         """Checks a window's features; NotAvailable says which are missing."""
         condition = condition_of(features, rig)
         if features.revolutions is None:
@@ -122,4 +125,5 @@ class Measured:
             rms=rms,
             noise=features.noise_rms or 0.0,
             level_fault=level_fault,
+            torque_fault=None if features.torque_nm is None else torque_fault,
         )

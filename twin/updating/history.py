@@ -24,7 +24,8 @@ class WindowInput:
 
     index: int
     features: WindowFeatures
-    level_fault: str | None = None
+    level_fault: str | None = None  # why the level may not be compared
+    torque_fault: str | None = None  # why the torque is doubtful
     non_gear: NonGearFeatures | None = None  # content of the acceleration that no gear makes
 
     def to_dict(self) -> dict[str, Any]:
@@ -33,6 +34,7 @@ class WindowInput:
             "index": self.index,
             "features": self.features.to_dict(),
             "level_fault": self.level_fault,
+            "torque_fault": self.torque_fault,
             "non_gear": None if self.non_gear is None else self.non_gear.to_dict(),
         }
 
@@ -42,13 +44,17 @@ class WindowInput:
             index=data["index"],
             features=WindowFeatures.from_dict(data["features"]),
             level_fault=data["level_fault"],
+            torque_fault=data.get("torque_fault"),
             non_gear=None if data["non_gear"] is None else NonGearFeatures.from_dict(data["non_gear"]),
         )
 
 
 def update_window(rig: Rig, memory: Memory, window: WindowInput, options: UpdateOptions) -> UpdateOutcome:
     """Updates the twin by one window; raises NotAvailable, NotConverged."""
-    return update_twin(rig, memory, window.features, window.index, options, level_fault=window.level_fault)
+    return update_twin(
+        rig, memory, window.features, window.index, options,
+        level_fault=window.level_fault, torque_fault=window.torque_fault,
+    )  # fmt: skip
 
 
 def replay_history(

@@ -166,6 +166,7 @@ def measurement_window(
         rms_measured=window.rms, rms_predicted=verdict.rms_predicted, rms_after=verdict.rms_after,
         updated=verdict.updated, depth=verdict.depth, depth_band=verdict.depth_band, method=verdict.method,
         estimate=estimate, rms_result=rms_result, rms_depth=rms_depth, expectation=expectation, lines=verdict.lines,
+        torque_fault=window.torque_fault,
         notes=(*notes, *_notes_on(window), *verdict.notes, *_notes_on_depth(estimate, expectation)),
     )  # fmt: skip
 
@@ -341,6 +342,8 @@ def _notes_on(window: Measured) -> list[str]:
     notes = []
     if window.level_fault is not None:
         notes.append(f"the level was not compared: {window.level_fault}")
+    if window.torque_fault is not None:
+        notes.append(f"the torque of {window.condition.torque:.4g} N·m is doubtful: {window.torque_fault}")
     if window.features.torque_nm is None:
         notes.append(f"no torque in this window: the rig file's nominal {window.condition.torque:g} N·m is used")
     return notes

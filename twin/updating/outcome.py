@@ -45,6 +45,7 @@ class UpdateOutcome:
     rms_depth: float  # by the RMS alone [m]
     expectation: Expectation | None
     lines: np.ndarray  # predicted acceleration lines after the update (LINES,) [m/s²]
+    torque_fault: str | None = None  # why the torque is doubtful
     notes: tuple[str, ...] = ()
 
 

@@ -78,7 +78,8 @@ def _calibrates(memory: Memory, window: Measured, windows: CalibrationWindows = 
     unworn = window.kind == "calibration" or window.revolutions < MATCH.unworn_revolutions
     known_load = window.kind == "measurement" or window.features.torque_nm is not None
     still_open = memory.track.windows == 0 and len(memory.unworn) < windows.most
-    return unworn and known_load and window.level_fault is None and still_open
+    sound = window.level_fault is None and window.torque_fault is None
+    return unworn and known_load and sound and still_open
 
 
 def update_twin(
@@ -89,6 +90,7 @@ def update_twin(
     options: UpdateOptions,
     *,
     level_fault: str | None = None,
+    torque_fault: str | None = None,
 ) -> UpdateOutcome:
     """Updates the twin by one window.
 
@@ -96,7 +98,7 @@ def update_twin(
     count seen before is the caller's to check (twin/fallen_count.py).
     """
     rig.require("wear", *NEEDED)
-    window = Measured.of(features, rig, level_fault)
+    window = Measured.of(features, rig, level_fault, torque_fault)
     memory = with_profiles(rig, _started(rig, memory))
     if _calibrates(memory, window):
         memory = _calibrated(rig, memory, features)
@@ -131,5 +133,5 @@ def _calibration_window(rig: Rig, memory: Memory, window: Measured, index: int) 
         rms_measured=window.rms, rms_predicted=rms,
         rms_after=rms, updated=False, depth=depth, depth_band=depth_band(depth, projected_std(track, depth)),
         method="projection" if track.windows else "unworn", estimate=estimate, rms_result=None, rms_depth=depth,
-        expectation=expectation, lines=lines,
+        expectation=expectation, lines=lines, torque_fault=window.torque_fault,
     )  # fmt: skip
