@@ -104,10 +104,17 @@ class Client:
         }
         return InspectionAnswer.model_validate(self.post(f"{_path(asset)}/inspections", body), extra="ignore")
 
-    def decide(self, asset: str, effect: str, decision: Decision) -> DecisionAnswer:
+    def decide(
+        self, asset: str, effect: str, decision: Decision, *, by: str | None = None, note: str | None = None
+    ) -> DecisionAnswer:
         """Decides on an effect that was found: it is accepted, rejected, pinned or released."""
-        answer = self.post(f"{_path(asset)}/effects/{quote(effect, safe='')}", {"decision": decision})
+        body = {"decision": decision} | _given({"by": by, "note": note})
+        answer = self.post(f"{_path(asset)}/effects/{quote(effect, safe='')}", body)
         return DecisionAnswer.model_validate(answer, extra="ignore")
+
+    def decisions(self, asset: str) -> list[DecisionAnswer]:
+        """What people have decided on a machine's effects, oldest first."""
+        return [DecisionAnswer.model_validate(d, extra="ignore") for d in self.get(f"{_path(asset)}/decisions")]
 
     # -- alarms --------------------------------------------------------------------------------------
 

@@ -54,7 +54,7 @@ async def decide(request: Request, asset: str, name: str, given: models.Decision
         known = ", ".join(n for n in EFFECTS if n != "none")
         return problem(request, 404, f"{name!r} is no effect; known are {known}")
     queue, store = request.app.state.queue, request.app.state.store
-    number = await run_in_threadpool(queue.submit, asset, name, given.decision)
+    number = await run_in_threadpool(queue.submit, asset, name, given.decision, *given.signed())
     done = await queue.wait(number, request.app.state.decision_wait)
     if done is None:
         return JSONResponse(_answer(await run_in_threadpool(store.decision, number)), 202)
@@ -70,5 +70,7 @@ def _answer(decision: StoredDecision) -> dict[str, Any]:
         "name": decision.name,
         "decision": decision.verb,
         "received_ns": decision.received_ns,
+        "by": decision.by,
+        "note": decision.note,
         "done": decision.done,
     }

@@ -41,6 +41,12 @@ class DecisionIn(BaseModel):
         description="accept: stays, confirmed; reject: leaves and is not added again; pin: stays with these very "
         "numbers; release: the data decide again"
     )
+    by: str | None = Field(None, max_length=200, description="name of the person who decides")
+    note: str | None = Field(None, max_length=2000, description="what was seen, or why")
+
+    def signed(self) -> tuple[str | None, str | None]:
+        """Name and note, without blanks around them; None where nothing is said."""
+        return (self.by or "").strip() or None, (self.note or "").strip() or None
 
 
 class DecisionAnswer(BaseModel):
@@ -51,6 +57,8 @@ class DecisionAnswer(BaseModel):
     name: str
     decision: str
     received_ns: int = Field(description="Unix time [ns]")
+    by: str | None = Field(None, description="name of the person who decided")
+    note: str | None = None
     done: bool = Field(description="false while it is queued")
 
 

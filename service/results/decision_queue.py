@@ -34,9 +34,9 @@ class DecisionQueue:
         if store.pending_decisions() or store.pending_inspections():
             self.asked.set()
 
-    def submit(self, asset: str, name: str, verb: str) -> int:
-        """Keeps a decision; its id."""
-        number = self._store.add_decision(asset, name, verb)
+    def submit(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
+        """Keeps a decision, with the person's name and note; its id."""
+        number = self._store.add_decision(asset, name, verb, by, note)
         self.asked.set()
         return number
 

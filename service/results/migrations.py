@@ -148,5 +148,9 @@ MIGRATIONS = (
     );
     CREATE TABLE baseline_numbers (id INTEGER PRIMARY KEY AUTOINCREMENT);
     """,
+    """
+    ALTER TABLE decisions ADD COLUMN signed_by TEXT;
+    ALTER TABLE decisions ADD COLUMN note TEXT;
+    """,
 )
 """The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""

@@ -142,13 +142,13 @@ class SqliteStore:
             ended = "UPDATE inspections SET done = 1, answer = ? WHERE id = ? AND done = 0"
             db.execute(ended, (dump(answer), inspection.id))
 
-    def add_decision(self, asset: str, name: str, verb: str) -> int:
-        """Keeps a decision that waits to be carried out; its id."""
+    def add_decision(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
+        """Keeps a decision that waits to be carried out, with the person's name and note; its id."""
         with self._transaction() as db:
             self._ensure(db, asset)
             row = db.execute(
-                "INSERT INTO decisions (asset, received_ns, name, verb) VALUES (?, ?, ?, ?)",
-                (asset, time.time_ns(), name, verb),
+                "INSERT INTO decisions (asset, received_ns, name, verb, signed_by, note) VALUES (?, ?, ?, ?, ?, ?)",
+                (asset, time.time_ns(), name, verb, by, note),
             )
             assert row.lastrowid is not None
             return row.lastrowid
@@ -298,11 +298,15 @@ class SqliteStore:
         )
 
     def _decisions(self, which: str, values: Sequence[Any] = ()) -> tuple[StoredDecision, ...]:
-        rows = self._rows(f"SELECT id, asset, received_ns, name, verb, done, refused FROM decisions {which}", values)
+        columns = "id, asset, received_ns, name, verb, done, refused, signed_by, note"
+        rows = self._rows(f"SELECT {columns} FROM decisions {which}", values)
         return tuple(
-            StoredDecision(id=i, asset=asset, received_ns=ns, name=name, verb=verb, done=bool(done), refused=refused)
-            for i, asset, ns, name, verb, done, refused in rows
-        )
+            StoredDecision(
+                id=i, asset=asset, received_ns=ns, name=name, verb=verb, done=bool(done), refused=refused, by=by,
+                note=note,
+            )
+            for i, asset, ns, name, verb, done, refused, by, note in rows
+        )  # fmt: skip
 
     @staticmethod
     def _ensure(db: sqlite3.Connection, asset: str) -> None:

@@ -44,6 +44,8 @@ class StoredDecision:
     verb: str
     done: bool  # carried out, or refused
     refused: str | None  # why it could not be carried out
+    by: str | None = None  # name of the person
+    note: str | None = None  # what was seen, or why
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,8 +165,8 @@ class ResultStore(Protocol):
         """Ends an inspection that cannot become part of the estimate; `answer` says why."""
         ...
 
-    def add_decision(self, asset: str, name: str, verb: str) -> int:
-        """Keeps a decision that waits to be carried out; its id."""
+    def add_decision(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
+        """Keeps a decision that waits to be carried out, with the person's name and note; its id."""
         ...
 
     def carry_out(

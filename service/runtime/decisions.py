@@ -69,9 +69,12 @@ class DecisionWorker:
             self._go_on(outcome, partial(self._inspected, waiting, outcome))
 
     def _decided(self, waiting: StoredDecision, outcome: DecisionOutcome) -> bool:
-        return self._store.carry_out(
-            waiting, state=outcome.state.to_dict(), report=outcome.report, events=outcome.events
-        )
+        signed = {name: text for name, text in (("by", waiting.by), ("note", waiting.note)) if text is not None}
+        events = [
+            (kind, {**data, **signed} if kind == "effect" and data.get("action") == waiting.verb else data)
+            for kind, data in outcome.events
+        ]
+        return self._store.carry_out(waiting, state=outcome.state.to_dict(), report=outcome.report, events=events)
 
     def _inspected(self, waiting: StoredInspection, outcome: DecisionOutcome) -> bool:
         before = self._board.get(waiting.asset)

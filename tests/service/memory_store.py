@@ -95,11 +95,21 @@ class MemoryStore:
         with self._lock:
             self._inspections[inspection.id - 1] = replace(inspection, answer=answer, done=True)
 
-    def add_decision(self, asset, name, verb):
+    def add_decision(self, asset, name, verb, by=None, note=None):
         with self._lock:
             number = len(self._decisions) + 1
             self._decisions.append(
-                StoredDecision(id=number, asset=asset, received_ns=1, name=name, verb=verb, done=False, refused=None)
+                StoredDecision(
+                    id=number,
+                    asset=asset,
+                    received_ns=1,
+                    name=name,
+                    verb=verb,
+                    done=False,
+                    refused=None,
+                    by=by,
+                    note=note,
+                )
             )
             return number
 

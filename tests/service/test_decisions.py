@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import json
 import signal
+import sqlite3
 import subprocess
 import sys
 import threading
 import time
 import urllib.error
 import urllib.request
+from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import service_fakes as fakes
 from service_streams import Service, service, wait_until, write_recording
 
+import gear_twin
 from service.cli import run
 from service.contract.estimate import Estimate
 from service.results.decision_queue import DecisionQueue
+from service.results.migrations import MIGRATIONS
 from service.results.sqlite_store import SqliteStore
 from service.runtime.pipeline import Checkpoint, Pipeline
 from service.runtime.replay import replay
@@ -27,6 +32,7 @@ from service.stream.quality import Quality
 from twin.rig import Rig
 
 WINDOWS = 3
+UNSW = "/v1/assets/unsw"
 COMMAND = [sys.executable, "-m", "service", "effects"]
 ROOT = Path(__file__).parents[2]
 
@@ -58,15 +64,20 @@ def test_decision_is_done_when_it_is_answered_and_its_event_follows(tmp_path, re
     with service(tmp_path) as running:
         replay(recording, [running.endpoint], 0)
         running.wait_for_windows(WINDOWS)
-        status, answer = post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "pin"})
-        assert (status, answer["done"], answer["decision"]) == (200, True, "pin")
+        body = {"decision": "pin", "by": "Anna", "note": "measured"}
+        status, answer = post(running, "/v1/assets/unsw/effects/misalignment", body)
+        assert (status, answer["done"], answer["decision"], answer["by"]) == (200, True, "pin", "Anna")
         assert counted(running) == pytest.approx(1)
         assert [d["decision"] for d in running.get("/v1/assets/unsw/decisions")] == ["pin"]
         post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "reject"})
         assert running.get("/v1/assets/unsw/effects") == []
     with SqliteStore(tmp_path / "gear-twin.sqlite") as store:
-        told = [e.data["action"] for e in store.events("unsw", 0) if e.kind == "effect"]
-        assert told == ["pin", "reject"]
+        told = [
+            (e.data["action"], e.data.get("by"), e.data.get("note"))
+            for e in store.events("unsw", 0)
+            if e.kind == "effect"
+        ]
+        assert told == [("pin", "Anna", "measured"), ("reject", None, None)]
 
 
 def test_what_cannot_be_decided_is_refused_with_its_reason(tmp_path, recording):
@@ -162,6 +173,47 @@ def test_decision_that_waits_does_not_hold_the_end_up_and_is_carried_out_by_the_
         wait_until(lambda: counted(again) > 1.5)
         assert counted(again) == pytest.approx(2)
         assert sorted(answers) == [1, 2]  # answered: they are kept
+
+
+def test_decision_keeps_name_and_note_from_rest_to_store_list_and_event(address, store, board):
+    fakes.campaign(store, board)
+    body = {"decision": "reject", "by": " Anna ", "note": "the shaft was measured"}
+    status, answer = post(SimpleNamespace(http=address.removeprefix("http://")), f"{UNSW}/effects/misalignment", body)
+    assert (status, answer["by"], answer["note"]) == (202, "Anna", "the shaft was measured")
+    post(SimpleNamespace(http=address.removeprefix("http://")), f"{UNSW}/effects/misalignment", {"decision": "pin"})
+    signed, plain = store.decisions("unsw")
+    assert (signed.by, signed.note, plain.by, plain.note) == ("Anna", "the shaft was measured", None, None)
+    with gear_twin.Client(address) as client:
+        assert [(d.decision, d.by) for d in client.decisions("unsw")] == [("reject", "Anna"), ("pin", None)]
+        assert client.decide("unsw", "misalignment", "accept", by="Ben", note="seen").note == "seen"
+
+
+def test_command_signs_a_decision_and_lists_them(address, store, board, capsys):
+    fakes.campaign(store, board)
+    url = ["--url", address]
+    assert run(["effects", "decisions", *url]) == 0
+    assert capsys.readouterr().out == "unsw: no decisions have been entered\n"
+    assert run(["effects", "pin", "unsw", "misalignment", "--by", "Anna", "--note", "measured", *url]) == 0
+    capsys.readouterr()
+    assert run(["effects", "decisions", "unsw", *url]) == 0
+    line = capsys.readouterr().out
+    assert "pin misalignment (queued; applied after the current window)  by Anna: measured" in line
+
+
+def test_a_store_of_before_names_and_notes_keeps_its_decisions(tmp_path):
+    path = tmp_path / "old.sqlite"
+    with closing(sqlite3.connect(path)) as db:
+        step = next(i for i, script in enumerate(MIGRATIONS) if "signed_by" in script)
+        for script in MIGRATIONS[:step]:
+            db.executescript(script)
+        db.executescript(f"""
+            INSERT INTO assets (asset) VALUES ('unsw');
+            INSERT INTO decisions (asset, received_ns, name, verb) VALUES ('unsw', 1, 'misalignment', 'pin');
+            PRAGMA user_version = {step};
+        """)
+    with SqliteStore(path) as store:
+        (decision,) = store.decisions("unsw")
+        assert (decision.verb, decision.by, decision.note) == ("pin", None, None)
 
 
 def test_decision_and_what_it_changes_are_one_transaction(store):

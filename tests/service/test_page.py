@@ -188,6 +188,29 @@ def test_a_decision_is_sent_and_its_progress_said(traced, store):
     traced.wait_for_function("document.querySelector('.decision').textContent.includes('after the current window')")
 
 
+def test_a_decision_is_signed_and_shown_where_effects_are_listed(traced, store, board):
+    """Anybody could reject an effect on the page, without a name or a reason."""
+    page = traced
+    page.wait_for_selector("#link[data-state=live]")
+    page.get_by_text("Name and note of decisions").click()
+    page.get_by_role("textbox", name="Your name").fill("Anna")
+    page.get_by_role("textbox", name="Note").fill("seen on the flank")
+    page.get_by_role("button", name="accept misalignment").click()
+    page.wait_for_function("document.querySelector('.decision').textContent.includes('after the current window')")
+    (waiting,) = store.pending_decisions()
+    assert (waiting.by, waiting.note) == ("Anna", "seen on the flank")
+    report = fakes.traced_report(19500.0, 12)
+    next(e for e in report["effects"] if e["name"] == "misalignment")["status"] = "accepted"
+    assert store.carry_out(waiting, state={}, report=report, events=[("effect", {"action": "accept"})])
+    board.update("unsw", report=report, last_event_id=store.last_event_id("unsw"))
+    page.wait_for_function("document.querySelector('#effects').textContent.includes('Latest decision: accept by Anna')")
+    page.get_by_text("Decisions (1)").click()
+    table = page.locator("#effects table").inner_text()
+    assert "accept misalignment" in table and "Anna" in table and "seen on the flank" in table
+    assert page.get_by_role("textbox", name="Note").input_value() == "", "a note is of one decision"
+    assert page.get_by_role("textbox", name="Your name").input_value() == "Anna"
+
+
 def test_effect_is_decided_on_by_the_keyboard_alone_and_the_focus_stays_with_it(traced, store, board):
     page = traced
     page.wait_for_selector("#link[data-state=live]")

@@ -1,9 +1,11 @@
 // Effects as plain sentences: how large, since when, what they change, how sure; and an engineer's decisions on them.
 
-import { Problem, send } from "../api.js";
-import { element } from "../dom.js";
+import { Problem, get, send } from "../api.js";
+import { element, keepingFocus } from "../dom.js";
 import { anything, dateTime, figure, instant, isAvailable, number, revolutions, sentence, words } from "../format.js";
+import { field, valuesOf } from "../forms.js";
 import { facts, table } from "../table.js";
+import { keepName, storedName } from "./alarm_list.js";
 
 const VERBS = { found: ["accept", "pin", "reject"], accepted: ["pin", "release", "reject"],
   pinned: ["accept", "release", "reject"] };
@@ -90,7 +92,24 @@ function evidencePairs(effect) {
     ["held-out windows", after.windows?.join(", ")]].filter(([, value]) => value);
 }
 
-function effectCard(effect, machine, decide) {
+const momentOf = (decision) => dateTime(Math.floor(decision.received_ns / 1e6));
+
+// "Accept by Anna, 22 Nov 2026, 14:43: seen on the flank", of the latest decision on an effect.
+function signedLine(decisions, name) {
+  const latest = decisions.filter((d) => d.name === name && d.done).at(-1);
+  if (!latest?.by && !latest?.note) return [];
+  const by = latest.by ? ` by ${latest.by}` : "";
+  return [element("p", { className: "signed" }, `Latest decision: ${latest.decision}${by}, ${momentOf(latest)}${latest.note ? `: ${latest.note}` : ""}`)];
+}
+
+function decisionsOf(decisions) {
+  if (!decisions.length) return [];
+  const rows = [...decisions].reverse().map((d) => [momentOf(d), `${d.decision} ${words(d.name)}${d.done ? "" : " (queued)"}`, d.by ?? "", d.note ?? ""]);
+  return [element("details", { dataset: { key: "decisions" } }, element("summary", {}, `Decisions (${decisions.length})`),
+    table(["when", "decision", "by", "note"], rows))];
+}
+
+function effectCard(effect, machine, decisions, decide) {
   const verbs = effect.channels ? [] : VERBS[effect.status] ?? VERBS.found; // a baseline leaves no model to decide on
   const where = effect.channels ? ` (${effect.channels.join(", ")})` : "";
   const buttons = verbs.map((verb) => element("button", { type: "button", title: MEANING[verb], onclick: () => decide(effect.name, verb),
@@ -99,7 +118,7 @@ function effectCard(effect, machine, decide) {
     element("div", { className: "head" }, element("h3", {}, sentence(nameOf(effect)).slice(0, -1) + where),
       element("span", { className: "badge" }, effect.status ?? "found"), element("span", { className: "decide" }, ...buttons)),
     element("p", {}, [sizeOf(effect), sinceOf(effect, machine.trend), ...consequences(effect)].filter(Boolean).join(" ")),
-    element("p", { className: "alike" }, alternatives(effect)),
+    element("p", { className: "alike" }, alternatives(effect)), ...signedLine(decisions, effect.name),
     element("details", { dataset: { key: `evidence ${effect.name}` } }, element("summary", {}, "Evidence"), facts(evidencePairs(effect))));
 }
 
@@ -133,8 +152,26 @@ function verdictOf({ unexplained, status, baseline }, found) {
 export function effectsPanel(machine, signal) {
   const body = element("div");
   const said = element("p", { className: "said decision", role: "status" });
-  const root = element("section", { className: "panel effects", id: "effects" }, element("h2", {}, "Effects other than wear"), body, said);
+  const signature = element("form", { className: "form", "aria-label": "Name and note of decisions", onsubmit: (event) => event.preventDefault() },
+    element("div", { className: "fields" },
+      field({ name: "by", label: "Your name", value: storedName(), maxLength: 200, autocomplete: "name", key: "decision-by" }),
+      field({ name: "note", label: "Note", maxLength: 2000, key: "decision-note", hint: "kept with the next decision" })));
+  const signing = element("details", { dataset: { key: "decision-signature" } }, element("summary", {}, "Name and note of decisions"), signature);
+  const root = element("section", { className: "panel effects", id: "effects" }, element("h2", {}, "Effects other than wear"), body, signing, said);
   let deciding = false;
+  let decisions = [];
+  let known = null; // the effects with their status, for which the decisions have been read
+
+  async function readDecisions() {
+    try {
+      const found = await get(`${machine.base}/decisions`, { signal });
+      if (JSON.stringify(found) === JSON.stringify(decisions)) return;
+      decisions = found;
+      keepingFocus(drawBody);
+    } catch (error) {
+      if (error.name !== "AbortError") console.warn(error.message);
+    }
+  }
 
   async function decide(name, verb) {
     const what = `${sentence(`${verb} ${words(name)}`).slice(0, -1)}`;
@@ -143,7 +180,10 @@ export function effectsPanel(machine, signal) {
     root.classList.add("deciding");
     said.textContent = `${what}: in progress …`;
     try {
-      const { status } = await send("POST", `${machine.base}/effects/${encodeURIComponent(name)}`, { decision: verb }, { signal });
+      const { by, note } = valuesOf(signature);
+      if (by) keepName(by);
+      const { status } = await send("POST", `${machine.base}/effects/${encodeURIComponent(name)}`, { decision: verb, by, note }, { signal });
+      signature.querySelector("[name=note]").value = "";
       said.textContent = `${what}: ${status === 202 ? "queued; applied after the current window" : "done"}.`;
     } catch (error) {
       if (error.name !== "AbortError") said.textContent = `${what}: ${error instanceof Problem && error.status ? error.message
@@ -152,22 +192,32 @@ export function effectsPanel(machine, signal) {
       deciding = false;
       root.classList.remove("deciding");
       machine.soon("effect");
+      readDecisions();
     }
   }
 
   function draw() {
+    drawBody();
+    const { effects, tracing } = machine.state;
+    const now = JSON.stringify([isAvailable(effects) ? effects.map((e) => [e.name, e.status]) : [], tracing?.rejected ?? []]);
+    if (now !== known) readDecisions();
+    known = now;
+  }
+
+  function drawBody() {
     const { effects, unexplained, tracing, baseline, wear, calibration } = machine.state;
     root.querySelector("h2").textContent = isAvailable(baseline) ? "Changes since the healthy baseline" : "Effects other than wear";
     const found = isAvailable(effects) ? bySeverity(effects, machine.state.status) : [];
     const rejected = (isAvailable(tracing) && tracing.rejected) || [];
     body.replaceChildren(
-      ...found.map((effect) => effectCard(effect, machine, decide)),
+      ...found.map((effect) => effectCard(effect, machine, decisions, decide)),
       ...(found.length ? [] : [element("p", { className: "none" }, isAvailable(baseline) ? "No change was found."
         : "No effect other than wear was found.")]),
       ...rejected.map((name) => element("p", { className: "none" }, `${words(name)}: rejected `, element("button", {
         type: "button", title: MEANING.release, onclick: () => decide(name, "release"), "aria-label": `release ${words(name)}`,
-        dataset: { key: `release ${name}`, group: name } }, "release"))),
-      ...verdictOf(machine.state, found.length));
+        dataset: { key: `release ${name}`, group: name } }, "release"))).flatMap((line, i) => [line, ...signedLine(decisions, rejected[i])]),
+      ...verdictOf(machine.state, found.length), ...decisionsOf(decisions));
+    signing.hidden = !rejected.length && !found.some((effect) => !effect.channels);
     // without a model and without a baseline nothing was searched for, so that nothing can be said of it
     const searched = isAvailable(wear) || isAvailable(baseline) || isAvailable(calibration);
     const settled = unexplained?.verdict === "explained" || unexplained?.verdict === "insufficient_data"; // the card says it
