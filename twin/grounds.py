@@ -320,8 +320,9 @@ def _listed(names: Iterable[str]) -> str:
     return " and ".join(names)
 
 
-def _windows(count: int, more: str = "") -> str:
-    return f"{count} {more}window{'' if count == 1 else 's'}"
+def counted(number: int, what: str) -> str:
+    """For example "2 windows"."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _changed_rate(basis: Basis) -> Iterator[Ground]:
@@ -329,9 +330,9 @@ def _changed_rate(basis: Basis) -> Iterator[Ground]:
     track, least = basis.outcome.memory.track, basis.limits.least_worn_windows
     if not basis.by_level and track.steady < least <= track.windows:
         yield Ground(
-            reason=f"the wear rate changed suddenly, {_windows(track.steady)} ago: either the wear itself, or an "
-            "effect that has begun and moves the transmission error as wear does",
-            remedies=(f"{_windows(least - track.steady, 'more ')} at this speed and load", MEASURED_DEPTH),
+            reason=f"the wear rate changed suddenly, {counted(track.steady, 'window')} ago: either the wear itself, or "
+            "an effect that has begun and moves the transmission error as wear does",
+            remedies=(f"{counted(least - track.steady, 'more window')} at this speed and load", MEASURED_DEPTH),
         )
 
 
@@ -343,7 +344,7 @@ def _young(basis: Basis) -> Iterator[Ground]:
     if track.windows < least:
         yield Ground(
             reason=f"the wear rate rests on {track.windows} of at least {least} worn windows",
-            remedies=(f"{_windows(least - track.windows, 'more ')} at this speed and load",),
+            remedies=(f"{counted(least - track.windows, 'more window')} at this speed and load",),
             depth=False,
         )
     elif RATE in basis.raised:

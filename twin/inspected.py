@@ -15,8 +15,9 @@ from math import inf, isfinite
 
 import numpy as np
 
-from twin.assessment import FLANKS, InspectedDepth, InspectionResult, Interval, Life, Unavailable, Wear
+from twin.assessment import FLANKS, InspectedDepth, InspectionResult, Interval, Life, Preliminary, Unavailable, Wear
 from twin.established import LIMITS as ESTABLISHED
+from twin.grounds import MEASURED_DEPTH, MORE_WINDOWS, counted
 from twin.model import Condition
 from twin.quantiles import Z95
 from twin.rig import Rig
@@ -96,12 +97,26 @@ def _life(
     settled: bool,
 ) -> Life | Unavailable:
     """The life of the inspected track; a young rate is doubted as without inspections."""
-    young = not _by_rms_alone(memory) and 0 < memory.track.steady < ESTABLISHED.least_worn_windows
-    doubt = ESTABLISHED.young_rate if young else 0.0
+    young = _young(memory, len(result.compared))
+    doubt = 0.0 if young is None else ESTABLISHED.young_rate
     after = life_of_track(rig, found.track, scale.curve, scale.base, _condition(memory, life), None, doubt)
     if not isinstance(after, Life):
         return after
-    return replace(after, preliminary=None if settled and not young else result.life_preliminary)
+    return replace(after, preliminary=None if settled and young is None else result.life_preliminary or young)
+
+
+def _young(memory: Memory, inspections: int) -> Preliminary | None:
+    """Why a wear rate is not established by worn windows, nor by inspections; None where it is."""
+    windows, least = memory.track.steady, ESTABLISHED.least_worn_windows
+    if _by_rms_alone(memory) or max(windows, inspections) >= least:
+        return None
+    return Preliminary(
+        reasons=(
+            f"the wear rate rests on {counted(windows, 'worn window')} and {counted(inspections, 'inspection')}, "
+            f"of at least {least} of either",
+        ),
+        remedies=(MORE_WINDOWS, MEASURED_DEPTH),
+    )
 
 
 def _prior_of_rig(rig: Rig) -> RatePrior:

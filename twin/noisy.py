@@ -106,7 +106,7 @@ def doubts_after(basis: Basis, before: Doubts, *, again: bool = False) -> Doubts
         if now is None:
             continue
         known = before.values.get(one.name, ())
-        known = (*(known[:-1] if again else known), now)[-one.windows :]
+        known = (*(known[:-1] if again else known), float(now))[-one.windows :]
         values[one.name] = known
         if one.in_doubt(basis, known, one.name in before.raised):
             raised.append(one.name)

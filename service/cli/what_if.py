@@ -145,6 +145,7 @@ def text(found: dict[str, Any]) -> str:
         lines.append(f"  probability of reaching {when}: {'at least ' if target['at_least'] else ''}{chance}")
     if found["preliminary"]:
         lines += [f"  preliminary: {reason}" for reason in found["preliminary"]["reasons"]]
+        lines.append(f"  to settle it: {'; '.join(found['preliminary']['remedies'])}")
     lines += [f"  {note}" for note in (*found["notes"], *([found["reason"]] if found["reason"] else []))]
     return "\n".join(lines)
 

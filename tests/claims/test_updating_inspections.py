@@ -20,6 +20,7 @@ from twin.step import inspect, step
 from twin.updating.inspections import MOST_INSPECTIONS, Inspection, with_inspection
 from twin.updating.model_cache import curve_of
 from twin.updating.update import reference_rate
+from twin.what_if import DutyPoint, Phase, what_if
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"
 
@@ -131,6 +132,22 @@ def test_inspection_of_new_gears_is_weighed_with_the_rate_of_the_pair_before(mac
     state, found = inspect(rig, state, measured(1000, depth))
     assert not found.wear.inspected.compared[0].contradicts
     assert found.wear.wear_coefficient * reference_rate(rig) == pytest.approx(learned, rel=0.02)
+
+
+@pytest.mark.parametrize("inspections, preliminary", [(1, True), (2, True), (3, False)])
+def test_life_by_inspections_alone_is_preliminary_until_the_third(machine, inspections, preliminary):
+    """No worn window has come: one measured depth gives a rate, the third tests it."""
+    rig, _, learned = machine
+    state, _ = step(rig, State(), windows_of(RECORDING)[1][2], Options(trace=False))
+    curve = curve_of(rig, state.memory)
+    for count in (1500, 1000, 500)[:inspections]:
+        state, found = inspect(rig, state, measured(count, curve.depth_at(count * learned.memory.track.rate)))
+    assert isinstance(found.life, Life) and (found.life.preliminary is not None) == preliminary
+    present = Phase(points=(DutyPoint(speed=found.life.speed, torque=found.life.torque),))
+    assert what_if(rig, state, [present]).preliminary == found.life.preliminary
+    if preliminary:
+        (reason,) = found.life.preliminary.reasons
+        assert f"0 worn windows and {inspections} inspection" in reason
 
 
 @pytest.mark.parametrize(

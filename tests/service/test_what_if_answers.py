@@ -12,7 +12,9 @@ from benchmarks.scoring import run as run_windows
 from benchmarks.scoring import windows_of
 from service.api import create_app
 from service.cli import run
+from service.cli.what_if import text
 from service.contract.estimate import step
+from service.contract.what_if import WhatIfIn, answer
 from service.results.board import Board
 from service.results.sqlite_store import SqliteStore
 from tests.documentation import ROOT
@@ -104,6 +106,16 @@ def test_question_that_cannot_be_answered_is_refused_with_its_reason(client, bod
 
 def test_asset_that_is_not_known_is_a_404(client):
     assert client.call("POST", "/v1/assets/none/what-if", json={}).status_code == 404
+
+
+def test_preliminary_life_is_said_in_answer_and_text():
+    rig, windows = windows_of(RECORDING)
+    state, _ = run_windows(rig, windows[:4], Options(trace=False))
+    assert state.latest.life.preliminary is not None  # of one worn window
+    found = answer(ASSET, rig, state, WhatIfIn(hours=1.0))
+    (reason,) = found["preliminary"]["reasons"]
+    assert "the wear rate rests on 1 of at least 3 worn windows" in reason
+    assert f"  preliminary: {reason}" in text(found) and "  to settle it: 2 more windows at this speed" in text(found)
 
 
 def test_command_answers_from_a_recording(capsys):
