@@ -18,6 +18,8 @@ from service.results.store import ResultStore
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"])
 
+# what happens to an asset; service/page/machine.js listens to all of them
+KINDS = ("window", "update", "effect", "rul", "data_fault", "status", "alarm", "change", "question", "inspection")
 PAGE = 500  # events read from the store at once
 PING_S = 15
 RETRY_MS = 1000
@@ -25,8 +27,7 @@ LARGEST_ID = 2**63 - 1
 
 STREAM: dict[int | str, dict[str, Any]] = {
     200: {
-        "description": "`window`, `update`, `effect`, `rul`, `data_fault`, `status`, `alarm`, `change` and `question`, "
-        "each with an id",
+        "description": f"{', '.join(f'`{kind}`' for kind in KINDS[:-1])} and `{KINDS[-1]}`, each with an id",
         "content": {"text/event-stream": {"schema": {"type": "string"}}},
     }
 }

@@ -154,7 +154,8 @@ async function showMachine(route, signal) {
     for (const handler of context.handlers) await handler(event.detail);
     if (!signal.aborted) mark();
   };
-  opened.addEventListener("change", (event) => changed(event).catch((error) => console.warn(error)), { signal });
+  const failed = (error) => signal.aborted || error.name === "AbortError" || console.warn(error); // left while it was loading
+  opened.addEventListener("change", (event) => changed(event).catch(failed), { signal });
   await shown;
   mark();
 }

@@ -166,7 +166,9 @@ def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def _text(value: Any) -> str:
-    return "absent" if value is _ABSENT else str(value)
+    if value is _ABSENT:
+        return "absent"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _named(lines: tuple[str, ...]) -> str:

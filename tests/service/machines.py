@@ -30,7 +30,10 @@ KINDS = {
     "level": Kind(shown_as="level", first="Vibration RMS"),
     "preliminary": Kind(shown_as="model", first="Largest wear depth"),
     "cracked": Kind(shown_as="model", first="Largest wear depth"),
+    "retired": Kind(shown_as="model", first="Largest wear depth"),
+    "asking": Kind(shown_as="model", first="Largest wear depth"),
 }
+WAITING = "waiting"  # an asset without any window
 
 NOT_GIVEN = "the rig file does not give gears.module, gears.face_width"
 SUDDEN = "the wear rate changed suddenly, 1 window ago"
@@ -69,7 +72,7 @@ def show_machine(store, board, kind: str) -> None:
     """The machine under its kind's name, with a dozen windows."""
     made = {
         "model": _model, "worn-out": _worn_out, "baseline": _baseline, "encoders": _encoders, "level": _level,
-        "preliminary": _preliminary, "cracked": _cracked,
+        "preliminary": _preliminary, "cracked": _cracked, "retired": _retired, "asking": _asking,
     }  # fmt: skip
     made[kind](store, board)
 
@@ -128,6 +131,31 @@ def _cracked(store, board):
         "status": status("alarm", "A cracked tooth was found: tooth 9.", "Stop the machine and inspect the teeth."),
     }
     fakes.take(store, board, "cracked", 90, 20000.0, report=report)
+
+
+def show_waiting(store, board) -> None:
+    """An asset that is known and has sent nothing."""
+    store.keep_rig(WAITING, {"name": "new"})
+    board.update(WAITING, rig={"name": "new"})
+
+
+def _retired(store, board):
+    fakes.campaign(store, board, "retired", windows=6)
+    sent = {"since": "2023-11-16T08:00:00.000000000Z", "by": "A. Fitter", "note": "sold"}
+    board.update("retired", retired=sent)
+
+
+def _asking(store, board):
+    fakes.campaign(store, board, "asking", windows=6)
+    question = {
+        "kind": "revolutions_fell", "text": "Gears replaced, or another machine?",
+        "since": "2023-11-16T08:00:00.000000000Z",
+        "detail": "The revolutions fall from 18,000 to 12.", "waiting": 4, "left_out": 0,
+        "answers": ["gears_replaced", "counter_reset", "other_machine", "ignore"],
+    }  # fmt: skip
+    report = fakes.report(6000.0, 12)
+    report["status"] = status("no_verdict", question["text"], "Answer the open question: windows wait for it.")
+    board.update("asking", report=report, question=question)
 
 
 def _poor(store, board, name: str, given: dict, windows: int = 12) -> None:

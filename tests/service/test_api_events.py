@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import struct
 import threading
@@ -11,6 +12,9 @@ import time
 import httpx
 import pytest
 import service_fakes as fakes
+from service_streams import ROOT
+
+from service.api.events import KINDS
 
 
 def read_events(address, asset, count, headers=None, query="", ready=None):
@@ -113,3 +117,11 @@ def test_readers_that_vanish_leave_no_complaint_in_the_log(store, board, caplog)
         time.sleep(0.5)
         assert httpx.get(f"{address}/healthz").status_code == 200
     assert [r.getMessage() for r in caplog.records if r.name == "asyncio"] == []
+
+
+def test_page_listens_to_every_kind_of_event_and_the_reference_explains_it():
+    script = (ROOT / "service" / "page" / "machine.js").read_text(encoding="utf-8")
+    listened = re.search(r"KINDS = \[([^\]]*)\]", script)
+    assert listened and set(re.findall(r'"(\w+)"', listened[1])) == set(KINDS)
+    reference = (ROOT / "docs" / "reference" / "rest.md").read_text(encoding="utf-8")
+    assert [kind for kind in KINDS if f"| `{kind}` |" not in reference] == []

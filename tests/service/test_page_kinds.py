@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import service_fakes as fakes
 from gear_signals import START, meshing_window
-from machines import NOT_GIVEN, SUDDEN, show_machine
+from machines import NOT_GIVEN, SUDDEN, show_machine, show_waiting
 
 from service.results.signal_store import SignalStore
 from twin.windows import Window
@@ -29,8 +29,7 @@ def shown(page, kind, view=""):
 @pytest.mark.slow
 def test_list_of_machines_gives_units_and_says_nothing_of_a_machine_without_windows(open_page, store, board):
     show_machine(store, board, "preliminary")
-    store.keep_rig("waiting", {"name": "new"})
-    board.update("waiting", rig={"name": "new"})
+    show_waiting(store, board)
     page = open_page("/")
     rows = {row.get_attribute("data-asset"): row.inner_text() for row in page.locator(".fleet tbody tr").all()}
     assert "5–95 %: 495 – 550 µm" in rows["preliminary"]
@@ -96,3 +95,15 @@ def test_what_every_window_says_is_said_once(open_page, store, board):
     page = open_page("/#/asset/fan/data")
     assert page.inner_text("#windows").count("beyond the steady states of the model") == 0
     assert page.inner_text("#windows").count("Beyond the steady states of the model") == 1
+
+
+@pytest.mark.slow
+def test_a_retired_machine_is_not_shown_as_one_that_runs(open_page, store, board):
+    show_machine(store, board, "retired")
+    page = open_page("/#/asset/retired")
+    assert "Out of use since 16 Nov 2023" in page.inner_text(".health") and "A. Fitter: sold" in page.inner_text(
+        ".health"
+    )
+    page.goto(f"{page.url.partition('#')[0]}#/")
+    page.get_by_label("retired machines too").check()
+    assert "retired" in page.locator("[data-asset=retired] .badge").all_inner_texts()

@@ -125,7 +125,7 @@ function effectCard(effect, machine, decisions, decide) {
 // The effects with the most severe first, as the status orders them.
 function bySeverity(effects, status) {
   const order = (status.findings ?? []).map((f) => f.subject);
-  const place = ({ name }) => (order.indexOf(`effect/${name}`) + 1) || order.length + 1;
+  const place = ({ name }) => (order.findIndex((subject) => `${subject}/`.startsWith(`effect/${name}/`)) + 1) || order.length + 1;
   return [...effects].sort((a, b) => place(a) - place(b));
 }
 

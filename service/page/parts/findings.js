@@ -28,22 +28,37 @@ export function pairPanel(pair) {
 
 const TIMES = { 1: "once", 2: "twice", 3: "three times" };
 const MOST = 6; // modulations that are listed, the deepest
+const WHOLE = 100; // [%] of the mesh lines: a modulation is not deeper
+
+// One row for a multiple of a shaft's turn, with what every channel shows of it.
+function modulationRow(group, compared) {
+  const [deepest] = group;
+  const channels = group.map((m) => `${m.channel.replace(/^accel\//, "")}: ${number(m.depth_percent)} ± ${number(m.depth_std_percent, 2)}`
+    + (m.healthy_percent ? ` (healthy: ${number(m.healthy_percent[0], 2)} to ${number(m.healthy_percent[1], 2)})` : ""));
+  const causes = deepest.depth_percent > WHOLE ? `deeper than a modulation can be: other lines at these places, or ${deepest.possible_causes}`
+    : deepest.possible_causes;
+  return [`${TIMES[deepest.per_turn] ?? `${deepest.per_turn} times`} per turn of the ${deepest.shaft}`, fixed(deepest.frequency_hz, 4),
+    channels.join("; "), [...new Set(group.map((m) => m.kind))].join("; "),
+    ...(compared ? [group.some((m) => m.new) ? "yes" : "no"] : []), causes];
+}
 
 // Sidebands of the mesh lines: a description, and a finding only where a healthy baseline shows that they are new.
 export function modulationPanel(modulation) {
   if (!isAvailable(modulation) || !modulation.length) return [];
   const compared = modulation.some((m) => m.healthy_percent);
-  const listed = [...modulation].sort((a, b) => Number(Boolean(b.new)) - Number(Boolean(a.new)) || b.depth_percent - a.depth_percent).slice(0, MOST);
-  const rows = listed.map((m) => [`${TIMES[m.per_turn] ?? `${m.per_turn} times`} per turn of the ${m.shaft}`, fixed(m.frequency_hz, 4), m.channel,
-    `${number(m.depth_percent)} ± ${number(m.depth_std_percent, 2)}`, m.kind,
-    ...(compared ? [m.healthy_percent ? `${number(m.healthy_percent[0], 2)} to ${number(m.healthy_percent[1], 2)}` : "–", m.new ? "yes" : "no"] : []),
-    m.possible_causes]);
+  const groups = new Map();
+  for (const m of [...modulation].sort((a, b) => b.depth_percent - a.depth_percent)) {
+    const key = `${m.shaft} ${m.per_turn}`;
+    groups.set(key, [...(groups.get(key) ?? []), m]);
+  }
+  const fresh = (group) => Number(group.some((m) => m.new));
+  const listed = [...groups.values()].sort((a, b) => fresh(b) - fresh(a)).slice(0, MOST);
   const meaning = compared ? "The depth is compared with the recordings of the healthy baseline."
     : "Healthy gears have sidebands, too: whether these are new, a healthy baseline shows.";
-  const more = modulation.length > MOST ? ` ${modulation.length - MOST} shallower ones are in the REST answer.` : "";
-  return [panel("Modulation of the mesh vibration", element("p", {}, `${meaning} The accelerometers cannot distinguish the causes of one line.${more}`),
-    table(["modulated", "sidebands at ± [Hz]#", "channel", "depth [% of the mesh lines]#", "kind",
-      ...(compared ? ["healthy [%]#", "new"] : []), "possible causes"], rows))];
+  return [panel("Modulation of the mesh vibration",
+    element("p", {}, `${meaning} The accelerometers cannot distinguish the causes of one line.`),
+    table(["modulated", "sidebands at ± [Hz]#", "depth by channel [% of the mesh lines]", "kind", ...(compared ? ["new"] : []), "possible causes"],
+      listed.map((group) => modulationRow(group, compared))))];
 }
 
 export function unattributedPanels(lines) {

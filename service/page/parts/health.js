@@ -57,6 +57,13 @@ function question(asked, machine) {
     view ? element("a", { href: `#/asset/${encodeURIComponent(machine)}/${view.path}` }, "Answer it") : "");
 }
 
+function retirement({ retired }) {
+  if (!retired) return "";
+  const who = [retired.by ? ` by ${retired.by}` : "", retired.note ? `: ${retired.note}` : ""].join("");
+  return element("p", { className: "question" }, element("strong", {}, "Retired. "),
+    `Out of use since ${dateTime(instant(retired.since))}${who}. New frames are left out; the state is that of the latest window.`);
+}
+
 export function health(state) {
   const { status } = state;
   const [first = "", ...others] = shortened(state);
@@ -64,6 +71,7 @@ export function health(state) {
   return element("section", { className: `panel health health-${status.level}`, "aria-label": "State of the machine" },
     element("div", { className: "head" }, levelBadge(status.level),
       ...(status.action ? [element("p", { className: "action" }, sentence(status.action))] : [])),
+    retirement(state),
     element("p", { className: "reason" }, first && sentence(first)),
     ...(others.length ? [element("ul", { className: "more-reasons" }, ...others.map((reason) => element("li", {}, sentence(reason))))] : []),
     preliminary(state),

@@ -3,7 +3,7 @@
 import { get } from "../api.js";
 import { colour } from "../chart.js";
 import { element } from "../dom.js";
-import { dateTime, instant, number, revolutions } from "../format.js";
+import { dateTime, instant, number, revolutions, sentence } from "../format.js";
 import { unitOf } from "./signal_chart.js";
 
 const HEIGHT = 420;
@@ -19,7 +19,7 @@ function shade(share) {
 }
 
 // Fills `root`; `choose(index)` is called with the window of a row that is clicked, or on which Enter is pressed.
-export function waterfallView(root, { machine, signal, channel, choose }) {
+export function waterfallView(root, { machine, signal, kept, channel, choose }) {
   const options = { view: "order-spectrum", range: 80, x_to: "", markers: true };
   const canvas = element("canvas", { className: "waterfall", tabIndex: 0 });
   canvas.setAttribute("role", "img");
@@ -31,23 +31,29 @@ export function waterfallView(root, { machine, signal, channel, choose }) {
   let cursor = null; // { row, column }
   let high = 1;
 
-  const path = (more) => `${machine.base}/waterfall?${new URLSearchParams({ view: options.view, ...(channel() ? { channel: channel() } : {}),
+  const path = (more) => `${machine.base}/waterfall?${new URLSearchParams({ view: options.view, channel: channel() || kept.channels[0],
     ...(options.x_to ? { x_to: options.x_to } : {}), ...more })}`;
 
   async function load() {
+    if (!kept.windows.length) {
+      said.textContent = sentence(kept.reason ?? "no window's signals are kept yet");
+      canvas.hidden = true;
+      return;
+    }
+    canvas.hidden = false;
     said.textContent = "Computing the spectra …";
     try {
       answer = await get(path({ bins: 600, windows: 80 }), { signal });
     } catch (error) {
       if (error.name === "AbortError") return;
       answer = null;
-      if (options.view === "order-spectrum" && error.status === 409) { // no angle: frequency needs none
+      if (options.view === "order-spectrum" && error.status === 409 && !path({}).includes("encoder")) { // no angle: frequency needs none
         options.view = "spectrum";
         select.value = "spectrum";
         load();
         return;
       }
-      said.textContent = error.message;
+      said.textContent = sentence(error.message);
       draw();
       return;
     }
@@ -133,7 +139,7 @@ export function waterfallView(root, { machine, signal, channel, choose }) {
     let free = -Infinity;
     for (const m of answer.markers.filter((one) => one.kind === "mesh")) {
       const at = LEFT + (m.x / highest()) * width;
-      if (at < free || at > LEFT + width - 40) continue;
+      if (at < free || at + ctx.measureText(m.label).width + 3 > LEFT + width) continue;
       ctx.fillStyle = "rgb(255 255 255 / .85)";
       ctx.fillText(m.label, at + 3, TOP + 12);
       ctx.fillRect(at, TOP, 1, 14);

@@ -31,8 +31,13 @@ function windowsPanel(windows, all, more) {
   }));
   const heads = ["window#", "start", "kind", "revolutions#", "speed [Hz]#", "torque [N·m]#", "RMS [m/s²]#", "model [m/s²]#",
     "error [%]#", "updated", "data", "depth [µm]#", "K [1/N]#", "notes"];
+  if (!rows.length) {
+    const none = panel("Latest windows", element("p", { className: "none" }, "No window has been received yet."));
+    none.id = "windows";
+    return none;
+  }
   const made = panel("Latest windows", ...(common ? [element("p", { className: "meta" }, `All of these windows: ${sentence(shared)}`)] : []),
-    table(heads, rows, { drop: rows.length > 0 }));
+    table(heads, rows, { drop: true }));
   made.id = "windows";
   if (windows.length > SHOWN) {
     made.append(element("button", { type: "button", onclick: more, dataset: { key: "more-windows" } },

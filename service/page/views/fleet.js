@@ -56,6 +56,7 @@ function stateCell(asset) {
   return element("div", { className: "state" }, levelBadge(status?.level), open,
     status?.action ? element("strong", { className: "action" }, status.action) : "",
     element("span", { className: "reason" }, status?.reasons?.length ? sentence(status.reasons[0]) : ""),
+    asset.retired ? element("span", { className: "badge" }, "retired") : "",
     question ? element("span", { className: "badge warn" }, "a question is open") : "");
 }
 
@@ -66,7 +67,8 @@ function row(asset) {
     ["course", sparkline(asset.sparkline)], ["last seen", seenCell(asset)], ["answers from", asset.windows === 0 ? "–" : KIND_WORDS[asset.kind] ?? "–"],
   ];
   return element("tr", { className: `row-${asset.status?.level}`, dataset: { asset: asset.asset } },
-    ...cells.map(([head, content], i) => element(i ? "td" : "th", { ...(i ? {} : { scope: "row" }), dataset: { head } }, content)));
+    ...cells.map(([head, content], i) => element(i ? "td" : "th", { ...(i ? {} : { scope: "row" }),
+      className: content === "–" ? "empty-cell" : "", dataset: { head } }, content)));
 }
 
 const HEADS = ["Machine", "State and what to do", "Data", "Wear depth", "Remaining life", "Course", "Last seen", "Answers from"];

@@ -33,11 +33,6 @@ function smallPrint(machine, kind) {
     element("a", { href: `${machine.base}/report?format=pdf` }, "PDF"));
 }
 
-function waiting(machine) {
-  return element("section", { className: "panel empty" }, element("h2", {}, "No whole measurement window yet"),
-    element("p", {}, `${machine.name} is known, and its first figures appear here as soon as one window has been assessed.`));
-}
-
 export async function show(root, context) {
   const { machine } = context;
   const effects = effectsPanel(machine, context.signal);
@@ -49,7 +44,7 @@ export async function show(root, context) {
     const { state } = machine;
     const kind = kindOf(state);
     const empty = state.windows_total === 0;
-    top.replaceChildren(health(state), ...(empty ? [waiting(machine)] : [cards(machine, kind)]));
+    top.replaceChildren(health(state), ...(empty ? [] : [cards(machine, kind)]));
     effects.draw();
     turning.replaceChildren(...modulationPanel(state.modulation));
     found.replaceChildren(...pairPanel(state.pair), ...unattributedPanels(state.unattributed_lines));
