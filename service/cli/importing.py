@@ -101,8 +101,9 @@ def _proposed(
     """The mapping file that was written for a data file, and what is in it."""
     from service.errors import InputError
     from service.files.guess import plain_name, proposal_of
-    from service.files.guess_mapping import Known, mapping_text
+    from service.files.guess_mapping import Known, mapping_text, with_reference
     from service.files.readers import read_table
+    from service.files.rig import load_rig
     from service.json_text import write_text
     from service.stream.channels import SHAFTS
 
@@ -113,9 +114,10 @@ def _proposed(
     if not data.is_file():
         raise InputError(f"{data} does not exist")
     table = read_table(data)
-    proposal = proposal_of(table, data.name, given["rate"], given["shaft"])
-    path = write or Path(f"{_stem(data)}.toml")
     rig = given["rig"]
+    reference = None if rig is None else load_rig(rig).accelerometer
+    proposal = with_reference(proposal_of(table, data.name, given["rate"], given["shaft"]), reference)
+    path = write or Path(f"{_stem(data)}.toml")
     known = Known(
         asset=given["asset"] or plain_name(_stem(data)),
         path=os.path.relpath(data, path.parent),

@@ -58,6 +58,8 @@ def _described(rig_path: Path, mapping_path: Path, draft: Any, can: Any, more: t
 
 
 def _print_draft(given: Any, draft: Any) -> None:
+    from twin.features.level import USABLE
+
     rig = draft.rig
     for reason in draft.without_model:
         print(f"no model of the machine: {reason}")
@@ -70,6 +72,11 @@ def _print_draft(given: Any, draft: Any) -> None:
             f"contact ratio {pair.contact_ratio:.3f}, mesh frequency {pair.teeth[0] * given.speed:.4g} Hz"
         )
         print(f"{len(rig.estimated.assumed)} values are generic, each marked `assumed` in the rig file.")
+    if given.accelerometers and given.sample_rate is None:
+        print(
+            f"the vibration level is taken up to {rig.band[1]:.0f} Hz: sample at {rig.band[1] / USABLE:.0f} Hz "
+            "or more, or state your sample_rate"
+        )
     if "end_of_life.max_depth" in rig.estimated.assumed:
         limit = rig.get("end_of_life.max_depth") * 1e3
         print(f"wear limit: {limit:.3g} mm, 10 % of the tooth's thickness on the pitch circle; state your own")

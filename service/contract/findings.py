@@ -46,6 +46,14 @@ Level = Literal["normal", "no_verdict", "watch", "alarm", "end_of_life"]
 SEVERITY: tuple[Level, ...] = ("normal", "no_verdict", "watch", "alarm", "end_of_life")
 OTHER_ACTIONS = {"mesh_change": "Inspect the flanks and the lubrication of the gears at the next stop."}
 PLURALS = ("errors", "teeth")  # at the end of a label
+INCOMPLETE = (
+    "Complete the rig file (`gear-twin init` makes one), or learn a healthy baseline (`gear-twin baseline`), so that "
+    "the machine can be judged."
+)
+UNJUDGED = (
+    "Remove the reason (`gear-twin doctor` examines recording and rig file), or learn a healthy baseline (`gear-twin "
+    "baseline`), so that the machine can be judged."
+)
 _QUANTITY = re.compile(r"^(the )?[a-z ]{3,30} (is|are) not available: (?=.)")  # at the start of a reason
 UNNAMED_ACTION = "Find out what has changed in the machine, and inspect it at the next stop."
 """For changes against a baseline that are no effect of the table."""
@@ -233,8 +241,7 @@ def _basis(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findi
             subject="basis",
             level="no_verdict",
             reason=sentence(f"The machine cannot be judged: {cause(found.wear.reason)}"),
-            action="Complete the rig file (`gear-twin init` makes one), or learn a healthy baseline (`gear-twin "
-            "baseline`), so that the machine can be judged.",
+            action=INCOMPLETE if "the rig file does not give" in found.wear.reason else UNJUDGED,
         )
 
 

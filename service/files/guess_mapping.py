@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from service.files.guess import LEFT_OUT, TACHO, TIME, Guess, Proposal
 from service.files.import_recording import toml_value
@@ -20,6 +20,18 @@ class Known:
     speed: float | None = None  # of the pinion [Hz]
     rig: str | None = None  # rig file, as the mapping file names it
     pulses_per_rev: int = 1
+
+
+def with_reference(proposal: Proposal, reference: str | None) -> Proposal:
+    """The first accelerometer under the name of the rig file's reference, where none has that name."""
+    sensors = [i for i, guess in enumerate(proposal.guesses) if guess.kind == "accel"]
+    if reference is None or not sensors or reference in {proposal.guesses[i].name for i in sensors}:
+        return proposal
+    guesses = list(proposal.guesses)
+    first = guesses[sensors[0]]
+    remark = "; ".join(t for t in (first.remark, "assumed to be the rig file's reference accelerometer") if t)
+    guesses[sensors[0]] = replace(first, name=reference, remark=remark)
+    return replace(proposal, guesses=tuple(guesses))
 
 
 def speed_of(proposal: Proposal, known: Known) -> float | None:

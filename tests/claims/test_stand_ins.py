@@ -63,6 +63,8 @@ def test_what_a_first_user_tried_gives_no_depth_and_no_life_and_says_why():
         assert report[part]["status"] == "not available"
         assert "the rig file does not describe this machine" in report[part]["reason"]
         assert "encoders on both shafts" in report[part]["reason"]
+    (found,) = [m for m in report["modulation"] if m["shaft"] == "pinion" and m["per_turn"] == 1]
+    assert found["depth_percent"] == pytest.approx(15, abs=4)  # it was left out because there is a rig file
 
 
 @pytest.mark.parametrize("first_turn", [400, 5_000_000])

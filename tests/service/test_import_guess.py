@@ -142,6 +142,23 @@ def test_of_two_tachometers_the_faster_is_the_pinions():
     assert found == {"Time (s)": "time", "t1x": "tachometer/gear", "t2x": "tachometer/pinion"}
 
 
+def test_the_first_accelerometer_becomes_the_reference_of_a_rig_file_of_init(tmp_path, monkeypatch, capsys):
+    """The guess was refused: "rig.sensors.accelerometer = 'y6' must be one of the accelerometers"."""
+    monkeypatch.chdir(tmp_path)
+    write("own.csv", **{"Time (s)": T, "Acc1 (g)": vibration(), "Acc2 (g)": vibration(), "Tacho (V)": tacho()})
+    Path("answers.toml").write_text(
+        'schema = "gear-answers/1"\npinion_teeth = 23\ngear_teeth = 57\nspeed = "1476 rpm"\ntorque = "80 Nm"\n'
+        'module = "2.5 mm"\nface_width = "30 mm"\nencoder_pinion = 1\n'
+        '[[accelerometers]]\nplace = "pinion free side"\n[[accelerometers]]\nplace = "gear free side"\n'
+    )
+    assert run(["init", "--answers", "answers.toml", "--out", "mine"]) == 0
+    assert "sample at 12573 Hz or more, or state your sample_rate" in capsys.readouterr().out
+    assert run(["import", "own.csv", "--guess", "--rig", "mine/rig.toml", "--out", "own.mcap"]) == 0
+    assert "assumed to be the rig file's reference accelerometer" in " ".join(capsys.readouterr().out.split())
+    rig, _, (window, *_) = read_windows(Path("own.mcap"))
+    assert set(window.accelerations) == {"y6", "Acc2"} and rig["sensors"]["accelerometer"] == "y6"
+
+
 def test_shaft_of_the_tachometer_can_be_stated():
     found, _ = becomes([TIME, column("Tacho", tacho())], shaft="gear")
     assert found["Tacho"] == "tachometer/gear"

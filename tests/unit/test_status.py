@@ -117,10 +117,16 @@ def test_machine_that_is_explained_and_far_from_its_end_of_life_is_normal():
         ({"wear": wear(valid=False)}, "watch", "beyond the validity of the model (500.0 µm)", "Measure the wear depth"),
         ({"encoder_pair": pair(contradicted=True)}, "watch", "ratio 2.5000 contradicts the rig file", "tooth counts"),
         (
-            {"wear": Unavailable(reason="no module given"), "life": Unavailable(reason="-")},
+            {"wear": Unavailable(reason="the rig file does not give gears.module"), "life": Unavailable(reason="-")},
             "no_verdict",
-            "no module",
+            "gears.module",
             "Complete the rig file",
+        ),
+        (
+            {"wear": Unavailable(reason="RMS is not available: sample faster"), "life": Unavailable(reason="-")},
+            "no_verdict",
+            "sample faster",
+            "Remove the reason (`gear-twin doctor`",
         ),
         (
             {"unexplained": Unexplained(verdict="insufficient_data", reason="too few")},

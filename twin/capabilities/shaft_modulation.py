@@ -1,12 +1,12 @@
-"""Modulation of the mesh vibration by the turn of either shaft, where the machine has no model.
+"""Modulation of the mesh vibration by the turn of either shaft, where the machine has no model that describes it.
 
-A machine with a model has it explained by its effects. What is found is a description: healthy gears have sidebands,
-too, so that it changes neither verdict nor status.
+A machine whose model gives a wear depth has it explained by its effects. What is found is a description: healthy gears
+have sidebands, too, so that it changes neither verdict nor status.
 """
 
 from __future__ import annotations
 
-from twin.assessment import Modulation
+from twin.assessment import Modulation, Unavailable
 from twin.baseline.modulation import against_baseline
 from twin.capabilities.context import Context, Draft
 from twin.errors import TwinError
@@ -15,9 +15,11 @@ from twin.features.modulation import modulations
 
 
 def applies(context: Context, draft: Draft) -> bool:
-    """Where the tooth counts are known and an accelerometer recorded, and no window has updated a model."""
+    """Where tooth counts are known and an accelerometer recorded, and no window has updated a model that fits."""
     known = context.rig.has("gears.pinion.teeth", "gears.gear.teeth")
-    return not draft.modelled and not draft.state.tracing.stages and known and bool(context.window.accelerations)
+    modelled = draft.modelled or draft.state.tracing.stages
+    fits = modelled and not isinstance(draft.assessment.wear, Unavailable)
+    return not fits and known and bool(context.window.accelerations)
 
 
 def assess(context: Context, draft: Draft) -> Draft:

@@ -23,6 +23,7 @@ from twin.windows import Samples
 
 LONGEST_REPAIR = 2  # samples that a straight line may bridge
 SHORTEST_STRETCH = 0.1  # valid stretches shorter than this are not used [s]
+USABLE = 0.45  # of the sampling rate: an anti-aliasing filter falls above it
 TAPERED = 0.1  # share of a stretch that the window tapers at each end
 
 
@@ -66,7 +67,8 @@ def band_level(samples: Samples, band: tuple[float, float]) -> Level:
     if band[1] > samples.rate / 2:
         raise NotAvailable(
             f"RMS up to {band[1]:g} Hz is not available: the sampling rate {samples.rate:g} Hz ends at "
-            f"{samples.rate / 2:g} Hz"
+            f"{samples.rate / 2:g} Hz (sample faster, or end sensors.band_hz of the rig file at "
+            f"{USABLE * samples.rate:.0f} Hz)"
         )
     values = samples.values
     if not np.isfinite(values).any():

@@ -319,9 +319,8 @@ def _by_rms(
 ) -> Verdict:
     """The RMS method; NotAvailable where there is no level."""
     if result is None:
-        raise NotAvailable(
-            f"the depth is not available: {window.level_fault}, and update = {options.update} needs the level"
-        )
+        needs = "update = rms needs the level" if options.update == "rms" else "no encoder measures the depth"
+        raise NotAvailable(f"the depth is not available: {window.level_fault}, and {needs}")
     notes: tuple[str, ...] = ()
     if result.updated and not result.converged:
         notes = ("no wear coefficient brings the predicted RMS within the threshold",)
