@@ -8,7 +8,13 @@ that continues the lower count, is refused too, also where that count passes the
 n  revolution count of the pinion   t  time of the window [s]   f  pinion speed [Hz]
 s  margin for speeds that were not recorded
 
-A single refused window, or a count that does not continue the lower one, is taken for a disturbance of the counter.
+A single refused window, or a count that does not continue the lower one, is taken for a disturbance of the counter;
+not so where the next window continues the lower count at the machine's own pace:
+
+    |(n − n_refused) / (f·(t − t_refused)) − 1| ≤ p
+
+A running machine whose counter was disturbed once has by then gone on from the earlier count, twice as far at least
+where windows are equally far apart.
 
 A window that arrives late is none of these: its time lies before that of windows already used, and its count between
 the counts of the windows before and after that time.
@@ -37,6 +43,11 @@ class FallenCountThresholds:
     speed_margin: float = deciding(
         1.5, of="the larger of rated and present speed", meaning="highest mean speed between two windows of one count",
         source="not derived: drives of constant speed stay within a few per cent",
+    )  # fmt: skip
+    pace: float = deciding(
+        0.25, of="turns at the window's speed in the time since",
+        meaning="how far a count may be from the lower one's own pace that goes on from it already in the next window",
+        source="set between 0.87 times, seen of one second machine, and twice, which one disturbed count exceeds",
     )  # fmt: skip
 
 
@@ -76,7 +87,8 @@ def with_count_checked(
         raise CountFellError(str(error), _remembered(state, features, revolutions, refusals, ignored), seen) from None
     if before is None:
         return state
-    if before.refusals < limits.refusals or not _continues(rig, before, features, revolutions, limits):
+    single = before.refusals < limits.refusals and not _keeps_pace(before, features, revolutions, limits)
+    if single or not _continues(rig, before, features, revolutions, limits):
         return replace(state, fallen=None)
     raise CountFellError(
         f"this window continues a revolution count that had fallen to {before.revolutions:.0f} where {seen:.0f} had "
@@ -123,3 +135,11 @@ def _continues(
     elapsed = (features.start_time_ns - before.time_ns) * 1e-9
     speed = max(features.speed_hz or 0.0, rig.get("operating.pinion_speed_hz", 0.0))
     return 0 <= revolutions - before.revolutions <= limits.speed_margin * speed * max(elapsed, 0.0) + 1.0
+
+
+def _keeps_pace(
+    before: FallenCount, features: WindowFeatures, revolutions: float, limits: FallenCountThresholds
+) -> bool:
+    """Whether a count has gone on from the lower one as far as the machine's speed makes it in the time since."""
+    turns = (features.speed_hz or 0.0) * (features.start_time_ns - before.time_ns) * 1e-9
+    return turns > 0 and abs((revolutions - before.revolutions) / turns - 1) <= limits.pace

@@ -76,8 +76,10 @@ class Rigs:
         return self._where
 
     def named_differences(self, asset: str, rig: Mapping[str, Any]) -> list[str]:
-        """How a rig file describes other gears than those of an asset so far, the first few lines."""
-        lines = other_gears(self._store.asset(asset), rig)
+        """How a rig file describes other gears than those of an asset so far, teeth first, absent values last."""
+        lines = sorted(
+            other_gears(self._store.asset(asset), rig), key=lambda line: (".teeth =" not in line, "= absent" in line)
+        )
         more = [f"and {len(lines) - MOST_NAMED} more"] if len(lines) > MOST_NAMED else []
         return [*lines[:MOST_NAMED], *more]
 

@@ -161,7 +161,7 @@ def test_one_disturbed_count_closes_its_question_itself(running, network, first,
     longer = write_recording(tmp_path / "on.mcap", WINDOWS + 1, later=7200, seed=9)
     only_last(longer, tmp_path / "last.mcap")
     send(network, tmp_path / "last.mcap")
-    wait_until(lambda: len(running.windows()) == WINDOWS + 2)
+    wait_until(lambda: running.get(UNSW)["windows_total"] == WINDOWS + 2)  # shown, which follows being kept
     state = running.get(UNSW)
     assert state["question"] is None
     assert "disturbance of the counter" in next(w for w in state["windows"] if w["quality"] == "refused")["reason"]

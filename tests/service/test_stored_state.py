@@ -146,6 +146,14 @@ def test_rig_file_of_other_gears_is_not_used_until_people_have_answered(learned,
     assert learned.asset("unsw").rig == GIVEN and learned.last_event_id("unsw") == 0
 
 
+def test_question_about_other_gears_names_their_teeth_first(learned, board):
+    """A rig file of tooth counts alone was said to lack an addendum, a backlash, "and 15 more"."""
+    given = {"gears": {"pinion": {"teeth": 23}, "gear": {"teeth": 57}}}
+    named = Rigs(learned, board, given, "mine.toml").named_differences("unsw", given)
+    assert named[:2] == ["gears.gear.teeth = 57 (was 52)", "gears.pinion.teeth = 23 (was 19)"]
+    assert all("= absent" in line for line in named[2:-1]) and named[-1].endswith("more")
+
+
 def test_rig_file_that_differs_elsewhere_is_adopted_with_an_event(learned, board):
     rig = changed(name="after the overhaul", end_of_life__max_depth=4e-4)
     rigs = Rigs(learned, board, rig, "mine.toml")

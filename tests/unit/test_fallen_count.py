@@ -63,6 +63,16 @@ def test_one_disturbed_count_is_refused_and_ends_nothing():
     assert with_count_checked(RIG, now, window(9500.0, 1050.0)).fallen is None
 
 
+def test_another_machine_is_not_taken_for_a_disturbance_where_its_second_count_passes_that_of_the_first():
+    """D08 after D07, whose encoders were late at first: 7732 and 9041 were taken for D07 with one disturbed count."""
+    now = after([(7732.0, 1000.0)])
+    with pytest.raises(CountFellError, match=r"continues a revolution count that had fallen to 7732 where 9000"):
+        with_count_checked(RIG, now, window(9041.0, 1151.0))
+    for disturbed in (10.0, 4000.0, 8500.0):  # windows every 151 s of one machine, one of them with a disturbed count
+        now = after([(disturbed, 1000.0)])
+        assert with_count_checked(RIG, now, window(SEEN + 2 * 1510.0, 1151.0)).fallen is None
+
+
 def test_a_count_that_the_lower_one_cannot_have_reached_is_the_first_machines_again():
     now = after([(500.0, 1000.0), (520.0, 1002.0)])
     assert with_count_checked(RIG, now, window(9600.0, 1060.0)).fallen is None
