@@ -121,6 +121,7 @@ def test_depth_by_level_is_preliminary_and_reaches_down_to_zero_where_the_level_
     worn = by_level(outcome)
     found = confidence_of(rig, worn, GOOD)
     assert "the vibration level alone" in found.depth.reasons[0] and found.no_life is None and found.band[0] > 0
+    assert found.life.reasons[0] == found.depth.reasons[0]  # however many worn windows its rate rests on
     same = replace(worn, rms_measured=outcome.memory.unworn[-1].rms)
     quiet = confidence_of(rig, same, GOOD)
     assert "it shows wear from +50 % on" in quiet.no_life and quiet.band[0] == 0.0
