@@ -1,4 +1,5 @@
-"""How fast the page is with 20 machines of 10,000 windows each: first view, first chart, long tasks, bytes on the wire.
+"""How fast the page is with 20 machines of 10,000 windows each: first view, first chart, long tasks, bytes on the wire;
+and its view of signals, with the raw signals of 40 windows.
 
     python -m benchmarks.page [--assets N] [--windows N]
 
@@ -22,19 +23,29 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 import uvicorn
 
 from benchmarks.bench_pipeline import Figure
 from service.api import create_app
 from service.contract.base import iso_time
 from service.results.board import Board
+from service.results.signal_store import SignalStore
 from service.results.sqlite_store import SqliteStore
+from twin.windows import Samples, Window
 
 CHROMIUM = os.environ.get("GEAR_TWIN_CHROMIUM", "/usr/bin/chromium")
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 600_000_000_000
 LIMIT_UM = 500.0
+RATE, SECONDS, KEPT = 12_800.0, 10.0, 40  # of the raw signals: samples a second, length of a window, windows
 LIVE = 20  # windows that come while the page is watched, ten a second
+SIGNAL_VIEWS = (  # address, what is there once it is drawn, name, aim [s]
+    ("window/latest/spectrum", "#signal canvas", "spectrum of a window", 2.0),
+    ("window/latest/waveform", "#signal canvas", "waveform of a window", 2.0),
+    ("waterfall", "canvas.waterfall[aria-label*=windows]", f"waterfall of {KEPT} windows", 5.0),  # computed first
+    ("indicators", "figure.panel canvas", "trends of indicators", 2.0),
+)
 TASKS = ("ThreadControllerImpl::RunTask", "RunTask")
 
 
@@ -90,13 +101,23 @@ def fill(store: SqliteStore, assets: int, windows: int) -> None:
                 add(store, name, index, windows)
 
 
+def keep_signals(kept: SignalStore, asset: str, windows: int) -> None:
+    """The raw signals of the last windows of a machine: mesh lines and noise."""
+    t, random = np.arange(int(RATE * SECONDS)) / RATE, np.random.default_rng(1)
+    mesh = sum(np.cos(2 * np.pi * 285 * k * t + k) / k for k in range(1, 12))
+    for index in range(windows - KEPT, windows):
+        accel = Samples(rate=RATE, start=0.0, values=mesh + 0.1 * random.standard_normal(t.size))
+        window = Window(start_time_ns=START_NS + index * STEP_NS, accelerations={"y6": accel})
+        kept.keep(asset, index, window, revolutions=600.0 * index)
+
+
 @contextmanager
-def serving(board: Board, store: SqliteStore) -> Iterator[str]:
+def serving(board: Board, store: SqliteStore, signals: SignalStore) -> Iterator[str]:
     """The service's HTTP side; yields its address."""
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         server = uvicorn.Server(
-            uvicorn.Config(create_app(board, store), log_level="error", timeout_graceful_shutdown=1)
+            uvicorn.Config(create_app(board, store, signals=signals), log_level="error", timeout_graceful_shutdown=1)
         )
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
         thread.start()
@@ -165,6 +186,14 @@ def measure(address: str, board: Board, store: SqliteStore, windows: int) -> lis
         page.wait_for_selector(f"main[data-windows='{windows + LIVE}']")
         note("longest task, ten windows a second", longest_task(browser), "ms", 100.0)
         note("a window that is added, on the wire", (on_the_wire(page) - before) / LIVE, "MB", 0.05)
+        for view, drawn, what, aim in SIGNAL_VIEWS:
+            page.goto("about:blank")
+            browser.start_tracing(page=page, categories=["toplevel"])
+            page.goto(f"{address}/#/asset/gearbox-00/signals/{view}")
+            page.wait_for_selector(drawn)
+            note(f"{what} drawn after", milliseconds(page) / 1e3, "s", aim)
+            page.wait_for_timeout(1500)
+            note(f"longest task, {what}", longest_task(browser), "ms", 100.0)
         browser.close()
     return figures
 
@@ -176,8 +205,10 @@ def main() -> None:
     chosen = parser.parse_args()
     with TemporaryDirectory() as folder, SqliteStore(Path(folder) / "page.sqlite") as store:
         fill(store, chosen.assets, chosen.windows)
+        kept = SignalStore(Path(folder) / "signals", 2**30)
+        keep_signals(kept, "gearbox-00", chosen.windows)
         board = Board.from_store(store)
-        with serving(board, store) as address:
+        with serving(board, store, kept) as address:
             for figure in measure(address, board, store, chosen.windows):
                 print(figure.line)
 
