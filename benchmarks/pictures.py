@@ -1,4 +1,5 @@
-"""Draws the figures of docs/validation.md anew: each is one plot of a page that a command writes.
+"""Draws the pictures of the documentation anew: plots of pages that commands write (docs/validation.md), and the page
+of the service as `gear-twin demo` fills it (`page`, README.md).
 
     python -m benchmarks.pictures [NAME …]
 
@@ -9,10 +10,14 @@ Needs Chromium (GEAR_TWIN_CHROMIUM names it) and, for measured machines, their d
 from __future__ import annotations
 
 import os
+import signal
+import socket
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from benchmarks.measured import DRAWS, LOADS, MAPPINGS, MEASURED, imported
 from service.cli import run
@@ -21,6 +26,8 @@ from service.errors import InputError
 DOCS = Path(__file__).parents[1] / "docs" / "pictures"
 CHROMIUM = os.environ.get("GEAR_TWIN_CHROMIUM", "/usr/bin/chromium")
 WIDTH = 1150  # of the page [px]
+SCREEN = {"width": 1360, "height": 1060}  # of the picture of the service's page [px]
+FAULTY = "unsw-cracked"  # machine of the demo that it shows
 KEPT_BACK = 40  # load of the broken tooth that is drawn, in no baseline [%]
 
 
@@ -74,16 +81,42 @@ PICTURES: dict[str, tuple[Callable[[Path], Path], tuple[int, ...]]] = {  # page,
 }
 
 
+def page_picture(browser: Any, out: Path) -> None:
+    """The page of the demo's faulty machine, once both machines have been replayed."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    demo = subprocess.Popen(
+        [sys.executable, "-m", "service", "demo", "--no-browser", "--http", address], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert demo.stdout is not None
+        if not any("Service is running" in line for line in demo.stdout):
+            raise InputError("gear-twin demo failed")
+        view = browser.new_page(viewport=SCREEN)
+        view.goto(f"http://{address}/#/asset/{FAULTY}")
+        view.wait_for_selector("#rms canvas")
+        view.wait_for_selector("#link[data-state=live]")
+        view.screenshot(path=out)
+        view.close()
+    finally:
+        demo.send_signal(signal.SIGTERM)
+        demo.communicate()
+
+
 def main() -> None:
     from playwright.sync_api import sync_playwright
 
-    wanted = sys.argv[1:] or list(PICTURES)
-    unknown = [name for name in wanted if name not in PICTURES]
+    known = [*PICTURES, "page"]
+    wanted = sys.argv[1:] or known
+    unknown = [name for name in wanted if name not in known]
     if unknown:
-        raise SystemExit(f"no such picture: {', '.join(unknown)}; there are {', '.join(PICTURES)}")
+        raise SystemExit(f"no such picture: {', '.join(unknown)}; there are {', '.join(known)}")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        for name in wanted:
+        if "page" in wanted:
+            page_picture(browser, DOCS / "page.png")
+        for name in [name for name in wanted if name in PICTURES]:
             make, plots = PICTURES[name]
             with TemporaryDirectory() as folder:
                 view = browser.new_page(viewport={"width": WIDTH, "height": 900})
