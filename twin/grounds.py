@@ -62,6 +62,7 @@ class Basis:
     rig: Rig
     outcome: UpdateOutcome
     errors: HeldOutErrors | None  # of the twin in use, on held-out windows
+    alone: tuple[float, float] | None = None  # depth by wear alone that is as likely as that with effects [m]
     raised: tuple[str, ...] = ()  # quantities in doubt
     verdict: VerdictLimits = VERDICT_LIMITS
     limits: EstablishedLimits = LIMITS

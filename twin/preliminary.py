@@ -10,6 +10,7 @@ Bands  by level: the half-widths of its band in ln, times √max(misfit of the c
        updating/depth.py), and times √2 where no unworn window has calibrated the level, which is then as uncertain as
        the depth that follows from a calibrated one; down to zero where no wear can be seen in the level.
        By encoders: at least the spread of true over estimated depth where the calibration was in doubt.
+       With effects in the model of an estimated structure: also the band of wear alone (twin/tracing/wear_alone.py).
        A life inherits the relative width of its depth. With few windows, the rate may still halve (running-in).
 """
 
@@ -51,14 +52,16 @@ def confidence_of(
     errors: HeldOutErrors | None,
     history: History = NO_HISTORY,
     *,
+    alone: tuple[float, float] | None = None,
     again: bool = False,
 ) -> Confidence:
     """What a window's depth and life are worth.
 
     errors   of the twin in use on held-out windows; None where there were none
+    alone    5 and 95 % of the depth by wear alone [m], where the effects in the model may be the estimated structure
     history  of the windows before; with this one where it is judged `again`
     """
-    basis = Basis(rig=rig, outcome=outcome, errors=errors)
+    basis = Basis(rig=rig, outcome=outcome, errors=errors, alone=alone)
     doubts = doubts_after(basis, history.of_rig(rig).doubts, again=again)
     basis = replace(basis, raised=doubts.raised)
     excluding = [ground for rule in EXCLUDING for ground in rule(basis)]
@@ -102,7 +105,12 @@ def _level_factor(basis: Basis) -> float:
 
 
 def _band(basis: Basis, doubted: bool) -> tuple[float, float]:
-    """5 and 95 % of the depth [m]."""
+    """5 and 95 % of the depth [m], with those of wear alone where these are as likely."""
+    low, high = _band_with_effects(basis, doubted)
+    return (low, high) if basis.alone is None else (min(low, basis.alone[0]), max(high, basis.alone[1]))
+
+
+def _band_with_effects(basis: Basis, doubted: bool) -> tuple[float, float]:
     outcome, depth = basis.outcome, basis.outcome.depth
     low, high = outcome.depth_band
     if basis.by_level:
@@ -125,7 +133,7 @@ def _life_doubt(basis: Basis, doubted: bool) -> LifeDoubt:
     low, high = _band(basis, doubted)
     depth, young = basis.outcome.depth, basis.outcome.memory.track.steady < basis.limits.least_worn_windows
     return LifeDoubt(
-        of_depth=(high - low) / (2 * Z95 * depth) if doubted and depth > 0 else 0.0,
+        of_depth=(high - low) / (2 * Z95 * depth) if (doubted or basis.alone) and depth > 0 else 0.0,
         of_rate=basis.limits.young_rate if young else 0.0,
     )
 

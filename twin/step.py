@@ -32,6 +32,7 @@ from twin.state import State
 from twin.tracing.attribution_loop import decide as decided
 from twin.tracing.decisions import Decision
 from twin.tracing.stages import replay
+from twin.tracing.wear_alone import band_of_wear_alone
 from twin.updating.history import WindowInput
 from twin.updating.inspections import Inspection, with_inspection
 from twin.updating.running_time import dated, with_mark
@@ -166,7 +167,10 @@ def decide(rig: Rig, state: State, decision: Decision, options: Options = DEFAUL
     outcome = replace(known[-1][1], memory=state.memory)
     result = decided(rig, state.tracing, decision, outcome, options.updating)
     recent = recent_residuals(rig, (), result.again or tuple(known))
-    confidence = confidence_of(rig, result.outcome, result.tracing.error, state.history, again=True)
+    alone = band_of_wear_alone(rig, result.tracing)
+    confidence = confidence_of(
+        rig, result.outcome, result.tracing.error, state.history, alone=alone, again=True
+    )  # fmt: skip
     assessment = answer_of(rig, state, result.tracing, recent, result.outcome, confidence)
     event = EffectEvent(action=decision.verb, name=decision.name, window=latest.index)
     assessment = replace(assessment, events=(*result.events, event), revolutions=_run(state))

@@ -5,6 +5,7 @@ from functools import cache
 
 import pytest
 
+from tests.estimated_machines import rig_of
 from tests.unit.test_step import recorded
 from twin.assessment import HeldOutErrors
 from twin.effects import EFFECTS
@@ -12,9 +13,14 @@ from twin.effects.addition import Addition
 from twin.established import LIMITS, History
 from twin.features.extract import extract
 from twin.preliminary import confidence_of, history_after
+from twin.quantiles import Z95
 from twin.rig import Rig
 from twin.step import Options
+from twin.tracing.state import Tracing, TwinStage
+from twin.tracing.wear_alone import band_of_wear_alone
 from twin.updating.history import WindowInput, replay_history
+from twin.updating.joint_gauge import SIZE, LineFactors
+from twin.updating.memory import Memory
 
 GOOD = HeldOutErrors(rms=0.05, waveform=0.1, transmission_error=0.1, windows=(2, 5))
 
@@ -207,3 +213,24 @@ def test_history_counts_each_window_with_an_established_depth_once():
     poor = confidence_of(rig, outcomes[-1], HELD_OUT, state)
     after = history_after(rig, state, outcomes[-1], poor, 99)
     assert replace(after, doubts=state.doubts) == state and after.doubts != state.doubts
+
+
+def test_wear_alone_is_as_likely_as_effects_where_the_structure_is_estimated():
+    """D02 with the rig file of init: with three effects that are not there, 17 µm lay outside a band of 4 to 10 µm."""
+    rig, outcomes = history()
+    last = outcomes[-1]
+    alone = (0.5 * last.depth, 2.0 * last.depth)
+    both, usual = confidence_of(rig, last, GOOD, alone=alone), confidence_of(rig, last, GOOD)
+    assert both.band == pytest.approx(alone) and usual.band == last.depth_band
+    assert both.life_doubt.of_depth > 0.4 and usual.life_doubt.of_depth == 0
+    inner = (0.999 * last.depth, last.depth)
+    assert confidence_of(rig, last, GOOD, alone=inner).band == last.depth_band
+
+
+def test_band_of_wear_alone_is_that_of_the_stage_without_effects():
+    factors = LineFactors(speed_hz=10.0, mean=(0.0,) * SIZE, covariance=((0.0,) * SIZE,) * SIZE, depth_std=2e-6)
+    alone = TwinStage(memory=Memory(line_factors=factors), depth=20e-6)
+    tracing = Tracing(stages=(alone, TwinStage(memory=Memory(), depth=8e-6)))
+    assert band_of_wear_alone(rig_of("lab"), tracing) == pytest.approx((20e-6 - Z95 * 2e-6, 20e-6 + Z95 * 2e-6))
+    assert band_of_wear_alone(rig_of("lab"), Tracing(stages=(alone,))) is None  # no effect changes the depth
+    assert band_of_wear_alone(history()[0], tracing) is None  # the structure is known

@@ -31,6 +31,7 @@ from twin.tracing.stages import staged
 from twin.tracing.state import Tracing, TwinStage
 from twin.tracing.summary import attribution_of, effects_of
 from twin.tracing.unexplained import doubts_of, unexplained_of, with_unknown_content
+from twin.tracing.wear_alone import band_of_wear_alone
 from twin.updating.calibrated import calibration_of
 from twin.updating.history import WindowInput, update_window
 from twin.updating.life import life_of
@@ -67,7 +68,8 @@ def assess(context: Context, draft: Draft) -> Draft:
     recent = recent_residuals(rig, state.recent, ((context.input, result.outcome),))
     if result.again:
         recent = recent_residuals(rig, (), result.again)
-    confidence = confidence_of(rig, result.outcome, result.tracing.error, state.history)
+    alone = band_of_wear_alone(rig, result.tracing)
+    confidence = confidence_of(rig, result.outcome, result.tracing.error, state.history, alone=alone)
     assessment = answer_of(rig, state, result.tracing, recent, result.outcome, confidence)
     record = _with_estimate(_record(context, result.outcome, result.tracing, confidence), assessment.wear)
     index = context.input.index if isinstance(assessment.wear, Wear) else None
