@@ -36,7 +36,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from service.contract.base import HOUR, MICROMETRE, ContractModel, iso_time
+from service.contract.base import HOUR, MICROMETRE, PERCENT, ContractModel, iso_time
 from service.contract.inspections import contradiction
 from twin import assessment
 from twin.attention import StatusLimits, horizon_of, probability_within
@@ -183,7 +183,10 @@ def _size(name: str, parameter: assessment.ParameterValue) -> str:
     value, unit = parameter.value, parameter.unit
     if unit == "m":
         value, unit = value / MICROMETRE, "µm"
-    return f"{name.replace('_', ' ')} {value:.3g}" + (f" {unit}" if unit else "")
+    elif not unit and name.endswith(("_loss", "_share")):
+        value, unit = value / PERCENT, "%"
+    figure = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"  # no power of ten in a sentence
+    return f"{name.replace('_', ' ')} {figure}" + (f" {unit}" if unit else "")
 
 
 def _unknown(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:

@@ -21,7 +21,7 @@ import { rangeOf } from "./scale.js";
 
 const HEIGHT = 250;
 const PRINT_WIDTH = 300; // of a chart on paper, two in a row of A4 [px]
-const PRINT_HEIGHT = 200;
+const PRINT_HEIGHT = 180;
 const groups = new Map(); // name → { charts, zoom }
 const shown = new Set(); // every chart on the page
 

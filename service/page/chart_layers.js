@@ -57,7 +57,8 @@ export function drawMarks(u, { marks }, colour) {
       ctx.stroke();
       if (!label) continue;
       const width = ctx.measureText(label).width;
-      const left = at + 4 * px + width > box.left + box.width ? at - 4 * px - width : at + 4 * px;
+      const fits = (x) => x >= box.left && x + width <= box.left + box.width;
+      const left = [at + 4 * px, at - 4 * px - width].find(fits) ?? box.left + 2 * px; // in a narrow chart at its edge
       if (left < free) continue;
       ctx.fillText(label, left, box.top + 11 * px);
       free = left + width + 6 * px;

@@ -137,6 +137,15 @@ def test_print_is_light_and_cuts_nothing_off(open_page, store, board):
         assert picture.getpixel((5, 5)) > 250
 
 
+@pytest.mark.slow
+def test_list_of_machines_is_a_table_on_paper_that_begins_on_the_first_sheet(open_page, store, board):
+    for kind in KINDS:
+        show_machine(store, board, kind)
+    document = pypdfium2.PdfDocument(io.BytesIO(open_page("/").pdf(format="A4")))
+    sheets = [" ".join(document[i].get_textpage().get_text_bounded().split()) for i in range(len(document))]
+    assert len(sheets) <= 2 and "Wear depth Remaining life" in sheets[0] and "worn-out" in sheets[0]
+
+
 def test_no_machine_yet_says_how_to_begin(open_page):
     page = open_page("/")
     said = page.inner_text(".empty")

@@ -156,7 +156,7 @@ def test_reason_states_sizes_and_the_tooth_but_no_angles():
         parameters={"stiffness_loss": ParameterValue(value=0.6, unit="", std=0.1),
                     "tooth": ParameterValue(value=5, unit="", std=0.0)},
     )  # fmt: skip
-    assert status_of(replace(HEALTHY, effects=(found,))).reasons[0].endswith("found: stiffness loss 0.6, tooth 5.")
+    assert status_of(replace(HEALTHY, effects=(found,))).reasons[0].endswith("found: stiffness loss 60 %, tooth 5.")
     turning = replace(
         found, name="pinion_eccentricity",
         parameters={"eccentricity": ParameterValue(value=8e-5, unit="m", std=1e-6),
@@ -164,6 +164,10 @@ def test_reason_states_sizes_and_the_tooth_but_no_angles():
                     "shift_share": ParameterValue(value=0.6, unit="", std=0.1)},
     )  # fmt: skip
     assert status_of(replace(HEALTHY, effects=(turning,))).reasons[0].endswith("found: eccentricity 80 µm.")
+    mount = replace(
+        found, name="sensor_resonance", parameters={"frequency": ParameterValue(value=1181.3, unit="Hz", std=120.0)}
+    )
+    assert "frequency 1,181 Hz" in status_of(replace(HEALTHY, effects=(mount,))).reasons[0]
     pitch = replace(found, name="pitch_error", parameters={})
     assert status_of(replace(HEALTHY, effects=(pitch,))).reasons[0] == "Pitch errors were found."
 
