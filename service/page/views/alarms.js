@@ -13,8 +13,6 @@ export async function show(root, { machine, signal, onChange }) {
     depthKnown: () => isAvailable(machine.state.wear) });
   root.append(list.root, rules.root);
   await Promise.all([list.refresh(), rules.refresh()]);
-  onChange((kinds) => {
-    if (kinds.has("alarm") || kinds.has("window")) list.refresh();
-    if (kinds.has("window")) rules.refresh();
-  });
+  onChange((kinds) => Promise.all([kinds.has("alarm") || kinds.has("window") ? list.refresh() : null,
+    kinds.has("window") ? rules.refresh() : null]));
 }
