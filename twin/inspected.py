@@ -2,7 +2,9 @@
 
 A depth d that was measured on one flank is one of both flanks together, d/share; as work it is x = x(d) on the wear
 curve. updating/inspected_wear.py weighs it against what the windows measured. Where the windows' band is wider than the
-method's own (a doubted calibration, an estimated rig), what all depths are off by together is wider by the same factor.
+method's own (a doubted calibration, an estimated rig), all depths may be off by one factor beyond the method's own
+scatter: the doubt is the same at all depths, so the growth since an inspection is known as well as the windows measured
+it.
 
 A depth that is preliminary is established once the inspections have taken most of its uncertainty away.
 """
@@ -11,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite
+from math import inf, isfinite, sqrt
 
 import numpy as np
 
@@ -72,9 +74,10 @@ def with_inspections(
     found = wear_with_inspections(
         scale.points,
         works,
-        memory.prior or _prior_of_rig(rig),
+        memory.prior or _prior_of_rig(rig, memory.track.rate),
         _track_by_windows(memory, depth, scale, by_rms),
         FAULTS.alike_rms if by_rms else FAULTS.alike_fused,
+        scale.doubt,
     )
     median, low, high = (scale.depth(found.work_quantile(p)) for p in (0.5, 0.05, 0.95))
     combined = Interval(median=median, p05=low, p95=high)
@@ -119,10 +122,11 @@ def _young(memory: Memory, inspections: int) -> Preliminary | None:
     )
 
 
-def _prior_of_rig(rig: Rig) -> RatePrior:
+def _prior_of_rig(rig: Rig, measured: float) -> RatePrior:
+    """What the rig file says of the rate: within a factor of about three, so its spread is that of the larger rate."""
     (K,) = rig.require("the wear coefficient", "wear.K")
     rate = K * reference_rate(rig)
-    return RatePrior(rate=rate, std=RATE.prior * rate)
+    return RatePrior(rate=rate, std=RATE.prior * max(rate, measured))
 
 
 def _width(band: Interval) -> float:
@@ -160,6 +164,7 @@ class _Scale:
     curve: MasterCurve  # of the present condition
     base: float  # work at its start [rad/N]
     points: Points
+    doubt: float  # relative standard deviation of all works together, beyond the method's own
     earlier: tuple[tuple[float, float], ...]  # depth and work of windows before its start, rising
 
     @classmethod
@@ -169,12 +174,13 @@ class _Scale:
         points = memory.rms_points if by_rms else memory.points
         if not points and memory.track.windows and not by_rms:
             points = (_point_of_track(memory, curve, base),)
-        points = _as_uncertain(points, curve, _width(stated) / (2 * Z95))
+        doubt = _doubt(points, curve, _width(stated) / (2 * Z95))
         rising = [(0.0, 0.0)]
         for depth, work in sorted((p.depth, p.work) for p in points):
             if rising[-1][0] < depth < curve.start_depth and rising[-1][1] < work < base:
                 rising.append((depth, work))
-        return cls(curve=curve, base=base, points=points, earlier=(*rising, (curve.start_depth, base)))
+        earlier = (*rising, (curve.start_depth, base))
+        return cls(curve=curve, base=base, points=points, doubt=doubt, earlier=earlier)
 
     def work(self, depth: float) -> float:
         """x [rad/N] of a largest depth [m]."""
@@ -196,13 +202,13 @@ class _Scale:
         return InspectedWork(revolutions=inspection.revolutions, work=self.work(depth), std=std * slope)
 
 
-def _as_uncertain(points: Points, curve: MasterCurve, std: float) -> Points:
-    """The points, off by more together where the latest is stated to be less certain than the method's own [m]."""
+def _doubt(points: Points, curve: MasterCurve, std: float) -> float:
+    """By how much, relative, the latest work is stated [m] to be less certain than by the method's own scatter."""
     if not points or not isfinite(std):
-        return points
-    own = points[-1].shared_std / curve.work_per_depth(max(points[-1].depth, curve.start_depth))
-    factor = max(std / own, 1.0) if own > 0 else 1.0
-    return tuple(replace(p, shared_std=factor * p.shared_std) for p in points)
+        return 0.0
+    last = points[-1]
+    stated = std * curve.work_per_depth(max(last.depth, curve.start_depth))
+    return sqrt(max(stated**2 - last.shared_std**2, 0.0)) / last.work if last.work > 0 else 0.0
 
 
 def _point_of_track(memory: Memory, curve: MasterCurve, base: float) -> WearPoint:

@@ -191,3 +191,27 @@ def test_points_of_a_long_history_stay_few_and_keep_the_latest():
         kept = with_point(kept, point(n + 1.0, RATE * (n + 1)))
     assert len(kept) <= MOST_POINTS
     assert [p.revolutions for p in kept[-50:]] == [951.0 + i for i in range(50)]
+
+
+def test_doubted_windows_keep_the_growth_that_they_measured_since_an_inspection():
+    works = RATE * 1000 * np.cumsum([1.5, 1.2, 1.0, 0.9, 0.85, 0.8])  # running-in: the rate falls by half
+    of = tuple(point(n, work) for n, work in zip(COUNTS, works, strict=True))
+    halfway = inspected(3000, works[2], 0.05 * works[2])  # it agrees with the windows
+    found = estimate(of, halfway, doubt=0.25, drift=RateDrift())
+    assert found.work_quantile(0.5) == pytest.approx(works[-1], rel=0.03)
+    assert found.work_quantile(0.95) - found.work_quantile(0.05) < 2.5 * 1.645 * 0.06 * works[-1]
+    assert abs(found.agreements[0].difference) < 0.5 and found.windows_wrong == 0.0
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_an_inspection_corrects_doubted_windows_by_a_common_factor(factor):
+    exact = inspected(3000, factor * RATE * 3000, 0.01 * factor * RATE * 3000)
+    found = estimate(points(), exact, doubt=0.25, prior=factor * RATE)
+    assert found.work_quantile(0.5) == pytest.approx(factor * RATE * COUNTS[-1], rel=0.03)
+    assert not found.agreements[0].contradicts
+
+
+def test_doubted_windows_alone_are_as_certain_as_stated():
+    found = estimate(points(), inspected(3000, RATE * 3000, 1e6 * RATE), doubt=0.25)  # an inspection that says nothing
+    width = (found.work_quantile(0.84) - found.work_quantile(0.16)) / 2 / (RATE * COUNTS[-1])
+    assert width == pytest.approx(0.25, rel=0.25)

@@ -5,6 +5,12 @@
     impacts     kurtosis of the most impulsive band, and the rates at which the envelope repeats there (envelope.py)
     modulation  how deep the turn of either shaft modulates the noise between the lines: what rubs does so
 
+The angle is as good as the pulses that it comes from: a timing error σ_t of a turn is a phase error φ = 2π·f·σ_t of a
+line at f, so a line of the shaft's own is blurred over angle and may look steadier over time. A tone at an order of
+either shaft is left out where φ times its amplitude is above its own uncertainty, and lines near a mesh line are its
+skirt up to the share φ. σ_t follows from third differences of the pulses' times, which a smooth change of speed leaves
+at zero.
+
 Lines near a strong mesh line are its own skirt, where the speed wanders; they are left out. What cannot be computed of
 a window (gaps, a record that is too short) is not available, with the reason; it is never taken for absent.
 
@@ -29,7 +35,7 @@ from twin.features.envelope import kurtogram, modulations, without_shaft_lines
 from twin.features.extract import pinion_angle, reference
 from twin.features.orders import hann
 from twin.features.resample import AngleSignal, on_angle
-from twin.features.tones import Tone, window_tones
+from twin.features.tones import CLOSE, Tone, window_tones
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.windows import Window
@@ -37,6 +43,8 @@ from twin.windows import Window
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
 MOST_LINES = 12
 MESH_HARMONICS = range(1, 99)
+FEWEST_PULSES = 16  # from which a scatter is computed
+SCATTER = 20.0  # of a third difference over that of a pulse: 1² + 3² + 3² + 1²
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,11 +137,13 @@ def off_order_lines(
     top: float,
     noise_floor: float,
     limits: NonGearFeatureThresholds = THRESHOLDS,
+    timing_error: float = 0.0,
 ) -> list[tuple[float, float]]:
     """Peaks at orders of neither shaft: (order, amplitude), the strongest first.
 
-    top          upper limit of the analysis band [Hz]
-    noise_floor  amplitude of an acceleration line below which nothing is read [m/s²]
+    top           upper limit of the analysis band [Hz]
+    noise_floor   amplitude of an acceleration line below which nothing is read [m/s²]
+    timing_error  of a turn, by the pulses that the angle comes from [s]
     """
     v = signal.values
     weight = hann(v.size)
@@ -163,8 +173,9 @@ def off_order_lines(
         highest = power[max(i - 4, 0) : i + 5].max()
         if a < least or power[i] < limits.stands_out * around[i] or power[i] < highest:
             continue
-        near = mesh[np.abs(at - order[index[i]]) < limits.near_mesh]
-        if a > limits.of_mesh * near.max(initial=0.0):
+        near = np.abs(at - order[index[i]]) < limits.near_mesh
+        skirt = np.maximum(limits.of_mesh, 2 * pi * at[near] * speed_hz * timing_error) * mesh[near]
+        if a > skirt.max(initial=0.0):
             out.append((float(order[index[i]]), a))
     return sorted(out, key=lambda line: -line[1])[:MOST_LINES]
 
@@ -187,8 +198,15 @@ def non_gear_features(
         _, samples = reference(rig, window)
         track = pinion_angle(rig, window, window.accelerations)
         signal, _ = on_angle(samples, track)
-        tones = window_tones(samples, track, rig.teeth)
-        lines = off_order_lines(signal, rig.teeth, track.speed, rig.band[1], rig.tolerances.acceleration_floor, limits)
+        error = timing_error(window, track.source)
+        tones = [
+            tone
+            for tone in window_tones(samples, track, rig.teeth)
+            if not _may_be_of_a_shaft(tone, rig.teeth, track.speed, 1 / window.duration, error)
+        ]
+        lines = off_order_lines(
+            signal, rig.teeth, track.speed, rig.band[1], rig.tolerances.acceleration_floor, limits, error
+        )
     except TwinError:
         return None
     impacts = _impacts(rig, signal, track.speed, limits)
@@ -205,6 +223,28 @@ def non_gear_features(
         swelling=impacts.modulation,
         fault=impacts.fault,
     )
+
+
+def timing_error(window: Window, source: str) -> float:
+    """Standard deviation σ_t of the time of a turn by the pulses of an encoder [s]; 0 for an angle of no encoder."""
+    kind, _, name = source.partition("/")
+    if kind != "encoder" or name not in window.encoders:
+        return 0.0
+    edges = window.encoders[name]
+    third = np.diff(edges.times, 3)
+    third = third[np.isfinite(third)]
+    if third.size < FEWEST_PULSES:
+        return 0.0
+    usual = np.abs(third) <= np.quantile(np.abs(third), 0.98)  # a lost or doubled pulse is not the scatter of the rest
+    return float(np.sqrt(np.mean(third[usual] ** 2) / SCATTER / edges.per_rev))
+
+
+def _may_be_of_a_shaft(tone: Tone, teeth: tuple[int, int], speed_hz: float, step: float, error: float) -> bool:
+    """Whether a tone lies at an order of a shaft, and the angle is too uncertain to tell the two apart."""
+    order, tolerance = tone.frequency / speed_hz, CLOSE * step / speed_hz
+    gear = teeth[0] / teeth[1]
+    apart = min(abs(order - round(order)), abs(order - gear * round(order / gear)))
+    return apart < tolerance and 2 * pi * tone.frequency * error * abs(tone.amplitude) > tone.std
 
 
 def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeatureThresholds) -> _Impacts:

@@ -11,6 +11,10 @@ A Kalman filter takes windows and inspections in the order of their revolutions,
 inspection of an earlier time counts as of that time. b, κ and x are estimated together: an inspection moves the depth,
 the rate and what all depths are off by, each as far as its own uncertainty allows.
 
+A doubt D of the windows' method beyond its own scatter (a calibration in question, an estimated rig) is one factor
+e^{−s} on all its works, s ~ N(0, D²): the estimate is a mixture over s, each s with the windows rescaled, so that the
+growth from window to window is known as well as it was measured.
+
 Either side may be wrong beyond what it states: an effect that the twin lacks shifts all its depths; an inspection can
 be of another tooth, flank or count. Each of these faults, one at a time, is a case with a prior probability, a factor
 common to all windows or an inspection of a wide standard deviation; the cases are weighted by their likelihoods:
@@ -28,7 +32,7 @@ Source   R. E. Kalman, J. Basic Eng. 82 (1960) 35–45; S. J. Press in: Experime
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import erf, exp, hypot, log, pi, sqrt
 
@@ -217,6 +221,7 @@ def wear_with_inspections(
     prior: RatePrior,
     by_windows: WearTrack,
     alike: float,
+    doubt: float = 0.0,
     faults: InspectionFaults = FAULTS,
     drift: RateDrift = RATE,
 ) -> InspectedWear:
@@ -225,10 +230,11 @@ def wear_with_inspections(
     prior       κ before the first worn window: of the rig file, or of the pair before
     by_windows  work and rate without inspections
     alike       ℓ, of the method that gave the points
+    doubt       D, relative
     """
-    problem = _Problem(points, tuple(inspections), prior, alike, drift)
+    problem = _Problem(points, tuple(inspections), prior, alike, doubt, drift)
     agreements = tuple(problem.agreement(own, faults) for own in inspections)
-    cases = [_Case(log_prior=0.0)]
+    cases = problem.as_stated(agreements)
     if any(a.contradicts for a in agreements):
         cases += problem.windows_wrong(agreements, faults) if points else []
         cases += problem.inspection_wrong(agreements, faults)
@@ -236,30 +242,16 @@ def wear_with_inspections(
     logs = np.array([case.log_prior + b.log_likelihood for case, b in zip(cases, beliefs, strict=True)])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
-    alone = problem.estimated(by_windows.revolutions, cases[0], inspected=False)
     return InspectedWear(
         revolutions=by_windows.revolutions,
         weights=tuple(weights.tolist()),
         beliefs=tuple(
-            b if case.factor != 1.0 else _continued(b, alone, by_windows)
+            b if case.windows_wrong else problem.continued(b, case, by_windows)
             for case, b in zip(cases, beliefs, strict=True)
         ),
         agreements=agreements,
-        windows_wrong=float(sum(w for w, case in zip(weights, cases, strict=True) if case.factor != 1.0)),
+        windows_wrong=float(sum(w for w, case in zip(weights, cases, strict=True) if case.windows_wrong)),
     )
-
-
-def _continued(belief: Belief, alone: Belief, by_windows: WearTrack) -> Belief:
-    """A belief that goes over into the windows' own answer as far as the inspections add nothing.
-
-    alone  the filter over the windows without inspections
-    """
-    left = np.diag(belief.kept[1]) / np.maximum(np.diag(alone.kept[1]), 1e-300)
-    shift = np.array([by_windows.work, by_windows.rate]) - alone.kept[0]
-    mean = belief.mean.copy()
-    mean[3:] += np.clip(left, 0.0, 1.0) * shift
-    mean[4] = max(mean[4], RATE.least * belief.mean[4])
-    return replace(belief, mean=mean)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -268,6 +260,7 @@ class _Case:
 
     log_prior: float
     factor: float = 1.0  # true work over that of the windows
+    windows_wrong: bool = False  # the factor is beyond what the windows state
     wrong: int | None = None  # number of the inspection
     std: float = 0.0  # its standard deviation then [rad/N]
 
@@ -284,6 +277,7 @@ class _Problem:
     inspections: tuple[InspectedWork, ...]
     prior: RatePrior
     alike: float
+    doubt: float
     drift: RateDrift
 
     def estimated(self, at: float, case: _Case = NOTHING_WRONG, *, inspected: bool = True) -> Belief:
@@ -305,35 +299,59 @@ class _Problem:
                 belief = self._carried(belief, count).corrected(own.work, 0.0, std, window=False)
         return belief if kept else self._carried(belief, at).remembered()
 
+    def continued(self, belief: Belief, case: _Case, by_windows: WearTrack) -> Belief:
+        """A belief that goes over into the windows' own answer as far as the inspections add nothing."""
+        alone = self.estimated(by_windows.revolutions, replace(case, wrong=None), inspected=False)
+        left = np.diag(belief.kept[1]) / np.maximum(np.diag(alone.kept[1]), 1e-300)
+        shift = case.factor * np.array([by_windows.work, by_windows.rate]) - alone.kept[0]
+        mean = belief.mean.copy()
+        mean[3:] += np.clip(left, 0.0, 1.0) * shift
+        mean[4] = max(mean[4], RATE.least * belief.mean[4])
+        return replace(belief, mean=mean)
+
     def agreement(self, own: InspectedWork, faults: InspectionFaults) -> Agreement:
         """An inspection against the windows alone, those after it too."""
         mean, covariance = self.estimated(own.revolutions, inspected=False).kept
-        std = sqrt(max(float(covariance[0, 0]), 0.0))
+        std = hypot(sqrt(max(float(covariance[0, 0]), 0.0)), self.doubt * float(mean[0]))
         difference = (float(mean[0]) - own.work) / hypot(std, own.std)
         return Agreement(
             work=float(mean[0]), work_std=std, difference=difference,
             contradicts=abs(difference) > faults.contradiction,
         )  # fmt: skip
 
+    def as_stated(self, agreements: Sequence[Agreement]) -> list[_Case]:
+        """The case of nothing wrong; with a doubt of the windows, nodes over the factor that it leaves open."""
+        nodes = list(self._factors(agreements, self.doubt)) if self.points and self.doubt > 0 else []
+        return [_Case(log_prior=weight, factor=factor) for weight, factor in nodes] or [NOTHING_WRONG]
+
     def windows_wrong(self, agreements: Sequence[Agreement], faults: InspectionFaults) -> list[_Case]:
-        """Cases of a factor e^{−s} common to all windows: nodes about the s that the inspections show."""
+        """Cases of a factor e^{−s} common to all windows that is beyond what they state."""
+        return [
+            _Case(log_prior=log(faults.windows_wrong) + weight, factor=factor, windows_wrong=True)
+            for weight, factor in self._factors(agreements, faults.spread)
+        ]
+
+    def _factors(self, agreements: Sequence[Agreement], spread: float) -> Iterator[tuple[float, float]]:
+        """ln weight and value of factors e^{−s}, s ~ N(0, spread²): nodes about the s that the inspections show."""
         shown = [
-            (log(a.work / own.work), hypot(a.work_std / a.work, own.std / own.work))
+            (log(a.work / own.work), hypot(self._own_std(a) / a.work, own.std / own.work))
             for a, own in zip(agreements, self.inspections, strict=True)
             if a.work > 0 and own.work > 0
         ]
         if not shown:
-            return []
-        information = 1 / faults.spread**2 + sum(1 / std**2 for _, std in shown)
+            return
+        information = 1 / spread**2 + sum(1 / std**2 for _, std in shown)
         centre, std = sum(s / own**2 for s, own in shown) / information, 1 / sqrt(information)
-        out = []
         for node, weight in zip(NODES.tolist(), NODE_WEIGHTS.tolist(), strict=True):
             s = centre + std * node
-            prior = log(faults.windows_wrong / faults.spread) - 0.5 * (s / faults.spread) ** 2
+            prior = -log(spread) - 0.5 * (s / spread) ** 2
             measure = log(weight * std) + 0.5 * node**2 - 0.5 * log(2 * pi)
             jacobian = -s * len(self.points)  # the windows' works are rescaled
-            out.append(_Case(log_prior=prior + measure + jacobian, factor=exp(-s)))
-        return out
+            yield prior + measure + jacobian, exp(-s)
+
+    def _own_std(self, agreement: Agreement) -> float:
+        """Of the windows without the doubt."""
+        return sqrt(max(agreement.work_std**2 - (self.doubt * agreement.work) ** 2, 0.0))
 
     def inspection_wrong(self, agreements: Sequence[Agreement], faults: InspectionFaults) -> list[_Case]:
         """A case for each inspection that contradicts."""
