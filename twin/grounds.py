@@ -30,12 +30,13 @@ from twin.updating.encoders import ENCODERS
 from twin.updating.measurement import SCATTER
 from twin.updating.update import UpdateOutcome
 
-NEW_GEARS = f"three windows of the gears when they are new (their first {MATCH.unworn_revolutions:.0f} turns)"
-LOW_SPEED = "runs of the unworn gears at a fifth of the operating speed, under two loads that differ by a third or more"
-MEASURED_DEPTH = "a measured wear depth"
-TWO_ENCODERS = "encoders on both shafts: their transmission error measures the depth"
-OWN_RIG_FILE = "a rig file of this machine: teeth, module, shafts, bearings, place and unit of the sensor"
-MORE_WINDOWS = "more windows at this speed and load"
+# remedies: imperatives, since the first of them is the action of the status
+NEW_GEARS = f"record three windows of the gears when they are new (their first {MATCH.unworn_revolutions:.0f} turns)"
+LOW_SPEED = "run the unworn gears at a fifth of the operating speed, under two loads that differ by a third or more"
+MEASURED_DEPTH = "measure the wear depth"
+TWO_ENCODERS = "mount encoders on both shafts: their transmission error measures the depth"
+OWN_RIG_FILE = "write a rig file of this machine: teeth, module, shafts, bearings, place and unit of the sensor"
+MORE_WINDOWS = "record more windows at this speed and load"
 
 # quantities that scatter from window to window, and are judged with hysteresis (twin/noisy.py)
 HELD_OUT = {"transmission_error": "held-out transmission error", "waveform": "held-out acceleration"}
@@ -143,7 +144,7 @@ def _other_gears(basis: Basis) -> Iterator[Ground]:
         yield Ground(
             reason=f"the encoders' mesh lines differ from the model by {sqrt(estimate.misfit):.1f} times what the rig "
             "file's tolerances allow at any depth: the rig file does not describe these gears",
-            remedies=("a rig file of these gears: teeth, module, face width", NEW_GEARS, MEASURED_DEPTH),
+            remedies=("write a rig file of these gears: teeth, module, face width", NEW_GEARS, MEASURED_DEPTH),
         )
 
 
@@ -210,7 +211,7 @@ def _nothing_measured(basis: Basis) -> Iterator[Ground]:
     if basis.outcome.method == "unworn":
         yield Ground(
             reason="no worn window has been measured: the depth of zero is an assumption",
-            remedies=("a window at the operating speed",),
+            remedies=("record a window at the operating speed",),
         )
 
 
@@ -276,7 +277,10 @@ def _estimated_rig(basis: Basis) -> Iterator[Ground]:
         by = f" by {estimated.by}" if estimated.by else ""
         yield Ground(
             reason=f"the rig file's {', '.join(estimated.parts)} are estimates{by}",
-            remedies=("drawings or measured natural frequencies of the machine", MEASURED_DEPTH),
+            remedies=(
+                "replace the estimates in the rig file by drawings or measured natural frequencies",
+                MEASURED_DEPTH,
+            ),
             in_band=True,  # twin/updating/joint_gauge.py
         )
 
@@ -301,7 +305,7 @@ def _doubtful_torque(basis: Basis) -> Iterator[Ground]:
         yield Ground(
             reason=f"the depth was found at a torque of {basis.outcome.condition.torque:.4g} N·m, which is doubtful "
             f"({basis.outcome.torque_fault})",
-            remedies=("a window with a torque meter that works within its measuring range", MEASURED_DEPTH),
+            remedies=("record a window with a torque meter that works within its measuring range", MEASURED_DEPTH),
             arisen=True,
         )
 
@@ -333,7 +337,7 @@ def _changed_rate(basis: Basis) -> Iterator[Ground]:
         yield Ground(
             reason=f"the wear rate changed suddenly, {counted(track.steady, 'window')} ago: either the wear itself, or "
             "an effect that has begun and moves the transmission error as wear does",
-            remedies=(f"{counted(least - track.steady, 'more window')} at this speed and load", MEASURED_DEPTH),
+            remedies=(f"record {counted(least - track.steady, 'more window')} at this speed and load", MEASURED_DEPTH),
         )
 
 
@@ -345,7 +349,7 @@ def _young(basis: Basis) -> Iterator[Ground]:
     if track.windows < least:
         yield Ground(
             reason=f"the wear rate rests on {track.windows} of at least {least} worn windows",
-            remedies=(f"{counted(least - track.windows, 'more window')} at this speed and load",),
+            remedies=(f"record {counted(least - track.windows, 'more window')} at this speed and load",),
             depth=False,
         )
     elif RATE in basis.raised:

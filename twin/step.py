@@ -127,7 +127,7 @@ def change(rig: Rig, state: State, made: MachineChange, options: Options = DEFAU
     What the change ends is not available until a window of the time after it has been assessed.
     """
     state = changed(rig, state, made, options)
-    found = answer_as_of(state, f"{DONE[made.kind]} and no window has been assessed since")
+    found = answer_as_of(rig, state, f"{DONE[made.kind]} and no window has been assessed since")
     return state, replace(found, revolutions=_run(state))
 
 
@@ -143,7 +143,7 @@ def inspect(rig: Rig, state: State, inspection: Inspection) -> tuple[State, Asse
         latest = replace(latest, wear=wear, life=dated(rig, life, state.running))
     state = replace(state, inspections=inspections, latest=latest)
     events = (LifeEvent(life=latest.life),) if isinstance(latest.life, Life) else ()
-    return state, replace(answer_as_of(state, _why_no_model(rig)), events=events, revolutions=_run(state))
+    return state, replace(answer_as_of(rig, state, _why_no_model(rig)), events=events, revolutions=_run(state))
 
 
 def _run(state: State) -> float | None:

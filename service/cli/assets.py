@@ -212,7 +212,8 @@ def change_line(change: Mapping[str, Any]) -> str:
     named = ("by", "at", "sensor", "revolutions", "count", "name", "note")
     said = [f"{name} {change[name]}" for name in named if change.get(name) is not None]
     done = "" if change["done"] else f" ({QUEUED})"
-    return f"{change['received'][:16].replace('T', ' ')}  {change['kind']}{done}  {'; '.join(said)}".rstrip()
+    kind = change["kind"].replace("_", " ")
+    return f"{change['received'][:16].replace('T', ' ')}  {kind}{done}  {'; '.join(said)}".rstrip()
 
 
 # -- within ----------------------------------------------------------------------------------------------

@@ -83,6 +83,7 @@ def verdict(answer: Mapping[str, Any]) -> list[str]:
         if failed:
             out.append(f"The latest search for effects was not completed: {tracing['reason']}.")
         out.append(f"Effects besides wear: {names}.")
+        out += dict.fromkeys(caveat for effect in effects for caveat in effect.get("caveats") or ())
     elif failed:
         out.append(f"No effects were evaluated: {tracing['reason']}.")
     else:
@@ -97,10 +98,19 @@ def verdict(answer: Mapping[str, Any]) -> list[str]:
 def _without_effects(answer: Mapping[str, Any]) -> str:
     """What no effect in the answer means."""
     if answer["wear"].get("status") == "not available" and not (answer.get("tracing") or {}).get("fitted"):
+        if _has_model(answer):
+            return "The model of this machine gives no wear depth, so no effects were evaluated."
         return "No model is available for this machine, so no effects were evaluated."
     if (answer.get("unexplained") or {}).get("verdict") == "explained":
         return "Wear alone explains this machine; no effect was added."
     return "The model contains wear alone; no effect was added."
+
+
+def _has_model(answer: Mapping[str, Any]) -> bool:
+    """Whether a model exists: it is calibrated, or it has predicted the latest window."""
+    calibration, windows = answer.get("calibration") or {}, answer.get("windows") or [{}]
+    calibrated = bool(calibration) and calibration.get("status") != "not available"
+    return calibrated or windows[-1].get("rms_predicted") is not None
 
 
 def _together(answer: Mapping[str, Any]) -> str:

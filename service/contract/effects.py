@@ -163,6 +163,9 @@ class Effect(ContractModel):
     channels: list[str] | None = Field(default=None, description="in which a change against a baseline is seen")
     windows: list[int] | None = None
     curves: dict[str, list[float | None]] | None = Field(default=None, description="to be drawn")
+    caveats: list[str] | None = Field(
+        default=None, description="what of it is preliminary and why, a sentence each; absent where nothing is"
+    )
 
     @classmethod
     def of(cls, effect: assessment.EffectAssessment) -> Effect:
@@ -182,6 +185,8 @@ class Effect(ContractModel):
         known = EFFECTS.get(effect.name)
         if known is not None:
             parts["label"] = known.facts.label
+        if effect.caveats:
+            parts["caveats"] = list(effect.caveats)
         return cls(
             name=effect.name,
             parameters={name: Figure.of(p) for name, p in effect.parameters.items()},

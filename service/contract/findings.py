@@ -8,6 +8,7 @@
 | the wear depth is near its limit, or its 5–95 % band reaches it | watch |
 | an effect of the alarm class | alarm |
 | any other effect, or a change against a baseline | watch |
+| an effect of whatever class whose cause is preliminary (estimated structure), not accepted | watch |
 | content that no effect makes (`unknown_effect`) | watch |
 | the wear depth is beyond the validity of the model | watch |
 | an inspection contradicts the windows | watch |
@@ -55,6 +56,8 @@ UNJUDGED = (
     "baseline`), so that the machine can be judged."
 )
 _QUANTITY = re.compile(r"^(the )?[a-z ]{3,30} (is|are) not available: (?=.)")  # at the start of a reason
+SETTLED = ("accepted", "pinned")  # by an engineer
+CONFIRMATION = "inspect the machine, or replace the estimates in the rig file by measured values"
 UNNAMED_ACTION = "Find out what has changed in the machine, and inspect it at the next stop."
 """For changes against a baseline that are no effect of the table."""
 
@@ -164,12 +167,12 @@ def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Fin
         sized = f": {sizes}." if sizes else "."
         subject = "/".join(["effect", effect.name, *effect.channels])
         acts = f"{action.removesuffix('.')} ({', '.join(effect.channels)})." if effect.channels else action
-        yield Finding(
-            subject=subject,
-            level="alarm" if alarm else "watch",
-            reason=f"{what} {verb} found{where}{sized}",
-            action=acts,
-        )
+        reason = f"{what} {verb} found{where}{sized}"
+        for caveat in effect.caveats:
+            reason = f"{reason.removesuffix('.')}; {caveat[:1].lower()}{caveat[1:]}"
+        if effect.caveats and effect.status not in SETTLED:
+            alarm, acts = False, f"Confirm the effect ({label}) before acting on it: {CONFIRMATION}."
+        yield Finding(subject=subject, level="alarm" if alarm else "watch", reason=reason, action=acts)
 
 
 def _is_size(effect: str, name: str, parameter: assessment.ParameterValue) -> bool:
@@ -254,13 +257,20 @@ def _insufficient(found: assessment.Assessment, limits: StatusLimits) -> Iterato
         found.baseline is None and isinstance(found.wear, assessment.Unavailable) and found.wear.reason == rest.reason
     )
     if rest.verdict == "insufficient_data" and not said:  # `_basis` gives the reason already
+        silent = _without_accelerometer(found)
+        what = "The model of the machine is not confirmed yet" if silent else "The vibration is not explained yet"
+        also = "mount an accelerometer" if silent else "compare the rig file with the machine"
         yield Finding(
             subject="explanation",
             level="no_verdict",
-            reason=sentence(f"The vibration is not explained yet: {rest.reason}"),
-            action="Record further windows, and compare the rig file with the machine: the vibration is not "
-            "explained yet.",
+            reason=sentence(f"{what}: {rest.reason}"),
+            action=f"Record further windows, and {also}: {what[:1].lower()}{what[1:]}.",
         )
+
+
+def _without_accelerometer(found: assessment.Assessment) -> bool:
+    """Whether the window has no vibration at all, as that of a machine with encoders only."""
+    return found.window is not None and found.window.rms_measured is None and not found.window.indicators
 
 
 def _depth_as_established(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
@@ -337,7 +347,7 @@ def _supported(before: assessment.EstablishedBefore) -> str:
 
 
 def imperative(remedies: Iterable[str], otherwise: str) -> str:
-    """The first measurement that would settle a preliminary figure, as a sentence."""
+    """The first measurement that would settle a preliminary figure, as a sentence; remedies begin with a verb."""
     first = next(iter(remedies), None)
     return otherwise if first is None else sentence(f"{first[:1].upper()}{first[1:]}")
 

@@ -134,7 +134,7 @@ def data_of(
         if _grade(record) not in ("degraded", "refused"):
             break
         since = record.get("start_time")
-    faults = dict.fromkeys(f"{f['kind']} in {f['channel']}" for f in records[-1].get("faults") or ())
+    faults = dict.fromkeys(f"{f['kind'].replace('_', ' ')} in {f['channel']}" for f in records[-1].get("faults") or ())
     why = records[-1].get("reason") or ", ".join(faults) or "the cause was not recorded"
     return DataStatus(level="degraded", reason=f"the latest window is {grade}: {why}", since=since)
 

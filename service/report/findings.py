@@ -57,7 +57,7 @@ def _effect(effect: Mapping[str, Any]) -> Finding:
     title = f"{_capital(label(effect['name']))}{where}"
     sizes = ", ".join(f"{name.replace('_', ' ')} {_size(value, name)}" for name, value in effect["parameters"].items())
     sentences = [f"{_capital(sizes)}; {_since(effect)}." if sizes else f"{_capital(_since(effect))}."]
-    sentences += [_sureness(effect["evidence"]), *_consequences(effect)]
+    sentences += [*(effect.get("caveats") or ()), _sureness(effect["evidence"]), *_consequences(effect)]
     if effect.get("status") in ("accepted", "pinned"):
         sentences.append(f"An engineer has {effect['status']} this effect.")
     return Finding(title=title, sentences=tuple(sentences))

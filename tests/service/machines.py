@@ -107,7 +107,7 @@ def _preliminary(store, board):
     fakes.campaign(store, board, "preliminary")
     report = fakes.report(22000.0, 12)
     left = {"median": 0.0, "p05": 0.0, "p95": 0.05}
-    why = {"reasons": [SUDDEN], "remedies": ["2 more windows at this speed and load", "a measured wear depth"]}
+    why = {"reasons": [SUDDEN], "remedies": ["record 2 more windows at this speed and load", "measure the wear depth"]}
     report["wear"] |= {"preliminary": why}
     report["rul"] |= {"reached": True, "hours": left, "preliminary": why}
     reason = (

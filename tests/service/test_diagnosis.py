@@ -101,6 +101,9 @@ def test_assess_and_diagnose_give_one_verdict_in_the_same_words(answer):
     unjudged["unexplained"] = {"verdict": "insufficient_data", "reason": "too few windows"}
     bare = copy.deepcopy(unknown)
     bare["wear"], bare["tracing"] = {"status": "not available", "reason": "no module"}, {"fitted": []}
+    bare["calibration"] = bare["wear"]
+    for record in bare["windows"]:
+        record["rms_predicted"] = None
     for given in (answer, unknown, unjudged, bare):
         said, shown = verdict(given), text(given)
         assert said and all(line in answer_text(given).splitlines() and line in shown for line in said)

@@ -20,7 +20,7 @@ from service.runtime.state_publication import StatePublication
 from tests.unit.test_status import HEALTHY, life, wear
 from twin.assessment import Preliminary
 
-DOUBT = Preliminary(reasons=("the wear rate changed suddenly",), remedies=("a measured wear depth",))
+DOUBT = Preliminary(reasons=("the wear rate changed suddenly",), remedies=("measure the wear depth",))
 REACHED = replace(HEALTHY, wear=wear(511e-6), life=life(0.0, reached=True))
 MACHINES = {
     "worn": REACHED,

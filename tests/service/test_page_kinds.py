@@ -45,7 +45,7 @@ def test_a_life_that_is_not_sure_to_be_over_keeps_its_band_and_its_reason_is_sai
     page = open_page("/#/asset/preliminary")
     said = page.inner_text("main")
     assert said.lower().count(SUDDEN) == 1
-    assert "What helps: 2 more windows at this speed and load; a measured wear depth." in said
+    assert "What helps: record 2 more windows at this speed and load; measure the wear depth." in said
     assert "5–95 %: 0 – 3 min" in page.inner_text(".cards .card >> nth=1")
 
 

@@ -150,7 +150,7 @@ def test_machine_without_a_twin_still_has_its_bearing_heard():
         told += events
     assert [f.name for f in tracing.found] == ["bearing_defect"]
     assert [(event.name, event.action) for event in told] == [("bearing_defect", "found")]
-    (effect,) = effects_of(tracing)
+    (effect,) = effects_of(rig, tracing)
     assert effect.depth_after is None
     assert effect.parameters["order"].value == pytest.approx(3.6, rel=0.01)
     assert "no model of this machine" in attribution_of(tracing).reason

@@ -84,6 +84,7 @@ class EffectAssessment:
     channels: tuple[str, ...] = ()  # in which it is seen; () where that is not said
     windows: tuple[int, ...] = ()
     curves: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # to be drawn, SI
+    caveats: tuple[str, ...] = ()  # what of it is preliminary and why, a sentence each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

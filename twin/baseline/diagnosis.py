@@ -272,7 +272,7 @@ def _parameters(change: ShaftChange, size: float) -> dict[str, ParameterValue]:
     std = size / float(np.median(change.ratio[change.strong]))
     out = {
         "shaft_order": ParameterValue(value=float(change.shaft), unit="", std=0.0),
-        "rms": ParameterValue(value=size, unit="", std=std),
+        "rms": ParameterValue(value=size, unit="m/s²", std=std),
     }
     if change.kind == "local":
         out["angle"] = ParameterValue(value=change.angle, unit="turn", std=change.width / 4)

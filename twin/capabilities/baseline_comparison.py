@@ -27,7 +27,8 @@ def assess(context: Context, draft: Draft) -> Draft:
     except TwinError as fault:
         return draft.with_parts(unexplained=Unexplained(verdict="insufficient_data", reason=str(fault)))
     names = {effect.name for effect in result.effects}
-    effects = (*result.effects, *(e for e in effects_of(draft.state.tracing) if e.name not in names))
+    traced = effects_of(context.rig, draft.state.tracing)
+    effects = (*result.effects, *(e for e in traced if e.name not in names))
     latest = draft.state.latest.baseline
     known = set() if latest is None else {_identity(e) for e in latest.effects}
     parts = BaselineParts(

@@ -83,11 +83,11 @@ def carried_over(context: Context, reason: str) -> Draft:
 
     reason  why the twin of the machine is not available, for parts that no window has said anything about yet
     """
-    assessment = replace(answer_as_of(context.state, reason), window=_measured(context, reason))
+    assessment = replace(answer_as_of(context.rig, context.state, reason), window=_measured(context, reason))
     return Draft(state=context.state, assessment=assessment)
 
 
-def answer_as_of(state: State, reason: str) -> Assessment:
+def answer_as_of(rig: Rig, state: State, reason: str) -> Assessment:
     """The answer as the latest windows have left it, without a window's record; `reason` as in `carried_over`."""
     latest, tracing = state.latest, state.tracing
     missing = Unavailable(reason=reason)
@@ -97,7 +97,7 @@ def answer_as_of(state: State, reason: str) -> Assessment:
         wear=latest.wear or missing,
         life=latest.life or missing,
         residual=latest.residual or (missing if compared is None else compared.residual),
-        effects=effects_of(tracing) if compared is None else compared.effects,
+        effects=effects_of(rig, tracing) if compared is None else compared.effects,
         unexplained=_unexplained(latest, reason),
         calibration=latest.calibration or missing,
         attribution=attribution_of(tracing),

@@ -106,7 +106,7 @@ def answer_of(
         wear=wear,
         life=life,
         residual=residual_over(recent),
-        effects=effects_of(tracing),
+        effects=effects_of(rig, tracing),
         unexplained=with_unknown_content(tracing, unexplained),
         calibration=calibration_of(rig, outcome.memory),
         attribution=attribution_of(tracing),

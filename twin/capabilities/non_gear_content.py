@@ -25,7 +25,7 @@ def assess(context: Context, draft: Draft) -> Draft:
     if tracing.stages:
         return draft
     return draft.with_parts(
-        effects=effects_of(tracing),
+        effects=effects_of(context.rig, tracing),
         unexplained=with_unknown_content(tracing, draft.assessment.unexplained),
         attribution=attribution_of(tracing),
     )

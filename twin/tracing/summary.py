@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from twin.assessment import Attribution, DepthPair, EffectAssessment, HeldOutErrors
+from twin.rig import Rig
+from twin.structure_spread import DRAWN, is_estimated
 from twin.tracing.log import evidence_of
 from twin.tracing.state import EffectErrors, Tracing, TwinStage, parameters_of, relevant
 
+OF_OWN_LINES = "non_gear"  # the detector that needs no model of the structure
 NOT_COMPARED = EffectErrors(before=HeldOutErrors(), after=HeldOutErrors())
 
 
-def effects_of(tracing: Tracing) -> tuple[EffectAssessment, ...]:
+def effects_of(rig: Rig, tracing: Tracing) -> tuple[EffectAssessment, ...]:
     """The effects in the twin, each with its parameters, evidence, and errors, depth and life without and with it."""
     out = []
     for i, item in enumerate(tracing.found):
         without, present = (_stage(tracing, n) for n in (i, i + 1))
         errors = tracing.errors[i] if i < len(tracing.errors) else NOT_COMPARED
+        status = tracing.decisions.get(item.name, "found")
         out.append(
             EffectAssessment(
                 name=item.name,
-                status=tracing.decisions.get(item.name, "found"),
+                status=status,
                 parameters=parameters_of(item),
                 evidence=evidence_of(item),
                 error_before=errors.before,
@@ -28,9 +32,24 @@ def effects_of(tracing: Tracing) -> tuple[EffectAssessment, ...]:
                 life_before=None if without is None else without.life,
                 life_after=None if present is None else present.life,
                 onset_revolutions=item.addition.onset_revolutions,
+                caveats=_caveats(rig, item.addition.effect.facts.detector, status),
             )
         )
     return tuple(out)
+
+
+def _caveats(rig: Rig, detector: str, status: str) -> tuple[str, ...]:
+    """What of an effect is preliminary: with an estimated structure, the cause may be the structure itself.
+
+    What is found by lines of its own, as a bearing defect, does not rest on the structure. An engineer
+    who has accepted or pinned the effect has settled its cause.
+    """
+    if not is_estimated(rig) or detector == OF_OWN_LINES:
+        return ()
+    what = "Cause and size are" if status == "found" else "The size is"
+    *parts, last = (part for part in rig.estimated.parts if part in DRAWN)
+    listed = f"{', '.join(parts)} and {last}" if parts else last
+    return (f"{what} preliminary, because the values of the rig file for {listed} are estimates.",)
 
 
 def _stage(tracing: Tracing, count: int) -> TwinStage | None:

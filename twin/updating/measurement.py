@@ -359,14 +359,18 @@ def _notes_on_depth(estimate: DepthEstimate | None, expectation: Expectation) ->
 
 
 def _remaining_difference(features: WindowFeatures, lines: np.ndarray, frequencies: np.ndarray, band) -> str:
-    """Why the RMS still differs after an update: which part of it the mesh lines make."""
-    mesh = band_rms(lines, frequencies, band, 0.0)
-    measured = float("nan")
+    """Why the RMS still differs after an update: what the mesh lines make, of the model and measured.
+
+    The lines of the model alone may exceed all that was measured in the band.
+    """
+    mesh, own = band_rms(lines, frequencies, band, 0.0), ""
     if features.acceleration is not None:
         k, y, _ = features.acceleration.mesh()
-        inside = (k <= LINES) & (frequencies[np.minimum(k, LINES) - 1] <= band[1])
-        measured = float(np.sqrt(0.5 * np.sum(np.abs(y[inside]) ** 2)))
-    return (
-        f"after the update the predicted mesh lines make {mesh:.3g} m/s², the measured ones {measured:.3g} m/s², "
-        f"of {features.rms:.3g} m/s² measured in the band"
-    )
+        at = frequencies[np.minimum(k, LINES) - 1]
+        inside = (k <= LINES) & (at >= band[0]) & (at <= band[1])
+        own = f" (its mesh lines: {float(np.sqrt(0.5 * np.sum(np.abs(y[inside]) ** 2))):.3g} m/s²)"
+    predicted = f"after the update the mesh lines of the model make {mesh:.3g} m/s²"
+    assert features.rms is not None  # the level was compared
+    if mesh > features.rms:
+        return f"{predicted}, which is more than all that was measured in the band: {features.rms:.3g} m/s²{own}"
+    return f"{predicted}; the vibration measured in the band is {features.rms:.3g} m/s²{own}"

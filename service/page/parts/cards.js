@@ -106,6 +106,7 @@ function effectsCard({ effects, unexplained, baseline, wear, calibration }) {
   for (const e of found) names.set(e.label ?? words(e.name), (names.get(e.label ?? words(e.name)) ?? 0) + 1);
   return card(learned ? "Changes since the healthy baseline" : "Effects other than wear",
     found.length ? String(found.length) : "none found", "", [...names].map(([name, count]) => (count > 1 ? `${name} (${count} channels)` : name)).join(", "), verdict,
+    ...new Set(found.flatMap((e) => e.caveats ?? [])),
     judged && Number.isFinite(unexplained.share_percent) ? `${number(unexplained.share_percent)} % of the energy above the noise is unexplained` : "");
 }
 

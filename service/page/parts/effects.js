@@ -117,7 +117,7 @@ function effectCard(effect, machine, decisions, decide) {
   return element("article", { className: "effect" },
     element("div", { className: "head" }, element("h3", {}, sentence(nameOf(effect)).slice(0, -1) + where),
       element("span", { className: "badge" }, effect.status ?? "found"), element("span", { className: "decide" }, ...buttons)),
-    element("p", {}, [sizeOf(effect), sinceOf(effect, machine.trend), ...consequences(effect)].filter(Boolean).join(" ")),
+    element("p", {}, [sizeOf(effect), sinceOf(effect, machine.trend), ...effect.caveats ?? [], ...consequences(effect)].filter(Boolean).join(" ")),
     element("p", { className: "alike" }, alternatives(effect)), ...signedLine(decisions, effect.name),
     element("details", { dataset: { key: `evidence ${effect.name}` } }, element("summary", {}, "Evidence"), facts(evidencePairs(effect))));
 }
