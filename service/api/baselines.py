@@ -69,7 +69,10 @@ def baseline(request: Request, asset: str) -> Any:
 
 
 @router.put(
-    "/{asset}/baseline", response_model=AssetBaseline, responses=QUEUED | responses(404, 409, 500), openapi_extra=FILE
+    "/{asset}/baseline",
+    response_model=AssetBaseline,
+    responses=QUEUED | responses(404, 409, 422, 500),
+    openapi_extra=FILE,
 )
 async def put(
     request: Request,

@@ -53,6 +53,7 @@ def test_papers_windows_are_two_calibrations_and_four_measurements():
     assert len(papers_windows(windows, rig)) == 6
 
 
+@pytest.mark.slow
 def test_one_update_at_6000_revolutions_brings_level_and_depth_together():
     line = one_update()["fused", 6000]
     assert line.updated
