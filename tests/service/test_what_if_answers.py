@@ -115,7 +115,9 @@ def test_preliminary_life_is_said_in_answer_and_text():
     found = answer(ASSET, rig, state, WhatIfIn(hours=1.0))
     (reason,) = found["preliminary"]["reasons"]
     assert "the wear rate rests on 1 of at least 3 worn windows" in reason
-    assert f"  preliminary: {reason}" in text(found) and "  to settle it: 2 more windows at this speed" in text(found)
+    assert f"  preliminary: {reason}" in text(found) and "  to settle it: record 2 more windows at this speed" in text(
+        found
+    )
 
 
 def test_command_answers_from_a_recording(capsys):
