@@ -93,7 +93,7 @@ def test_another_rig_file_begins_a_new_history():
     }
     report = last(Rig.from_mapping(values), unpredicted(state))
     assert report["wear"]["preliminary"]["established_before"] is None
-    assert report["status"]["level"] == "watch" and report["status"]["action"].startswith("More windows")
+    assert report["status"]["level"] == "watch" and report["status"]["action"].startswith("Record more windows")
 
 
 def test_too_few_established_windows_support_nothing():
