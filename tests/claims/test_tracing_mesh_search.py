@@ -112,6 +112,7 @@ def test_what_an_engineer_keeps_stays_and_says_that_it_adds_nothing():
     assert gain["mesh_stiffness_loss"] < 1 < 20 < gain["misalignment"]
 
 
+@pytest.mark.slow
 def test_two_effects_that_are_both_there_both_stay_and_each_with_what_leaving_it_out_loses():
     findings = found("tooth_friction", "mesh_stiffness_loss")
     assert names(findings) == {"tooth_friction", "mesh_stiffness_loss"}

@@ -240,6 +240,7 @@ def test_a_rig_file_of_the_settings_that_differs_is_asked_about_and_the_service_
 # -- kills -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_kill_while_windows_wait_and_while_they_are_processed_loses_and_doubles_none(tmp_path, first, second):
     running = Service(tmp_path, slow=0.3).start()
     try:

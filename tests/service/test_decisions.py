@@ -96,6 +96,7 @@ def test_what_cannot_be_decided_is_refused_with_its_reason(tmp_path, recording):
         assert status == 404 and answer["known"] == ["unsw"]
 
 
+@pytest.mark.slow
 def test_decision_that_was_kept_before_a_kill_is_carried_out_once_by_the_next_start(tmp_path, recording):
     running = Service(tmp_path).start()
     try:
@@ -116,6 +117,7 @@ def test_decision_that_was_kept_before_a_kill_is_carried_out_once_by_the_next_st
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.slow
 def test_ended_service_has_every_decision_that_it_answered_and_none_twice(tmp_path, recording, how):
     answered = []
     with service(tmp_path, slow=0.15) as running:

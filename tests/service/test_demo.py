@@ -122,6 +122,7 @@ def test_demo_prints_the_address_of_the_page_before_it_replays(tmp_path, said):
         assert f"{asset} after" in text
 
 
+@pytest.mark.slow
 def test_demo_opens_the_page_only_where_there_is_a_graphical_browser(tmp_path, said, monkeypatch):
     recording, opened = write_recording(tmp_path / "short.mcap", 1), []
     monkeypatch.setattr("webbrowser.open", opened.append)

@@ -24,6 +24,7 @@ def coarse(monkeypatch, found):
     monkeypatch.setattr(studies.misalignment.study, "study", lambda progress, draws: found)
 
 
+@pytest.mark.slow
 def test_the_example_prints_its_table_and_writes_page_and_numbers(capsys, coarse, tmp_path):
     out, numbers = tmp_path / "page.html", tmp_path / "numbers.json"
     assert run(["example", "misalignment", "--out", str(out), "--json", str(numbers), "--draws", "1"]) == 0

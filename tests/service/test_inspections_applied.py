@@ -60,6 +60,7 @@ def test_inspection_that_meets_an_internal_error_is_kept_and_changes_nothing(tmp
         assert used(running) == 0 and len(running.get(PATH)) == 1
 
 
+@pytest.mark.slow
 def test_inspection_that_was_kept_before_a_kill_is_used_once_by_the_next_start(tmp_path, recording):
     running = Service(tmp_path).start()
     try:

@@ -97,6 +97,7 @@ def _ignoring(call, *given):
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.slow
 def test_signal_ends_the_service_within_seconds_also_in_mid_window(tmp_path, recording, how):
     with service(tmp_path, slow=0.6) as running:
         threading.Thread(target=_ignoring, args=(replay, recording, [running.endpoint], 0), daemon=True).start()
@@ -129,6 +130,7 @@ def test_stream_is_held_up_by_slow_windows_without_a_loss_and_its_last_window_cl
         assert "gear_twin_dropped_frames 0.0" in running.text("/metrics")
 
 
+@pytest.mark.slow
 def test_window_that_takes_long_does_not_hold_the_end_up(tmp_path, recording):
     with service(tmp_path, slow=60.0) as running:
         threading.Thread(target=_ignoring, args=(replay, recording, [running.endpoint], 0), daemon=True).start()
@@ -184,6 +186,7 @@ def test_machine_without_a_rig_file_gets_what_needs_none(tmp_path):
         assert running.get("/v1/assets/unsw/rig")["status"] == "not available"
 
 
+@pytest.mark.slow
 def test_own_rig_file_goes_before_the_one_offered(tmp_path, recording):
     rig = tmp_path / "own.toml"
     rig.write_text(RIG.read_text().replace('name = "unsw"', 'name = "mine"'))

@@ -62,6 +62,7 @@ def test_assess_shows_the_temperatures_of_each_window(recording):
     assert answer["data_quality"]["channels"]["temperature/oil"] == {"frames": 19}
 
 
+@pytest.mark.slow
 def test_a_replayed_temperature_is_in_the_window_records_that_the_store_keeps(recording, tmp_path):
     with service(tmp_path) as running:
         replay(recording, [running.endpoint], 4, max_pause=0.5)  # slow channels are not waited for: at a live pace

@@ -116,6 +116,7 @@ def test_one_value_may_stand_for_any_time_but_a_frame_no_longer_than_the_contrac
         oil(0.0, 60.0, 61.0, rate=1e-3)
 
 
+@pytest.mark.slow
 def test_temperatures_alone_make_no_window_and_are_bounded():
     assembler = Assembler(AssemblySettings())
     for i in range(20_000):

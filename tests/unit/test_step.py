@@ -267,6 +267,7 @@ def test_options_that_cannot_be_are_refused(wrong, message):
         Options(**wrong)
 
 
+@pytest.mark.slow
 def test_window_that_cannot_be_used_leaves_the_answer_of_the_ones_before():
     rig, windows = recorded()
     before, told = uninterrupted()[4]

@@ -45,6 +45,7 @@ def check_depth_life_and_level(score: Score):
     assert score.coverage >= 0.9
 
 
+@pytest.mark.slow
 def test_depth_life_and_level_of_a_machine_whose_accelerometer_reads_12_percent_low(shared):
     check_depth_life_and_level(campaign(shared, "D09"))
 
