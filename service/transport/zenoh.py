@@ -1,4 +1,4 @@
-"""Zenoh: sessions, the transport of the service, and the publisher of a replay. No other file imports Zenoh.
+"""Zenoh: the transport of the service, and the publisher of a replay. Sessions are opened by `zenoh_session`.
 
 - `{prefix}/{asset}/{kind}/{name}` carries frames. The subscriber recovers what an advanced publisher still holds, and
   accepts plain publishers as they are.
@@ -6,13 +6,10 @@
 - `{prefix}/{asset}/twin/alarms` is the same for the open alarms.
 - `{prefix}/{asset}/twin/alive` is a liveliness token, held while the service runs.
 - `{prefix}/{asset}/rig` may carry the machine's rig file (`application/toml`), published or answering `get`.
-
-The session is an embedded router by default, so that nothing else need run, or a client of an external router.
 """
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -21,7 +18,7 @@ from typing import Any
 import zenoh
 import zenoh.ext
 
-from service.errors import DeliveryError, InputError, NotReachable
+from service.errors import DeliveryError
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.inbox import Inbox
 from service.stream.sources.mcap import RawFrame
@@ -30,63 +27,17 @@ from service.stream.wire.topics import PREFIX, Channel, topic_of
 from service.transport.guard import Guard
 from service.transport.protocol import StateSource
 from service.transport.topics import alarms_topic, alive_topic, asset_of_rig_topic, rig_topic, state_topic
+from service.transport.zenoh_session import open_session
 
 TopicOf = Callable[[str, str], str]  # (asset, prefix) → topic
 
 JSON = zenoh.Encoding.APPLICATION_JSON
 TOML = "application/toml"
-_RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
-_WAIT_BEFORE_CLOSE_US = 300_000_000  # a subscriber may stall this long before its link is given up
 _HISTORY = 4096  # frames a key that a late subscriber asks a publisher's cache for
 _CONFIRM_EVERY = 256  # frames
 _ANSWER = 300.0  # time for the subscribers to process what was sent [s]
 _CACHE = 512  # frames a key kept for subscribers that join late or were away
 _HEARTBEAT = 0.5  # [s]
-
-
-# -- sessions ------------------------------------------------------------------------------------------
-
-
-def session_config(listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None) -> zenoh.Config:
-    """A client of `connect` where given, waiting up to `wait` [s] for it, else a router at `listen`."""
-    config = zenoh.Config()
-    config.insert_json5("mode", json.dumps("client" if connect else "router"))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("timestamping/enabled", "true")
-    block = "transport/link/tx/queue/congestion_control/block/wait_before_close"
-    config.insert_json5(block, json.dumps(_WAIT_BEFORE_CLOSE_US))
-    if connect:
-        config.insert_json5("connect/endpoints", json.dumps(list(connect)))
-        config.insert_json5("connect/timeout_ms", json.dumps(-1 if wait is None else round(wait * 1000)))
-        config.insert_json5("connect/retry", json.dumps(_RETRY))
-    else:
-        config.insert_json5("listen/endpoints", json.dumps(list(listen)))
-    return config
-
-
-@contextmanager
-def open_session(
-    listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None
-) -> Iterator[zenoh.Session]:
-    """An open session, closed in any case: an unclosed one would hang the process at its end.
-
-    Raises NotReachable where no router answers at `connect`, DeliveryError where `listen` cannot be had.
-    """
-    where = ", ".join(connect or listen)
-    try:
-        config = session_config(listen, connect, wait)
-    except zenoh.ZError:
-        raise InputError(f"endpoint {where} is not one; an endpoint reads like tcp/127.0.0.1:7447") from None
-    try:
-        session = zenoh.open(config)
-    except zenoh.ZError as error:
-        if connect:
-            raise NotReachable(
-                f"no router answers at {where} within {wait or 0:g} s; is the service running?"
-            ) from None
-        raise DeliveryError(f"cannot listen at {where}: {str(error).splitlines()[0]}; is the port taken?") from None
-    with session:
-        yield session
 
 
 # -- the service's side --------------------------------------------------------------------------------

@@ -1,0 +1,59 @@
+"""Zenoh sessions: how the service, `replay` and `record` join the network. Only this file and `zenoh` import Zenoh.
+
+The session is an embedded router by default, so that nothing else need run, or a client of an external router.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import zenoh
+
+from service.errors import DeliveryError, InputError, NotReachable
+
+_RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+_WAIT_BEFORE_CLOSE_US = 300_000_000  # a subscriber may stall this long before its link is given up
+
+
+def session_config(listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None) -> zenoh.Config:
+    """A client of `connect` where given, waiting up to `wait` [s] for it, else a router at `listen`."""
+    config = zenoh.Config()
+    config.insert_json5("mode", json.dumps("client" if connect else "router"))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("timestamping/enabled", "true")
+    block = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+    config.insert_json5(block, json.dumps(_WAIT_BEFORE_CLOSE_US))
+    if connect:
+        config.insert_json5("connect/endpoints", json.dumps(list(connect)))
+        config.insert_json5("connect/timeout_ms", json.dumps(-1 if wait is None else round(wait * 1000)))
+        config.insert_json5("connect/retry", json.dumps(_RETRY))
+    else:
+        config.insert_json5("listen/endpoints", json.dumps(list(listen)))
+    return config
+
+
+@contextmanager
+def open_session(
+    listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None
+) -> Iterator[zenoh.Session]:
+    """An open session, closed in any case: an unclosed one would hang the process at its end.
+
+    Raises NotReachable where no router answers at `connect`, DeliveryError where `listen` cannot be had.
+    """
+    where = ", ".join(connect or listen)
+    try:
+        config = session_config(listen, connect, wait)
+    except zenoh.ZError:
+        raise InputError(f"endpoint {where} is not one; an endpoint reads like tcp/127.0.0.1:7447") from None
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        if connect:
+            raise NotReachable(
+                f"no router answers at {where} within {wait or 0:g} s; is the service running?"
+            ) from None
+        raise DeliveryError(f"cannot listen at {where}: {str(error).splitlines()[0]}; is the port taken?") from None
+    with session:
+        yield session
