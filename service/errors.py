@@ -4,10 +4,18 @@ ServiceError
 ├── InputError   something handed in that cannot be used: what, where, what would be right (exit status 2)
 │   ├── FrameError   one frame that breaks the contract: topic, field, value, allowed range
 │   └── StoreError   a database, or a state in it, that cannot be used: which, and why
+│       └── StorageUnavailable   storage that fails now and may work again later: full, read-only, locked, not connected
 ├── NotKept      raw signals that are not on disk, or not any more: which window, and which are
 └── DeliveryError    a stream that could not be delivered or joined in time
     └── NotReachable     the other side does not answer yet; it may later
 """
+
+from __future__ import annotations
+
+from typing import Literal
+
+StorageFault = Literal["no space", "read-only", "locked", "connection lost", "input or output"]
+"""What keeps storage from being used: `locked` also where it did not answer in time."""
 
 
 class ServiceError(Exception):
@@ -24,6 +32,18 @@ class FrameError(InputError):
 
 class StoreError(InputError):
     """Stored results that cannot be used."""
+
+
+class StorageUnavailable(StoreError):
+    """Storage that cannot be used now, and may be later without anyone touching the service.
+
+    reason   why, in two words: a `StorageFault`
+    unknown  whether the transaction may have been committed all the same; otherwise nothing was changed
+    """
+
+    def __init__(self, message: str, *, reason: StorageFault, unknown: bool = False) -> None:
+        super().__init__(message)
+        self.reason, self.unknown = reason, unknown
 
 
 class NotKept(ServiceError):

@@ -18,6 +18,7 @@ from typing import Any
 from service.errors import StoreError
 from service.results.json_columns import dump, load
 from service.results.migrations import MIGRATIONS
+from service.results.storage_faults import storage_error
 
 __all__ = ["Database", "dump", "load"]
 
@@ -46,25 +47,39 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
-        """A transaction that is committed at the end, or rolled back whole; one within another is part of it."""
-        with self._lock:
+        """A transaction that is committed at the end, or rolled back whole; one within another is part of it.
+
+        StorageUnavailable where the storage cannot be used now, StoreError where it is damaged; then nothing changed.
+        """
+        with self._lock, self._faults():
             if self._depth == 0:
                 self._db.execute("BEGIN IMMEDIATE")
             self._depth += 1
             try:
                 yield self._db
+                if self._depth == 1:
+                    self._db.execute("COMMIT")
             except BaseException:
-                self._depth -= 1
-                if self._depth == 0:
+                if self._depth == 1 and self._db.in_transaction:
                     self._db.execute("ROLLBACK")
                 raise
-            self._depth -= 1
-            if self._depth == 0:
-                self._db.execute("COMMIT")
+            finally:
+                self._depth -= 1
+
+    @contextmanager
+    def _faults(self) -> Iterator[None]:
+        """Failures of the storage as errors of the service."""
+        try:
+            yield
+        except sqlite3.Error as error:
+            meant = storage_error(error, str(self.path))
+            if meant is None:
+                raise
+            raise meant from error
 
     def rows(self, query: str, values: Sequence[Any] | Mapping[str, Any] = ()) -> list[tuple]:
-        """All rows that a query answers."""
-        with self._lock:
+        """All rows that a query answers; errors as those of a transaction."""
+        with self._lock, self._faults():
             return self._db.execute(query, values).fetchall()
 
     def _migrate(self) -> None:

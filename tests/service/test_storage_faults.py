@@ -1,0 +1,79 @@
+"""Storage that fails: an error with its reason, nothing half done, and all goes on when the cause is gone."""
+
+from __future__ import annotations
+
+import errno
+import sqlite3
+from contextlib import closing
+
+import pytest
+import service_fakes as fakes
+
+from service.errors import StorageUnavailable, StoreError
+from service.results.storage_faults import storage_error
+
+
+@pytest.fixture
+def impatient(store):
+    store.database._db.execute("PRAGMA busy_timeout = 10")
+    return store
+
+
+def test_database_that_another_program_locks_is_unavailable_and_works_again_afterwards(impatient):
+    store = impatient
+    fakes.take(store, None, "unsw", 0, 100.0)
+    with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(StorageUnavailable, match=r"twin\.sqlite cannot be used now \(locked\)") as caught:
+            fakes.take(store, None, "unsw", 1, 200.0)
+        assert caught.value.reason == "locked" and not caught.value.unknown
+        assert [w.record["index"] for w in store.windows("unsw")] == [0]  # reading goes on
+        other.execute("ROLLBACK")
+    assert fakes.take(store, None, "unsw", 1, 200.0)
+
+
+def test_full_disk_leaves_the_database_as_it_was_and_is_left_behind_when_there_is_room(store):
+    fakes.take(store, None, "unsw", 0, 100.0)
+    before = store.asset("unsw")
+    pages = store.database.rows("PRAGMA page_count")[0][0]
+    store.database.rows(f"PRAGMA max_page_count = {pages}")
+    with pytest.raises(StorageUnavailable) as caught:
+        store.keep("unsw", rig={"name": "x" * 100_000})
+    assert caught.value.reason == "no space"
+    assert store.asset("unsw") == before
+    store.database.rows("PRAGMA max_page_count = 1000000")
+    store.keep("unsw", rig={"name": "x" * 100_000})
+    assert store.asset("unsw").rig is not None
+
+
+class PostgresqlError(Exception):
+    def __init__(self, sqlstate):
+        super().__init__("the server says so\nDETAIL: more")
+        self.sqlstate = sqlstate
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (PostgresqlError("53100"), "no space"),
+        (PostgresqlError("53300"), "connection lost"),
+        (PostgresqlError("25006"), "read-only"),
+        (PostgresqlError("55P03"), "locked"),
+        (PostgresqlError("57P01"), "connection lost"),
+        (PostgresqlError("08006"), "connection lost"),
+        (PostgresqlError("58030"), "input or output"),
+        (OSError(errno.ENOSPC, "No space left on device"), "no space"),
+        (OSError(errno.EROFS, "Read-only file system"), "read-only"),
+        (OSError(errno.EIO, "Input/output error"), "input or output"),
+    ],
+)
+def test_failure_of_a_driver_is_named_by_its_reason(error, reason):
+    meant = storage_error(error, "the database")
+    assert isinstance(meant, StorageUnavailable) and meant.reason == reason
+    assert "\n" not in str(meant)
+
+
+def test_damage_is_not_taken_for_a_fault_that_passes():
+    meant = storage_error(PostgresqlError("XX001"), "the database")
+    assert isinstance(meant, StoreError) and not isinstance(meant, StorageUnavailable)
+    assert storage_error(PostgresqlError("23505"), "the database") is None  # a duplicate key is the program's fault
