@@ -8,13 +8,14 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 WORKERS ?= 2
 ARGS ?=
 
-.PHONY: help install install-dev install-formats demo serve test test-slow test-all bench figures evaluate check format site lint-docker lock clean
+.PHONY: help install install-dev install-formats install-plant demo serve test test-slow test-all bench figures evaluate check format site lint-docker lock clean
 
 help:
 	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
 	@echo 'make install      the gear-twin command, in .venv/bin'
 	@echo 'make serve        the service alone'
 	@echo 'make install-formats   readers of TDMS, UFF-58, MDF4, HDF5, MAT 7.3 and Parquet files for gear-twin import'
+	@echo 'make install-plant     PostgreSQL, MQTT, OPC UA and OpenTelemetry for the service'
 	@echo 'make test         the test suite; test-slow: the longer proofs; test-all: both'
 	@echo 'make bench        all benchmarks, with their aims'
 	@echo 'make evaluate     campaigns with undeclared effects: named, and errors before and after (ARGS=--help: options)'
@@ -27,6 +28,7 @@ help:
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
 install-formats: $(VENV)/.installed-formats
+install-plant: $(VENV)/.installed-plant
 
 $(VENV)/.python:
 	@test -n "$(PYTHON)" || { echo 'no Python 3.11 or later with venv found: install one, or name it: make PYTHON=...' >&2; exit 1; }
@@ -42,6 +44,11 @@ $(VENV)/.installed: requirements.lock pyproject.toml | $(VENV)/.python
 $(VENV)/.installed-formats: requirements-formats.lock | $(VENV)/.installed
 	@echo 'installing the readers of other file formats'
 	@$(PIP) --require-hashes -r requirements-formats.lock
+	@touch $@
+
+$(VENV)/.installed-plant: requirements-plant.lock | $(VENV)/.installed
+	@echo 'installing what connects the service to a plant'
+	@$(PIP) --require-hashes -r requirements-plant.lock
 	@touch $@
 
 $(VENV)/.installed-dev: requirements-dev.lock | $(VENV)/.installed
@@ -94,9 +101,11 @@ lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
 		pyproject.toml -o requirements.lock
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
-		--extra dev --extra formats --extra docs -c requirements.lock pyproject.toml -o requirements-dev.lock
+		--extra dev --extra formats --extra docs --extra plant -c requirements.lock pyproject.toml -o requirements-dev.lock
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
 		--extra formats -c requirements-dev.lock pyproject.toml -o requirements-formats.lock
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
+		--extra plant -c requirements-dev.lock pyproject.toml -o requirements-plant.lock
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .gear-twin .pytest_cache .mypy_cache .ruff_cache .hypothesis
