@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -191,16 +190,19 @@ def _default(parameter: Any) -> str:
 
 
 def settings() -> str:
-    """Every setting of the service with its variable, default and limits."""
+    """Every setting of the service with its place in the file, variable, default and limits."""
+    from service.configuration.printed import shown, toml
+    from service.configuration.tables import places
     from service.settings import Settings
 
     rows = []
-    for name, field in Settings.model_fields.items():
-        value = field.get_default(call_default_factory=True)
-        shown = json.dumps(value) if isinstance(value, (list, bool)) else str(value)
+    for name, place in places(Settings).items():
+        field = Settings.model_fields[name]
+        value = shown(field.get_default(call_default_factory=True))
+        default = "" if value is None else f"`{toml(value)}`"
         limits = [f"{sign} {getattr(m, key):g}" for m in field.metadata for key, sign in _SIGNS if hasattr(m, key)]
-        rows.append((f"`GEAR_TWIN_{name.upper()}`", f"`{shown}`", ", ".join(limits), field.description or ""))
-    return table(("variable", "default", "limits", "meaning"), rows)
+        rows.append((f"`{place}`", f"`{place.variable}`", default, ", ".join(limits), field.description or ""))
+    return table(("in the file", "variable", "default", "limits", "meaning"), rows)
 
 
 _SIGNS = (("ge", "≥"), ("gt", ">"), ("le", "≤"), ("lt", "<"))

@@ -3,6 +3,7 @@
 ServiceError
 ├── InputError   something handed in that cannot be used: what, where, what would be right (exit status 2)
 │   ├── FrameError   one frame that breaks the contract: topic, field, value, allowed range
+│   ├── InputErrors  several of them, a line each
 │   └── StoreError   a database, or a state in it, that cannot be used: which, and why
 │       └── StorageUnavailable   storage that fails now and may work again later: full, read-only, locked, not connected
 ├── NotKept      raw signals that are not on disk, or not any more: which window, and which are
@@ -12,6 +13,7 @@ ServiceError
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 StorageFault = Literal["no space", "read-only", "locked", "connection lost", "input or output"]
@@ -28,6 +30,14 @@ class InputError(ServiceError):
 
 class FrameError(InputError):
     """A frame outside the contract's limits."""
+
+
+class InputErrors(InputError):
+    """Several mistakes, each one line."""
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        super().__init__("; ".join(lines))
+        self.lines = tuple(lines)
 
 
 class StoreError(InputError):

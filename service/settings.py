@@ -1,31 +1,41 @@
 """The settings of the service: one typed object, made once and passed in.
 
-Every field can be set by an environment variable `GEAR_TWIN_` + its name in capitals; lists as JSON.
+Every field can be set by an environment variable `GEAR_TWIN_` + its name in capitals, lists as JSON, or in the
+configuration file in the table that its class names (`service/configuration`). A new setting is a field of one of
+the tables, with its limits and its meaning.
 """
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field, field_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
+from service.configuration.sources import CONFIG, Environment, FileSource
+from service.configuration.tables import Table
 from twin.attention import StatusLimits
 
 _HOST_PORT = r"^(\[[0-9A-Fa-f:.]+\]|[^:\s]+):\d{1,5}$"
 HOUR = 3600.0  # [s]
 
 
-class Settings(BaseSettings):
-    """Settings of `gear-twin serve`, `demo` and whatever else takes windows apart."""
+class Stream(Table):
+    """Frames from the network."""
 
-    model_config = SettingsConfigDict(env_prefix="GEAR_TWIN_", extra="ignore", validate_default=True)
+    TABLE: ClassVar[str] = "stream"
 
-    # the stream
     listen: list[str] = Field(default=["tcp/127.0.0.1:7447"], description="endpoints of the embedded Zenoh router")
-    connect: list[str] = Field(default=[], description="endpoints of an external router; the embedded one is then off")
-    prefix: str = Field(default="gearbox", pattern=r"^[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*$")
+    connect: list[str] = Field(
+        default=[],
+        description="endpoints of an external router; the embedded one is then off",
+        examples=[["tcp/127.0.0.1:7448"]],
+    )
+    prefix: str = Field(
+        default="gearbox", pattern=r"^[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*$", description="first part of all keys"
+    )
     queue_frames: int = Field(default=4096, ge=16, le=1_000_000, description="frames held before back-pressure")
     queue_bytes: int = Field(default=256 * 2**20, ge=2**20, description="bytes held before back-pressure")
     queue_wait: float = Field(default=60.0, ge=0, le=240, description="how long a full queue holds the stream up [s]")
@@ -41,7 +51,13 @@ class Settings(BaseSettings):
         description="the same while frames keep coming, at least three window lengths [s]",
     )
 
-    # windows
+
+class Windows(Table):
+    """How frames are cut into windows."""
+
+    TABLE: ClassVar[str] = "windows"
+    PREFIX: ClassVar[str] = "window_"
+
     window_length: float = Field(default=10.0, gt=0.05, le=600, description="cut of an unbroken stream [s]")
     window_gap: float = Field(default=1.0, gt=0, le=600, description="pause that ends a burst [s]")
     patience: int = Field(default=256, ge=2, le=100_000, description="frames a key waits for a missing one")
@@ -49,9 +65,14 @@ class Settings(BaseSettings):
     window_bytes: int = Field(default=512 * 2**20, ge=2**20, description="one window with all its channels [bytes]")
     buffer_bytes: int = Field(default=128 * 2**20, ge=2**20, description="frames held while waiting, an asset [bytes]")
 
-    # the twin
+
+class Twin(Table):
+    """What is computed from a window."""
+
+    TABLE: ClassVar[str] = "twin"
+
     rig: Path | None = Field(default=None, description="rig file of all assets that no other names")
-    update: Literal["fused", "rms"] = "fused"
+    update: Literal["fused", "rms"] = Field(default="fused", description="method that sets the depth")
     error_threshold: float = Field(default=0.05, gt=0, lt=1, description="RMS error that triggers an update")
 
     baseline: Path | None = Field(default=None, description="baseline file of machines whose rig file gives no model")
@@ -70,20 +91,58 @@ class Settings(BaseSettings):
         "a tenth of the revolutions so far",
     )
 
-    # alarms
+
+class Alarms(Table):
+    """Alarms and who is notified."""
+
+    TABLE: ClassVar[str] = "alarms"
+    PREFIX: ClassVar[str] = "alarm_"
+
     alarm_rules: Path | None = Field(
         default=None, description="file of alarm rules (TOML) of all assets that have none of their own"
     )
     webhooks: list[str] = Field(
-        default=[], description="addresses (http, https) that every change of an alarm is sent to"
+        default=[],
+        description="addresses (http, https) that every change of an alarm is sent to",
+        examples=[["https://example.org/hook"]],
     )
 
-    # results
+
+class Results(Table):
+    """Where results are kept."""
+
+    TABLE: ClassVar[str] = "results"
+
     data: Path = Field(default=Path(".gear-twin"), description="directory of the database and of the raw signals")
     signal_bytes: int = Field(
         default=256 * 2**20, ge=0, le=2**50, description="raw signals kept for viewing, an asset [bytes]; 0: none"
     )
+
+
+class Http(Table):
+    """REST and the page."""
+
+    TABLE: ClassVar[str] = "http"
+    PREFIX: ClassVar[str] = "http_"
+    KEYS: ClassVar[dict[str, str]] = {"http": "address"}
+
     http: str = Field(default="127.0.0.1:8080", pattern=_HOST_PORT, description="HOST:PORT of REST and the page")
+
+
+class Settings(Stream, Windows, Twin, Alarms, Results, Http, BaseSettings):
+    """Settings of `gear-twin serve`, `demo` and whatever else takes windows apart."""
+
+    model_config = SettingsConfigDict(env_prefix="GEAR_TWIN_", extra="forbid", validate_default=True)
+
+    config: Path | None = Field(default=None, description="configuration file (TOML)")
+
+    @classmethod
+    def settings_customise_sources(
+        cls, settings_cls: type[BaseSettings], init_settings: Any, *_: Any, **__: Any
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Options before the environment before the file."""
+        path = init_settings.init_kwargs.get("config") or os.environ.get(CONFIG)
+        return init_settings, Environment(settings_cls), FileSource(settings_cls, Path(path) if path else None)
 
     @field_validator("listen", "connect")
     @classmethod

@@ -9,12 +9,14 @@ from collections.abc import Sequence
 def run(arguments: Sequence[str]) -> int:
     """Runs one command; answers its exit status."""
     from service.cli.commands import app
-    from service.errors import DeliveryError, InputError
+    from service.errors import DeliveryError, InputError, InputErrors
     from twin.errors import ParameterError
 
     try:
         status = app(args=list(arguments) or ["--help"], prog_name="gear-twin", standalone_mode=False)
         return status if isinstance(status, int) else 0
+    except InputErrors as error:
+        return max(_fail(line, 2) for line in error.lines)
     except (InputError, ParameterError) as error:
         return _fail(str(error), 2)
     except DeliveryError as error:

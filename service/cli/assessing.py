@@ -89,31 +89,7 @@ def windowing() -> Any:
 
 
 def settings_of(**given: Any) -> Any:
-    """Settings from the environment and what was given; InputError names the first wrong one."""
-    from pydantic import ValidationError
-    from pydantic_settings import SettingsError
+    """Settings from the configuration file, the environment and what was given; InputErrors names the wrong ones."""
+    from service.configuration.load import load
 
-    from service.errors import InputError
-    from service.settings import Settings
-
-    values = {key: value for key, value in given.items() if value not in (None, [])}
-    try:
-        return Settings(**values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        name = ".".join(str(part) for part in first["loc"])
-        right = SETTINGS_READ.get(name) if first["type"] == "string_pattern_mismatch" else None
-        raise InputError(f"setting {name} = {first['input']!r}: {right or _plain(first['msg'])}") from None
-    except SettingsError as error:
-        raise InputError(f"environment: {error}") from None
-
-
-SETTINGS_READ = {
-    "http": "must be HOST:PORT, such as 127.0.0.1:8080",
-    "prefix": "must be letters, digits, '_', '-' and '.', in parts separated by '/', such as gearbox",
-}
-
-
-def _plain(message: str) -> str:
-    """A validator's message without the prefix that pydantic puts in front of it."""
-    return message.removeprefix("Value error, ")
+    return load(**given)

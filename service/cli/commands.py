@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 from service.cli.alarms import app as alarms
 from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell, windowing
 from service.cli.assets import app as assets
+from service.cli.config import ConfigFile, config
 from service.cli.doctor import doctor
 from service.cli.effects import app as effects
 from service.cli.example import app as example
@@ -70,6 +71,7 @@ class Update(StrEnum):
 Recording = Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (MCAP).")]
 RigFile = Annotated[Path | None, typer.Option("--rig", help="Rig file; default: the one attached to the recording.")]
 Asset = Annotated[str | None, typer.Option(help="The asset, if a recording contains several.")]
+AnyPrefix = Annotated[str | None, typer.Option(help="First part of all keys; default: gearbox.")]
 Prefix = Annotated[str, typer.Option(help="First part of all keys and topics.", envvar="GEAR_TWIN_PREFIX")]
 UpdateMethod = Annotated[
     Update, typer.Option(help="Method that sets the depth: transmission error (fused) or vibration level (rms).")
@@ -169,7 +171,8 @@ def replay(
     asset: Annotated[
         str | None, typer.Option(help="Publish under this asset's name in place of the recording's.")
     ] = None,
-    prefix: Prefix = "gearbox",
+    prefix: AnyPrefix = None,
+    config: ConfigFile = None,
     json: JsonFile = None,
 ) -> None:
     """Publish a recording on Zenoh as it was recorded, or faster; ends when all of it has been delivered."""
@@ -177,7 +180,7 @@ def replay(
     from service.runtime.replay import replay as run
 
     demand_finite("speed", speed)
-    settings = settings_of()
+    settings = settings_of(config=config, prefix=prefix)
     begun = time.monotonic()
     with progress_bar("replaying") as bar:
         delivered = run(
@@ -185,7 +188,7 @@ def replay(
             connect or settings.connect or settings.listen,
             speed,
             max_pause=max_pause,
-            prefix=prefix,
+            prefix=settings.prefix,
             wait=wait,
             progress=lambda share, frames: bar(share, f"{frames} frames"),
             on_fault=tell,
@@ -206,13 +209,17 @@ def record(
     ),
     rig: RigFile = None,
     description: Annotated[str, typer.Option(help="Text for the recording's metadata.")] = "recorded live",
-    prefix: Prefix = "gearbox",
+    prefix: AnyPrefix = None,
+    config: ConfigFile = None,
     json: JsonFile = None,
 ) -> None:
     """Record a live stream into a file (MCAP)."""
     from service.cli.live import record_live
 
-    frames, refused = record_live(out, connect, listen, duration, rig, description, prefix)
+    settings = settings_of(config=config, prefix=prefix)
+    frames, refused = record_live(
+        out, connect or ([] if listen else settings.connect), listen, duration, rig, description, settings.prefix
+    )
     if not wrote_json({"recording": str(out), "frames": frames, "refused": refused}, json):
         print(f"{frames} frames recorded, {refused} refused: {out}")
 
@@ -254,14 +261,15 @@ def serve(
     relation: Annotated[
         Path | None, typer.Option(help="Relation of level and depth, for machines without a model.")
     ] = None,
-    prefix: Annotated[str | None, typer.Option(help="First part of all keys; default: gearbox.")] = None,
+    prefix: AnyPrefix = None,
+    config: ConfigFile = None,
 ) -> int:
-    """Run the service: streams in over Zenoh; REST, page and Zenoh out. Settings are also GEAR_TWIN_... variables."""
+    """Run the service: streams in over Zenoh; REST, page and Zenoh out. All settings: `gear-twin config`."""
     from service.runtime.serve import run
 
     given = {"listen": listen, "connect": connect, "http": http, "rig": rig, "data": data, "update": update}
-    given |= {"baseline": baseline, "relation": relation}
-    return run(settings_of(**given, prefix=prefix, trace=False if no_trace else None))
+    given |= {"baseline": baseline, "relation": relation, "prefix": prefix, "config": config}
+    return run(settings_of(**given, trace=False if no_trace else None))
 
 
 @app.command(rich_help_panel=START)
@@ -427,6 +435,7 @@ def diagnose(
 app.command(name="import", rich_help_panel=DATA)(import_)
 app.command(name="init", rich_help_panel=START)(init)
 app.command(name="doctor", rich_help_panel=START)(doctor)
+app.command(name="config", rich_help_panel=START)(config)
 app.command(name="what-if", rich_help_panel=ANSWER)(what_if)
 app.add_typer(assets, name="assets", rich_help_panel=START)
 app.add_typer(alarms, name="alarms", rich_help_panel=ANSWER)

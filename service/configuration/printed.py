@@ -1,0 +1,84 @@
+"""Settings as text: the effective ones with where each comes from, and a commented file with all of them."""
+
+from __future__ import annotations
+
+import json
+import re
+import textwrap
+from collections.abc import Mapping
+from itertools import groupby
+from typing import Any
+
+from pydantic import SecretStr
+
+from service.configuration.tables import Place, places
+from service.settings import Settings
+
+MASK = "**********"
+_CREDENTIALS = re.compile(r"(?<=://)[^/@\s]*:[^/@\s]*(?=@)")
+WIDTH = 110
+
+
+def effective(settings: Settings, origins: Mapping[str, str]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Table, key, then `value` (secrets masked) and `from`."""
+    found: dict[str, dict[str, dict[str, Any]]] = {}
+    for name, place in places(Settings).items():
+        value = shown(getattr(settings, name))
+        found.setdefault(place.table, {})[place.key] = {"value": value, "from": origins[name]}
+    return found
+
+
+def effective_text(settings: Settings, origins: Mapping[str, str]) -> str:
+    """The effective settings as a configuration file, with where each value comes from behind it."""
+    lines = []
+    for table, keys in effective(settings, origins).items():
+        lines += ["", f"[{table}]"]
+        for key, said in keys.items():
+            text = f"# {key} is not set" if said["value"] is None else f"{key} = {toml(said['value'])}"
+            lines.append(f"{text:<50}  # {said['from']}")
+    return "\n".join(lines[1:])
+
+
+def example_text() -> str:
+    """A configuration file with every setting, commented out, at its default or, where it has none, an example."""
+    lines = [
+        "# Configuration of gear-twin: gear-twin serve --config FILE, or the variable GEAR_TWIN_CONFIG.",
+        "# Every setting is here at its default or, where it has none, with an example. Variables and options take",
+        "# precedence over this file. Paths are relative to the folder of this file.",
+    ]
+    for table, group in groupby(places(Settings).values(), lambda place: place.table):
+        lines += ["", f"[{table}]"]
+        for place in group:
+            lines += _commented(place)
+    return "\n".join(lines) + "\n"
+
+
+def _commented(place: Place) -> list[str]:
+    field = Settings.model_fields[place.setting]
+    value = shown(field.get_default(call_default_factory=True))
+    if value is None or (value == [] and field.examples):
+        value = field.examples[0] if field.examples else f"{place.key}.toml"
+    about = textwrap.wrap(field.description or "", WIDTH, initial_indent="# ", subsequent_indent="# ")
+    return [*about, f"#{place.key} = {toml(value)}"]
+
+
+def shown(value: Any) -> Any:
+    """A value for people: secrets, and credentials within addresses, are masked."""
+    if isinstance(value, SecretStr):
+        return MASK
+    if isinstance(value, (list, tuple)):
+        return [shown(each) for each in value]
+    if isinstance(value, dict):
+        return {key: shown(each) for key, each in value.items()}
+    if isinstance(value, str):
+        return _CREDENTIALS.sub(MASK, value)
+    return value if value is None or isinstance(value, (bool, int, float)) else str(value)
+
+
+def toml(value: Any) -> str:
+    """A value as TOML."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(k)} = {toml(v)}" for k, v in value.items()) + " }" if value else "{}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, (str, bool)) else repr(value)
