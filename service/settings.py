@@ -40,6 +40,12 @@ class Stream(Table):
     queue_bytes: int = Field(default=256 * 2**20, ge=2**20, description="bytes held before back-pressure")
     queue_wait: float = Field(default=60.0, ge=0, le=240, description="how long a full queue holds the stream up [s]")
     idle_timeout: float = Field(default=3.0, gt=0, le=3600, description="silence that ends a window in progress [s]")
+    channel_wait: float = Field(
+        default=10.0,
+        ge=0,
+        le=3600,
+        description="how long a channel that the others have gone on without is waited for, once it is late [s]",
+    )
 
     stale_after: float = Field(
         default=86_400.0, gt=0, le=1e9, description="time without a whole window that makes an asset stale [s]"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 
 from service.errors import FrameError
 from service.runtime.learning_phase import LearningPhase
@@ -72,6 +72,10 @@ class Intake:
             self._show(asset)
             del self._shown[asset]
         return False
+
+    def channels(self, asset: str) -> Collection[str]:
+        """The channels that the asset's windows wait for."""
+        return self._pipeline.channels(asset)
 
     def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
         """Lets the asset's windows close without the channels that have fallen silent."""

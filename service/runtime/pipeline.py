@@ -12,7 +12,7 @@ the state after a window only once that window has been committed. No threads, n
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -152,6 +152,10 @@ class Pipeline:
     def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
         """Lets an asset's windows close without the channels that have fallen silent."""
         self._progress(asset).assembler.wait_only_for(labels)
+
+    def channels(self, asset: str) -> Collection[str]:
+        """The channels that an asset's windows wait for."""
+        return self._progress(asset).assembler.channels
 
     def waiting(self, asset: str) -> bool:
         """Whether frames of an asset wait for their window's end."""

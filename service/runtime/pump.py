@@ -1,11 +1,11 @@
-"""From the inbox to the pipeline: decoding, streams just joined, windows that end in silence."""
+"""From the inbox to the consumer: decoding, windows that end in silence, channels that are late or have ended."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
 from typing import Protocol
 
 from service.errors import FrameError
@@ -15,29 +15,41 @@ from service.stream.inbox import Arrival, Inbox
 from service.stream.wire.codec import decode
 from service.stream.wire.topics import Channel
 
-_POLL = 0.1  # how often the loop looks whether it should end [s]
+_POLL = 0.1  # how often the loop looks whether it should end, and for silence [s]
+_STARVED = 0.25  # a turn of the loop that takes longer was held up: the rest of it is no silence of a stream [s]
 _IDLE_FACTOR = 2.5  # silence, in frames, that cannot be mere jitter
-_JOIN = 0.5  # a stream just joined is collected for so long [s] ...
-_JOIN_FRAMES = 2000  # ... or for so many frames
 _SLOWEST = 60.0  # no stream is waited for longer than this [s]
-_LATE = 3.0  # silence of a key that is no mere delay of a busy machine, however short the idle timeout is [s]
-_TOGETHER_NS = NS  # keys of one burst end within this time, beyond the length of a frame
+_JOINED = 3.0  # a stream just joined may have channels that nobody knows of; they are awaited for so long [s]
+_TOGETHER_NS = NS  # channels of one burst end within this time, beyond the length of a frame
+CHANNEL_WAIT = 10.0  # how long a channel is waited for that the others have gone on without [s]
+
+
+@dataclass(slots=True)
+class _Heard:
+    """What has been received of one channel."""
+
+    end: int = 0  # of the newest frame [ns]
+    received: float = 0.0  # when that came, on the monotonic clock [s]
+    late_since: float | None = None  # when the others were first seen to have gone on without it, on the pump's clock
+    ended: bool = False  # waited for in vain; not waited for again until it sends
 
 
 class _Rhythm:
-    """One asset's stream on the wall clock: how long silence may last, and which keys are heard."""
+    """One stream in time: how long silence may last, and which channels are waited for.
 
-    def __init__(self, idle_timeout: float, now: float):
-        self._timeout = idle_timeout
+    `now` is the pump's clock, which stands still while the process does: a service that was suspended, or that had no
+    processor, has not heard silence. Frames that came meanwhile are still on their way to it.
+    """
+
+    def __init__(self, idle_timeout: float, channel_wait: float, now: float):
+        self._timeout, self._channel_wait = idle_timeout, channel_wait
         self._frame_length = 0.0
-        self._ends: dict[str, tuple[int, float, float]] = {}  # newest frame's end [ns], when it came, held up till then
+        self._heard: dict[str, _Heard] = {}
         self._slowest, self._seen = 0.0, 0
         self.first = self.newest = now
-        self.held: deque[Frame] = deque()  # of a stream just joined: its keys need not begin together
-        self.joined = False
 
-    def note(self, frame: Frame, now: float, held: float) -> None:
-        """A frame has come; what held it up here, `held` [s] since the inbox was opened, is not its stream's rhythm.
+    def note(self, frame: Frame, received: float, now: float) -> None:
+        """A frame has come.
 
         A slow channel's frames go on between windows: they neither make nor break a silence.
         """
@@ -45,12 +57,12 @@ class _Rhythm:
             return
         self.newest = now
         self._frame_length = max(self._frame_length, (frame.end_time_ns - frame.start_time_ns) / NS)
-        end, when, held_before = self._ends.get(frame.channel.label, (0, now, held))
-        if abs(frame.start_time_ns - end) < 0.5 * NS:
-            took = now - when - (held - held_before)
-            self._slowest = max(self._slowest, min(took, _SLOWEST))
+        heard = self._heard.setdefault(frame.channel.label, _Heard())
+        if abs(frame.start_time_ns - heard.end) < 0.5 * NS:
+            self._slowest = max(self._slowest, min(received - heard.received, _SLOWEST))
             self._seen += 1
-        self._ends[frame.channel.label] = (frame.end_time_ns, now, held)
+        heard.end, heard.received = frame.end_time_ns, received
+        heard.late_since, heard.ended = None, False
 
     @property
     def limit(self) -> float:
@@ -58,20 +70,35 @@ class _Rhythm:
         expected = self._slowest if self._seen >= 8 else max(self._slowest, self._frame_length)
         return max(self._timeout, _IDLE_FACTOR * expected)
 
-    def patience(self, now: float) -> float:
-        """Silence that ends the window in progress [s]: longer where a key has not come as far as the others.
+    def awaited(self, labels: Iterable[str], now: float) -> set[str]:
+        """Of the channels that a stream has had, or should have, those whose frames are late and still waited for.
 
-        A window that is closed without a channel is committed for good, and a stream just joined may have more keys.
+        A channel is late once the others have gone on without it, however long it had been silent before that: a
+        stream that begins anew after hours has its channels one after the other, as the network brings them. A window
+        that is closed without a channel stays so for good.
         """
-        newest = max((end for end, _, _ in self._ends.values()), default=0)
+        newest = max((heard.end for heard in self._heard.values()), default=0)
         together = _TOGETHER_NS + round(self._frame_length * NS)
-        behind = any(newest - end > together and now - when <= _SLOWEST for end, when, _ in self._ends.values())
-        return max(self.limit, _LATE) if behind or now - self.first <= _LATE else self.limit
+        late = set()
+        for label in {*labels, *self._heard}:
+            heard = self._heard.setdefault(label, _Heard())
+            if newest - heard.end <= together:
+                heard.late_since = None
+            elif not heard.ended:
+                heard.late_since = now if heard.late_since is None else heard.late_since
+                heard.ended = now - heard.late_since > self._channel_wait
+                late |= set() if heard.ended else {label}
+        return late
 
-    def heard(self, now: float, held_until: float) -> list[str]:
-        """The keys of which something has come lately, or could not come since the inbox held it up."""
-        limit = max(self.limit, _LATE)
-        return [label for label, (_, when, _) in self._ends.items() if now - max(when, held_until) <= limit]
+    @property
+    def ended(self) -> set[str]:
+        """The channels that were waited for in vain."""
+        return {label for label, heard in self._heard.items() if heard.ended}
+
+    def is_over(self, late: Collection[str], now: float) -> bool:
+        """Whether silence has ended the window in progress, of which some channels are late."""
+        limit = max(self.limit, _JOINED) if now - self.first <= _JOINED else self.limit
+        return not late and now - self.newest > limit
 
 
 class FrameConsumer(Protocol):
@@ -85,13 +112,18 @@ class FrameConsumer(Protocol):
 
     def waiting(self, asset: str) -> bool: ...
 
+    def channels(self, asset: str) -> Collection[str]: ...
+
     def wait_only_for(self, asset: str, labels: Iterable[str]) -> None: ...
 
 
 class Pump:
     """Takes arrivals to a consumer; silence of an asset ends its window.
 
-    between  called between frames, at least every tenth of a second while no window is being processed
+    idle_timeout  silence that ends a window [s]
+    channel_wait  how long a channel is waited for that the others have gone on without [s]
+    between       called between frames, at least every tenth of a second while no window is being processed
+    clock         the monotonic clock [s]
     """
 
     def __init__(
@@ -100,27 +132,37 @@ class Pump:
         consumer: FrameConsumer,
         idle_timeout: float = 3.0,
         between: Callable[[], None] = lambda: None,
+        *,
+        channel_wait: float = CHANNEL_WAIT,
+        clock: Callable[[], float] = time.monotonic,
     ):
         self._inbox, self._consumer, self._idle_timeout, self._between = inbox, consumer, idle_timeout, between
+        self._channel_wait, self._clock = channel_wait, clock
         self._rhythms: dict[str, _Rhythm] = {}
+        self._now = 0.0  # stands still while the process does [s]
+        self._turned = clock()
+        self._looked = 0.0
 
     def run(self, stop: threading.Event) -> None:
         """Works until `stop` is set, then processes what has arrived by then.
 
         An exception of the consumer ends it; called again, it goes on where it was.
         """
-        looked = time.monotonic()
         while not stop.is_set() or self._inbox.depth:
-            arrival = self._inbox.take(_POLL)
-            if arrival is not None:
-                self._take(arrival)
-            self._feed_joined(time.monotonic())
+            self.turn(self._inbox.take(_POLL))
             self._between()
-            if time.monotonic() - looked >= _POLL and not self._inbox.depth and not self._inbox.holding:
-                looked = time.monotonic()
-                for asset, rhythm in self._rhythms.items():
-                    self._close_silent(asset, rhythm, looked)
-        self._feed_joined(float("inf"))
+
+    def turn(self, arrival: Arrival | None) -> None:
+        """One turn of the loop: what has arrived, if anything has, and from time to time a look for silence."""
+        turned = self._clock()
+        self._now += min(turned - self._turned, _STARVED)
+        self._turned = turned
+        if arrival is not None:
+            self._take(arrival)
+        if self._now - self._looked >= _POLL and not self._inbox.depth:
+            self._looked = self._now
+            for asset, rhythm in self._rhythms.items():
+                self._close_silent(asset, rhythm)
 
     def _take(self, arrival: Arrival) -> None:
         try:
@@ -129,26 +171,21 @@ class Pump:
             self._consumer.reject(arrival.channel, error)
             return
         asset = frame.channel.asset
-        rhythm = self._rhythms.setdefault(asset, _Rhythm(self._idle_timeout, arrival.received))
-        rhythm.note(frame, arrival.received, arrival.held)
-        rhythm.held.append(frame)
+        if asset not in self._rhythms:
+            self._rhythms[asset] = _Rhythm(self._idle_timeout, self._channel_wait, self._now)
+        self._rhythms[asset].note(frame, arrival.received, self._now)
+        self._consumer.feed(frame)
 
-    def _feed_joined(self, now: float) -> None:
-        """Hands frames on, except of a stream just joined, which is collected first."""
-        for rhythm in self._rhythms.values():
-            rhythm.joined |= now - rhythm.first >= _JOIN or len(rhythm.held) > _JOIN_FRAMES
-            while rhythm.joined and rhythm.held:
-                self._consumer.feed(rhythm.held.popleft())
-
-    def _close_silent(self, asset: str, rhythm: _Rhythm, now: float) -> None:
-        """Ends the window of a stream that has fallen silent; goes on without keys that have."""
-        if rhythm.held or not self._consumer.waiting(asset):
+    def _close_silent(self, asset: str, rhythm: _Rhythm) -> None:
+        """Ends the window of a stream that has fallen silent; goes on without channels that have ended."""
+        if not self._consumer.waiting(asset):
             return
-        held_until = self._inbox.held_until
-        if now - max(rhythm.newest, held_until) > rhythm.patience(now):
+        channels = self._consumer.channels(asset)
+        late = rhythm.awaited(channels, self._now)
+        if rhythm.is_over(late, self._now):
             self._consumer.flush(asset)
-        elif now - rhythm.first > max(rhythm.limit, _LATE):
-            self._consumer.wait_only_for(asset, rhythm.heard(now, held_until))
+        elif rhythm.ended:
+            self._consumer.wait_only_for(asset, set(channels) - rhythm.ended)
 
 
 def pump(
@@ -157,6 +194,8 @@ def pump(
     stop: threading.Event,
     idle_timeout: float = 3.0,
     between: Callable[[], None] = lambda: None,
+    *,
+    channel_wait: float = CHANNEL_WAIT,
 ) -> None:
     """Takes arrivals to a consumer until `stop` is set."""
-    Pump(inbox, consumer, idle_timeout, between).run(stop)
+    Pump(inbox, consumer, idle_timeout, between, channel_wait=channel_wait).run(stop)

@@ -6,7 +6,7 @@ an asset was renamed, or after the data of its stream were found to be another m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 
 from service.errors import FrameError
@@ -58,6 +58,10 @@ class Streams:
         """Whether frames wait for their window's end."""
         asset = self.asset_of(stream)
         return not self._retired(asset) and self._consumer.waiting(asset)
+
+    def channels(self, stream: str) -> Collection[str]:
+        """The channels that windows wait for."""
+        return self._consumer.channels(self.asset_of(stream))
 
     def wait_only_for(self, stream: str, labels: Iterable[str]) -> None:
         """Lets windows close without the channels that have fallen silent."""

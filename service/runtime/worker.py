@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from service.alarms.keeper import AlarmKeeper
 from service.errors import NotReachable, StoreError
@@ -162,7 +162,7 @@ class Worker(threading.Thread):
                 lambda asset: self._rigs.of(asset, offered),
                 self._twin,
                 ServiceSink(store, board, publication, life, signals=self._signals, alarms=kept.alarms),
-                assembly=assembly_settings(self._settings),
+                assembly=replace(assembly_settings(self._settings), clocked=True),
                 before_window=self._end_if_stopping,
                 host_clock=time.time_ns,
                 waiting=waiting,
@@ -192,7 +192,10 @@ class Worker(threading.Thread):
                     for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                         publication.publish(asset)
 
-                pump(self._inbox, streams, self._stopping, self._settings.idle_timeout, between)
+                pump(
+                    self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
+                    channel_wait=self._settings.channel_wait,
+                )  # fmt: skip
 
     def _is_retired(self, asset: str) -> bool:
         snapshot = self._kept.board.get(asset)

@@ -47,6 +47,7 @@ class AssemblySettings:
     window_bytes: int = 8 * MOST_SAMPLES  # of one window with all its channels, and of the frames that make it
     expected: tuple[str, ...] = ()  # channels that are waited for before the first window: accel/y6, ...
     rig: Rig | None = None  # whose sensor ranges and operating points the values are held against
+    clocked: bool = False  # whether who adds frames decides by a clock which channels are waited for no longer
 
 
 DEFAULT = AssemblySettings()
@@ -160,6 +161,11 @@ class Assembler:
         kinds[kind] = kinds.get(kind, 0) + by
 
     @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that windows wait for: those that have come, and those that are expected; no slow ones."""
+        return tuple(self._lanes)
+
+    @property
     def waiting(self) -> bool:
         """Whether a flush would give anything."""
         return self._open is not None or any(lane.queue or lane.released for lane in self._lanes.values())
@@ -234,7 +240,8 @@ class Assembler:
         """What a frame put in order completes."""
         lane.silent = False
         self._release(label, lane)
-        self._forget_silent()
+        if not self.settings.clocked:
+            self._forget_silent()
         if sum(each.pending_bytes for each in self._lanes.values()) > self.settings.max_bytes:
             yield from self._force()
         yield from self._merge()

@@ -130,7 +130,7 @@ def imported(file: Path) -> set[str]:
 @pytest.mark.parametrize(
     ("package", "homes"),
     [
-        ("zenoh", {"transport/zenoh.py"}),
+        ("zenoh", {"transport/zenoh.py", "transport/zenoh_session.py"}),
         ("sqlite3", {"results/database.py", "results/sqlite_store.py"}),
     ],
 )
