@@ -22,12 +22,12 @@ def main() -> None:
 
 
 def leave(status: int) -> NoReturn:
-    """Ends the process; at once where Zenoh is loaded or the twin is still processing a window.
+    """Ends the process; at once where Zenoh is loaded or the twin still processes a window.
 
     Zenoh's own threads, which live on after a session is closed, and a window's would need the interpreter while it is
     torn down, and that ends in an abort. What is committed stays; the window being processed is left to the next start.
     """
-    at_work = any(thread.name == "twin" and thread.is_alive() for thread in threading.enumerate())
+    at_work = any(thread.name.startswith("twin") and thread.is_alive() for thread in threading.enumerate())
     if not at_work and "zenoh" not in sys.modules:
         sys.exit(status)
     logging.shutdown()

@@ -83,7 +83,7 @@ def demand_finite(name: str, value: float) -> None:
 
 def windowing() -> Any:
     """How every command cuts a recording into windows: by the settings, as the service does."""
-    from service.runtime.pipeline import assembly_settings
+    from service.runtime.reception import assembly_settings
 
     return assembly_settings(settings_of())
 

@@ -152,6 +152,10 @@ class AssetLife:
         with self.transaction() as db:
             db.execute("DELETE FROM waiting WHERE id = ?", (number,))
 
+    def file_of(self, number: int) -> Path:
+        """The file of a window that waits."""
+        return self._path(number)
+
     def delete_file(self, number: int) -> None:
         """Deletes the file of a window whose wait has ended, after the transaction."""
         self._path(number).unlink(missing_ok=True)

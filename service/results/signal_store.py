@@ -39,20 +39,33 @@ class SignalStore:
             raise StoreError(f"{self.folder} cannot hold raw signals: {error.strerror or error}") from error
 
     def keep(
-        self, asset: str, number: int, window: Window, *, revolutions: float | None = None, found: bool = False
+        self,
+        asset: str,
+        number: int,
+        window: Window,
+        *,
+        revolutions: float | None = None,
+        found: bool = False,
+        file: Path | None = None,
     ) -> bool:
         """Keeps one window, and gives up others where there is no room; False where signals are not kept.
 
+        file  the window as a file, which is moved here in place of being written again; `window` needs no signals then
+
         OSError where it cannot be written; what was kept before is then untouched.
         """
-        if self.limit == 0 or not (window.accelerations or window.torques or window.encoders):
+        if self.limit == 0 or (file is None and not (window.accelerations or window.torques or window.encoders)):
             return False
         mark = "x" if window.quality == "refused" else "f" if found else "k"
         turns = "none" if revolutions is None else f"{revolutions:.6g}"
         folder = self.folder / _folder_of(asset)
         path = folder / f"{number:08d}_{window.start_time_ns}_{turns}_{mark}{SUFFIX}"
         folder.mkdir(exist_ok=True)
-        size = write_window(path, window)
+        if file is None:
+            size = write_window(path, window)
+        else:
+            size = file.stat().st_size
+            file.replace(path)
         kept = _entry(path, size)
         assert kept is not None
         with self._lock:

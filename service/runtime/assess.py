@@ -10,7 +10,8 @@ from service.contract.answer import assemble
 from service.contract.rig import RigSummary
 from service.errors import FrameError, InputError
 from service.files.rig import checked_rig, load_rig
-from service.runtime.pipeline import Pipeline, WindowOutcome
+from service.runtime.outcomes import WindowOutcome
+from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import Twin, gear_twin
 from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.sources.mcap import Recording

@@ -1,4 +1,4 @@
-"""Changes of assets are carried out between frames, by the thread that owns the pipeline.
+"""Changes of assets are carried out between two windows of their asset.
 
 | kind | what it does |
 | --- | --- |
@@ -15,10 +15,9 @@ transaction each; those that a kill leaves are processed by the next start.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.base import iso_time
@@ -31,17 +30,30 @@ from service.results.signal_store import SignalStore
 from service.results.sparkline import Sparkline
 from service.results.status_events import status_events
 from service.results.store import ResultStore
-from service.runtime.decisions import Ended
+from service.runtime.computing import Ask, Made
 from service.runtime.intake import Intake
-from service.runtime.pipeline import Pipeline
+from service.runtime.lane import Job, Lane
+from service.runtime.lanes import Lanes
 from service.runtime.questions import GEARS_DIFFER, REPEATED
+from service.runtime.reception import Reception
 from service.runtime.state_publication import StatePublication
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Events
-from twin.errors import TwinError
+from service.stream.quality import Quality
 from twin.machine_change import MachineChange
 
 IGNORED = "windows of this revolution count are not used, as decided when it had fallen"
+
+
+class _Kind(NamedTuple):
+    """How a kind of change is carried out: what is asked of the twin, and what follows, in one transaction."""
+
+    ask: Callable[[Lane, StoredChange], Ask | None]
+    then: Callable[[Lane, StoredChange, Made], None]
+
+
+def _nothing(lane: Lane, change: StoredChange) -> None:
+    """Nothing is asked of the twin."""
 
 
 class ChangeWorker:
@@ -50,7 +62,8 @@ class ChangeWorker:
     def __init__(
         self,
         queue: ChangeQueue,
-        pipeline: Pipeline,
+        reception: Reception,
+        lanes: Lanes,
         store: ResultStore,
         life: AssetLife,
         board: Board,
@@ -61,58 +74,73 @@ class ChangeWorker:
         signals: SignalStore | None,
         alarms: AlarmKeeper | None,
         baselines: BaselineStore,
-        ending: threading.Event,
     ) -> None:
-        self._queue, self._pipeline, self._store, self._life = queue, pipeline, store, life
-        self._board, self._publication, self._ending = board, publication, ending
+        self._queue, self._reception, self._lanes = queue, reception, lanes
+        self._store, self._life = store, life
+        self._board, self._publication = board, publication
         self._streams, self._intake, self._signals = streams, intake, signals
         self._alarms, self._baselines = alarms, baselines
-        self._kinds: Mapping[str, Callable[[StoredChange], None]] = {
-            "other_machine": self._other_machine,
-            "ignore": self._ignore,
-            "renamed": self._rename,
-            "retired": self._retire,
-            "reinstated": self._retire,
-            "baseline_given": self._baseline,
-            "baseline_removed": self._baseline,
+        self._begun: set[int] = set()
+        self._kinds: Mapping[str, _Kind] = {
+            "other_machine": _Kind(lambda lane, change: self._ask_other_machine(change), self._other_machine),
+            "ignore": _Kind(lambda lane, change: self._ask_ignore(change), self._ignore),
+            "renamed": _Kind(_nothing, self._rename),
+            "retired": _Kind(_nothing, self._retire),
+            "reinstated": _Kind(_nothing, self._retire),
+            "baseline_given": _Kind(_nothing, self._baseline),
+            "baseline_removed": _Kind(_nothing, self._baseline),
         }
 
-    def resume(self) -> None:
-        """Processes the windows whose question was answered before the service ended."""
-        for asset in self._store.assets():
-            if self._pipeline.question(asset) is None and self._life.waiting_total(asset)[0]:
-                self._pipeline.use_waiting(asset)
-
     def __call__(self) -> None:
-        """Carries out what waits; Ended where the service ends meanwhile."""
+        """Hands what waits to the lanes of its assets."""
         if not self._queue.asked.is_set():
             return
         for change in self._queue.pending():
-            if self._ending.is_set():
-                raise Ended
-            try:
-                self._kinds.get(change.kind, self._machine)(change)
-            except (TwinError, InputError) as reason:
-                self._life.refuse_change(change.id, str(reason))
-            self._queue.done()
+            if change.id not in self._begun:
+                self._begun.add(change.id)
+                self._begin(change)
+
+    def _begin(self, change: StoredChange) -> None:
+        kind = self._kinds.get(change.kind, _Kind(self._ask_machine, self._machine))
+
+        def ask(lane: Lane) -> Ask | None:
+            return kind.ask(lane, replace(change, asset=lane.asset))  # which may have another name by now
+
+        def then(lane: Lane, made: Made) -> None:
+            kind.then(lane, replace(change, asset=lane.asset), made)
+            self._end(change)
+
+        def refuse(reason: str) -> None:
+            self._life.refuse_change(change.id, reason)
+            self._end(change)
+
+        if self._lanes.find(change.asset) is None and change.kind not in self._kinds:
+            refuse(f"no window of {change.asset} has been processed yet: there is nothing that the change ends")
+        else:
+            self._lanes.do(change.asset, Job(ask=ask, then=then, refuse=refuse))
+
+    def _end(self, change: StoredChange) -> None:
+        self._begun.discard(change.id)
         self._queue.done()
 
     # -- the kinds -----------------------------------------------------------------------------------
 
-    def _machine(self, change: StoredChange) -> None:
-        """A change of the machine: what it ends of the twin's memory begins again."""
-        asset, given = change.asset, change.given
+    def _ask_machine(self, lane: Lane, change: StoredChange) -> Ask:
+        given = change.given
         made = MachineChange(
             kind=change.kind, sensor=given.get("sensor"), at=given.get("revolutions"), began=given.get("count") or 0.0
         )
         if made.sensor is not None:
-            self._demand_sensor(asset, made.sensor)
-        question = self._pipeline.question(asset)
+            self._demand_sensor(change.asset, made.sensor)
+        return Ask("change", made)
+
+    def _machine(self, lane: Lane, change: StoredChange, made: Made) -> None:
+        """A change of the machine: what it ends of the twin's memory begins again."""
+        asset, question = change.asset, lane.question
         answers = question is not None and change.kind in question["answers"]
-        outcome = self._pipeline.follow(asset, made)
+        outcome = lane.decided(made, self._reception.ended_ns(asset))
         epoch = self._store.asset(asset).epoch + (change.kind == "gears_replaced")
-        first = self._pipeline.next_index(asset)
-        effect = {"epoch": epoch, "revolutions": self._revolutions(asset), "from_window": first}
+        effect = {"epoch": epoch, "revolutions": self._revolutions(asset), "from_window": lane.index}
         rig = question.get("rig") if answers and question is not None and change.kind == "gears_replaced" else None
         with self._life.transaction():
             if not self._life.change_done(change.id, effect):
@@ -121,53 +149,61 @@ class ChangeWorker:
             self._store.keep(asset, state=outcome.state.to_dict(), report=outcome.report, epoch=epoch, **parts)
             if rig is not None:
                 self._store.keep_rig(asset, rig)
-            opened, alarms = self._alarms_after(asset, made, outcome.report)
+            opened, alarms = self._alarms_after(asset, change, outcome.report)
             then = {"report": outcome.report, "question": None if answers else question, "alarms": opened}
             events = (*outcome.events, *alarms, *self._status_events(asset, **then))
             self._store.note(asset, [_event(change, effect), *events])
-        self._pipeline.accept(outcome)
+        lane.accept(outcome)
         blank = {"records": (), "latest": {}, "windows_total": 0, "updates": 0, "sparkline": Sparkline()}
         shown = blank if change.kind == "gears_replaced" else {}
+        if answers:
+            self._answered(lane)
         self._show(asset, report=outcome.report, alarms=opened, epoch=epoch, **shown)
         if rig is not None:
-            self._pipeline.reopen(asset)
-        if answers:
-            self._answered(asset)
+            self._reception.reopen(asset)
+            self._lanes.reopen(asset)
 
-    def _other_machine(self, change: StoredChange) -> None:
+    def _ask_other_machine(self, change: StoredChange) -> Ask:
+        self._open_question(change)
+        return Ask("forget")
+
+    def _other_machine(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """The stream is another machine's from now on, with the windows that wait."""
         asset, name = change.asset, change.given["name"]
         question = self._open_question(change)
+        fresh = question["kind"] == REPEATED
         self._demand_new(name)
-        state = self._pipeline.forgotten(asset)
         rig = question.get("rig") or self._store.asset(asset).rig
         effect = {"asset": name}
         with self._life.transaction():
             if not self._life.change_done(change.id, effect):
                 return
-            self._store.keep(asset, question=None, **({} if state is None else {"state": state.to_dict()}))
+            self._store.keep(asset, question=None, state=made.state.to_dict())
             self._store.note(name, [("change", {"kind": "created", "from": asset})])
             if rig is not None:
                 self._store.keep_rig(name, rig)
+            if not fresh and lane.assembly:
+                self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}))
             self._life.give_waiting(asset, name)
             self._life.route(asset, name)
             self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
         self._streams.reload()
-        self._pipeline.ask(asset, None)
-        if state is not None:
-            self._pipeline.set_state(asset, state)
+        lane.question, lane.state = None, made.state
         self._show(asset)
-        self._pipeline.split(asset, name, fresh=question["kind"] == REPEATED)
+        self._reception.split(asset, name, fresh=fresh)
         self._intake.know(name)
         self._board.update(name, rig=rig, last_event_id=self._store.last_event_id(name))
         self._publication.publish(name)
-        self._pipeline.use_waiting(name)
+        self._lanes.give(asset, name, fresh=fresh)
 
-    def _ignore(self, change: StoredChange) -> None:
+    def _ask_ignore(self, change: StoredChange) -> Ask | None:
+        question = self._open_question(change)
+        return Ask("ignore") if question["kind"] not in (GEARS_DIFFER, REPEATED) else None
+
+    def _ignore(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """The question is closed without a change."""
         asset, question = change.asset, self._open_question(change)
-        by_count = question["kind"] not in (GEARS_DIFFER, REPEATED)
-        state = self._pipeline.ignoring(asset) if by_count else None
+        state = made.state
         effect = {"question": question["kind"], "differences": question.get("differences", [])}
         with self._life.transaction():
             if not self._life.change_done(change.id, effect):
@@ -175,14 +211,14 @@ class ChangeWorker:
             self._store.keep(asset, question=None, **({} if state is None else {"state": state.to_dict()}))
             self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
         if question["kind"] == REPEATED:
-            self._pipeline.ignore_repeats(asset)
+            self._reception.ignore_repeats(asset)
         if state is not None:
-            self._pipeline.set_state(asset, state)
-            self._pipeline.ask(asset, None)
-            self._pipeline.refuse_waiting(asset, IGNORED)
-        self._answered(asset)
+            lane.state = state
+            lane.release(refuse=IGNORED)
+        self._answered(lane)
+        self._show(asset)
 
-    def _rename(self, change: StoredChange) -> None:
+    def _rename(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """The asset has another name, and all its history with it."""
         old, name = change.asset, change.given["name"]
         self._demand_new(name)
@@ -192,7 +228,8 @@ class ChangeWorker:
             self._life.rename(old, name)
             self._store.note(name, [_event(change, {"asset": name, "was": old})])
         self._streams.reload()
-        self._pipeline.rename(old, name)
+        self._reception.rename(old, name)
+        self._lanes.rename(old, name)
         self._intake.rename(old, name)
         if self._signals is not None:
             self._signals.rename(old, name)
@@ -200,7 +237,7 @@ class ChangeWorker:
         self._publication.withdraw(old)
         self._show(name)
 
-    def _retire(self, change: StoredChange) -> None:
+    def _retire(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """The asset is out of use, or in use again."""
         asset, retired = change.asset, None
         if change.kind == "retired":
@@ -212,7 +249,7 @@ class ChangeWorker:
             self._store.note(asset, [_event(change, {})])
         self._show(asset, retired=retired)
 
-    def _baseline(self, change: StoredChange) -> None:
+    def _baseline(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """The asset has another healthy baseline of its own, or none."""
         asset, given = change.asset, change.given
         before = self._baselines.path(asset)
@@ -228,33 +265,32 @@ class ChangeWorker:
             else:
                 self._baselines.use(asset, file, {**about, "at": iso_time(change.received_ns)})
             self._store.note(asset, [("change", {"id": change.id, "kind": change.kind, **about})])
-        self._pipeline.renew_twin(asset)
+        self._lanes.reopen(asset)
         self._baselines.delete(before)
         self._show(asset)
 
     # -- within --------------------------------------------------------------------------------------
 
-    def _answered(self, asset: str) -> None:
-        """Closes the question, and processes what waited for its answer."""
-        self._pipeline.ask(asset, None)
-        self._show(asset)
-        self._pipeline.use_waiting(asset)
+    def _answered(self, lane: Lane) -> None:
+        """Closes the question; what waited for its answer goes on."""
+        lane.question = None
+        lane.release()
 
     def _show(self, asset: str, **parts: Any) -> None:
         last = self._store.last_event_id(asset)
-        question = self._pipeline.question(asset)
+        question = self._lanes.question(asset)
         self._board.update(asset, last_event_id=last, question=question, **parts)
         self._publication.publish(asset)
 
     def _alarms_after(
-        self, asset: str, made: MachineChange, report: Mapping[str, Any]
+        self, asset: str, change: StoredChange, report: Mapping[str, Any]
     ) -> tuple[tuple[Mapping[str, Any], ...], Events]:
         """Open alarms after a change, and their events; limits that were learned before it are learned again."""
         if self._alarms is None:
             return (), ()
-        if made.kind in ("gears_replaced", "reassembled", "sensor_moved"):
+        if change.kind in ("gears_replaced", "reassembled", "sensor_moved"):
             memory = self._alarms.store.memory(asset)
-            memory.forget_learned(made.sensor or "")
+            memory.forget_learned(change.given.get("sensor") or "")
             self._alarms.store.keep_memory(asset, memory)
         events = self._alarms.decision(asset, report)
         return self._alarms.open(asset), events
@@ -265,7 +301,7 @@ class ChangeWorker:
         return () if before is None else status_events(before, *replace(before, **changes).health())
 
     def _open_question(self, change: StoredChange) -> Mapping[str, Any]:
-        question = self._pipeline.question(change.asset)
+        question = self._lanes.question(change.asset)
         if question is None or change.kind not in question["answers"]:
             raise InputError(f"{change.kind} answers a question, and none that it answers is open for {change.asset}")
         return question
@@ -275,7 +311,7 @@ class ChangeWorker:
             raise InputError(f"there is an asset {name!r} already, or one that was called so: give another name")
 
     def _demand_sensor(self, asset: str, sensor: str) -> None:
-        channels = self._pipeline.quality(asset).get("channels") or {}
+        channels = self._reception.quality(asset).get("channels") or {}
         known = sorted(label.partition("/")[2] for label in channels if label.startswith("accel/"))
         if known and sensor not in known:
             raise InputError(f"no accelerometer {sensor!r} of {asset} has sent a frame; known: {', '.join(known)}")

@@ -1,8 +1,7 @@
-"""Decisions on effects and inspections are carried out between frames, by the thread that owns the pipeline."""
+"""Decisions on effects and inspections are carried out between two windows of their asset."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
@@ -14,14 +13,14 @@ from service.results.board import Board, Snapshot
 from service.results.decision_queue import DecisionQueue
 from service.results.status_events import status_events
 from service.results.store import ResultStore, StoredDecision, StoredInspection
-from service.runtime.pipeline import DecisionOutcome, Pipeline
+from service.runtime.computing import Ask, Made
+from service.runtime.lane import Job, Lane
+from service.runtime.lanes import Lanes
+from service.runtime.outcomes import DecisionOutcome
+from service.runtime.reception import Reception
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Events
-from twin.errors import TwinError
-
-
-class Ended(Exception):
-    """The service ends: whole windows that have not been processed are left to the next start."""
+from twin.tracing.decisions import Decision
 
 
 class DecisionWorker:
@@ -30,43 +29,70 @@ class DecisionWorker:
     def __init__(
         self,
         queue: DecisionQueue,
-        pipeline: Pipeline,
+        reception: Reception,
+        lanes: Lanes,
         store: ResultStore,
         board: Board,
         publication: StatePublication,
-        ending: threading.Event,
         alarms: AlarmKeeper | None = None,
     ) -> None:
         self._alarms = alarms
-        self._queue, self._pipeline, self._store = queue, pipeline, store
-        self._board, self._publication, self._ending = board, publication, ending
+        self._queue, self._reception, self._lanes, self._store = queue, reception, lanes, store
+        self._board, self._publication = board, publication
+        self._begun: set[tuple[str, int]] = set()  # kind and number of what is on its way
 
     def __call__(self) -> None:
-        """Carries out what waits; Ended where the service ends meanwhile."""
+        """Hands what waits to the lanes of its assets."""
         if not self._queue.asked.is_set():
             return
-        for waiting in self._queue.pending():
-            if self._ending.is_set():
-                raise Ended
-            try:
-                outcome = self._pipeline.decide(waiting.asset, waiting.name, waiting.verb)
-            except TwinError as reason:
-                self._store.refuse(waiting, str(reason))
-                continue
-            self._go_on(outcome, partial(self._decided, waiting, outcome))
-        self._use_inspections()
+        for decision in self._queue.pending():
+            self._begin(("decision", decision.id), decision.asset, self._decision(decision))
+        for inspection in self._queue.pending_inspections():
+            self._begin(("inspection", inspection.id), inspection.asset, self._inspection(inspection))
+
+    def _begin(self, key: tuple[str, int], asset: str, job: Job) -> None:
+        if key in self._begun:
+            return
+
+        def then(lane: Lane, made: Made) -> None:
+            job.then(lane, made)
+            self._end(key)
+
+        def refuse(reason: str) -> None:
+            job.refuse(reason)
+            self._end(key)
+
+        self._begun.add(key)
+        if self._lanes.find(asset) is None:
+            refuse(f"no window of {asset} has been processed yet")
+        else:
+            self._lanes.do(asset, Job(ask=job.ask, then=then, refuse=refuse))
+
+    def _end(self, key: tuple[str, int]) -> None:
+        self._begun.discard(key)
         self._queue.done()
 
-    def _use_inspections(self) -> None:
-        for waiting in self._queue.pending_inspections():
-            if self._ending.is_set():
-                raise Ended
-            try:
-                outcome = self._pipeline.inspect(waiting.asset, waiting.inspection)
-            except TwinError as reason:
-                self._store.refuse_inspection(waiting, {**waiting.answer, **refusal(str(reason))})
-                continue
-            self._go_on(outcome, partial(self._inspected, waiting, outcome))
+    def _decision(self, waiting: StoredDecision) -> Job:
+        def then(lane: Lane, made: Made) -> None:
+            outcome = lane.decided(made, self._reception.freshness(lane.asset).last_window_ns or 0)
+            self._go_on(lane, outcome, partial(self._decided, waiting, outcome))
+
+        return Job(
+            ask=lambda lane: Ask("decide", Decision(name=waiting.name, verb=waiting.verb)),
+            then=then,
+            refuse=partial(self._store.refuse, waiting),
+        )
+
+    def _inspection(self, waiting: StoredInspection) -> Job:
+        def then(lane: Lane, made: Made) -> None:
+            outcome = lane.inspected(made)
+            self._go_on(lane, outcome, partial(self._inspected, waiting, outcome))
+
+        return Job(
+            ask=lambda lane: Ask("inspect", waiting.inspection),
+            then=then,
+            refuse=lambda reason: self._store.refuse_inspection(waiting, {**waiting.answer, **refusal(reason)}),
+        )
 
     def _decided(self, waiting: StoredDecision, outcome: DecisionOutcome) -> bool:
         signed = {name: text for name, text in (("by", waiting.by), ("note", waiting.note)) if text is not None}
@@ -74,20 +100,21 @@ class DecisionWorker:
             (kind, {**data, **signed} if kind == "effect" and data.get("action") == waiting.verb else data)
             for kind, data in outcome.events
         ]
-        return self._store.carry_out(waiting, state=outcome.state.to_dict(), report=outcome.report, events=events)
+        own = replace(waiting, asset=outcome.asset)  # which may have another name by now
+        return self._store.carry_out(own, state=outcome.state.to_dict(), report=outcome.report, events=events)
 
     def _inspected(self, waiting: StoredInspection, outcome: DecisionOutcome) -> bool:
-        before = self._board.get(waiting.asset)
+        before = self._board.get(outcome.asset)
         changed = outcome_of(waiting.inspection, before.report if before else None, outcome.report)
         return self._store.use_inspection(
-            waiting,
+            replace(waiting, asset=outcome.asset),
             answer={**waiting.answer, **changed},
             state=outcome.state.to_dict(),
             report=outcome.report,
             events=(*outcome.events, ("inspection", {**waiting.inspection, **changed})),
         )
 
-    def _go_on(self, outcome: DecisionOutcome, keep: Callable[[], bool]) -> None:
+    def _go_on(self, lane: Lane, outcome: DecisionOutcome, keep: Callable[[], bool]) -> None:
         """Keeps all that an outcome changes, alarms too, in one transaction, and shows it; nothing a second time.
 
         keep  keeps the decision or inspection itself; False where it was done before
@@ -103,6 +130,6 @@ class DecisionWorker:
                 events = self._alarms.decision(asset, report)
                 shown = replace(shown, alarms=self._alarms.open(asset))
             self._store.note(asset, (*events, *status_events(before, *shown.health())))
+        lane.accept(outcome)
         self._board.update(asset, report=report, alarms=shown.alarms, last_event_id=self._store.last_event_id(asset))
-        self._pipeline.accept(outcome)
         self._publication.publish(asset)

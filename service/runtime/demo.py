@@ -32,7 +32,7 @@ from rich.table import Table
 from service.contract.trend import is_available
 from service.errors import DeliveryError, InputError
 from service.runtime import SERVES
-from service.runtime.pipeline import assembly_settings
+from service.runtime.reception import assembly_settings
 from service.runtime.replay import replay
 from service.settings import Settings
 from service.stream.sources.mcap import read_windows

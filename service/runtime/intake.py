@@ -1,4 +1,4 @@
-"""What the service does with frames between the pump and the pipeline: learning, and counters that are shown."""
+"""What the service does with frames between the pump and the reception: learning, and counters that are shown."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable
 
 from service.errors import FrameError
 from service.runtime.learning_phase import LearningPhase
-from service.runtime.pipeline import Pipeline
+from service.runtime.reception import Reception
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import Frame
 from service.stream.wire.topics import Channel
@@ -16,7 +16,7 @@ SHOW_EVERY = 1.0  # how often counters are shown while frames come [s]
 
 
 class Intake:
-    """Hands frames to the pipeline, and shows each asset's counters once a second while frames come.
+    """Hands frames to the reception, and shows each asset's counters once a second while frames come.
 
     show_quality  shows the counters of an asset
     heard         called for each frame that comes, valid or not, of a channel that makes windows
@@ -24,17 +24,17 @@ class Intake:
 
     def __init__(
         self,
-        pipeline: Pipeline,
+        reception: Reception,
         show_quality: Callable[[str], None],
         *,
         heard: Callable[[str], None] = lambda asset: None,
         learning: LearningPhase | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._pipeline, self._show_quality, self._clock = pipeline, show_quality, clock
+        self._reception, self._show_quality, self._clock = reception, show_quality, clock
         self._heard = heard
         self._learning = learning or LearningPhase()
-        self._known = set(pipeline.assets)
+        self._known = set(reception.assets)
         self._shown: dict[str, float] = {}  # when an asset's counters were shown; absent where they are up to date
 
     def feed(self, frame: Frame) -> None:
@@ -42,11 +42,11 @@ class Intake:
         asset, now = frame.channel.asset, self._clock()
         self._note(frame.channel)
         if asset not in self._known:
-            self._pipeline.open(asset)  # looks for the rig file now: who offers it may be gone later
+            self._reception.open(asset)  # looks for the rig file now: who offers it may be gone later
             self._known.add(asset)
             self._learning.begin(asset, now)
         if not self._learning.holds(asset):
-            self._pipeline.feed(frame)
+            self._reception.feed(frame)
         elif not self._feed_learned(asset, self._learning.add(frame, now)):
             return
         if self._clock() - self._shown.get(asset, float("-inf")) > SHOW_EVERY:
@@ -55,18 +55,18 @@ class Intake:
     def reject(self, channel: Channel, error: FrameError) -> None:
         """Counts a frame that breaks the contract."""
         self._note(channel)
-        self._pipeline.reject(channel, error)
+        self._reception.reject(channel, error)
         self._known.add(channel.asset)
         self._show(channel.asset)
 
     def flush(self, asset: str) -> None:
         """Closes the asset's window in progress, after silence."""
         self._feed_learned(asset, self._learning.end(asset))
-        self._pipeline.flush(asset)
+        self._reception.flush(asset)
 
     def waiting(self, asset: str) -> bool:
         """Whether frames of the asset wait. Asked in silence: the counters of the last frames are shown now."""
-        if self._learning.holds(asset) or self._pipeline.waiting(asset):
+        if self._learning.holds(asset) or self._reception.waiting(asset):
             return True
         if asset in self._shown:
             self._show(asset)
@@ -75,11 +75,11 @@ class Intake:
 
     def channels(self, asset: str) -> Collection[str]:
         """The channels that the asset's windows wait for."""
-        return self._pipeline.channels(asset)
+        return self._reception.channels(asset)
 
     def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
         """Lets the asset's windows close without the channels that have fallen silent."""
-        self._pipeline.wait_only_for(asset, labels)
+        self._reception.wait_only_for(asset, labels)
 
     def know(self, asset: str) -> None:
         """An asset whose channels another one's stream has shown."""
@@ -101,9 +101,9 @@ class Intake:
     def _feed_learned(self, asset: str, frames: list[Frame]) -> bool:
         """Hands on the frames of a learning phase that has ended, whose channels are known now; whether it has."""
         if frames:
-            self._pipeline.expect(asset, {frame.channel.label for frame in frames})
+            self._reception.expect(asset, {frame.channel.label for frame in frames})
         for frame in frames:
-            self._pipeline.feed(frame)
+            self._reception.feed(frame)
         return bool(frames)
 
     def _show(self, asset: str) -> None:

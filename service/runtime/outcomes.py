@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 from service.runtime.twin_port import Events
 from twin.windows import Window
+
+Raw = Literal["same", "other faults", "nothing"]
+"""What the file in which a window was kept holds of its signals: the same window, one with other faults, or nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosedWindow:
+    """A window whose frames are complete, or will not be completed any more."""
+
+    asset: str
+    window: Window
+    assembly: Mapping[str, Any]  # Assembler.to_dict() as of this window
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,14 +28,15 @@ class WindowOutcome:
 
     asset: str
     index: int  # of the window, from 0, counting refused ones
-    window: Window
+    window: Window  # as it was used; without its signals where it was kept in a file
     record: Mapping[str, Any]  # the contract's `windows[]`, with `quality` and `faults`
     state: Any  # twin.step.State after the window
     report: Mapping[str, Any] | None  # the twin's newest answer; None before its first window
     events: Events
     assembly: Mapping[str, Any]  # Assembler.to_dict() as of this window
     quality: Mapping[str, Any]  # the section `data_quality`
-    waited: int | None = None  # number of the window among those that waited for an answer; None where it did not
+    waited: int | None = None  # number of the window among those that were kept until their turn; None where it was not
+    raw: Raw = "same"
     question: Mapping[str, Any] | None = None  # open after the window
 
 
@@ -32,13 +45,10 @@ class HeldWindow:
     """A window that cannot be used until people have answered a question."""
 
     asset: str
-    window: Window
-    state: Any  # twin.step.State, which remembers that the window came
+    state: Any  # twin.step.State, which remembers that the window came; None where it has not changed
     question: Mapping[str, Any]
-    assembly: Mapping[str, Any]
-    quality: Mapping[str, Any]
+    waiting: int  # windows that wait for the answer, with this one
     events: Events
-    waited: int | None = None  # number of the window among those that wait already; None for one that has just come
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,15 +84,11 @@ class WaitingPlace(Protocol):
     """Where windows wait until people have answered a question."""
 
     def hold(self, held: HeldWindow) -> Mapping[str, Any]:
-        """Keeps a window, or counts it as left out where there is no room; the question as it is shown then."""
+        """Keeps that a window waits for an answer; the question as it is shown then."""
         ...
 
     def ask(self, asset: str, question: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
         """Keeps and shows a question for which no window waits, or that it is over."""
-        ...
-
-    def waiting(self, asset: str) -> Iterator[tuple[int, Window]]:
-        """The windows of an asset that wait, with their numbers, in the order in which they came."""
         ...
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 from service.results.asset_life import AssetLife
 from service.results.store import ResultStore
-from service.runtime.pipeline import Pipeline, WaitingPlace
+from service.runtime.lanes import Lanes
 from service.runtime.questions import GEARS_DIFFER, gears_differ
+from service.runtime.reception import Reception
 from service.runtime.rigs import OfferedRigs, Rigs
 from service.runtime.streams import Streams
 
@@ -20,26 +21,26 @@ class RigQuestions:
 
     def __init__(
         self,
-        pipeline: Pipeline,
+        reception: Reception,
+        lanes: Lanes,
         store: ResultStore,
         life: AssetLife,
-        waiting: WaitingPlace,
         *,
         rigs: Rigs,
         streams: Streams,
         offered: OfferedRigs,
     ) -> None:
-        self._pipeline, self._store, self._life, self._waiting = pipeline, store, life, waiting
+        self._reception, self._lanes, self._store, self._life = reception, lanes, store, life
         self._rigs, self._streams, self._offered = rigs, streams, offered
 
     def start(self) -> None:
         """Asks about the rig file of the settings, and ends such a question where that file fits again."""
         for asset in self._store.assets():
-            question = self._pipeline.question(asset)
+            question = self._lanes.question(asset)
             asked = question is not None and question["kind"] == GEARS_DIFFER and question.get("settings")
             differs = self._rigs.given is not None and self._rigs.named_differences(asset, self._rigs.given)
             if asked and not differs:
-                self._pipeline.ask(asset, self._waiting.ask(asset, None))
+                self._lanes.ask(asset, None)
             elif self._rigs.given is not None:
                 self._compare(asset, self._rigs.given, f"rig file {self._rigs.where}", settings=True)
 
@@ -47,16 +48,16 @@ class RigQuestions:
         """Asks about rig files that have been offered since."""
         for stream, rig in self._offered.fresh():
             asset = self._streams.asset_of(stream)
-            if asset in self._pipeline.assets:
+            if asset in self._reception.assets:
                 self._compare(asset, rig, OFFERED, settings=False)
 
     def _compare(self, asset: str, rig: Mapping[str, Any], where: str, *, settings: bool) -> None:
         differences = self._rigs.named_differences(asset, rig)
-        if not differences or self._pipeline.question(asset) is not None or self._ignored(asset, differences):
+        if not differences or self._lanes.question(asset) is not None or self._ignored(asset, differences):
             return
-        question = gears_differ(asset, differences, where, self._pipeline.ended_ns(asset))
+        question = gears_differ(asset, differences, where, self._reception.ended_ns(asset))
         kept = {**question, "rig": dict(rig), "settings": settings}
-        self._pipeline.ask(asset, self._waiting.ask(asset, kept))
+        self._lanes.ask(asset, kept)
 
     def _ignored(self, asset: str, differences: list[str]) -> bool:
         """Whether people have said before that the earlier rig file holds."""

@@ -13,7 +13,7 @@ from service.results.asset_life import AssetLife
 from service.results.board import TAIL, Board, Snapshot
 from service.results.status_events import status_events
 from service.results.store import ResultStore, StoredWindow
-from service.runtime.pipeline import WindowOutcome
+from service.runtime.outcomes import WindowOutcome
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Events
@@ -62,9 +62,9 @@ class ServiceSink:
                 self._note_health(outcome)
             if outcome.waited is not None:
                 self._life.drop_waiting(outcome.waited)
-        if outcome.waited is not None:
-            self._life.delete_file(outcome.waited)
         if self._committed is None:
+            if outcome.waited is not None:
+                self._life.delete_file(outcome.waited)
             log.error("%s: window %s had been committed before", outcome.asset, outcome.record["start_time"])
         return self._committed is not None
 
@@ -108,4 +108,6 @@ class ServiceSink:
         )
         self._publication.publish(outcome.asset)
         if self._signals is not None:
-            self._signals.offer(outcome)
+            self._signals.offer(outcome, None if outcome.waited is None else self._life.file_of(outcome.waited))
+        elif outcome.waited is not None:
+            self._life.delete_file(outcome.waited)

@@ -46,6 +46,7 @@ class Twin:
     ignore: Callable[[Any], Any] = lambda state: state  # the state that refuses windows of the fallen count unasked
     forget: Callable[[Any], Any] = lambda state: state  # the state without a fallen count
     options: Any = None
+    at_once: int = 64  # how many of its calls the threads of one process may carry out at once
 
     def process(self, rig: Rig, state: Any, window: Window) -> tuple[Any, Answer]:
         """One window; TwinError where it cannot be used."""
@@ -91,6 +92,7 @@ def gear_twin(options: Any = None) -> Twin:
         ignore=with_fallen_ignored,
         forget=with_fallen_forgotten,
         options=options or Options(),
+        at_once=1,  # wear curves grow as they are used
     )
 
 

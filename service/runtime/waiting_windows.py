@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,9 +14,8 @@ from service.results.board import Board
 from service.results.status_events import status_events
 from service.results.store import ResultStore
 from service.runtime import questions
-from service.runtime.pipeline import HeldWindow
+from service.runtime.outcomes import HeldWindow
 from service.runtime.state_publication import StatePublication
-from twin.windows import Window
 
 log = logging.getLogger(__name__)
 
@@ -36,23 +35,14 @@ class WaitingWindows:
         self._clock = clock
 
     def hold(self, held: HeldWindow) -> Mapping[str, Any]:
-        """Keeps a window with the place to resume the stream from, in one transaction."""
+        """Keeps that a window waits for the answer, and what the twin remembers of it, in one transaction."""
+        question = questions.waiting(held.question, held.waiting)
         with self._life.transaction():
-            kept = held.waited is not None or self._life.add_waiting(held.asset, held.window)
-            count, _ = self._life.waiting_total(held.asset)
-            question = questions.waiting(held.question, count, 0 if kept else 1)
-            self._store.keep(
-                held.asset,
-                state=held.state.to_dict(),
-                assembly=held.assembly,
-                quality=held.quality,
-                question=question,
-            )
+            state = {} if held.state is None else {"state": held.state.to_dict()}
+            self._store.keep(held.asset, question=question, **state)
             before = self._board.get(held.asset)
             changed = status_events(before, *replace(before, question=question).health()) if before else ()
             self._store.note(held.asset, (*held.events, *changed))
-        if not kept:
-            log.warning("%s: a window was left out: %d windows wait for an answer already", held.asset, count)
         self._board.update(
             held.asset,
             question=question,
@@ -75,14 +65,3 @@ class WaitingWindows:
         self._board.update(asset, question=question, last_event_id=self._store.last_event_id(asset))
         self._publication.publish(asset)
         return question
-
-    def waiting(self, asset: str) -> Iterator[tuple[int, Window]]:
-        """The windows of an asset that wait; one whose file is damaged is given up."""
-        for entry in self._life.waiting(asset):
-            try:
-                window = self._life.read_waiting(entry.id)
-            except (OSError, ValueError, KeyError, TypeError) as error:
-                log.error("%s: a window that waited cannot be read and is left out: %s", asset, error)
-                self._life.drop_waiting(entry.id)
-                continue
-            yield entry.id, window

@@ -1,11 +1,11 @@
-"""The thread that owns the network's connection and the pipeline."""
+"""The thread that owns the network's connection: it receives frames, and commits and publishes what windows led to."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 
 from service.alarms.keeper import AlarmKeeper
@@ -19,14 +19,18 @@ from service.results.signal_store import SignalStore
 from service.results.store import ResultStore
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.changes import ChangeWorker
-from service.runtime.decisions import DecisionWorker, Ended
+from service.runtime.computing_threads import Threads
+from service.runtime.decisions import DecisionWorker
 from service.runtime.intake import Intake
-from service.runtime.pipeline import Checkpoint, Pipeline, assembly_settings
+from service.runtime.lanes import Lanes
+from service.runtime.outcomes import Checkpoint, ClosedWindow
 from service.runtime.pump import pump
+from service.runtime.reception import Reception, assembly_settings
 from service.runtime.rig_questions import RigQuestions
 from service.runtime.rigs import OfferedRigs, Rigs
 from service.runtime.service_sink import ServiceSink
 from service.runtime.signal_writer import SignalWriter
+from service.runtime.spool import Spool
 from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, StalenessWatch
 from service.runtime.state_publication import StatePublication
 from service.runtime.streams import Streams
@@ -34,6 +38,7 @@ from service.runtime.twin_port import Twin, guarded
 from service.runtime.waiting_windows import WaitingWindows
 from service.settings import Settings
 from service.stream.inbox import Inbox
+from service.stream.repeats import Repeats
 from service.transport.protocol import OpenTransport, Transport
 from twin.errors import TwinError
 
@@ -57,6 +62,10 @@ class Kept:
         """Releases everyone who waits for a decision or a change."""
         self.decisions.close()
         self.changes.close()
+
+
+class Ended(Exception):
+    """The service ends before there is a connection."""
 
 
 class Worker(threading.Thread):
@@ -108,15 +117,16 @@ class Worker(threading.Thread):
             self.on_end()
 
     def stop(self) -> None:
-        """Tells the thread to end after the current window."""
+        """Tells the thread to end: windows that wait, and those in the twin, are left to the next start."""
         self._stopping.set()
         self._inbox.close()
         self._kept.close()
 
     def end(self) -> None:
-        """Ends the thread; a window that takes longer than a few seconds is left to the next start.
+        """Ends the thread.
 
-        The thread's connection is then still open, and only ends with the process: see `service.__main__.leave`.
+        Where that takes longer than a few seconds, its connection is still open, and only ends with the process: see
+        `service.__main__.leave`.
         """
         self.stop()
         self.join(STOP_WAIT)
@@ -154,60 +164,79 @@ class Worker(threading.Thread):
 
     def _serve(self, transport: Transport) -> None:
         kept = self._kept
+        publication = StatePublication(transport, kept.board)
+        computing = Threads(self._twin.at_once, self._inbox.wake)
+        with (
+            OfferedRigs(transport).watching() as offered,
+            transport.answer_states(publication),
+            closing(computing),
+        ):
+            self._run(transport, publication, offered, computing)
+
+    def _run(
+        self, transport: Transport, publication: StatePublication, offered: OfferedRigs, computing: Threads
+    ) -> None:
+        kept = self._kept
         store, board, life = kept.store, kept.board, kept.life
-        publication = StatePublication(transport, board)
-        with OfferedRigs(transport).watching() as offered, transport.answer_states(publication):
-            waiting = WaitingWindows(store, life, board, publication)
-            pipeline = Pipeline(
-                lambda asset: self._rigs.of(asset, offered),
-                self._twin,
-                ServiceSink(store, board, publication, life, signals=self._signals, alarms=kept.alarms),
-                assembly=replace(assembly_settings(self._settings), clocked=True),
-                before_window=self._end_if_stopping,
-                host_clock=time.time_ns,
-                waiting=waiting,
-                twin_of=AssetTwins(self._twin, kept.baselines).of,
-            )
-            restore(pipeline, store, self._twin)
-            watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
-            intake = Intake(pipeline, lambda asset: self._show_quality(pipeline, asset), heard=watch.heard)
-            streams = Streams(life, intake, self._is_retired)
-            decisions = DecisionWorker(kept.decisions, pipeline, store, board, publication, self._stopping, kept.alarms)
-            changes = ChangeWorker(
-                kept.changes, pipeline, store, life, board, publication,
-                streams=streams, intake=intake, signals=kept.signals, alarms=kept.alarms,
-                baselines=kept.baselines, ending=self._stopping,
+        spool = Spool(life, store)
+
+        def close(closed: ClosedWindow) -> None:
+            spool.add(closed, reception, lanes)
+
+        def noticed(asset: str, repeats: Repeats) -> None:
+            lanes.look_for_repeats(asset, repeats)
+
+        reception = Reception(
+            lambda asset: self._rigs.of(asset, offered),
+            close,
+            noticed=noticed,
+            assembly=replace(assembly_settings(self._settings), clocked=True),
+            host_clock=time.time_ns,
+        )
+        lanes = Lanes(
+            reception,
+            ServiceSink(store, board, publication, life, signals=self._signals, alarms=kept.alarms),
+            computing,
+            twin_of=AssetTwins(self._twin, kept.baselines).of,
+            new_state=self._twin.new_state,
+            waiting=WaitingWindows(store, life, board, publication),
+        )
+        restore(lanes, store, self._twin, spool)
+        watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
+        intake = Intake(reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard)
+        streams = Streams(life, intake, self._is_retired)
+        decisions = DecisionWorker(kept.decisions, reception, lanes, store, board, publication, kept.alarms)
+        changes = ChangeWorker(
+            kept.changes, reception, lanes, store, life, board, publication,
+            streams=streams, intake=intake, signals=kept.signals, alarms=kept.alarms, baselines=kept.baselines,
+        )  # fmt: skip
+        questions = RigQuestions(reception, lanes, store, life, rigs=self._rigs, streams=streams, offered=offered)
+        questions.start()
+
+        def between() -> None:
+            computing.collect()
+            questions()
+            decisions()
+            changes()
+            watch()
+            for asset in kept.alarms.changed_by_people() if kept.alarms else ():
+                publication.publish(asset)
+
+        with transport.subscribe(self._inbox):
+            self._reason = None
+            lanes.go()
+            pump(
+                self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
+                channel_wait=self._settings.channel_wait,
             )  # fmt: skip
-            questions = RigQuestions(pipeline, store, life, waiting, rigs=self._rigs, streams=streams, offered=offered)
-            questions.start()
-            with transport.subscribe(self._inbox):
-                self._reason = None
-                changes.resume()
-
-                def between() -> None:
-                    questions()
-                    decisions()
-                    changes()
-                    watch()
-                    for asset in kept.alarms.changed_by_people() if kept.alarms else ():
-                        publication.publish(asset)
-
-                pump(
-                    self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
-                    channel_wait=self._settings.channel_wait,
-                )  # fmt: skip
 
     def _is_retired(self, asset: str) -> bool:
         snapshot = self._kept.board.get(asset)
         return snapshot is not None and snapshot.retired is not None
 
-    def _end_if_stopping(self) -> None:
-        if self._stopping.is_set():
-            raise Ended
-
-    def _show_quality(self, pipeline: Pipeline, asset: str) -> None:
-        last_frame_ns = pipeline.freshness(asset).last_arrival_ns
-        self._kept.board.update(asset, quality=pipeline.quality(asset), last_frame_ns=last_frame_ns)
+    def _show_quality(self, reception: Reception, asset: str) -> None:
+        last_frame_ns = reception.freshness(asset).last_arrival_ns
+        self._kept.board.update(asset, quality=reception.quality(asset), last_frame_ns=last_frame_ns)
 
     def _count_fault(self) -> None:
         self._faults += 1
@@ -219,11 +248,13 @@ def staleness_limits(settings: Settings) -> StalenessLimits:
     return StalenessLimits(silent=settings.stale_after, fruitless=fruitless)
 
 
-def restore(pipeline: Pipeline, store: ResultStore, twin: Twin) -> None:
+def restore(lanes: Lanes, store: ResultStore, twin: Twin, spool: Spool | None = None) -> None:
     """Goes on where the store's assets ended; StoreError where a state cannot be read."""
     for asset in store.assets():
         stored = store.asset(asset)
+        entries = [] if spool is None else spool.waiting(asset)
         if stored.assembly is None or stored.quality is None:
+            lanes.leave(asset, entries)
             continue
         try:
             state = twin.new_state() if stored.state is None else twin.load_state(stored.state)
@@ -232,14 +263,12 @@ def restore(pipeline: Pipeline, store: ResultStore, twin: Twin) -> None:
                 f"the stored state of {asset} cannot be read ({type(error).__name__}: {error}): it was written by "
                 "another version of gear-twin; use that version, or another --data directory"
             ) from error
-        pipeline.restore(
-            asset,
-            Checkpoint(
-                index=store.next_index(asset) - 1,
-                state=state,
-                report=stored.report,
-                assembly=stored.assembly,
-                quality=stored.quality,
-                question=stored.question,
-            ),
+        checkpoint = Checkpoint(
+            index=store.next_index(asset) - 1,
+            state=state,
+            report=stored.report,
+            assembly=stored.assembly,
+            quality=stored.quality,
+            question=stored.question,
         )
+        lanes.restore(asset, checkpoint, entries)

@@ -40,7 +40,7 @@ class Inbox:
         self._items: deque[Arrival] = deque()
         self._bytes = 0
         self._changed = threading.Condition()
-        self._closed = False
+        self._closed = self._woken = False
         self._held = 0.0
         self.held_until = 0.0  # when a stream was last held up, on the monotonic clock [s]
         self.holding = 0  # streams that are being held up
@@ -77,14 +77,21 @@ class Inbox:
     def take(self, timeout: float) -> Arrival | None:
         """The next arrival, or None after the timeout [s]."""
         with self._changed:
-            if not self._items:
+            if not self._items and not self._woken:
                 self._changed.wait(timeout)
+            self._woken = False
             if not self._items:
                 return None
             item = self._items.popleft()
             self._bytes -= len(item.payload)
             self._changed.notify_all()
             return item
+
+    def wake(self) -> None:
+        """Lets `take` answer now, be it None: whoever takes has something else to do."""
+        with self._changed:
+            self._woken = True
+            self._changed.notify_all()
 
     def close(self) -> None:
         """Takes nothing more; whoever waits for room is let go."""

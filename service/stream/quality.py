@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from twin.windows import Fault, Window
@@ -40,6 +40,10 @@ class Quality:
             "missing_channels": sorted(label for label in expected if not counters.get(label, {}).get("frames")),
             "faults": [dict(fault) for fault in self.faults],
         }
+
+    def copy(self) -> Quality:
+        """Counts of their own, equal to these."""
+        return replace(self, windows=dict(self.windows), faults=list(self.faults))
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Quality:

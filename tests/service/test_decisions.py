@@ -25,11 +25,14 @@ from service.contract.estimate import Estimate
 from service.results.decision_queue import DecisionQueue
 from service.results.migrations import MIGRATIONS
 from service.results.sqlite_store import SqliteStore
-from service.runtime.pipeline import Checkpoint, Pipeline
+from service.runtime.computing import Ask, Call, carry_out
+from service.runtime.outcomes import Checkpoint
+from service.runtime.pipeline import Pipeline
 from service.runtime.replay import replay
 from service.runtime.twin_port import Twin
 from service.stream.quality import Quality
 from twin.rig import Rig
+from twin.tracing.decisions import Decision
 
 WINDOWS = 3
 UNSW = "/v1/assets/unsw"
@@ -282,8 +285,11 @@ def test_a_decision_leaves_since_when_the_state_holds_unless_it_changes_the_leve
         "last_frames": {},
         "counters": {},
     }
-    pipeline.restore(
+    pipeline.lanes.restore(
         "unsw", Checkpoint(index=4, state={}, report=before, assembly=assembly, quality=Quality().to_dict({}, ()))
     )
-    found = pipeline.decide("unsw", "misalignment", "reject").report["status"]["since"]
+    lane = pipeline.lanes.of("unsw")
+    ask = Ask("decide", Decision(name="misalignment", verb="reject"))
+    made = carry_out(Call(asset="unsw", twin=twin, rig=lane.rig, state=lane.state, ask=ask))
+    found = lane.decided(made, pipeline.freshness("unsw").last_window_ns).report["status"]["since"]
     assert found == since if kept else found == {"time": "1970-01-01T00:01:00.000000000Z", "revolutions": None}

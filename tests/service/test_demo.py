@@ -16,7 +16,7 @@ from service_streams import HERE, ROOT, free_port, service, write_recording
 
 from service.errors import InputError
 from service.runtime.demo import run
-from service.runtime.pipeline import assembly_settings
+from service.runtime.reception import assembly_settings
 from service.settings import Settings
 from service.stream.sources.mcap import read_windows
 

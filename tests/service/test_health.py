@@ -24,7 +24,7 @@ from service.report import rendered
 from service.report import report_of as made_report
 from service.results.asset_life import AssetLife
 from service.results.board import Board
-from service.runtime.pipeline import WindowOutcome
+from service.runtime.outcomes import WindowOutcome
 from service.runtime.service_sink import ServiceSink
 from service.runtime.state_publication import StatePublication
 from tests.unit.test_status import HEALTHY, effect, life, wear

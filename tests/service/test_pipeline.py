@@ -16,7 +16,8 @@ from service.contract.base import iso_time, not_available
 from service.contract.window import REQUIRED as RECORD_FIELDS
 from service.contract.window import refused_record
 from service.errors import FrameError
-from service.runtime.pipeline import Checkpoint, Pipeline
+from service.runtime.outcomes import Checkpoint
+from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import Twin
 from twin.errors import NotConverged, WindowError
 from twin.rig import Rig
@@ -143,7 +144,7 @@ def test_a_run_goes_on_from_its_checkpoint_as_if_never_stopped():
     last = first[-1]
     outcomes = list(first)
     second = Pipeline(lambda asset: Rig.from_mapping({}), counting(Count()), Sink(outcomes))
-    second.restore(
+    second.lanes.restore(
         ASSET,
         Checkpoint(
             index=last.index, state=last.state, report=last.report, assembly=last.assembly, quality=last.quality

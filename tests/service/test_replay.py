@@ -13,7 +13,8 @@ from service_streams import Sink, free_port
 from streams import ASSET, bursts, content
 
 from service.errors import DeliveryError, InputError
-from service.runtime.pipeline import Checkpoint, Pipeline
+from service.runtime.outcomes import Checkpoint
+from service.runtime.pipeline import Pipeline
 from service.runtime.pump import pump
 from service.runtime.record import record
 from service.runtime.replay import paced, replay, shuffled, twice
@@ -116,7 +117,7 @@ def test_a_receiver_that_goes_away_and_comes_back_misses_nothing(recording, endp
         until(lambda: len(outcomes) >= 3)
     last = outcomes[-1]
     pipeline = make_pipeline(outcomes)
-    pipeline.restore(
+    pipeline.lanes.restore(
         ASSET,
         Checkpoint(
             index=last.index, state=last.state, report=last.report, assembly=last.assembly, quality=last.quality

@@ -16,7 +16,7 @@ import pytest
 from service.errors import NotKept, StoreError
 from service.results.signal_store import SignalStore
 from service.results.signal_thinning import FIRST, NEWEST, REFUSED, KeptWindow, given_up
-from service.runtime.pipeline import WindowOutcome
+from service.runtime.outcomes import WindowOutcome
 from service.runtime.signal_writer import SignalWriter
 from twin.windows import Edges, Fault, Samples, SlowValue, Window
 

@@ -83,7 +83,7 @@ def test_states_of_version_1_are_restored_and_the_next_windows_follow(old):
         return Rig.from_mapping(old.asset(asset).rig or {})
 
     pipeline = Pipeline(rig_of, twin, Sink(outcomes))
-    restore(pipeline, old, twin)
+    restore(pipeline.lanes, old, twin)
     assert pipeline.assets == list(ASSETS)
     with Recording(SHORT) as recording:
         for frame in recording.frames(lambda channel, error: None):
@@ -105,7 +105,7 @@ def test_state_that_cannot_be_read_is_one_sentence_with_the_asset(path, harm):
     with SqliteStore(path) as store:
         pipeline = Pipeline(lambda asset: Rig.from_mapping({}), twin, Sink([]))
         with pytest.raises(StoreError, match=r"stored state of bench cannot be read .*another --data directory"):
-            restore(pipeline, store, twin)
+            restore(pipeline.lanes, store, twin)
 
 
 # -- rig files -----------------------------------------------------------------------------------------

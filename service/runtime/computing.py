@@ -1,0 +1,162 @@
+"""What is asked of an asset's twin, and what it led to: data that can be handed to a thread or another process.
+
+    made = carry_out(call)
+
+A window that cannot be used, and a decision that cannot be followed, are results like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from service.files.rig import window_of_rig
+from service.results.window_file import read_window
+from service.runtime.outcomes import Raw
+from service.runtime.twin_port import Answer, Twin
+from twin.errors import TwinError
+from twin.fallen_count import CountFellError
+from twin.rig import Rig
+from twin.windows import Fault, Window
+
+UNREADABLE = "stored_window"  # kind of the fault of a window whose file cannot be read
+
+
+class Ask(NamedTuple):
+    """What is asked: `window`, `decide`, `inspect`, `change`, `ignore` or `forget`, and about what."""
+
+    verb: str
+    about: Any = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WindowToUse:
+    """A window for the twin, in memory or in the file in which it was kept.
+
+    refuse  why it is not to be used; None where it is
+    """
+
+    start_ns: int
+    window: Window | None = None
+    file: Path | None = None
+    refuse: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Call:
+    """One thing asked of one asset's twin."""
+
+    asset: str
+    twin: Twin
+    rig: Rig
+    state: Any
+    ask: Ask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fell:
+    """A revolution count that has fallen: CountFellError as data."""
+
+    reason: str
+    seen: float
+    fallen: float
+    ignored: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Made:
+    """What was made of a call.
+
+    state    the twin's afterwards; None where it has not changed
+    answer   what the twin says; None where it was not asked, or refused
+    refused  why a window was not used, or anything else not carried out
+    window   the window as it was used; without its signals where it was read from a file
+    raw      what that file holds of the window's signals
+    """
+
+    state: Any = None
+    answer: Answer | None = None
+    refused: str | None = None
+    fell: Fell | None = None
+    window: Window | None = None
+    raw: Raw = "same"
+
+
+class Computing(Protocol):
+    """Where calls are carried out."""
+
+    def start(self, call: Call, done: Callable[[Made], None]) -> None:
+        """Carries a call out, and calls `done` with what was made: at once, or later in the thread that collects."""
+        ...
+
+
+class Inline:
+    """Calls are carried out at once, by the thread that makes them."""
+
+    def start(self, call: Call, done: Callable[[Made], None]) -> None:
+        done(carry_out(call))
+
+
+def carry_out(call: Call) -> Made:
+    """What is made of a call."""
+    return _VERBS[call.ask.verb](call)
+
+
+def _window(call: Call) -> Made:
+    given: WindowToUse = call.ask.about
+    raw = given.window
+    if raw is None:
+        assert given.file is not None
+        try:
+            raw = read_window(given.file)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            return _unreadable(given, error)
+    window = window_of_rig(call.rig, raw)
+    kept = window if given.file is None else replace(window, accelerations={}, torques={}, encoders={})
+    signals = window.accelerations or window.torques or window.encoders
+    made = Made(window=kept, raw="nothing" if not signals else "same" if window is raw else "other faults")
+    if given.refuse is not None:
+        return replace(made, refused=given.refuse)
+    if window.quality == "refused":
+        return replace(made, refused="; ".join(f.detail for f in window.faults if f.action == "refused"))
+    try:
+        state, answer = call.twin.process(call.rig, call.state, window)
+    except CountFellError as error:
+        fell = Fell(reason=str(error), seen=error.seen, fallen=error.fallen, ignored=error.ignored)
+        return replace(made, state=error.state, fell=fell)
+    except TwinError as error:
+        return replace(made, refused=str(error))
+    return replace(made, state=state, answer=answer)
+
+
+def _unreadable(given: WindowToUse, error: Exception) -> Made:
+    """A window whose file is damaged or gone is refused, and counted as such."""
+    reason = f"the file in which this window was kept cannot be read: {type(error).__name__}: {error}"
+    fault = Fault(kind=UNREADABLE, channel="all", count=1, action="refused", detail=reason)
+    window = Window(start_time_ns=given.start_ns, faults=(fault,), quality="refused")
+    return Made(window=window, refused=reason, raw="nothing")
+
+
+def _asked(method: str) -> Callable[[Call], Made]:
+    """A verb whose answer changes the twin's state and report."""
+
+    def ask(call: Call) -> Made:
+        try:
+            state, answer = getattr(call.twin, method)(call.rig, call.state, call.ask.about)
+        except TwinError as error:
+            return Made(refused=str(error))
+        return Made(state=state, answer=answer)
+
+    return ask
+
+
+_VERBS: Mapping[str, Callable[[Call], Made]] = {
+    "window": _window,
+    "decide": _asked("apply"),
+    "inspect": _asked("inspected"),
+    "change": _asked("follow"),
+    "ignore": lambda call: Made(state=call.twin.ignore(call.state)),
+    "forget": lambda call: Made(state=call.twin.forget(call.state)),
+}

@@ -1,0 +1,298 @@
+"""Closed windows → the twin → committed and published outcomes: an asset at a time in order, assets side by side.
+
+    lanes.put(asset, entry)     a window that has closed
+    lanes.do(asset, job)        a decision, an inspection or a change: between two windows of its asset
+
+Each asset has a lane. What is asked of its twin is carried out elsewhere (`Computing`), one call of an asset at a time;
+what it led to is committed and published by the thread that drives the lanes. An asset advances to the state after a
+window only once that window has been committed.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from service.errors import InputError, StorageUnavailable, StoreError
+from service.runtime.computing import Ask, Call, Computing, Made, WindowToUse
+from service.runtime.lane import Entry, Job, Lane
+from service.runtime.outcomes import Checkpoint, HeldWindow, ResultSink, WaitingPlace
+from service.runtime.questions import COUNT_FELL, REPEATED, count_fell, frames_repeat
+from service.runtime.reception import Reception
+from service.runtime.twin_port import Twin
+from service.runtime.window_outcomes import outcome_of
+from service.stream.repeats import Repeats
+from twin.errors import TwinError
+from twin.rig import Rig
+
+log = logging.getLogger(__name__)
+
+ONE_DISTURBED = (
+    "the revolution count of this window alone lies far below that of the windows before and after it: it is taken for "
+    "a disturbance of the counter"
+)
+
+
+class Lanes:
+    """The lanes of all assets. Driven by one thread.
+
+    waiting  where it is kept that windows wait for an answer by people; None where nobody answers: they are refused
+    """
+
+    def __init__(
+        self,
+        reception: Reception,
+        sink: ResultSink,
+        computing: Computing,
+        *,
+        twin_of: Callable[[str, Rig], Twin],
+        new_state: Callable[[], Any],
+        waiting: WaitingPlace | None = None,
+    ) -> None:
+        self._reception, self._sink, self._computing, self._waiting = reception, sink, computing, waiting
+        self._twin_of, self._new_state = twin_of, new_state
+        self._lanes: dict[str, Lane] = {}
+        self._unsettled: list[tuple[Lane, Callable[[], None]]] = []
+
+    # -- work ----------------------------------------------------------------------------------------
+
+    def put(self, asset: str, entry: Entry, assembly: Mapping[str, Any]) -> None:
+        """A window that has closed, and where the stream's windows end with it; processed after those before it."""
+        lane = self.of(asset)
+        lane.assembly = assembly
+        lane.entries.append(entry)
+        self._turn(lane)
+
+    def do(self, asset: str, job: Job) -> None:
+        """Something to be done before the asset's next window."""
+        lane = self.of(asset)
+        lane.jobs.append(job)
+        self._turn(lane)
+
+    def go(self) -> None:
+        """Goes on with what waits, of all assets."""
+        for lane in list(self._lanes.values()):
+            self._turn(lane)
+
+    def retry(self) -> None:
+        """Tries again to commit what the storage could not keep before."""
+        unsettled, self._unsettled = self._unsettled, []
+        for lane, action in unsettled:
+            self._settle(lane, action)
+
+    def backlog(self, asset: str) -> int:
+        """How many windows of an asset wait to be processed, or for an answer."""
+        return len(self._lanes[asset].entries) if asset in self._lanes else 0
+
+    def find(self, asset: str) -> Lane | None:
+        """An asset's lane, where it has one."""
+        return self._lanes.get(asset)
+
+    def of(self, asset: str) -> Lane:
+        """An asset's lane."""
+        if asset not in self._lanes:
+            rig = self._reception.rig(asset)
+            self._lanes[asset] = Lane(
+                asset=asset, rig=rig, twin=self._twin_of(asset, rig), state=self._new_state()
+            )  # fmt: skip
+        return self._lanes[asset]
+
+    def restore(self, asset: str, checkpoint: Checkpoint, entries: Sequence[Entry] = ()) -> None:
+        """Goes on where an earlier run ended, with the windows of an asset that it has left; `go` begins with them."""
+        self._reception.resume(asset, checkpoint.assembly, checkpoint.quality)
+        lane = self.of(asset)
+        lane.assembly = checkpoint.assembly
+        lane.entries.extend(entries)
+        if checkpoint.question is not None:
+            lane.held = min(checkpoint.question["waiting"], len(lane.entries))
+        lane.state, lane.report = checkpoint.state, checkpoint.report
+        lane.index, lane.question = checkpoint.index + 1, checkpoint.question
+
+    def leave(self, asset: str, entries: Sequence[Entry]) -> None:
+        """Windows that an earlier run has left of an asset of which nothing else is known; `go` begins with them."""
+        if entries:
+            self.of(asset).entries.extend(entries)
+
+    # -- turns ---------------------------------------------------------------------------------------
+
+    def _turn(self, lane: Lane) -> None:
+        """Starts what comes next, unless something of the asset is under way."""
+        if lane.turning:
+            return
+        lane.turning = True
+        try:
+            while not lane.busy and (start := self._next(lane)) is not None:
+                start()
+        finally:
+            lane.turning = False
+
+    def _next(self, lane: Lane) -> Callable[[], None] | None:
+        if lane.jobs:
+            return partial(self._start_job, lane, lane.jobs.popleft())
+        entry = lane.next_entry()
+        if entry is None:
+            return None
+        if lane.all_wait and self._waiting is not None:
+            assert lane.question is not None
+            return partial(self._settle, lane, partial(self._hold, lane, lane.question, None))
+        return partial(self._start_window, lane, entry)
+
+    def _ask(self, lane: Lane, ask: Ask, done: Callable[[Made], None]) -> None:
+        lane.busy = True
+        self._computing.start(Call(asset=lane.asset, twin=lane.twin, rig=lane.rig, state=lane.state, ask=ask), done)
+
+    def _settle(self, lane: Lane, action: Callable[[], None]) -> None:
+        """Does what commits something, and goes on; where the storage cannot be used, the asset waits for it."""
+        lane.busy = True
+        try:
+            action()
+        except StorageUnavailable as error:
+            log.warning("%s: %s", lane.asset, error)
+            self._unsettled.append((lane, action))
+            return
+        lane.busy = False
+        self._turn(lane)
+
+    # -- jobs ----------------------------------------------------------------------------------------
+
+    def _start_job(self, lane: Lane, job: Job) -> None:
+        try:
+            ask = job.ask(lane)
+        except StoreError:
+            raise
+        except (TwinError, InputError) as reason:
+            self._settle(lane, partial(job.refuse, str(reason)))
+            return
+        if ask is None:
+            self._end_job(lane, job, Made())
+        else:
+            self._ask(lane, ask, partial(self._end_job, lane, job))
+
+    def _end_job(self, lane: Lane, job: Job, made: Made) -> None:
+        def end() -> None:
+            if made.refused is not None:
+                job.refuse(made.refused)
+                return
+            try:
+                job.then(lane, made)
+            except StoreError:
+                raise
+            except (TwinError, InputError) as reason:
+                job.refuse(str(reason))
+
+        self._settle(lane, end)
+
+    # -- windows -------------------------------------------------------------------------------------
+
+    def _start_window(self, lane: Lane, entry: Entry) -> None:
+        given = WindowToUse(start_ns=entry.start_ns, window=entry.window, file=entry.file, refuse=entry.refuse)
+        self._ask(lane, Ask("window", given), partial(self._end_window, lane, entry))
+
+    def _end_window(self, lane: Lane, entry: Entry, made: Made) -> None:
+        """One window to the sink, or to where it waits for an answer by people."""
+        fell = made.fell
+        if fell is None:
+            self._settle(lane, partial(self._commit, lane, entry, made))
+        elif self._waiting is not None and not fell.ignored:
+            question = lane.question or count_fell(lane.asset, fell.seen, fell.fallen, entry.start_ns)
+            self._settle(lane, partial(self._hold, lane, question, made.state))
+        else:
+            refused = Made(state=made.state, refused=fell.reason, window=made.window, raw=made.raw)
+            self._settle(lane, partial(self._commit, lane, entry, refused))
+
+    def _commit(self, lane: Lane, entry: Entry, made: Made) -> None:
+        counts = self._reception.counts(lane.asset).copy()
+        section = partial(self._reception.quality, lane.asset)
+        ends = _is_one_disturbed(lane, entry, made)
+        outcome = outcome_of(lane, entry, made, counts, section, None if ends else lane.question)
+        committed = self._sink.commit(outcome)
+        lane.remove(entry)
+        if not committed:
+            return
+        lane.state, lane.report, lane.question = outcome.state, outcome.report, outcome.question
+        lane.index += 1
+        self._reception.keep_counts(lane.asset, counts)
+        if ends:
+            lane.release(refuse=ONE_DISTURBED)
+        self._sink.publish(outcome)
+
+    # -- questions -----------------------------------------------------------------------------------
+
+    def _hold(self, lane: Lane, question: Mapping[str, Any], state: Any) -> None:
+        """The next window waits for an answer."""
+        assert self._waiting is not None
+        held = HeldWindow(
+            asset=lane.asset,
+            state=state,
+            question=question,
+            waiting=lane.held + 1,
+            events=(("question", dict(question)),) if lane.question is None else (),
+        )
+        lane.question = self._waiting.hold(held)
+        lane.state = lane.state if state is None else state
+        lane.held += 1
+
+    def question(self, asset: str) -> Mapping[str, Any] | None:
+        """The question about an asset that is open."""
+        return self._lanes[asset].question if asset in self._lanes else None
+
+    def ask(self, asset: str, question: Mapping[str, Any] | None) -> None:
+        """Opens a question, or ends it; that is committed, and shown."""
+        assert self._waiting is not None
+        self.of(asset).question = self._waiting.ask(asset, question)
+
+    def look_for_repeats(self, asset: str, repeats: Repeats) -> None:
+        """Asks where nothing but frames of passed times is received, and ends that question where others come."""
+        question = self.question(asset)
+        if self._waiting is None or (question is not None and question["kind"] != REPEATED):
+            return
+        frames = repeats.suspicious()
+        if frames and question is None:
+            ended_ns = self._reception.ended_ns(asset)
+            self.ask(asset, frames_repeat(asset, frames, bool(repeats.other), ended_ns))
+        elif question is not None and not repeats.run:
+            self.ask(asset, None)
+
+    # -- life ----------------------------------------------------------------------------------------
+
+    def rename(self, asset: str, name: str) -> None:
+        """Goes on under another name, once that has been committed."""
+        if asset in self._lanes:
+            lane = self._lanes[name] = self._lanes.pop(asset)
+            lane.asset = name
+
+    def give(self, asset: str, name: str, *, fresh: bool) -> None:
+        """The windows of an asset that wait are a new asset's, which goes on with its stream.
+
+        fresh  whether the new asset has not used any of the stream so far
+        """
+        old, new = self.of(asset), self.of(name)
+        old.release()
+        new.entries.extend(old.entries)
+        old.entries.clear()
+        if not fresh:
+            new.assembly = old.assembly
+        self._turn(new)
+
+    def reopen(self, asset: str) -> None:
+        """Goes on with the rig file and the options that the asset has now."""
+        if asset in self._lanes:
+            lane = self._lanes[asset]
+            lane.rig = self._reception.rig(asset)
+            lane.twin = self._twin_of(asset, lane.rig)
+
+
+def _is_one_disturbed(lane: Lane, entry: Entry, made: Made) -> bool:
+    """Whether a window shows that the one before it, which waits for an answer, was a disturbance of the counter."""
+    question = lane.question
+    return (
+        question is not None
+        and question["kind"] == COUNT_FELL
+        and question["waiting"] == 1
+        and not entry.again
+        and made.refused is None
+        and made.answer is not None
+        and made.answer.record.get("revolutions") is not None
+    )
