@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 WORKERS ?= 2
 ARGS ?=
 
-.PHONY: help install install-dev install-formats install-plant demo serve test test-slow test-all bench figures evaluate check format site lint-docker lock clean
+.PHONY: help install install-dev install-formats install-plant demo serve test test-slow test-all chaos bench figures evaluate check format site lint-docker lock clean
 
 help:
 	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
@@ -17,6 +17,7 @@ help:
 	@echo 'make install-formats   readers of TDMS, UFF-58, MDF4, HDF5, MAT 7.3 and Parquet files for gear-twin import'
 	@echo 'make install-plant     PostgreSQL, MQTT, OPC UA and OpenTelemetry for the service'
 	@echo 'make test         the test suite; test-slow: the longer proofs; test-all: both'
+	@echo 'make chaos        faults and attacks drawn from seeds (ARGS="--count N --seed S": how many, which)'
 	@echo 'make bench        all benchmarks, with their aims'
 	@echo 'make evaluate     campaigns with undeclared effects: named, and errors before and after (ARGS=--help: options)'
 	@echo 'make figures      writes the tables of figures in README and docs anew (ARGS=PART: one of them)'
@@ -70,6 +71,11 @@ test-slow: install-dev
 
 test-all: install-dev
 	$(BIN)/python -m pytest -n $(WORKERS) -m 'slow or not slow' $(ARGS)
+
+chaos: install-dev
+	$(BIN)/python -m tests.chaos frames $(ARGS)
+	$(BIN)/python -m tests.chaos recordings --processes $(WORKERS) $(ARGS)
+	$(BIN)/python -m tests.chaos rigs --processes $(WORKERS) $(ARGS)
 
 bench: install-dev
 	$(BIN)/python -m benchmarks $(ARGS)

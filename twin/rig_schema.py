@@ -7,6 +7,7 @@ is refused with the nearest one that is.
 from __future__ import annotations
 
 import difflib
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -42,8 +43,7 @@ class _Number:
     def read(self, name: str, value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise ParameterError(f"{name} = {value!r} must be a number [{self.unit}]")
-        if self.integer and value != int(value):
-            raise ParameterError(f"{name} = {value} must be a whole number")
+        _demand_float(name, value)
         inside = (self.low <= value if self.closed else self.low < value) and value <= self.high
         if not inside:  # NaN fails too
             bracket = "[" if self.closed else "("
@@ -52,7 +52,15 @@ class _Number:
             raise ParameterError(
                 f"{name} = {value:g}{unit} is outside {bracket}{self.low:g}, {self.high:g}]{unit}{hint}"
             )
+        if self.integer and value != int(value):
+            raise ParameterError(f"{name} = {value} must be a whole number")
         return value
+
+
+def _demand_float(name: str, value: Any) -> None:
+    """ParameterError for a whole number that no float can hold."""
+    if isinstance(value, int) and value.bit_length() > sys.float_info.max_exp:
+        raise ParameterError(f"{name} is a whole number of more than 300 digits: no machine has such a figure")
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +87,7 @@ class _Numbers:
             raise ParameterError(f"{name} must be a list of numbers")
         out: list[Any] = []
         for i, item in enumerate(value):
+            _demand_float(f"{name}[{i}]", item)
             if isinstance(item, (list, tuple)):
                 out.append(self.read(f"{name}[{i}]", item))
             elif isinstance(item, bool) or not isinstance(item, (int, float)) or not self.low <= item <= self.high:

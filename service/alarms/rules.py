@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from service.alarms.quantities import QUANTITIES, Basis
 from service.errors import InputError
+from service.files.documents import load_document
 from twin.learned_limits import DEFAULT as LEARNED
 
 NAME = r"^[A-Za-z0-9_.\-]{1,64}$"
@@ -133,12 +133,7 @@ DEFAULT_RULES: tuple[Rule, ...] = (
 
 def load_rules(path: Path) -> tuple[Rule, ...]:
     """The rules of a TOML file; InputError says what in it is wrong."""
-    try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: alarm rules must be TOML with [[rule]] tables: {error}") from None
+    given = load_document(path, "file of alarm rules, with [[rule]] tables,")
     try:
         return RuleFile.model_validate(given).rule
     except ValidationError as error:

@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
+import sys
 import tomllib
 from collections.abc import Mapping
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from service.errors import InputError
 from service.stream.wire.topics import NAME
 
+MOST = sys.float_info.max
 Keys = Mapping[str, tuple[str, ...]]  # known keys by the path of their table: "" and "file." and the like
+
+
+LARGEST = 2**20  # of a document that people write [bytes]
 
 
 def load_document(path: str | Path, what: str) -> dict[str, Any]:
     """A TOML file, called `what` in messages."""
     try:
-        return tomllib.loads(Path(path).read_bytes().decode("utf-8"))
+        with Path(path).open("rb") as file:
+            text = file.read(LARGEST + 1)
     except OSError as error:
         raise InputError(f"{path}: {what} cannot be read: {(error.strerror or 'fault').lower()}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: {what} is not TOML: {error}") from None
+    return parsed_document(text, f"{path}: {what}")
+
+
+def parsed_document(text: bytes, what: str) -> dict[str, Any]:
+    """The mapping of a TOML document, called `what` in messages."""
+    if len(text) > LARGEST:
+        raise InputError(f"{what} is larger than {LARGEST // 2**20} MiB: is it another file?")
+    try:
+        return tomllib.loads(text.decode("utf-8"))
+    except RecursionError:
+        raise InputError(f"{what} is not TOML that can be used: its tables and lists are nested too deeply") from None
+    except ValueError as error:  # TOMLDecodeError, UnicodeDecodeError, and a number of thousands of digits
+        raise InputError(f"{what} is not TOML: {error}") from None
 
 
 PURPOSES = {
@@ -67,7 +83,7 @@ def table_of(where: str, data: Mapping[str, Any], key: str) -> dict[str, Any]:
 def number_of(where: str, key: str, value: Any, limits: tuple[float, float], unit: str, hint: str = "") -> float:
     """A finite number within limits, both of them allowed."""
     low, high = limits
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not -MOST <= value <= MOST:
         raise InputError(f"{where}: {key} = {value!r} must be a number{f' [{unit}]' if unit else ''}")
     if not low <= value <= high:
         cause = f"; {hint}" if hint and hint != "?" else ""

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import logging
 import threading
-import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from service.errors import InputError
+from service.files.documents import parsed_document
 from service.files.rig import checked_rig
 from service.results.board import Board
 from service.results.store import ResultStore, StoredAsset
@@ -147,10 +147,8 @@ class OfferedRigs:
 
     def _received(self, asset: str, text: bytes) -> None:
         try:
-            mapping = tomllib.loads(text.decode("utf-8"))
+            mapping = parsed_document(text, f"the rig file offered for {asset}")
             checked_rig(mapping, f"rig of {asset}")
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            log.error("the rig file offered for %s is not TOML: %s", asset, error)
         except InputError as error:
             log.error("the rig file offered for %s cannot be used: %s", asset, error)
         else:

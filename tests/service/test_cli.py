@@ -259,7 +259,12 @@ def test_a_recording_without_a_rig_asks_for_one(capsys, tmp_path):
         ("[gears]\nmodul = 0.002\n", "gears.modul is not a key of a rig file; did you mean gears.module?"),
         ("[gears]\nmodule = 2\n", "a module in mm?"),
         ("[gears\n", "not TOML"),
+        (f"module = {'9' * 5000}\n", "not TOML"),
+        (f"[gears]\nmodule = {'9' * 400}\n", "gears.module is a whole number of more than 300 digits"),
+        (f"module = {'[' * 100_000}\n", "nested too deeply"),
+        (f"# {'x' * 2**20}\n", "larger than 1 MiB"),
     ],
+    ids=["unknown key", "millimetres", "not closed", "thousands of digits", "hundreds of digits", "nested", "large"],
 )
 def test_a_rig_file_with_a_typo_is_named_with_the_likely_cause(capsys, recording, tmp_path, text, named):
     rig = tmp_path / "rig.toml"

@@ -112,6 +112,12 @@ NUMBERS = [
 ]
 
 
+@pytest.mark.parametrize("path", ["gears.module", "gears.pinion.teeth"])
+@pytest.mark.parametrize("value", [10**400, -(10**400), math.inf, -math.inf, math.nan])
+def test_a_number_that_no_machine_has_is_refused(path, value):
+    assert message_of(rig_with(path, value)).startswith(path)
+
+
 @pytest.mark.parametrize(("path", "value", "message"), NUMBERS, ids=[n[0] for n in NUMBERS])
 def test_value_out_of_range_is_named_with_unit_range_and_likely_cause(path, value, message):
     assert message_of(rig_with(path, value)) == message

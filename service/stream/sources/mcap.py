@@ -10,7 +10,6 @@ can be long (one channel after the other, say) is put in order of log time first
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from heapq import heappop, heappush
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any, NamedTuple
 from mcap.records import McapRecord, Message
 
 from service.errors import FrameError, InputError
+from service.files.documents import parsed_document
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import LENGTH_LIMITS, NS, Frame
@@ -97,10 +97,7 @@ class Recording:
         """The attached rig file as a mapping; InputError where it is not TOML."""
         if self.rig_text is None:
             return None
-        try:
-            return tomllib.loads(self.rig_text.decode("utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{self.path}: attachment {RIG_ATTACHMENT} is not TOML: {error}") from None
+        return parsed_document(self.rig_text, f"{self.path}: attachment {RIG_ATTACHMENT}")
 
     def messages(self) -> Iterator[RawFrame]:
         """Whole messages of the measurement channels; damaged chunks are left out and noted in `faults`."""

@@ -1,0 +1,53 @@
+"""Faults and attacks by kind, each drawn from a seed.
+
+    python -m tests.chaos frames      malformed frames into a whole service
+    python -m tests.chaos recordings  damaged recordings
+    python -m tests.chaos rigs        damaged rig files
+
+Prints what became of them as JSON, and ends with 1 where something must not have happened.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "service"))  # the fakes of the service's tests
+
+from tests.chaos.files import attack
+from tests.chaos.frames import Attack
+
+COUNTS = {"frames": 1_000_000, "recordings": 10_000, "rigs": 10_000}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.chaos", description="Faults and attacks.")
+    parser.add_argument("kind", choices=COUNTS)
+    parser.add_argument(
+        "--count", type=int, help="how many; default: " + ", ".join(f"{k} {n}" for k, n in COUNTS.items())
+    )
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--processes", type=int, default=1)
+    chosen = parser.parse_args()
+    count = chosen.count or COUNTS[chosen.kind]
+    with tempfile.TemporaryDirectory() as folder:
+        if chosen.kind == "frames":
+            outcome = Attack(chosen.seed, Path(folder)).run(count, _say)
+            held = outcome.sound and outcome.failure is None
+        else:
+            outcome = attack(chosen.kind, count, chosen.seed, Path(folder), _say, chosen.processes)
+            held = not outcome.faults
+    print(json.dumps(asdict(outcome), indent=1))
+    return 0 if held else 1
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

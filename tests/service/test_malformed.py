@@ -1,0 +1,25 @@
+"""Malformed frames, recordings and rig files, drawn from a seed: a part of what `make chaos` draws."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.chaos.files import attack
+from tests.chaos.frames import Attack
+
+SEED = 20_261_122
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "count"), [("recordings", 600), ("rigs", 2000)])
+def test_damaged_files_are_read_as_far_as_they_go_or_refused_by_one_line(kind, count, tmp_path):
+    tally = attack(kind, count, SEED, tmp_path, lambda line: None)
+    assert tally.faults == []
+    assert tally.files == count and tally.used > 0 and tally.refused > 0
+
+
+@pytest.mark.slow
+def test_malformed_frames_neither_stop_the_service_nor_reach_a_sound_machine(tmp_path):
+    outcome = Attack(SEED, tmp_path).run(20_000)
+    assert outcome.failure is None
+    assert outcome.sound
