@@ -31,7 +31,7 @@ from service.api import create_app
 from service.contract.base import iso_time
 from service.results.board import Board
 from service.results.signal_store import SignalStore
-from service.results.sqlite_store import SqliteStore
+from service.results.sql_store import SqlStore
 from twin.windows import Samples, Window
 
 CHROMIUM = os.environ.get("GEAR_TWIN_CHROMIUM", "/usr/bin/chromium")
@@ -82,7 +82,7 @@ def report_of(index: int, count: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def add(store: SqliteStore, asset: str, index: int, count: int) -> tuple[Any, dict[str, Any]]:
+def add(store: SqlStore, asset: str, index: int, count: int) -> tuple[Any, dict[str, Any]]:
     record, report = record_of(index, count), report_of(index, count)
     window = store.commit(
         asset, record["start_time_ns"], record=record, state={}, report=report, assembly={}, quality={},
@@ -91,7 +91,7 @@ def add(store: SqliteStore, asset: str, index: int, count: int) -> tuple[Any, di
     return window, report
 
 
-def fill(store: SqliteStore, assets: int, windows: int) -> None:
+def fill(store: SqlStore, assets: int, windows: int) -> None:
     """The histories of all machines."""
     for number in range(assets):
         name = f"gearbox-{number:02d}"
@@ -112,7 +112,7 @@ def keep_signals(kept: SignalStore, asset: str, windows: int) -> None:
 
 
 @contextmanager
-def serving(board: Board, store: SqliteStore, signals: SignalStore) -> Iterator[str]:
+def serving(board: Board, store: SqlStore, signals: SignalStore) -> Iterator[str]:
     """The service's HTTP side; yields its address."""
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
@@ -151,7 +151,7 @@ def on_the_wire(page: Any) -> float:
     return float(page.evaluate(sizes)) / 1e6
 
 
-def measure(address: str, board: Board, store: SqliteStore, windows: int) -> list[Figure]:
+def measure(address: str, board: Board, store: SqlStore, windows: int) -> list[Figure]:
     from playwright.sync_api import sync_playwright
 
     figures = []
@@ -203,7 +203,7 @@ def main() -> None:
     parser.add_argument("--assets", type=int, default=20)
     parser.add_argument("--windows", type=int, default=10_000)
     chosen = parser.parse_args()
-    with TemporaryDirectory() as folder, SqliteStore(Path(folder) / "page.sqlite") as store:
+    with TemporaryDirectory() as folder, SqlStore(Path(folder) / "page.sqlite") as store:
         fill(store, chosen.assets, chosen.windows)
         kept = SignalStore(Path(folder) / "signals", 2**30)
         keep_signals(kept, "gearbox-00", chosen.windows)

@@ -11,7 +11,7 @@ import os
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from service.configuration.sources import CONFIG, Environment, FileSource
@@ -120,6 +120,11 @@ class Results(Table):
     TABLE: ClassVar[str] = "results"
 
     data: Path = Field(default=Path(".gear-twin"), description="directory of the database and of the raw signals")
+    database: SecretStr | None = Field(
+        default=None,
+        description="URL of a PostgreSQL database for the results; otherwise SQLite in the data directory is used",
+        examples=["postgresql://twin@127.0.0.1/gear_twin"],
+    )
     signal_bytes: int = Field(
         default=256 * 2**20, ge=0, le=2**50, description="raw signals kept for viewing, an asset [bytes]; 0: none"
     )
@@ -158,6 +163,13 @@ class Settings(Stream, Windows, Twin, Alarms, Results, Http, BaseSettings):
             if not (protocol and slash and address):
                 raise ValueError(f"endpoint {endpoint!r} must read protocol/address, such as tcp/127.0.0.1:7447")
         return endpoints
+
+    @field_validator("database")
+    @classmethod
+    def _database(cls, url: SecretStr | None) -> SecretStr | None:
+        if url is not None and url.get_secret_value().partition("://")[0] not in ("postgresql", "sqlite"):
+            raise ValueError("must be a URL such as postgresql://user@host/name or sqlite:////path/file")
+        return url
 
     @field_validator("webhooks")
     @classmethod

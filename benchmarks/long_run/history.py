@@ -14,8 +14,8 @@ import numpy as np
 
 from benchmarks.long_run.service import LONGEST, Service
 from benchmarks.long_run.stand_in import CAMPAIGN, StandInState, record_of, template
-from service.results.sqlite_store import SqliteStore
-from service.runtime.serve import DATABASE
+from service.results.data_folder import DATABASE
+from service.results.sql_store import SqlStore
 from service.stream.frames import NS, EncoderFrame, SampleFrame
 from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
@@ -70,7 +70,7 @@ def replay(service: Service, assets: Sequence[str], calendar: Calendar, numbers:
 
 def fill(data: Path, assets: Sequence[str], calendar: Calendar, numbers: range) -> None:
     """Writes the windows of some numbers into the database of a service that is not running, as it would have."""
-    with SqliteStore(data / DATABASE) as store:
+    with SqlStore(data / DATABASE) as store:
         report = template()["report"]
         kept = {asset: store.asset(asset) for asset in assets}
         for number in numbers:

@@ -6,18 +6,46 @@ raises are there together or not at all.
 
 from __future__ import annotations
 
+import json
 import uuid
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
+from sqlalchemy import BindParameter, Connection, Table, bindparam, delete, func, select, update
+
 from service.alarms.engine import Change
 from service.alarms.memory import Memory
 from service.contract.alarms import by_urgency, state_of
+from service.json_text import plain
 from service.results.json_columns import dump, load
+from service.results.schema import ALARM_HISTORY, ALARM_MEMORY, ALARM_RULES, ALARMS, ASSETS, WEBHOOK_OUTBOX
 from service.results.store import Tables
 
 MOST_HISTORY = 200  # entries of one alarm that are answered
+
+_OF: BindParameter[str] = bindparam("of")
+_RULES = select(ALARM_RULES.c.rules, ALARM_RULES.c.changed).where(ALARM_RULES.c.asset == _OF)
+_MEMORY = select(ALARM_MEMORY.c.memory).where(ALARM_MEMORY.c.asset == _OF)
+_OPEN = select(ALARMS.c.asset, ALARMS.c.record).where(ALARMS.c.open == 1)
+_OPEN_OF = _OPEN.where(ALARMS.c.asset == _OF)
+_NAMED = select(ALARMS.c.id, ALARMS.c.record).where(
+    ALARMS.c.asset == _OF, ALARMS.c.name == bindparam("named"), ALARMS.c.open == 1
+)
+_HISTORY = (
+    select(ALARM_HISTORY.c.entry)
+    .where(ALARM_HISTORY.c.alarm == bindparam("number"))
+    .order_by(ALARM_HISTORY.c.id.desc())
+    .limit(MOST_HISTORY)
+)
+_OLDEST = select(func.min(WEBHOOK_OUTBOX.c.number)).group_by(WEBHOOK_OUTBOX.c.url)
+_DUE = (
+    select(*(WEBHOOK_OUTBOX.c[n] for n in ("number", "name", "url", "body", "created_ns", "attempts")))
+    .where(WEBHOOK_OUTBOX.c.next_ns <= bindparam("now"), WEBHOOK_OUTBOX.c.number.in_(_OLDEST))
+    .order_by(WEBHOOK_OUTBOX.c.number)
+    .limit(bindparam("most"))
+)
+_WAITING = select(func.count()).select_from(WEBHOOK_OUTBOX)
 
 
 class AlarmStore:
@@ -25,8 +53,18 @@ class AlarmStore:
 
     def __init__(self, database: Tables) -> None:
         self._database = database
+        self._insert_asset = database.insert(ASSETS).on_conflict_do_nothing()
+        self._keep_memory = self._replacing(ALARM_MEMORY, "memory")
+        self._keep_rules = self._replacing(ALARM_RULES, "rules", "changed")
 
-    def transaction(self) -> AbstractContextManager[Any]:
+    def _replacing(self, table: Table, *columns: str) -> Any:
+        """Writes the one row that an asset has in a table."""
+        insert = self._database.insert(table)
+        return insert.on_conflict_do_update(
+            index_elements=["asset"], set_={name: insert.excluded[name] for name in columns}
+        )
+
+    def transaction(self) -> AbstractContextManager[Connection]:
         """A transaction that other stores of the same database take part in."""
         return self._database.transaction()
 
@@ -34,41 +72,38 @@ class AlarmStore:
 
     def rules(self, asset: str) -> dict[str, Any] | None:
         """The asset's own rules with who changed them: `rules`, `by`, `note`, `at`; None where it has none."""
-        rows = self._database.rows("SELECT rules, changed FROM alarm_rules WHERE asset = ?", (asset,))
+        rows = self._database.rows(_RULES, {"of": asset})
         return {"rules": load(rows[0][0]), **load(rows[0][1])} if rows else None
 
     def keep_rules(self, asset: str, rules: Sequence[Mapping[str, Any]], signed: Mapping[str, Any]) -> None:
         """Keeps rules of the asset's own."""
         with self._database.transaction() as db:
-            db.execute("INSERT OR IGNORE INTO assets (asset) VALUES (?)", (asset,))
-            db.execute("INSERT OR REPLACE INTO alarm_rules VALUES (?, ?, ?)", (asset, dump(list(rules)), dump(signed)))
+            db.execute(self._insert_asset, {"asset": asset})
+            db.execute(self._keep_rules, {"asset": asset, "rules": dump(list(rules)), "changed": dump(signed)})
 
     def memory(self, asset: str) -> Memory:
         """What the engine remembers of the asset."""
-        rows = self._database.rows("SELECT memory FROM alarm_memory WHERE asset = ?", (asset,))
+        rows = self._database.rows(_MEMORY, {"of": asset})
         return Memory.from_dict(load(rows[0][0]) if rows else None)
 
     def keep_memory(self, asset: str, memory: Memory) -> None:
         """Keeps what the engine remembers."""
         with self._database.transaction() as db:
-            db.execute("INSERT OR IGNORE INTO assets (asset) VALUES (?)", (asset,))
-            db.execute("INSERT OR REPLACE INTO alarm_memory VALUES (?, ?)", (asset, dump(memory.to_dict())))
+            db.execute(self._insert_asset, {"asset": asset})
+            db.execute(self._keep_memory, {"asset": asset, "memory": dump(memory.to_dict())})
 
     # -- alarms --------------------------------------------------------------------------------------
 
     def apply(self, asset: str, change: Change, at: str, window: int | None) -> dict[str, Any] | None:
         """Carries out one change; the alarm afterwards, None where it concerns none that is open."""
         with self._database.transaction() as db:
-            rows = db.execute(
-                "SELECT id, record FROM alarms WHERE asset = ? AND name = ? AND open = 1", (asset, change.key)
-            ).fetchall()
+            rows = db.execute(_NAMED, {"of": asset, "named": change.key}).all()
             number, alarm = (rows[0][0], load(rows[0][1])) if rows else (None, {})
             if number is None:
                 if change.verb != "raised":
                     return None
-                number = db.execute(
-                    "INSERT INTO alarms (asset, name, open, record) VALUES (?, ?, 1, '{}')", (asset, change.key)
-                ).lastrowid
+                row = {"asset": asset, "name": change.key, "open": 1, "record": dump({})}
+                number = self._database.add(db, ALARMS, row)
                 alarm = {
                     "id": number, "asset": asset, "rule": change.rule, "quantity": change.quantity,
                     "place": change.place, "acknowledged": False,
@@ -89,9 +124,10 @@ class AlarmStore:
         A cleared quantity that is still beyond its limit is raised again after the rule's duration.
         """
         with self._database.transaction() as db:
-            rows = db.execute(
-                "SELECT name, record FROM alarms WHERE asset = ? AND id = ? AND open = 1", (asset, number)
-            ).fetchall()
+            open_one = select(ALARMS.c.name, ALARMS.c.record).where(
+                ALARMS.c.asset == asset, ALARMS.c.id == number, ALARMS.c.open == 1
+            )
+            rows = db.execute(open_one).all()
             if not rows or (verb == "acknowledged" and load(rows[0][1])["acknowledged"]):
                 return None
             name, alarm = rows[0][0], load(rows[0][1])
@@ -111,31 +147,31 @@ class AlarmStore:
 
     def open(self, asset: str | None = None) -> tuple[Mapping[str, Any], ...]:
         """Open alarms of one asset, or of all, most urgent first."""
-        which, values = ("AND asset = ?", (asset,)) if asset is not None else ("", ())
-        rows = self._database.rows(f"SELECT asset, record FROM alarms WHERE open = 1 {which}", values)
+        rows = self._database.rows(_OPEN) if asset is None else self._database.rows(_OPEN_OF, {"of": asset})
         return tuple(by_urgency(_alarm(*row) for row in rows))
 
     def listed(
         self, asset: str | None = None, *, closed: bool = False, after: int = 0, limit: int = 1000
     ) -> tuple[Mapping[str, Any], ...]:
         """Alarms with an id above `after`, with closed ones where asked for, most urgent first; with their history."""
-        which = ["id > ?"] + ([] if closed else ["open = 1"]) + ([] if asset is None else ["asset = ?"])
-        values = (after, *(() if asset is None else (asset,)), limit)
-        rows = self._database.rows(
-            f"SELECT asset, record FROM alarms WHERE {' AND '.join(which)} ORDER BY id LIMIT ?", values
-        )  # fmt: skip
+        query = select(ALARMS.c.asset, ALARMS.c.record).where(ALARMS.c.id > after).order_by(ALARMS.c.id).limit(limit)
+        if not closed:
+            query = query.where(ALARMS.c.open == 1)
+        if asset is not None:
+            query = query.where(ALARMS.c.asset == asset)
+        rows = self._database.rows(query)
         return tuple({**alarm, "history": self.history(alarm["id"])} for alarm in by_urgency(_alarm(*r) for r in rows))
 
     def alarm(self, asset: str, number: int) -> Mapping[str, Any] | None:
         """One alarm with its history; None where there is none."""
-        rows = self._database.rows("SELECT asset, record FROM alarms WHERE asset = ? AND id = ?", (asset, number))
+        rows = self._database.rows(
+            select(ALARMS.c.asset, ALARMS.c.record).where(ALARMS.c.asset == asset, ALARMS.c.id == number)
+        )
         return {**_alarm(*rows[0]), "history": self.history(number)} if rows else None
 
     def history(self, number: int) -> list[Any]:
         """What has happened to an alarm, oldest first; of a long history the newest entries."""
-        rows = self._database.rows(
-            "SELECT entry FROM alarm_history WHERE alarm = ? ORDER BY id DESC LIMIT ?", (number, MOST_HISTORY)
-        )
+        rows = self._database.rows(_HISTORY, {"number": number})
         return [load(row[0]) for row in rows[::-1]]
 
     # -- messages that wait to be sent ---------------------------------------------------------------
@@ -144,48 +180,39 @@ class AlarmStore:
         """Keeps a message until it has been delivered; its id stays the same however often it is sent."""
         name = str(uuid.uuid4())
         with self._database.transaction() as db:
-            db.execute(
-                "INSERT INTO webhook_outbox (name, url, body, created_ns, next_ns) VALUES (?, ?, ?, ?, ?)",
-                (name, url, dump({"id": name, **message}), now_ns, now_ns),
-            )
+            body = json.dumps(plain({"id": name, **message}), allow_nan=False, separators=(",", ":"))
+            row = {"name": name, "url": url, "body": body, "created_ns": now_ns, "next_ns": now_ns}
+            self._database.add(db, WEBHOOK_OUTBOX, row)
 
     def due(self, now_ns: int, limit: int = 50) -> list[tuple[int, str, str, str, int, int]]:
         """Messages to be sent now, the oldest of each address: number, id, address, body, created [ns], attempts."""
-        return self._database.rows(
-            "SELECT number, name, url, body, created_ns, attempts FROM webhook_outbox WHERE next_ns <= ? AND number IN "
-            "(SELECT MIN(number) FROM webhook_outbox GROUP BY url) ORDER BY number LIMIT ?",
-            (now_ns, limit),
-        )  # type: ignore[return-value]
+        return [tuple(row) for row in self._database.rows(_DUE, {"now": now_ns, "most": limit})]
 
     def waiting(self) -> int:
         """How many messages have not been delivered yet."""
-        return self._database.rows("SELECT COUNT(*) FROM webhook_outbox")[0][0]
+        return self._database.rows(_WAITING)[0][0]
 
     def sent(self, number: int) -> None:
         """Forgets a message that was delivered, or given up."""
         with self._database.transaction() as db:
-            db.execute("DELETE FROM webhook_outbox WHERE number = ?", (number,))
+            db.execute(delete(WEBHOOK_OUTBOX).where(WEBHOOK_OUTBOX.c.number == number))
 
     def postpone(self, number: int, next_ns: int) -> None:
         """Tries a message again later."""
         with self._database.transaction() as db:
-            db.execute(
-                "UPDATE webhook_outbox SET attempts = attempts + 1, next_ns = ? WHERE number = ?", (next_ns, number)
-            )
+            later = update(WEBHOOK_OUTBOX).where(WEBHOOK_OUTBOX.c.number == number)
+            db.execute(later.values(attempts=WEBHOOK_OUTBOX.c.attempts + 1, next_ns=next_ns))
 
     # -- within --------------------------------------------------------------------------------------
 
     @staticmethod
-    def _keep(db: Any, alarm: dict[str, Any]) -> None:
+    def _keep(db: Connection, alarm: dict[str, Any]) -> None:
         alarm["state"] = state_of(alarm["active"], alarm["acknowledged"])
-        db.execute(
-            "UPDATE alarms SET record = ?, open = ? WHERE id = ?",
-            (dump(alarm), alarm["state"] != "closed", alarm["id"]),
-        )
+        columns = {"record": dump(alarm), "open": int(alarm["state"] != "closed")}
+        db.execute(update(ALARMS).where(ALARMS.c.id == alarm["id"]).values(**columns))
 
-    @staticmethod
-    def _note(db: Any, number: int, entry: Mapping[str, Any]) -> None:
-        db.execute("INSERT INTO alarm_history (alarm, entry) VALUES (?, ?)", (number, dump(entry)))
+    def _note(self, db: Connection, number: int, entry: Mapping[str, Any]) -> None:
+        self._database.add(db, ALARM_HISTORY, {"alarm": number, "entry": dump(entry)})
 
 
 def _alarm(asset: str, record: str) -> dict[str, Any]:

@@ -8,20 +8,33 @@ transaction that processes the window, so that a kill loses no window and counts
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sqlalchemy import Connection, Select, bindparam, delete, func, select, text, update
+
 from service.errors import StoreError
 from service.results.json_columns import dump, load
+from service.results.schema import ASSETS, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
 from service.results.window_file import SUFFIX, read_window, write_window
 from twin.windows import Window
 
 WAITING_WINDOWS = 1000  # of one asset that are kept until its question is answered ...
 WAITING_BYTES = 2**30  # ... and what they may take on disk
+
+_CHANGE = select(CHANGES).order_by(CHANGES.c.id)
+_WAITING = (
+    select(WAITING.c.id, WAITING.c.start_ns, WAITING.c.bytes)
+    .where(WAITING.c.asset == bindparam("of"))
+    .order_by(WAITING.c.id)
+)
+_WAITING_TOTAL = select(func.count(), func.coalesce(func.sum(WAITING.c.bytes), 0)).where(
+    WAITING.c.asset == bindparam("of")
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,14 +70,14 @@ class AssetLife:
             return
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            known = {row[0] for row in database.rows("SELECT id FROM waiting")}
+            known = {row[0] for row in database.rows(select(WAITING.c.id))}
             for path in folder.iterdir():
                 if path.suffix != SUFFIX or not path.stem.isdigit() or int(path.stem) not in known:
                     path.unlink(missing_ok=True)  # of a window that has been processed, or was never committed
         except OSError as error:
             raise StoreError(f"{folder} cannot hold windows that wait: {error.strerror or error}") from error
 
-    def transaction(self) -> AbstractContextManager[Any]:
+    def transaction(self) -> AbstractContextManager[Connection]:
         """A transaction of the database, which other stores in it share."""
         return self._database.transaction()
 
@@ -73,47 +86,43 @@ class AssetLife:
     def add_change(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
         """Keeps a change that waits to be carried out; its id."""
         with self.transaction() as db:
-            _ensure(db, asset)
-            row = db.execute(
-                "INSERT INTO changes (asset, received_ns, kind, given) VALUES (?, ?, ?, ?)",
-                (asset, time.time_ns(), kind, dump(given)),
-            )
-            assert row.lastrowid is not None
-            return row.lastrowid
+            self._ensure(db, asset)
+            row = {"asset": asset, "received_ns": time.time_ns(), "kind": kind, "given": dump(given)}
+            return self._database.add(db, CHANGES, row)
 
     def change_done(self, number: int, effect: Mapping[str, Any]) -> bool:
         """Marks a change as carried out; False where it was done before. Call it within the transaction."""
         with self.transaction() as db:
-            query = "UPDATE changes SET done = 1, effect = ? WHERE id = ? AND done = 0"
-            return bool(db.execute(query, (dump(effect), number)).rowcount)
+            return bool(db.execute(_end(number).values(effect=dump(effect))).rowcount)
 
     def refuse_change(self, number: int, reason: str) -> None:
         """Ends a change that cannot be carried out."""
         with self.transaction() as db:
-            db.execute("UPDATE changes SET done = 1, refused = ? WHERE id = ? AND done = 0", (reason, number))
+            db.execute(_end(number).values(refused=reason))
 
     def change(self, number: int) -> StoredChange:
-        (found,) = self._changes("WHERE id = ?", (number,))
+        (found,) = self._changes(_CHANGE.where(CHANGES.c.id == number))
         return found
 
     def changes(self, asset: str) -> tuple[StoredChange, ...]:
         """All changes of an asset, oldest first."""
-        return self._changes("WHERE asset = ? ORDER BY id", (asset,))
+        return self._changes(_CHANGE.where(CHANGES.c.asset == asset))
 
     def pending_changes(self) -> tuple[StoredChange, ...]:
         """Those that wait to be carried out, oldest first."""
-        return self._changes("WHERE done = 0 ORDER BY id")
+        return self._changes(_CHANGE.where(CHANGES.c.done == 0))
 
-    def _changes(self, which: str, values: Iterable[Any] = ()) -> tuple[StoredChange, ...]:
-        columns = "id, asset, received_ns, kind, given, done, refused, effect"
-        rows = self._database.rows(f"SELECT {columns} FROM changes {which}", tuple(values))
+    def _changes(self, query: Select) -> tuple[StoredChange, ...]:
+        names = ("id", "asset", "received_ns", "kind", "refused")
         return tuple(
             StoredChange(
-                id=i, asset=asset, received_ns=ns, kind=kind, given=load(given), done=bool(done), refused=refused,
-                effect=load(effect),
+                **{n: row[n] for n in names},
+                done=bool(row["done"]),
+                given=load(row["given"]),
+                effect=load(row["effect"]),
             )
-            for i, asset, ns, kind, given, done, refused, effect in rows
-        )  # fmt: skip
+            for row in (r._mapping for r in self._database.rows(query))
+        )
 
     # -- windows that wait ---------------------------------------------------------------------------
 
@@ -123,25 +132,22 @@ class AssetLife:
         if count >= WAITING_WINDOWS or taken >= WAITING_BYTES:
             return False
         with self.transaction() as db:
-            _ensure(db, asset)
-            row = db.execute(
-                "INSERT INTO waiting (asset, start_ns, bytes) VALUES (?, ?, 0)", (asset, window.start_time_ns)
-            )
-            assert row.lastrowid is not None
-            size = write_window(self._path(row.lastrowid), window)
-            db.execute("UPDATE waiting SET bytes = ? WHERE id = ?", (size, row.lastrowid))
+            self._ensure(db, asset)
+            row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": 0}
+            number = self._database.add(db, WAITING, row)
+            size = write_window(self._path(number), window)
+            db.execute(update(WAITING).where(WAITING.c.id == number).values(bytes=size))
         return True
 
     def waiting(self, asset: str) -> tuple[WaitingWindow, ...]:
         """The windows of an asset that wait, in the order in which they came."""
-        rows = self._database.rows("SELECT id, start_ns, bytes FROM waiting WHERE asset = ? ORDER BY id", (asset,))
+        rows = self._database.rows(_WAITING, {"of": asset})
         return tuple(WaitingWindow(id=i, start_ns=start, bytes=size) for i, start, size in rows)
 
     def waiting_total(self, asset: str) -> tuple[int, int]:
         """How many windows wait, and what they take [bytes]."""
-        query = "SELECT COUNT(*), COALESCE(SUM(bytes), 0) FROM waiting WHERE asset = ?"
-        ((count, taken),) = self._database.rows(query, (asset,))
-        return count, taken
+        ((count, taken),) = self._database.rows(_WAITING_TOTAL, {"of": asset})
+        return count, int(taken)
 
     def read_waiting(self, number: int) -> Window:
         """A window that waits; OSError, ValueError or KeyError where its file cannot be read."""
@@ -150,7 +156,7 @@ class AssetLife:
     def drop_waiting(self, number: int) -> None:
         """Ends the wait of a window that is processed by the present transaction."""
         with self.transaction() as db:
-            db.execute("DELETE FROM waiting WHERE id = ?", (number,))
+            db.execute(delete(WAITING).where(WAITING.c.id == number))
 
     def file_of(self, number: int) -> Path:
         """The file of a window that waits."""
@@ -163,8 +169,8 @@ class AssetLife:
     def give_waiting(self, asset: str, other: str) -> None:
         """The windows that wait are another asset's."""
         with self.transaction() as db:
-            _ensure(db, other)
-            db.execute("UPDATE waiting SET asset = ? WHERE asset = ?", (other, asset))
+            self._ensure(db, other)
+            db.execute(update(WAITING).where(WAITING.c.asset == asset).values(asset=other))
 
     def _path(self, number: int) -> Path:
         assert self.folder is not None
@@ -174,28 +180,38 @@ class AssetLife:
 
     def routes(self) -> dict[str, str]:
         """Streams whose asset has another name than the stream."""
-        return dict(self._database.rows("SELECT stream, asset FROM routes WHERE stream <> asset"))
+        other = select(ROUTES.c.stream, ROUTES.c.asset).where(ROUTES.c.stream != ROUTES.c.asset)
+        return {stream: asset for stream, asset in self._database.rows(other)}
 
     def route(self, stream: str, asset: str) -> None:
         """From now on the frames of a stream, and of all that were routed to its asset before, are this asset's."""
         with self.transaction() as db:
-            _ensure(db, asset)
-            db.execute("UPDATE routes SET asset = ? WHERE asset = ?", (asset, stream))
-            db.execute("INSERT OR REPLACE INTO routes (stream, asset) VALUES (?, ?)", (stream, asset))
+            self._ensure(db, asset)
+            db.execute(update(ROUTES).where(ROUTES.c.asset == stream).values(asset=asset))
+            self._set_route(db, stream, asset)
+
+    def _set_route(self, db: Connection, stream: str, asset: str) -> None:
+        row = {"stream": stream, "asset": asset}
+        db.execute(
+            self._database.insert(ROUTES).on_conflict_do_update(index_elements=["stream"], set_={"asset": asset}), row
+        )
 
     # -- names ---------------------------------------------------------------------------------------
 
     def rename(self, asset: str, name: str) -> None:
         """Gives an asset another name in every table, and routes the frames of its old name to it; one transaction."""
         with self.transaction() as db:
-            db.execute("PRAGMA defer_foreign_keys = ON")
-            tables = [row[0] for row in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()]
-            for table in tables:
-                columns = {row[1] for row in db.execute(f"PRAGMA table_info({table})").fetchall()}
-                if "asset" in columns:
-                    db.execute(f"UPDATE {table} SET asset = ? WHERE asset = ?", (name, asset))
-            db.execute("INSERT OR REPLACE INTO routes (stream, asset) VALUES (?, ?)", (asset, name))
+            late = "PRAGMA defer_foreign_keys = ON" if db.dialect.name == "sqlite" else "SET CONSTRAINTS ALL DEFERRED"
+            db.execute(text(late))
+            for table in METADATA.tables.values():
+                if "asset" in table.c:
+                    db.execute(update(table).where(table.c.asset == asset).values(asset=name))
+            self._set_route(db, asset, name)
+
+    def _ensure(self, db: Connection, asset: str) -> None:
+        db.execute(self._database.insert(ASSETS).on_conflict_do_nothing(), {"asset": asset})
 
 
-def _ensure(db: Any, asset: str) -> None:
-    db.execute("INSERT OR IGNORE INTO assets (asset) VALUES (?)", (asset,))
+def _end(number: int) -> Any:
+    """Ends a change that has not been ended before."""
+    return update(CHANGES).where(CHANGES.c.id == number, CHANGES.c.done == 0).values(done=1)

@@ -11,8 +11,11 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+from sqlalchemy import Connection, delete, select
+
 from service.errors import StoreError
 from service.results.json_columns import dump, load
+from service.results.schema import ASSETS, BASELINE_NUMBERS, BASELINES, CHANGES
 from service.results.store import Tables
 
 SUFFIX = ".baseline"
@@ -25,8 +28,8 @@ class BaselineStore:
         self._database, self._folder = database, Path(folder)
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            known = {name for (name,) in database.rows("SELECT file FROM baselines")}
-            for (given,) in database.rows("SELECT given FROM changes WHERE done = 0"):
+            known = {name for (name,) in database.rows(select(BASELINES.c.file))}
+            for (given,) in database.rows(select(CHANGES.c.given).where(CHANGES.c.done == 0)):
                 known.add(load(given).get("file"))  # of a change that was submitted before the service ended
             for path in self._folder.iterdir():
                 if path.name not in known:
@@ -34,38 +37,40 @@ class BaselineStore:
         except OSError as error:
             raise StoreError(f"{self._folder} cannot hold baselines: {error.strerror or error}") from error
 
-    def transaction(self) -> AbstractContextManager[Any]:
+    def transaction(self) -> AbstractContextManager[Connection]:
         """A transaction that other stores of the same database take part in."""
         return self._database.transaction()
 
     def new_path(self) -> Path:
         """Where a baseline is to be written before it comes into use."""
         with self._database.transaction() as db:
-            number = db.execute("INSERT INTO baseline_numbers DEFAULT VALUES").lastrowid
+            number = self._database.add(db, BASELINE_NUMBERS, {})
         return self._folder / f"{number:08d}{SUFFIX}"
 
     def path(self, asset: str) -> Path | None:
         """The file of the asset's own baseline; None where it has none."""
-        rows = self._database.rows("SELECT file FROM baselines WHERE asset = ?", (asset,))
+        rows = self._database.rows(select(BASELINES.c.file).where(BASELINES.c.asset == asset))
         return self._folder / rows[0][0] if rows else None
 
     def about(self, asset: str) -> Mapping[str, Any] | None:
         """Who gave the asset its own baseline, when and from which windows; None where it has none."""
-        rows = self._database.rows("SELECT about FROM baselines WHERE asset = ?", (asset,))
+        rows = self._database.rows(select(BASELINES.c.about).where(BASELINES.c.asset == asset))
         return load(rows[0][0]) if rows else None
 
     def use(self, asset: str, file: str, about: Mapping[str, Any]) -> None:
         """Gives an asset the baseline of a file that `new_path` named, in place of an earlier one."""
         with self._database.transaction() as db:
-            db.execute("INSERT OR IGNORE INTO assets (asset) VALUES (?)", (asset,))
+            db.execute(self._database.insert(ASSETS).on_conflict_do_nothing(), {"asset": asset})
+            row = {"file": file, "about": dump(about)}
             db.execute(
-                "INSERT OR REPLACE INTO baselines (asset, file, about) VALUES (?, ?, ?)", (asset, file, dump(about))
+                self._database.insert(BASELINES).on_conflict_do_update(index_elements=["asset"], set_=row),
+                {"asset": asset, **row},
             )
 
     def remove(self, asset: str) -> None:
         """Leaves the asset without a baseline of its own."""
         with self._database.transaction() as db:
-            db.execute("DELETE FROM baselines WHERE asset = ?", (asset,))
+            db.execute(delete(BASELINES).where(BASELINES.c.asset == asset))
 
     def exists(self, file: str) -> bool:
         """Whether a file that `new_path` named has been written."""

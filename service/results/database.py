@@ -1,93 +1,141 @@
-"""One SQLite file in WAL mode, shared by everything that is kept: windows, decisions, events and what else there is.
+"""One database, shared by everything that is kept: windows, decisions, events and what else there is.
 
     with database.transaction() as db:      # one transaction, also where several stores write within it
         db.execute(...)
 
-`synchronous=FULL` makes a committed transaction outlive the process and the machine's power.
+SQLite in WAL mode by default, PostgreSQL where its URL is given. One transaction at a time writes; reading has
+connections of its own and waits for no writer. A committed transaction outlives the process and the machine's power.
 """
 
 from __future__ import annotations
 
-import sqlite3
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from service.errors import StoreError
-from service.results.json_columns import dump, load
-from service.results.migrations import MIGRATIONS
-from service.results.storage_faults import storage_error
+import sqlalchemy as sa
+from sqlalchemy import Connection, Executable
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 
-__all__ = ["Database", "dump", "load"]
+from service.errors import StorageUnavailable, StoreError
+from service.results.backends import Backend, backend_of
+from service.results.migrate import upgrade
+from service.results.storage_faults import storage_error
 
 
 class Database:
-    """A connection to one file, safe to use from several threads of one process."""
+    """One database, for several threads of one process."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = Path(path)
-        self._lock = threading.RLock()
-        self._depth = 0  # of transactions within one another
+    def __init__(self, where: Path | str) -> None:
+        """where  file of an SQLite database, or the URL of a PostgreSQL database"""
+        self.backend: Backend = backend_of(where)
+        self._write = threading.RLock()
+        self._current: Connection | None = None  # of the present transaction ...
+        self._owner: int | None = None  # ... and the thread that it is of
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._db = sqlite3.connect(self.path, isolation_level=None, check_same_thread=False, timeout=10)
-            self._db.execute("PRAGMA journal_mode = WAL")
-            self._db.execute("PRAGMA synchronous = FULL")
-            self._db.execute("PRAGMA foreign_keys = ON")
-            self._migrate()
-        except (sqlite3.Error, OSError) as error:
-            raise StoreError(f"{self.path} cannot be used as the service's database: {error}") from error
+            with self._faults():
+                upgrade(self.backend)
+                self._writer, self._reader = self.backend.engines()
+                with self._reader.connect():  # fails here rather than at the first window
+                    pass
+        except StorageUnavailable:
+            raise
+        except (StoreError, SQLAlchemyError, OSError) as error:
+            raise StoreError(
+                f"{self.backend.name} cannot be used as the service's database: {_one_line(error)}"
+            ) from error
+
+    @property
+    def path(self) -> Path | None:
+        """The file of an SQLite database."""
+        return self.backend.path
 
     def close(self) -> None:
-        """Closes the file."""
-        with self._lock:
-            self._db.close()
+        """Closes all connections."""
+        with self._write:
+            self._writer.dispose()
+            self._reader.dispose()
+
+    def insert(self, table: sa.Table) -> Any:
+        """An insertion that can be made to say what is to be done where the row is there already."""
+        return self.backend.insert(table)
+
+    def add(self, db: Connection, table: sa.Table, row: Mapping[str, Any]) -> int:
+        """Adds a row to a table that numbers its rows; the number."""
+        key = db.execute(sa.insert(table), dict(row)).inserted_primary_key
+        assert key is not None
+        return key[0]
 
     @contextmanager
-    def transaction(self) -> Iterator[sqlite3.Connection]:
+    def transaction(self) -> Iterator[Connection]:
         """A transaction that is committed at the end, or rolled back whole; one within another is part of it.
 
-        StorageUnavailable where the storage cannot be used now, StoreError where it is damaged; then nothing changed.
+        StorageUnavailable where the storage cannot be used now, StoreError where it is damaged; then nothing changed,
+        except where the error says that the outcome is unknown.
         """
-        with self._lock, self._faults():
-            if self._depth == 0:
-                self._db.execute("BEGIN IMMEDIATE")
-            self._depth += 1
-            try:
-                yield self._db
-                if self._depth == 1:
-                    self._db.execute("COMMIT")
-            except BaseException:
-                if self._depth == 1 and self._db.in_transaction:
-                    self._db.execute("ROLLBACK")
+        with self._write:
+            if self._current is not None:
+                yield self._current
+                return
+            with self._faults():
+                self.backend.verify()
+                with self._writer.connect() as db:
+                    with self._begun(db):
+                        yield db
+                        number = self.backend.transaction_number(db)
+                    self._commit(db, number)
+
+    @contextmanager
+    def _begun(self, db: Connection) -> Iterator[None]:
+        """A transaction that is rolled back where its work fails."""
+        db.begin()
+        self._current, self._owner = db, threading.get_ident()
+        try:
+            yield
+        except BaseException:
+            with suppress(SQLAlchemyError):  # the connection may be what has failed
+                db.rollback()
+            raise
+        finally:
+            self._current = self._owner = None
+
+    def _commit(self, db: Connection, number: int | None) -> None:
+        """Commits; where the connection is lost meanwhile, a new one says whether it was committed."""
+        try:
+            db.commit()
+        except DBAPIError as error:
+            with suppress(SQLAlchemyError):
+                db.rollback()
+            if number is None or not error.connection_invalidated:
                 raise
-            finally:
-                self._depth -= 1
+            if not self.backend.was_committed(self._reader, number):
+                raise
+
+    def rows(self, query: Executable, values: Mapping[str, Any] | None = None) -> list[Any]:
+        """All rows that a query answers, within the thread's transaction where it has one; errors as those of it."""
+        with self._faults():
+            if self._current is not None and self._owner == threading.get_ident():
+                return list(self._current.execute(query, values).all())
+            with self._reader.connect() as db:
+                return list(db.execute(query, values).all())
 
     @contextmanager
     def _faults(self) -> Iterator[None]:
         """Failures of the storage as errors of the service."""
         try:
             yield
-        except sqlite3.Error as error:
-            meant = storage_error(error, str(self.path))
+        except DBAPIError as error:
+            meant = storage_error(error.orig or error, self.backend.name, lost=error.connection_invalidated)
             if meant is None:
                 raise
             raise meant from error
+        except PoolTimeout as error:
+            text = f"{self.backend.name} cannot be used now (locked): all connections are in use"
+            raise StorageUnavailable(text, reason="locked") from error
 
-    def rows(self, query: str, values: Sequence[Any] | Mapping[str, Any] = ()) -> list[tuple]:
-        """All rows that a query answers; errors as those of a transaction."""
-        with self._lock, self._faults():
-            return self._db.execute(query, values).fetchall()
 
-    def _migrate(self) -> None:
-        (version,) = self._db.execute("PRAGMA user_version").fetchone()
-        if version > len(MIGRATIONS):
-            raise StoreError(
-                f"{self.path} has schema version {version}, this program knows up to {len(MIGRATIONS)}: "
-                "it was written by a newer gear-twin"
-            )
-        for number, script in enumerate(MIGRATIONS[version:], start=version + 1):
-            self._db.executescript(f"BEGIN IMMEDIATE; {script} PRAGMA user_version = {number}; COMMIT;")
+def _one_line(error: BaseException) -> str:
+    return str(error).strip().split("\n")[0]

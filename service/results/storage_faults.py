@@ -49,13 +49,16 @@ OS_FAULTS: dict[int, StorageFault] = {
 """Failures of the operating system after which a later try may succeed; every other one is `input or output`."""
 
 
-def storage_error(error: BaseException, where: str) -> StoreError | None:
+def storage_error(error: BaseException, where: str, *, lost: bool = False) -> StoreError | None:
     """What an error of a database's driver, or of the operating system, means; None where the program is at fault.
 
     where  the database, as a person knows it
+    lost   whether the connection is of no more use
     """
     reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
     fault, damaged = _meaning(error)
+    if lost and fault is None and not damaged:
+        fault = "connection lost"
     if fault is not None:
         return StorageUnavailable(f"{where} cannot be used now ({fault}): {reason}", reason=fault)
     if damaged:

@@ -8,6 +8,7 @@ committed stays, and what was in progress is taken up from the store by the next
 from __future__ import annotations
 
 import fcntl
+import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -24,9 +25,10 @@ from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
+from service.results.data_folder import BASELINES, SIGNALS, WAITING, database_of
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
-from service.results.sqlite_store import SqliteStore
+from service.results.sql_store import SqlStore
 from service.results.store import ResultStore
 from service.runtime import SERVES
 from service.runtime.http_server import HttpServer, address_of, listening_at
@@ -38,10 +40,6 @@ from service.runtime.worker import Kept, Worker
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
 
-DATABASE = "gear-twin.sqlite"
-SIGNALS = "signals"
-WAITING = "waiting"
-BASELINES = "baselines"
 CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
 
 OpenStore = Callable[[], AbstractContextManager[ResultStore]]
@@ -60,7 +58,7 @@ def run(
 
     twin            its functions; None for the twin itself
     open_transport  the network; None for Zenoh at the endpoints of the settings
-    open_store      where results are kept; None for SQLite in the data directory
+    open_store      where results are kept; None for the database of the settings
     announce        called once with the page's address, when HTTP is served
     """
     rig = load_mapping(settings.rig) if settings.rig else None
@@ -69,7 +67,7 @@ def run(
     twin = twin or _twin_of(settings)
     with ExitStack() as stack:
         stack.enter_context(_only_service_of(settings.data))
-        store = stack.enter_context((open_store or partial(SqliteStore, settings.data / DATABASE))())
+        store = stack.enter_context((open_store or partial(SqlStore, database_of(settings.data, settings.database)))())
         board = Board.from_store(store)
         rigs = Rigs(store, board, rig, str(settings.rig))
         listening = stack.enter_context(listening_at(settings.http_host, settings.http_port))
@@ -164,15 +162,21 @@ def _zenoh_of(settings: Settings) -> OpenTransport:
 
 @contextmanager
 def _only_service_of(data: Path) -> Iterator[None]:
-    """Holds the data directory; InputError where another service has it."""
-    try:
-        data.mkdir(parents=True, exist_ok=True)
-        held = (data / "service.lock").open("w")
-    except OSError as error:
-        raise InputError(f"{data}: cannot be the data directory: {error.strerror}") from None
-    with held:
+    """Holds the data directory; InputError where another service has it.
+
+    The folder itself is locked as well as a file in it: a file can be deleted while it is held.
+    """
+    with ExitStack() as held:
         try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            data.mkdir(parents=True, exist_ok=True)
+            folder = os.open(data, os.O_RDONLY)
+            held.callback(os.close, folder)
+            file = held.enter_context((data / "service.lock").open("w"))
+        except OSError as error:
+            raise InputError(f"{data}: cannot be the data directory: {error.strerror}") from None
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise InputError(f"{data}: another service has this data directory; give another") from None
         yield

@@ -11,15 +11,49 @@ from pathlib import Path
 
 import pytest
 import uvicorn
+from postgresql_server import PostgresqlServer
+from postgresql_server import programs as postgresql_server_programs
 
 from service.api import create_app
 from service.results.board import Board
-from service.results.sqlite_store import SqliteStore
+from service.results.sql_store import SqlStore
 
 
 @pytest.fixture
 def store(tmp_path):
-    with SqliteStore(tmp_path / "twin.sqlite") as opened:
+    with SqlStore(tmp_path / "twin.sqlite") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="session")
+def postgresql_server():
+    """A server of PostgreSQL for this process's tests."""
+    if postgresql_server_programs() is None:
+        reason = "PostgreSQL is not installed (Debian's package postgresql)"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    with PostgresqlServer() as server:
+        yield server
+
+
+@pytest.fixture
+def postgresql(postgresql_server):
+    """The URL of an empty database of PostgreSQL."""
+    with postgresql_server.new_database() as url:
+        yield url
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def where(request, tmp_path):
+    """A new database of each kind, as a store is told it: a file or a URL."""
+    return tmp_path / "twin.sqlite" if request.param == "sqlite" else request.getfixturevalue("postgresql")
+
+
+@pytest.fixture
+def each_store(where):
+    """A store in each kind of database."""
+    with SqlStore(where) as opened:
         yield opened
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import json
+import shutil
+import tempfile
 import threading
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,7 +22,9 @@ class MemoryStore:
 
     def __init__(self):
         self._lock = threading.RLock()
-        self.database = Database(Path(":memory:"))  # of what has a store of its own: alarms
+        folder = tempfile.mkdtemp()
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        self.database = Database(Path(folder) / "alarms.sqlite")  # of what has a store of its own: alarms
         self._epochs = {}
         self._assets, self._windows, self._events, self._inspections, self._decisions = {}, {}, [], [], []
 

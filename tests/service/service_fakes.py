@@ -9,7 +9,7 @@ import math
 from datetime import UTC, datetime
 
 from service.results.board import Board
-from service.results.sqlite_store import SqliteStore
+from service.results.sql_store import SqlStore
 
 START_NS = 1_700_000_000_000_000_000
 SHARE = {"combined": 1.0, "pinion": 0.7324, "gear": 0.2676}
@@ -214,7 +214,7 @@ def traced_report(revolutions: float, windows: int) -> dict:
 FAULT = {"kind": "gap", "channel": "accel/y6", "count": 3, "action": "degraded", "detail": "frames 12 to 14"}
 
 
-def quality_of(store: SqliteStore, asset: str, grade: str, index: int) -> dict:
+def quality_of(store: SqlStore, asset: str, grade: str, index: int) -> dict:
     """The section `data_quality` with one more window of a grade."""
     stored = store.asset(asset).quality or {"windows": dict.fromkeys(("good", "degraded", "refused"), 0)}
     windows = {**stored["windows"], grade: stored["windows"][grade] + 1}
@@ -222,7 +222,7 @@ def quality_of(store: SqliteStore, asset: str, grade: str, index: int) -> dict:
     return {"windows": windows, "channels": channels, "missing_channels": [], "faults": []}
 
 
-def take(store: SqliteStore, board: Board | None, asset: str, index: int, revolutions: float, **changes) -> bool:
+def take(store: SqlStore, board: Board | None, asset: str, index: int, revolutions: float, **changes) -> bool:
     """One window into store and board, as the service does; False where it was there already."""
     grade, faults = changes.pop("quality", "good"), list(changes.pop("faults", ()))
     given = changes.pop("report", None) or report(revolutions, index + 1)
@@ -249,7 +249,7 @@ def take(store: SqliteStore, board: Board | None, asset: str, index: int, revolu
     return True
 
 
-def campaign(store: SqliteStore, board: Board | None, asset: str = "unsw", windows: int = 14) -> None:
+def campaign(store: SqlStore, board: Board | None, asset: str = "unsw", windows: int = 14) -> None:
     """A campaign of calibration and measurement windows with one update and one degraded window."""
     rig = {
         "schema": "gear-rig/1",

@@ -24,7 +24,7 @@ from service.contract.base import not_available
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.board import Board
-from service.results.sqlite_store import SqliteStore
+from service.results.sql_store import SqlStore
 from service.runtime.replay import replay
 from service.runtime.service_sink import ServiceSink
 from service.runtime.state_publication import StatePublication
@@ -44,7 +44,7 @@ class Bench:
     """Store, board, network, keeper, sink and REST, as the service puts them together."""
 
     def __init__(self, path, rules=DEFAULT_RULES, webhooks=()):
-        self.store = SqliteStore(path)
+        self.store = SqlStore(path)
         self.board = Board.from_store(self.store)
         self.keeper = AlarmKeeper(AlarmStore(self.store.database), rules, webhooks)
         for asset in self.board.assets():

@@ -14,7 +14,7 @@ from service.api import create_app
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.signal_store import SignalStore
-from service.results.sqlite_store import SqliteStore
+from service.results.sql_store import SqlStore
 
 EXAMPLES = 20
 BASE = "/v1/assets/{asset}"
@@ -44,7 +44,7 @@ LONGER = [("GET", f"{BASE}/report")]
 
 @pytest.fixture(scope="module")
 def described(tmp_path_factory):
-    board, store = Board(), SqliteStore(tmp_path_factory.mktemp("schema") / "twin.sqlite")
+    board, store = Board(), SqlStore(tmp_path_factory.mktemp("schema") / "twin.sqlite")
     fakes.campaign(store, board, asset="unsw", windows=6)
     fakes.take(store, board, "0", 0, 1.0, report=fakes.little_known_report())
     signals = SignalStore(tmp_path_factory.mktemp("signals"), 2**30)

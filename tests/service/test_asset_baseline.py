@@ -19,11 +19,11 @@ from service.errors import InputError
 from service.files.baseline import learned, read_baseline, save
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
+from service.results.data_folder import BASELINES, DATABASE, SIGNALS
 from service.results.signal_store import SignalStore
-from service.results.sqlite_store import SqliteStore
+from service.results.sql_store import SqlStore
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.baseline_learning import learn_from_windows
-from service.runtime.serve import BASELINES, DATABASE, SIGNALS
 from service.runtime.twin_port import gear_twin
 from tests.claims.test_baseline import SPEED, TEETH, machine
 from twin.baseline.validity import identity_of
@@ -52,7 +52,7 @@ def with_windows(folder, grades=SOUND):
     """A data directory with sound windows of a healthy machine whose signals are kept."""
     folder.mkdir(exist_ok=True)
     signals = SignalStore(folder / SIGNALS, 10**9)
-    with SqliteStore(folder / DATABASE) as store:
+    with SqlStore(folder / DATABASE) as store:
         store.keep_rig("bench", RIG)
         for i, (load, grade) in enumerate(zip(LOADS, grades, strict=True)):
             window = replace(bench(load, i), start_time_ns=START_NS + i * HOUR_NS)
@@ -61,8 +61,8 @@ def with_windows(folder, grades=SOUND):
                 "bench", window.start_time_ns, record={"index": i, "quality": grade, "start_time": ""}, state={},
                 report=None, assembly={}, quality={}, received_ns=1,
             )  # fmt: skip
-    with SqliteStore(folder / DATABASE) as store, store.database.transaction() as db:
-        db.execute("UPDATE assets SET state = NULL, assembly = NULL")  # no twin has a state of these windows
+    with SqlStore(folder / DATABASE) as store, store.database.transaction() as db:
+        db.exec_driver_sql("UPDATE assets SET state = NULL, assembly = NULL")  # no twin has a state of these windows
     return folder
 
 
@@ -111,7 +111,7 @@ def test_windows_that_cannot_be_learned_from_are_named(running, windows, text):
 def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
     data = with_windows(tmp_path / "data")
     signals = SignalStore(data / SIGNALS, 10**9)
-    with SqliteStore(data / DATABASE) as store:
+    with SqlStore(data / DATABASE) as store:
         life = AssetLife(store.database)
         made = life.add_change("bench", "sensor_moved", {"sensor": "a"})
         life.change_done(made, {"from_window": 2})
@@ -123,7 +123,7 @@ def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
 def test_nothing_is_added_to_a_baseline_that_a_change_has_ended(tmp_path):
     data = with_windows(tmp_path / "data")
     signals, file = SignalStore(data / SIGNALS, 10**9), tmp_path / "first.baseline"
-    with SqliteStore(data / DATABASE) as store:
+    with SqlStore(data / DATABASE) as store:
         life = AssetLife(store.database)
         first = learn_from_windows("bench", [0, 1, 2], store, signals, life)
         save(first, file)

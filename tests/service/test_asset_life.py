@@ -15,9 +15,9 @@ from test_other_parts import serving
 from service.cli import run
 from service.errors import InputError
 from service.results.asset_life import AssetLife
-from service.results.sqlite_store import SqliteStore
+from service.results.data_folder import DATABASE, WAITING
+from service.results.sql_store import SqlStore
 from service.runtime.replay import replay
-from service.runtime.serve import DATABASE, WAITING
 
 WINDOWS = 4
 LATER = 86_400.0  # [s]
@@ -42,7 +42,7 @@ class SqliteFile:
         self.path = path
 
     def open(self):
-        return SqliteStore(self.path / DATABASE)
+        return SqlStore(self.path / DATABASE)
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def revolutions(windows):
 
 
 def events(running, asset="unsw"):
-    with SqliteStore(running.out.parent / DATABASE) as store:
+    with SqlStore(running.out.parent / DATABASE) as store:
         return [(e.kind, e.data) for e in store.events(asset, 0, 10_000)]
 
 
@@ -253,7 +253,7 @@ def test_a_kill_while_windows_wait_and_while_they_are_processed_loses_and_double
         assert waiting(running) >= 2
         replay(second, [running.endpoint], 0)  # what was committed before the kill is known, what was not comes again
         wait_until(lambda: waiting(running) == WINDOWS)
-        with SqliteStore(tmp_path / DATABASE) as store:
+        with SqlStore(tmp_path / DATABASE) as store:
             AssetLife(store.database, tmp_path / WAITING).add_change("unsw", "gears_replaced", {"by": "me"})
         running.end(signal.SIGKILL)  # before the change was carried out
         running.start()

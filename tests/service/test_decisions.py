@@ -23,8 +23,8 @@ import gear_twin
 from service.cli import run
 from service.contract.estimate import Estimate
 from service.results.decision_queue import DecisionQueue
-from service.results.migrations import MIGRATIONS
-from service.results.sqlite_store import SqliteStore
+from service.results.migrations.release_scripts import SCRIPTS
+from service.results.sql_store import SqlStore
 from service.runtime.computing import Ask, Call, carry_out
 from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
@@ -74,7 +74,7 @@ def test_decision_is_done_when_it_is_answered_and_its_event_follows(tmp_path, re
         assert [d["decision"] for d in running.get("/v1/assets/unsw/decisions")] == ["pin"]
         post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "reject"})
         assert running.get("/v1/assets/unsw/effects") == []
-    with SqliteStore(tmp_path / "gear-twin.sqlite") as store:
+    with SqlStore(tmp_path / "gear-twin.sqlite") as store:
         told = [
             (e.data["action"], e.data.get("by"), e.data.get("note"))
             for e in store.events("unsw", 0)
@@ -106,14 +106,14 @@ def test_decision_that_was_kept_before_a_kill_is_carried_out_once_by_the_next_st
         replay(recording, [running.endpoint], 0)
         running.wait_for_windows(WINDOWS)
         running.end(signal.SIGKILL)
-        with SqliteStore(tmp_path / "gear-twin.sqlite") as store:
+        with SqlStore(tmp_path / "gear-twin.sqlite") as store:
             number = DecisionQueue(store).submit("unsw", "misalignment", "pin")
         for _ in range(2):
             running.start()
             wait_until(lambda: counted(running) > 0.5)
             assert counted(running) == pytest.approx(1)
             running.end(signal.SIGKILL)
-        with SqliteStore(tmp_path / "gear-twin.sqlite") as store:
+        with SqlStore(tmp_path / "gear-twin.sqlite") as store:
             assert store.decision(number).done and not store.pending_decisions()
     finally:
         running.end(signal.SIGKILL)
@@ -208,15 +208,15 @@ def test_command_signs_a_decision_and_lists_them(address, store, board, capsys):
 def test_a_store_of_before_names_and_notes_keeps_its_decisions(tmp_path):
     path = tmp_path / "old.sqlite"
     with closing(sqlite3.connect(path)) as db:
-        step = next(i for i, script in enumerate(MIGRATIONS) if "signed_by" in script)
-        for script in MIGRATIONS[:step]:
+        step = next(i for i, script in enumerate(SCRIPTS) if "signed_by" in script)
+        for script in SCRIPTS[:step]:
             db.executescript(script)
         db.executescript(f"""
             INSERT INTO assets (asset) VALUES ('unsw');
             INSERT INTO decisions (asset, received_ns, name, verb) VALUES ('unsw', 1, 'misalignment', 'pin');
             PRAGMA user_version = {step};
         """)
-    with SqliteStore(path) as store:
+    with SqlStore(path) as store:
         (decision,) = store.decisions("unsw")
         assert (decision.verb, decision.by, decision.note) == ("pin", None, None)
 

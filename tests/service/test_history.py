@@ -6,6 +6,7 @@ import json
 
 import pytest
 import service_fakes as fakes
+from sqlalchemy import Engine, event
 from test_api import Client
 
 from service.api import create_app
@@ -97,10 +98,14 @@ def test_a_long_history_is_thinned_evenly_and_ends_with_the_newest_window(store,
 
 def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long):
     read = []
-    trace = store.database._db.set_trace_callback
     rows = store._windows
     store._windows = lambda *given: read.append(len(found := rows(*given))) or found
-    trace(lambda sql: read.append(sql) if "COUNT(" in sql else None)
+
+    def count(_db, _cursor, sql, *_):
+        if "COUNT(" in sql.upper():
+            read.append(sql)
+
+    event.listen(Engine, "before_cursor_execute", count)
     try:
         again = Board.from_store(store)
         pipeline = Pipeline(lambda asset: Rig.from_mapping({}), Twin(step=None, new_state=dict, load_state=dict), None)
@@ -109,7 +114,7 @@ def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long
         store.asset = lambda name: _with(asset(name), assembly)
         restore(pipeline.lanes, store, Twin(step=None, new_state=dict, load_state=dict))
     finally:
-        trace(None)
+        event.remove(Engine, "before_cursor_execute", count)
     assert len(read) <= 3 and read[0] == TAIL and all(count <= POINTS + 1 for count in read[1:])
     assert again.get("unsw") == long.get("unsw")
     assert pipeline.quality("unsw")["windows"]["good"] == LONG

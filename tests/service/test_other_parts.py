@@ -131,12 +131,22 @@ def imported(file: Path) -> set[str]:
     ("package", "homes"),
     [
         ("zenoh", {"transport/zenoh.py", "transport/zenoh_session.py"}),
-        ("sqlite3", {"results/database.py", "results/sqlite_store.py"}),
+        ("sqlite3", {"results/migrate.py"}),
+        ("psycopg", set()),
     ],
 )
 def test_one_file_alone_knows_the_network_and_one_the_database(package, homes):
     knowing = {str(f.relative_to(ROOT / "service")) for f in (ROOT / "service").rglob("*.py") if package in imported(f)}
     assert knowing == homes
+
+
+def test_stores_alone_know_how_tables_are_asked():
+    knowing = {f.relative_to(ROOT / "service").parts[0] for f in (ROOT / "service").rglob("*.py") if asks_tables(f)}
+    assert knowing == {"results"}
+
+
+def asks_tables(file: Path) -> bool:
+    return bool(imported(file) & {"sqlalchemy", "alembic"})
 
 
 def test_service_over_other_parts_needs_neither_zenoh_nor_sqlite():

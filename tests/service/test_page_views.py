@@ -21,7 +21,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.results.alarm_store import AlarmStore
 from service.results.board import Board
 from service.results.signal_store import SignalStore
-from service.results.sqlite_store import SqliteStore
+from service.results.sql_store import SqlStore
 
 pytestmark = pytest.mark.slow
 
@@ -39,7 +39,7 @@ ALARMED = {"worn-out": WORN, "baseline": CRACKED, "model": NEAR}
 def plant(tmp_path_factory):
     """The address of a service with a machine of each kind, with kept signals and alarms."""
     folder = tmp_path_factory.mktemp("plant")
-    with SqliteStore(folder / "twin.sqlite") as store:
+    with SqlStore(folder / "twin.sqlite") as store:
         board, kept = Board(), SignalStore(folder / "signals", 2**30)
         alarms = AlarmKeeper(AlarmStore(store.database))
         for kind in KINDS:

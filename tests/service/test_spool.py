@@ -16,10 +16,10 @@ from test_other_parts import serving
 
 from service.json_text import plain
 from service.results.asset_life import AssetLife
-from service.results.sqlite_store import SqliteStore
+from service.results.data_folder import DATABASE, SIGNALS, WAITING
+from service.results.sql_store import SqlStore
 from service.runtime.assess import assess
 from service.runtime.replay import replay
-from service.runtime.serve import DATABASE, SIGNALS, WAITING
 
 WINDOWS = 5
 
@@ -36,12 +36,12 @@ class SqliteFile:
         self.path = path
 
     def open(self):
-        return SqliteStore(self.path / DATABASE)
+        return SqlStore(self.path / DATABASE)
 
 
 def waiting(data):
     """The windows that wait by the database, of a service that has ended."""
-    with SqliteStore(data / DATABASE) as store:
+    with SqlStore(data / DATABASE) as store:
         return AssetLife(store.database, data / WAITING).waiting("unsw")
 
 

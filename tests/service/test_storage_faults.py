@@ -10,13 +10,16 @@ import pytest
 import service_fakes as fakes
 
 from service.errors import StorageUnavailable, StoreError
+from service.results import backends
+from service.results.sql_store import SqlStore
 from service.results.storage_faults import storage_error
 
 
 @pytest.fixture
-def impatient(store):
-    store.database._db.execute("PRAGMA busy_timeout = 10")
-    return store
+def impatient(tmp_path, monkeypatch):
+    monkeypatch.setattr(backends, "LOCK_WAIT", 0.05)
+    with SqlStore(tmp_path / "twin.sqlite") as store:
+        yield store
 
 
 def test_database_that_another_program_locks_is_unavailable_and_works_again_afterwards(impatient):
@@ -35,13 +38,14 @@ def test_database_that_another_program_locks_is_unavailable_and_works_again_afte
 def test_full_disk_leaves_the_database_as_it_was_and_is_left_behind_when_there_is_room(store):
     fakes.take(store, None, "unsw", 0, 100.0)
     before = store.asset("unsw")
-    pages = store.database.rows("PRAGMA page_count")[0][0]
-    store.database.rows(f"PRAGMA max_page_count = {pages}")
+    with store.database.transaction() as db:
+        db.exec_driver_sql("PRAGMA max_page_count = 1")  # no less than the pages that there are
     with pytest.raises(StorageUnavailable) as caught:
         store.keep("unsw", rig={"name": "x" * 100_000})
     assert caught.value.reason == "no space"
     assert store.asset("unsw") == before
-    store.database.rows("PRAGMA max_page_count = 1000000")
+    with store.database.transaction() as db:
+        db.exec_driver_sql("PRAGMA max_page_count = 1000000")
     store.keep("unsw", rig={"name": "x" * 100_000})
     assert store.asset("unsw").rig is not None
 

@@ -7,17 +7,25 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 import service_fakes as fakes
 
-from service.errors import StoreError
+from service.errors import StorageUnavailable, StoreError
 from service.results.board import Board
-from service.results.migrations import MIGRATIONS
-from service.results.sqlite_store import SqliteStore
+from service.results.migrate import user_version
+from service.results.schema import REVISION
+from service.results.sql_store import SqlStore
 
 ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def store(each_store):
+    return each_store
 
 
 def test_committed_window_is_read_back_whole(store):
@@ -83,28 +91,27 @@ def test_numbers_that_are_not_finite_become_null(store):
     assert store.windows("unsw")[0].record == {"index": 0, "rms_predicted": None, "error_percent": None}
 
 
-def test_database_is_in_wal_mode_and_carries_its_schema_version(store):
-    with sqlite3.connect(store.path) as peek:
+def test_database_is_in_wal_mode_and_carries_its_schema_version(tmp_path):
+    with SqlStore(tmp_path / "twin.sqlite") as store, closing(sqlite3.connect(store.path)) as peek:
         assert peek.execute("PRAGMA journal_mode").fetchone() == ("wal",)
-        assert peek.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS),)
-    peek.close()
+        assert peek.execute("PRAGMA user_version").fetchone() == (user_version(REVISION),)
 
 
 def test_database_of_a_newer_program_is_refused(tmp_path):
     path = tmp_path / "twin.sqlite"
-    SqliteStore(path).close()
-    with sqlite3.connect(path) as peek:
-        peek.execute(f"PRAGMA user_version = {len(MIGRATIONS) + 5}")
-    peek.close()
-    with pytest.raises(StoreError, match=f"schema version {len(MIGRATIONS) + 5}.*newer"):
-        SqliteStore(path)
+    SqlStore(path).close()
+    newer = user_version(REVISION) + 5
+    with closing(sqlite3.connect(path)) as peek:
+        peek.execute(f"PRAGMA user_version = {newer}")
+    with pytest.raises(StoreError, match=f"schema version {newer}.*newer"):
+        SqlStore(path)
 
 
 def test_file_that_is_no_database_is_refused_by_name(tmp_path):
     path = tmp_path / "twin.sqlite"
     path.write_bytes(b"not a database at all, but long enough to be read as one" * 40)
     with pytest.raises(StoreError, match=r"twin\.sqlite cannot be used.*not a database"):
-        SqliteStore(path)
+        SqlStore(path)
 
 
 def test_board_from_the_store_equals_the_board_that_was_published(store):
@@ -120,8 +127,9 @@ import sys
 from pathlib import Path
 sys.path[:0] = sys.argv[2:4]
 import service_fakes as fakes
-from service.results.sqlite_store import SqliteStore
-store = SqliteStore(Path(sys.argv[1]))
+from service.results.sql_store import SqlStore
+where = sys.argv[1]
+store = SqlStore(where if "://" in where else Path(where))
 index = len(store.windows("unsw"))
 while True:
     assert fakes.take(store, None, "unsw", index, 100.0 * index)
@@ -130,11 +138,11 @@ while True:
 """
 
 
-def test_killed_process_loses_no_acknowledged_window_and_counts_none_twice(tmp_path):
-    path, acknowledged = tmp_path / "twin.sqlite", -1
+def test_killed_process_loses_no_acknowledged_window_and_counts_none_twice(where):
+    acknowledged = -1
     for stop_after in (3, 7, 20, 55):
         writer = subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(path), str(ROOT), str(Path(__file__).parent)],
+            [sys.executable, "-c", WRITER, str(where), str(ROOT), str(Path(__file__).parent)],
             stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         with writer:
@@ -143,7 +151,7 @@ def test_killed_process_loses_no_acknowledged_window_and_counts_none_twice(tmp_p
             os.kill(writer.pid, signal.SIGKILL)  # between commits or within one
             acknowledged = int([str(acknowledged), *writer.stdout.read().split()][-1])
         assert writer.returncode == -signal.SIGKILL
-        with SqliteStore(path) as store:
+        with SqlStore(where) as store:
             indices = [w.record["index"] for w in store.windows("unsw")]
             assert indices == list(range(len(indices)))
             assert len(indices) in (acknowledged + 1, acknowledged + 2)  # the last may be in, not yet said
@@ -151,3 +159,44 @@ def test_killed_process_loses_no_acknowledged_window_and_counts_none_twice(tmp_p
             told = [e.data["index"] for e in store.events("unsw", 0, 10_000) if e.kind == "window"]
             assert told == indices
             acknowledged = len(indices) - 1
+
+
+def test_reading_does_not_wait_for_a_transaction_of_another_thread(store):
+    fakes.take(store, None, "unsw", 0, 100.0)
+    with ThreadPoolExecutor(1) as other, store.database.transaction():
+        fakes.take(store, None, "unsw", 1, 200.0)
+        assert len(store.windows("unsw")) == 2  # within the transaction
+        assert len(other.submit(store.windows, "unsw").result(5)) == 1  # outside of it
+    assert len(store.windows("unsw")) == 2
+
+
+def test_threads_that_write_wait_for_one_another(store):
+    with ThreadPoolExecutor(4) as threads:
+        taken = list(threads.map(lambda i: fakes.take(store, None, f"asset-{i % 4}", i // 4, 10.0 * i), range(40)))
+    assert all(taken)
+    assert [len(store.windows(f"asset-{i}")) for i in range(4)] == [10] * 4
+
+
+def test_epochs_say_since_when(store):
+    for index in range(3):
+        fakes.take(store, None, "unsw", index, 100.0 * index)
+    store.keep("unsw", epoch=1)
+    fakes.take(store, None, "unsw", 3, 1.0)
+    first, second = store.epochs("unsw")
+    assert first == {"epoch": 0, "windows": 3, "first": 0, "last": 2, "since": fakes.record(0, 0.0)["start_time"]}
+    assert second["epoch"] == 1 and second["first"] == second["last"] == 3
+    assert store.asset("unsw").windows == 1 and store.next_index("unsw") == 4
+    assert [w.record["index"] for w in store.windows("unsw", epoch=0, every=2)] == [0, 2]
+
+
+def test_url_that_names_another_kind_of_database_is_refused_without_its_password():
+    with pytest.raises(StoreError, match="names mysql; it must be postgresql://") as caught:
+        SqlStore("mysql://me:secret@host/name")
+    assert "secret" not in str(caught.value)
+
+
+def test_server_that_is_not_there_is_one_line_without_the_password():
+    with pytest.raises(StorageUnavailable, match="connection lost") as caught:
+        SqlStore("postgresql://me:secret@127.0.0.1:9/name")
+    assert caught.value.reason == "connection lost"
+    assert "secret" not in str(caught.value) and "\n" not in str(caught.value)

@@ -14,8 +14,8 @@ from service_streams import RIG, Sink
 
 from service.errors import StoreError
 from service.results.board import Board
-from service.results.migrations import MIGRATIONS
-from service.results.sqlite_store import SqliteStore
+from service.results.migrations.release_scripts import SCRIPTS
+from service.results.sql_store import SqlStore
 from service.runtime.pipeline import Pipeline
 from service.runtime.rigs import Rigs, rig_change
 from service.runtime.twin_port import gear_twin
@@ -39,7 +39,7 @@ def path(tmp_path):
 
 @pytest.fixture
 def old(path):
-    with SqliteStore(path) as store:
+    with SqlStore(path) as store:
         yield store
 
 
@@ -47,7 +47,7 @@ def test_store_of_version_1_opens_with_all_its_windows_counted(old):
     assert old.assets() == ASSETS
     assert [old.asset(a).windows for a in ASSETS] == [1, 1, 8, 6]
     with sqlite3.connect(old.path) as peek:
-        assert peek.execute("PRAGMA user_version").fetchone() == (len(MIGRATIONS),)
+        assert peek.execute("PRAGMA user_version").fetchone() == (len(SCRIPTS),)
     peek.close()
     for asset in ASSETS:
         windows = old.windows(asset)
@@ -102,7 +102,7 @@ def test_state_that_cannot_be_read_is_one_sentence_with_the_asset(path, harm):
         edit.execute("UPDATE assets SET state = ? WHERE asset = 'bench'", (json.dumps(harm),))
     edit.close()
     twin = gear_twin(Options(trace=False))
-    with SqliteStore(path) as store:
+    with SqlStore(path) as store:
         pipeline = Pipeline(lambda asset: Rig.from_mapping({}), twin, Sink([]))
         with pytest.raises(StoreError, match=r"stored state of bench cannot be read .*another --data directory"):
             restore(pipeline.lanes, store, twin)

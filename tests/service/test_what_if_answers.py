@@ -16,7 +16,7 @@ from service.cli.what_if import text
 from service.contract.estimate import step
 from service.contract.what_if import WhatIfIn, answer
 from service.results.board import Board
-from service.results.sqlite_store import SqliteStore
+from service.results.sql_store import SqlStore
 from tests.documentation import ROOT
 from twin.options import Options
 
@@ -39,7 +39,7 @@ def assess_into(store, board):
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
     """A service's answers over a store with the short campaign in it."""
-    with SqliteStore(tmp_path_factory.mktemp("store") / "gear-twin.sqlite") as store:
+    with SqlStore(tmp_path_factory.mktemp("store") / "gear-twin.sqlite") as store:
         board = Board()
         assess_into(store, board)
         yield Client(create_app(board, store))

@@ -1,8 +1,11 @@
-"""The steps of the database's schema, from an empty file to the present one."""
+"""SQLite's schema from an empty file to the last release without Alembic, whose `PRAGMA user_version` is 8.
+
+These scripts are history: a later change of the schema is a revision in `versions`.
+"""
 
 from __future__ import annotations
 
-MIGRATIONS = (
+SCRIPTS = (
     """
     CREATE TABLE assets (
         asset TEXT PRIMARY KEY,
@@ -153,4 +156,9 @@ MIGRATIONS = (
     ALTER TABLE decisions ADD COLUMN note TEXT;
     """,
 )
-"""The schema's steps: entry i takes `PRAGMA user_version` from i to i + 1. Only ever append."""
+"""Entry i takes `PRAGMA user_version` from i to i + 1."""
+
+
+def statements_from(version: int) -> list[str]:
+    """The single statements that bring a file of this `user_version` to the newest."""
+    return [statement for script in SCRIPTS[version:] for statement in script.split(";") if statement.strip()]

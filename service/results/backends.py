@@ -1,0 +1,198 @@
+"""The two databases: how each is connected to, so that it can be relied upon.
+
+SQLite: one file in WAL mode, `synchronous=FULL`, foreign keys enforced; one connection writes, others read.
+PostgreSQL: a pool of connections; one that was dropped is replaced, and a transaction whose commit was not answered is
+asked for by its number.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import sqlalchemy as sa
+from sqlalchemy import Connection, Engine, event
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.engine import URL, make_url
+from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+from sqlalchemy.pool import NullPool, QueuePool
+
+from service.errors import StorageUnavailable, StoreError
+
+LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
+STATEMENT_WAIT = 60.0  # how long one statement of the service may take on a server [s]
+CONNECT_WAIT = 5  # how long a server is waited for [s]
+OUTCOME_WAIT = 10.0  # how long a server is asked for the outcome of a commit that it did not answer [s]
+READERS = 8  # connections that are kept for reading; as many more are opened when needed
+SILENT_AFTER = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 20_000}
+"""When a server that no longer answers counts as lost: [s], [s], tries, [ms]."""
+
+
+class Backend(Protocol):
+    """What the two databases do in their own ways."""
+
+    @property
+    def name(self) -> str:
+        """As a person knows it; without a password."""
+        ...
+
+    @property
+    def path(self) -> Path | None: ...
+
+    def engines(self) -> tuple[Engine, Engine]:
+        """For transactions, and for reading outside of them."""
+        ...
+
+    def for_migration(self) -> Engine:
+        """One that leaves the schema's constraints out of account until the end, and waits longer."""
+        ...
+
+    def insert(self, table: sa.Table) -> Any: ...
+
+    def verify(self) -> None:
+        """StorageUnavailable where what is connected to is no longer the database."""
+        ...
+
+    def transaction_number(self, db: Connection) -> int | None:
+        """By which the outcome of the present transaction can be asked for; None where a commit always answers."""
+        ...
+
+    def was_committed(self, engine: Engine, number: int) -> bool: ...
+
+
+def backend_of(where: Path | str) -> Backend:
+    """The backend of a file or a URL; StoreError where it is neither."""
+    if isinstance(where, Path):
+        return SqliteFile(where)
+    try:
+        url = make_url(where)
+    except ArgumentError:
+        raise StoreError("the setting database must be a URL such as postgresql://user@host/name") from None
+    kind = url.get_backend_name()
+    if kind == "sqlite" and url.database and url.database != ":memory:":
+        return SqliteFile(Path(url.database))
+    if kind in ("postgresql", "postgres"):
+        return Postgresql(url.set(drivername="postgresql+psycopg"))
+    raise StoreError(f"the setting database names {kind}; it must be postgresql://… or sqlite:///FILE")
+
+
+@dataclass(slots=True)
+class SqliteFile:
+    """A file of SQLite."""
+
+    path: Path
+    _inode: tuple[int, int] | None = None
+
+    @property
+    def name(self) -> str:
+        return str(self.path)
+
+    def engines(self) -> tuple[Engine, Engine]:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        writer = self._engine(["synchronous = FULL", "foreign_keys = ON"], pool_size=1, max_overflow=0)
+        event.listen(writer, "begin", lambda db: db.exec_driver_sql("BEGIN IMMEDIATE"))
+        with writer.connect():
+            stat = self.path.stat()
+            self._inode = (stat.st_dev, stat.st_ino)
+        reader = self._engine(["query_only = ON"], pool_size=READERS, max_overflow=READERS)
+        return writer, reader
+
+    def for_migration(self) -> Engine:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        engine = self._engine(["synchronous = FULL", "foreign_keys = OFF"], poolclass=NullPool)
+        event.listen(engine, "begin", lambda db: db.exec_driver_sql("BEGIN IMMEDIATE"))
+        return engine
+
+    def _engine(self, pragmas: list[str], **pool: Any) -> Engine:
+        pool.setdefault("poolclass", QueuePool)
+        engine = sa.create_engine(
+            URL.create("sqlite", database=str(self.path)),
+            connect_args={"check_same_thread": False, "timeout": LOCK_WAIT},
+            **pool,
+        )
+
+        def prepare(connection: Any, _: object) -> None:
+            connection.isolation_level = None  # transactions begin where this program says so, those of DDL too
+            for pragma in ("journal_mode = WAL", *pragmas):
+                connection.execute(f"PRAGMA {pragma}")
+
+        event.listen(engine, "connect", prepare)
+        return engine
+
+    def insert(self, table: sa.Table) -> Any:
+        return sqlite.insert(table)
+
+    def verify(self) -> None:
+        """The file of this name is still the one that was opened: another would be written by nobody else's leave."""
+        try:
+            stat = self.path.stat()
+            present = (stat.st_dev, stat.st_ino)
+        except OSError:
+            present = None
+        if present != self._inode:
+            raise StorageUnavailable(
+                f"{self.path} cannot be used now (input or output): it was removed or replaced while the service runs; "
+                "put it back, or start the service anew",
+                reason="input or output",
+            )
+
+    def transaction_number(self, db: Connection) -> int | None:
+        return None
+
+    def was_committed(self, engine: Engine, number: int) -> bool:
+        raise AssertionError("a commit of SQLite always answers")
+
+
+@dataclass(slots=True, frozen=True)
+class Postgresql:
+    """A database of a PostgreSQL server."""
+
+    url: URL
+    path: Path | None = None
+
+    @property
+    def name(self) -> str:
+        return self.url.set(drivername="postgresql").render_as_string(hide_password=True)
+
+    def engines(self) -> tuple[Engine, Engine]:
+        engine = self._engine(STATEMENT_WAIT, pool_size=READERS + 1, max_overflow=READERS, pool_timeout=LOCK_WAIT)
+        return engine, engine.execution_options(isolation_level="AUTOCOMMIT")
+
+    def for_migration(self) -> Engine:
+        return self._engine(0, poolclass=NullPool)
+
+    def _engine(self, wait: float, **pool: Any) -> Engine:
+        options = f"-c statement_timeout={int(1000 * wait)} -c lock_timeout={int(1000 * LOCK_WAIT)}"
+        arguments = {"connect_timeout": CONNECT_WAIT, "application_name": "gear-twin", **SILENT_AFTER}
+        arguments["options"] = " ".join(filter(None, (options, self.url.query.get("options"))))  # type: ignore[arg-type]
+        return sa.create_engine(self.url, connect_args=arguments, pool_pre_ping=True, **pool)
+
+    def insert(self, table: sa.Table) -> Any:
+        return postgresql.insert(table)
+
+    def verify(self) -> None:
+        pass  # a server's database cannot be taken away under a connection
+
+    def transaction_number(self, db: Connection) -> int | None:
+        return int(db.exec_driver_sql("SELECT pg_current_xact_id()::text").scalar_one())
+
+    def was_committed(self, engine: Engine, number: int) -> bool:
+        """The outcome of a commit that was not answered; StorageUnavailable where nobody says in time."""
+        end = time.monotonic() + OUTCOME_WAIT
+        while time.monotonic() < end:
+            try:
+                with engine.connect() as db:
+                    query = sa.text("SELECT pg_xact_status(CAST(:number AS xid8))")
+                    outcome = db.execute(query, {"number": str(number)}).scalar()
+            except SQLAlchemyError:
+                outcome = None
+            if outcome in ("committed", "aborted"):
+                return outcome == "committed"
+            time.sleep(0.2)
+        raise StorageUnavailable(
+            f"{self.name} cannot be used now (connection lost): it did not answer a commit, whose outcome is not known",
+            reason="connection lost",
+            unknown=True,
+        )

@@ -1,0 +1,167 @@
+"""The tables of the database, as the newest revision of `migrations` leaves them; for SQLite and PostgreSQL alike.
+
+Times are Unix times [ns]; `done` and `open` are 0 or 1; what is JSON is written by service/results/json_columns.py.
+"""
+
+from __future__ import annotations
+
+from sqlalchemy import BigInteger, Column, ForeignKey, Index, Integer, MetaData, Table, Text, text
+
+REVISION = "0001"
+"""The newest revision of `migrations`, which this program works with."""
+
+METADATA = MetaData()
+
+NUMBER = BigInteger().with_variant(Integer, "sqlite")  # of 64 bits in both
+
+
+def _key(name: str = "id") -> Column:
+    """A number that is given by the database and never used again."""
+    return Column(name, NUMBER, primary_key=True, autoincrement=True)
+
+
+def _asset(primary_key: bool = False) -> Column:
+    """The asset that a row belongs to."""
+    to = ForeignKey("assets.asset", deferrable=True)
+    return Column("asset", Text, to, nullable=False, primary_key=primary_key)
+
+
+def _text(name: str, *, nullable: bool = False, primary_key: bool = False) -> Column:
+    return Column(name, Text, nullable=nullable, primary_key=primary_key)
+
+
+def _json(name: str, *, nullable: bool = False) -> Column:
+    return Column(name, Text, nullable=nullable)
+
+
+def _number(name: str, default: str | None = None, *, nullable: bool = False, primary_key: bool = False) -> Column:
+    return Column(name, NUMBER, nullable=nullable, server_default=default, primary_key=primary_key, autoincrement=False)
+
+
+ASSETS = Table(
+    "assets",
+    METADATA,
+    Column("asset", Text, primary_key=True),
+    *(_json(n, nullable=True) for n in ("rig", "state", "report", "assembly", "quality", "question", "retired")),
+    *(_number(n, "0") for n in ("windows", "updates", "epoch")),
+    _number("received_ns", nullable=True),
+)
+WINDOWS = Table(
+    "windows",
+    METADATA,
+    _asset(primary_key=True),
+    _number("start_ns", primary_key=True),
+    _json("record"),
+    _json("figures"),
+    _number("number", "0"),
+    _number("epoch", "0"),
+    Index("windows_by_number", "asset", "number"),
+    Index("windows_by_epoch", "asset", "epoch", "number"),
+    sqlite_with_rowid=False,
+)
+EVENTS = Table(
+    "events",
+    METADATA,
+    _key(),
+    _asset(),
+    _text("kind"),
+    _json("data"),
+    Index("events_of_asset", "asset", "id"),
+    sqlite_autoincrement=True,
+)
+FAULT_TOTALS = Table(
+    "fault_totals",
+    METADATA,
+    _asset(primary_key=True),
+    *(_text(n, primary_key=True) for n in ("kind", "channel", "action")),
+    _number("count"),
+    _number("windows"),
+    sqlite_with_rowid=False,
+)
+INSPECTIONS = Table(
+    "inspections",
+    METADATA,
+    _key(),
+    _asset(),
+    _number("received_ns"),
+    _json("inspection"),
+    _json("answer"),
+    _number("done", "1"),
+    Index("inspections_waiting", "done", "id"),
+    sqlite_autoincrement=True,
+)
+DECISIONS = Table(
+    "decisions",
+    METADATA,
+    _key(),
+    _asset(),
+    _number("received_ns"),
+    _text("name"),
+    _text("verb"),
+    _number("done", "0"),
+    *(_text(n, nullable=True) for n in ("refused", "signed_by", "note")),
+    Index("decisions_waiting", "done", "id"),
+    sqlite_autoincrement=True,
+)
+ALARM_RULES = Table("alarm_rules", METADATA, _asset(primary_key=True), _json("rules"), _json("changed"))
+ALARM_MEMORY = Table("alarm_memory", METADATA, _asset(primary_key=True), _json("memory"))
+ALARMS = Table(
+    "alarms",
+    METADATA,
+    _key(),
+    _asset(),
+    _text("name"),
+    _number("open"),
+    _json("record"),
+    Index(
+        "alarms_open", "asset", "name", unique=True, sqlite_where=text("open = 1"), postgresql_where=text("open = 1")
+    ),
+    sqlite_autoincrement=True,
+)
+ALARM_HISTORY = Table(
+    "alarm_history",
+    METADATA,
+    _key(),
+    Column("alarm", NUMBER, ForeignKey("alarms.id", deferrable=True), nullable=False),
+    _json("entry"),
+    Index("history_of_alarm", "alarm", "id"),
+    sqlite_autoincrement=True,
+)
+WEBHOOK_OUTBOX = Table(
+    "webhook_outbox",
+    METADATA,
+    _key("number"),
+    *(_text(n) for n in ("name", "url")),
+    _json("body"),
+    _number("created_ns"),
+    _number("next_ns"),
+    _number("attempts", "0"),
+    sqlite_autoincrement=True,
+)
+CHANGES = Table(
+    "changes",
+    METADATA,
+    _key(),
+    _asset(),
+    _number("received_ns"),
+    _text("kind"),
+    _json("given"),
+    _number("done", "0"),
+    _text("refused", nullable=True),
+    _json("effect", nullable=True),
+    Index("changes_waiting", "done", "id"),
+    sqlite_autoincrement=True,
+)
+WAITING = Table(
+    "waiting",
+    METADATA,
+    _key(),
+    _asset(),
+    _number("start_ns"),
+    _number("bytes"),
+    Index("waiting_of_asset", "asset", "id"),
+    sqlite_autoincrement=True,
+)
+ROUTES = Table("routes", METADATA, _text("stream", primary_key=True), _asset())
+BASELINES = Table("baselines", METADATA, _asset(primary_key=True), _text("file"), _json("about"))
+BASELINE_NUMBERS = Table("baseline_numbers", METADATA, _key(), sqlite_autoincrement=True)

@@ -1,0 +1,384 @@
+"""Results in one database, SQLite or PostgreSQL.
+
+One window is one transaction: its record, the twin's state, its report, the place to resume the stream
+from, the data quality and the events are there together or not at all. The window's start is its name: a
+window that is committed already is not committed again, so nothing is counted twice.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import BindParameter, Connection, Select, Update, and_, bindparam, func, or_, select, update
+
+from service.contract.trend import figures
+from service.contract.version_1 import current_record, current_report
+from service.json_text import plain
+from service.results.database import Database
+from service.results.json_columns import dump, load
+from service.results.schema import ASSETS, DECISIONS, EVENTS, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
+from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of
+
+JSON_PARTS = ("rig", "state", "report", "assembly", "quality", "question", "retired")  # columns of an asset
+NAMED: BindParameter[str] = bindparam("of")  # the asset that a statement is about
+
+_PRESENT = select(ASSETS.c.epoch, ASSETS.c.windows, ASSETS.c.updates).where(ASSETS.c.asset == NAMED)
+_ASSET = select(
+    *(ASSETS.c[part] for part in JSON_PARTS), *(ASSETS.c[n] for n in ("windows", "updates", "received_ns", "epoch"))
+).where(ASSETS.c.asset == NAMED)
+_TOTALS = select(FAULT_TOTALS).where(FAULT_TOTALS.c.asset == NAMED)
+_EPOCH_OF = select(ASSETS.c.epoch).where(ASSETS.c.asset == NAMED).scalar_subquery()
+_WINDOW = select(WINDOWS.c.start_ns, WINDOWS.c.record, WINDOWS.c.figures)
+_OF_EPOCH = and_(
+    WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == func.coalesce(bindparam("epoch", type_=NUMBER), _EPOCH_OF)
+)
+_NEWEST = select(func.max(WINDOWS.c.number)).where(_OF_EPOCH).scalar_subquery()
+_WINDOWS = (
+    _WINDOW.where(_OF_EPOCH, WINDOWS.c.number > bindparam("after"))
+    .where(or_(WINDOWS.c.number % bindparam("every", type_=NUMBER) == 0, WINDOWS.c.number == _NEWEST))
+    .order_by(WINDOWS.c.number)
+    .limit(bindparam("most"))
+)
+_LATEST = (
+    _WINDOW.where(WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == _EPOCH_OF)
+    .order_by(WINDOWS.c.number.desc())
+    .limit(bindparam("most"))
+)
+_NEXT = select(func.coalesce(func.max(WINDOWS.c.number) + 1, 0)).where(WINDOWS.c.asset == NAMED)
+_EPOCHS = (
+    select(
+        WINDOWS.c.epoch,
+        func.count().label("windows"),
+        func.min(WINDOWS.c.number).label("first"),
+        func.max(WINDOWS.c.number).label("last"),
+    )
+    .where(WINDOWS.c.asset == NAMED)
+    .group_by(WINDOWS.c.epoch)
+    .order_by(WINDOWS.c.epoch)
+)
+_NUMBERED = select(WINDOWS.c.record).where(WINDOWS.c.asset == NAMED, WINDOWS.c.number == bindparam("at"))
+_EVENTS = (
+    select(EVENTS.c.id, EVENTS.c.kind, EVENTS.c.data)
+    .where(EVENTS.c.asset == NAMED, EVENTS.c.id > bindparam("after"))
+    .order_by(EVENTS.c.id)
+    .limit(bindparam("most"))
+)
+_LAST_EVENT = select(func.coalesce(func.max(EVENTS.c.id), 0)).where(EVENTS.c.asset == NAMED)
+_INSPECTION = select(
+    *(INSPECTIONS.c[n] for n in ("id", "asset", "received_ns", "inspection", "answer", "done"))
+).order_by(INSPECTIONS.c.id)
+_DECISION = select(DECISIONS).order_by(DECISIONS.c.id)
+_DECISION_COUNTS = (
+    select(DECISIONS.c.verb, func.count())
+    .where(DECISIONS.c.asset == NAMED, DECISIONS.c.done == 1, DECISIONS.c.refused.is_(None))
+    .group_by(DECISIONS.c.verb)
+)
+_END_INSPECTION = (
+    update(INSPECTIONS)
+    .where(INSPECTIONS.c.id == bindparam("number"), INSPECTIONS.c.done == 0)
+    .values(done=1, answer=bindparam("answer"))
+)
+_END_DECISION = (
+    update(DECISIONS)
+    .where(DECISIONS.c.id == bindparam("number"), DECISIONS.c.done == 0)
+    .values(done=1, refused=bindparam("refused"))
+)
+_NEW_EPOCH = (
+    update(ASSETS)
+    .where(ASSETS.c.asset == NAMED, ASSETS.c.epoch < bindparam("begun"))
+    .values(epoch=bindparam("begun"), windows=0, updates=0)
+)
+
+
+@cache
+def _update_asset(columns: tuple[str, ...]) -> Update:
+    """Writes these columns of one asset."""
+    return update(ASSETS).where(ASSETS.c.asset == NAMED).values({name: bindparam(name) for name in columns})
+
+
+class SqlStore:
+    """A `ResultStore` in a database. Safe to use from several threads of one process."""
+
+    def __init__(self, where: Path | str) -> None:
+        """where  file of an SQLite database, or the URL of a PostgreSQL database"""
+        self.database = database = Database(where)
+        self._transaction, self._rows = database.transaction, database.rows
+        self._insert_asset = database.insert(ASSETS).on_conflict_do_nothing()
+        self._insert_window = database.insert(WINDOWS).on_conflict_do_nothing().returning(WINDOWS.c.start_ns)
+        self._insert_events = database.insert(EVENTS)
+        totals = database.insert(FAULT_TOTALS)
+        self._add_faults = totals.on_conflict_do_update(
+            index_elements=["asset", "kind", "channel", "action"],
+            set_={
+                "count": FAULT_TOTALS.c.count + totals.excluded["count"],
+                "windows": FAULT_TOTALS.c.windows + 1,
+            },
+        )
+
+    @property
+    def path(self) -> Path | None:
+        """The file of an SQLite database."""
+        return self.database.path
+
+    def close(self) -> None:
+        self.database.close()
+
+    def __enter__(self) -> SqlStore:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # -- writing -------------------------------------------------------------------------------------
+
+    def commit(
+        self,
+        asset: str,
+        start_ns: int,
+        *,
+        record: Mapping[str, Any],
+        state: Mapping[str, Any],
+        report: Mapping[str, Any] | None,
+        assembly: Mapping[str, Any],
+        quality: Mapping[str, Any],
+        received_ns: int,
+        events: Iterable[tuple[str, Mapping[str, Any]]] = (),
+    ) -> StoredWindow | None:
+        """One window, whole; None (and nothing changed) where it is there already."""
+        refused = record.get("quality") == "refused"
+        shown = {} if report is None or refused else plain(figures(report))
+        with self._transaction() as db:
+            epoch, windows, updates = self._counts(db, asset)
+            row = {
+                "asset": asset, "start_ns": start_ns, "record": dump(record), "figures": dump(shown),
+                "number": record["index"], "epoch": epoch,
+            }  # fmt: skip
+            if db.execute(self._insert_window, row).first() is None:
+                return None
+            parts = {"state": state, "report": report, "assembly": assembly, "quality": quality}
+            counts = {
+                "windows": windows + 1, "updates": updates + bool(record.get("updated")), "received_ns": received_ns,
+            }  # fmt: skip
+            self._keep(db, asset, parts, counts)
+            faults = [
+                {"asset": asset, "kind": kind, "channel": channel, "action": action, "count": count, "windows": 1}
+                for (kind, channel, action), count in faults_of(record).items()
+            ]
+            if faults:
+                db.execute(self._add_faults, faults)
+            self._add_events(db, asset, events)
+        return StoredWindow(start_ns=start_ns, record=plain(record), figures=shown)
+
+    def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
+        """Takes in what happened outside a window."""
+        with self._transaction() as db:
+            self._ensure(db, asset)
+            self._add_events(db, asset, events)
+
+    def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:
+        """Keeps the rig file's mapping for the asset, in place of an earlier one."""
+        self.keep(asset, rig=rig)
+
+    def keep(self, asset: str, **parts: Any) -> None:
+        """Keeps parts of what is known of an asset outside a window."""
+        with self._transaction() as db:
+            self._ensure(db, asset)
+            ended = {name: parts.pop(name) for name in ("question", "retired") if name in parts}
+            if (begun := parts.pop("epoch", None)) is not None:
+                db.execute(_NEW_EPOCH, {"of": asset, "begun": begun})
+            self._keep(db, asset, parts, {name: dump(value) for name, value in ended.items()})
+
+    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
+        """Keeps one measured depth, which waits to become part of the estimate; its id."""
+        with self._transaction() as db:
+            self._ensure(db, asset)
+            row = {"asset": asset, "received_ns": time.time_ns(), "done": 0}
+            row |= {"inspection": dump(inspection), "answer": dump(answer)}
+            return self.database.add(db, INSPECTIONS, row)
+
+    def use_inspection(
+        self,
+        inspection: StoredInspection,
+        *,
+        answer: Mapping[str, Any],
+        state: Mapping[str, Any],
+        report: Mapping[str, Any],
+        events: Iterable[tuple[str, Mapping[str, Any]]],
+    ) -> bool:
+        """An inspection with all that it changes, whole; False (and nothing changed) where it was used before."""
+        with self._transaction() as db:
+            if not db.execute(_END_INSPECTION, {"number": inspection.id, "answer": dump(answer)}).rowcount:
+                return False
+            self._keep(db, inspection.asset, {"state": state, "report": report})
+            self._add_events(db, inspection.asset, events)
+            return True
+
+    def refuse_inspection(self, inspection: StoredInspection, answer: Mapping[str, Any]) -> None:
+        """Ends an inspection that cannot become part of the estimate."""
+        with self._transaction() as db:
+            db.execute(_END_INSPECTION, {"number": inspection.id, "answer": dump(answer)})
+
+    def add_decision(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
+        """Keeps a decision that waits to be carried out, with the person's name and note; its id."""
+        with self._transaction() as db:
+            self._ensure(db, asset)
+            row = {"asset": asset, "received_ns": time.time_ns(), "name": name, "verb": verb}
+            row |= {"signed_by": by, "note": note}
+            return self.database.add(db, DECISIONS, row)
+
+    def carry_out(
+        self,
+        decision: StoredDecision,
+        *,
+        state: Mapping[str, Any],
+        report: Mapping[str, Any],
+        events: Iterable[tuple[str, Mapping[str, Any]]],
+    ) -> bool:
+        """Takes in a decision with all that it changes, whole; False (and nothing changed) where it was done before."""
+        with self._transaction() as db:
+            if not db.execute(_END_DECISION, {"number": decision.id, "refused": None}).rowcount:
+                return False
+            self._keep(db, decision.asset, {"state": state, "report": report})
+            self._add_events(db, decision.asset, events)
+            return True
+
+    def refuse(self, decision: StoredDecision, reason: str) -> None:
+        """Ends a decision that cannot be carried out."""
+        with self._transaction() as db:
+            db.execute(_END_DECISION, {"number": decision.id, "refused": reason})
+
+    # -- reading -------------------------------------------------------------------------------------
+
+    def assets(self) -> tuple[str, ...]:
+        return tuple(row[0] for row in self._rows(select(ASSETS.c.asset).order_by(ASSETS.c.asset)))
+
+    def asset(self, asset: str) -> StoredAsset:
+        """What is committed of the asset; empty where it has never been seen."""
+        rows = self._rows(_ASSET, {"of": asset})
+        if not rows:
+            return StoredAsset(asset=asset)
+        row = rows[0]._mapping
+        parts = {name: load(row[name]) for name in JSON_PARTS}
+        if parts["report"] is not None:
+            parts["report"] = current_report(parts["report"])
+        totals = self._rows(_TOTALS, {"of": asset})
+        return StoredAsset(
+            asset=asset,
+            **parts,
+            windows=row["windows"],
+            updates=row["updates"],
+            fault_totals={(kind, channel, action): (count, found) for _, kind, channel, action, count, found in totals},
+            received_ns=row["received_ns"],
+            epoch=row["epoch"],
+        )
+
+    def windows(
+        self, asset: str, after: int = -1, limit: int = 1000, every: int = 1, epoch: int | None = None
+    ) -> tuple[StoredWindow, ...]:
+        """Windows of one epoch with an index above `after`, oldest first; every so many, and the newest."""
+        given = {"of": asset, "after": after, "every": every, "most": limit, "epoch": epoch}
+        return self._windows(_WINDOWS, given)
+
+    def next_index(self, asset: str) -> int:
+        """Index of the asset's next window."""
+        return self._rows(_NEXT, {"of": asset})[0][0]
+
+    def epochs(self, asset: str) -> tuple[Mapping[str, Any], ...]:
+        """The epochs that have windows, from the first."""
+        names = ("epoch", "windows", "first", "last")
+        found = [dict(zip(names, row, strict=True)) for row in self._rows(_EPOCHS, {"of": asset})]
+        for epoch in found:
+            ((record,),) = self._rows(_NUMBERED, {"of": asset, "at": epoch["first"]})
+            epoch["since"] = load(record).get("start_time")
+        return tuple(found)
+
+    def latest_windows(self, asset: str, limit: int) -> tuple[StoredWindow, ...]:
+        """The newest windows of the present epoch, oldest first."""
+        return self._windows(_LATEST, {"of": asset, "most": limit})[::-1]
+
+    def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:
+        """The asset's events with an id above `after`, oldest first."""
+        rows = self._rows(_EVENTS, {"of": asset, "after": after, "most": limit})
+        return tuple(Event(id=i, asset=asset, kind=kind, data=load(data)) for i, kind, data in rows)
+
+    def last_event_id(self, asset: str) -> int:
+        return self._rows(_LAST_EVENT, {"of": asset})[0][0]
+
+    def inspections(self, asset: str, after: int = 0, limit: int = 1000) -> tuple[Mapping[str, Any], ...]:
+        own = _INSPECTION.where(INSPECTIONS.c.asset == asset, INSPECTIONS.c.id > after).limit(limit)
+        return tuple(inspection.to_dict() for inspection in self._inspections(own))
+
+    def inspection(self, number: int) -> StoredInspection:
+        (found,) = self._inspections(_INSPECTION.where(INSPECTIONS.c.id == number))
+        return found
+
+    def pending_inspections(self) -> tuple[StoredInspection, ...]:
+        """Those that wait to become part of the estimate, oldest first."""
+        return self._inspections(_INSPECTION.where(INSPECTIONS.c.done == 0))
+
+    def decision(self, number: int) -> StoredDecision:
+        (found,) = self._decisions(_DECISION.where(DECISIONS.c.id == number))
+        return found
+
+    def decisions(self, asset: str) -> tuple[StoredDecision, ...]:
+        """All decisions on the asset's effects, oldest first."""
+        return self._decisions(_DECISION.where(DECISIONS.c.asset == asset))
+
+    def decision_counts(self, asset: str) -> dict[str, int]:
+        """How many decisions on the asset's effects were carried out, by verb."""
+        return {verb: count for verb, count in self._rows(_DECISION_COUNTS, {"of": asset})}
+
+    def pending_decisions(self) -> tuple[StoredDecision, ...]:
+        """Those that wait to be carried out, oldest first."""
+        return self._decisions(_DECISION.where(DECISIONS.c.done == 0))
+
+    # -- within --------------------------------------------------------------------------------------
+
+    def _windows(self, query: Select, values: Mapping[str, Any]) -> tuple[StoredWindow, ...]:
+        return tuple(
+            StoredWindow(start_ns=start, record=current_record(load(record)), figures=load(shown))
+            for start, record, shown in self._rows(query, values)
+        )
+
+    def _inspections(self, query: Select) -> tuple[StoredInspection, ...]:
+        return tuple(
+            StoredInspection(
+                id=i, asset=asset, received_ns=ns, inspection=load(given), answer=load(answer), done=bool(done)
+            )
+            for i, asset, ns, given, answer, done in self._rows(query)
+        )
+
+    def _decisions(self, query: Select) -> tuple[StoredDecision, ...]:
+        names = {"id", "asset", "received_ns", "name", "verb", "refused", "note"}
+        return tuple(
+            StoredDecision(**{n: row[n] for n in names}, done=bool(row["done"]), by=row["signed_by"])
+            for row in (r._mapping for r in self._rows(query))
+        )
+
+    def _ensure(self, db: Connection, asset: str) -> None:
+        db.execute(self._insert_asset, {"asset": asset})
+
+    def _counts(self, db: Connection, asset: str) -> tuple[int, int, int]:
+        """Present epoch, windows and updates of an asset, which is there afterwards."""
+        row = db.execute(_PRESENT, {"of": asset}).one_or_none()
+        if row is None:
+            self._ensure(db, asset)
+            row = db.execute(_PRESENT, {"of": asset}).one()
+        return row[0], row[1], row[2]
+
+    def _keep(
+        self, db: Connection, asset: str, parts: Mapping[str, Any], others: Mapping[str, Any] | None = None
+    ) -> None:
+        """Writes those parts that are given, and other columns as they are."""
+        columns = {name: dump(value) for name, value in parts.items() if value is not None} | dict(others or {})
+        if columns:
+            db.execute(_update_asset(tuple(sorted(columns))), {"of": asset, **columns})
+
+    def _add_events(self, db: Connection, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
+        rows = [{"asset": asset, "kind": kind, "data": dump(data)} for kind, data in events]
+        if rows:
+            db.execute(self._insert_events, rows)
