@@ -258,9 +258,9 @@ def rest() -> str:
     for path, methods in _openapi()["paths"].items():
         for method, call in methods.items():
             about = " ".join(call.get("description", call.get("summary", "")).split())
-            codes = ", ".join(sorted(call.get("responses", {})))
-            rows.append((f"`{method.upper()} {path}`", about, codes))
-    return table(("call", "answer", "status"), rows)
+            codes = ", ".join(sorted(set(call.get("responses", {})) - {"401", "403", "429"}))
+            rows.append((f"`{method.upper()} {path}`", call.get("x-role", ""), about, codes))
+    return table(("call", "role", "answer", "status"), rows)
 
 
 def keys() -> str:

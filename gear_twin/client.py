@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import ssl
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
@@ -56,10 +58,20 @@ class Client:
 
     url      address of the service, such as http://127.0.0.1:8080
     timeout  how long an answer is waited for [s]
+    key      API key or token, where the service needs one; default: GEAR_TWIN_KEY
+    ca       file of certificates (PEM) that the service's is verified by; default: GEAR_TWIN_CA, else the system's
     """
 
-    def __init__(self, url: str, timeout: float = 30.0) -> None:
-        self._http = httpx.Client(base_url=url.rstrip("/"), timeout=timeout)
+    def __init__(
+        self, url: str, timeout: float = 30.0, *, key: str | None = None, ca: str | Path | None = None
+    ) -> None:
+        key, ca = key or os.environ.get("GEAR_TWIN_KEY"), ca or os.environ.get("GEAR_TWIN_CA")
+        self._http = httpx.Client(
+            base_url=url.rstrip("/"),
+            timeout=timeout,
+            headers={"Authorization": f"Bearer {key}"} if key else None,
+            verify=ssl.create_default_context(cafile=ca) if ca else True,
+        )
         self._long = max(timeout, LONG)
 
     def __enter__(self) -> Client:

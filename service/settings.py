@@ -10,16 +10,20 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from typing import Any, ClassVar, Literal
+from urllib.parse import urlsplit
 
 from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
+from service.access.addresses import is_loopback
+from service.access.roles import Role
 from service.configuration.sources import CONFIG, Environment, FileSource
 from service.configuration.tables import Table
 from twin.attention import StatusLimits
 
 _HOST_PORT = r"^(\[[0-9A-Fa-f:.]+\]|[^:\s]+):\d{1,5}$"
 HOUR = 3600.0  # [s]
+Algorithm = Literal["RS256", "RS384", "RS512", "PS256", "PS384", "PS512", "ES256", "ES384", "ES512", "EdDSA"]
 
 
 class Stream(Table):
@@ -140,7 +144,60 @@ class Http(Table):
     http: str = Field(default="127.0.0.1:8080", pattern=_HOST_PORT, description="HOST:PORT of REST and the page")
 
 
-class Settings(Stream, Windows, Twin, Alarms, Results, Http, BaseSettings):
+class Admission(Table):
+    """Who may do what."""
+
+    TABLE: ClassVar[str] = "access"
+
+    anonymous: Literal["none", "read"] = Field(
+        default="none", description="what everybody may do without a key or token: nothing, or read everything"
+    )
+
+
+class Oidc(Table):
+    """Tokens of an OpenID Connect issuer."""
+
+    TABLE: ClassVar[str] = "oidc"
+    PREFIX: ClassVar[str] = "oidc_"
+
+    oidc_issuer: str | None = Field(
+        default=None,
+        pattern=r"^https?://\S+$",
+        description="address of the issuer whose tokens are accepted; without one no token is",
+        examples=["https://login.example.org/realms/plant"],
+    )
+    oidc_audience: str = Field(default="gear-twin", min_length=1, description="audience that a token must name")
+    oidc_algorithms: list[Algorithm] = Field(
+        default=["RS256", "ES256"], min_length=1, description="algorithms of signature that are accepted"
+    )
+    oidc_leeway: float = Field(default=30.0, ge=0, le=300, description="difference of clocks that is allowed [s]")
+    oidc_role_claim: str = Field(
+        default="roles",
+        min_length=1,
+        description="claim that names the roles, a list or words; parts of its path are separated by dots",
+        examples=["realm_access.roles"],
+    )
+    oidc_roles: dict[str, Role] = Field(
+        default={"read": Role.read, "operate": Role.operate, "administer": Role.administer},
+        description="role of this service for each value of the claim",
+    )
+    oidc_name_claim: str = Field(
+        default="preferred_username", min_length=1, description="claim that names the person; sub where it is not there"
+    )
+    oidc_keys_url: str | None = Field(
+        default=None,
+        pattern=r"^https?://\S+$",
+        description="address of the issuer's keys; without it the one that the issuer's own description names",
+        examples=["https://login.example.org/realms/plant/certs"],
+    )
+    oidc_ca: Path | None = Field(
+        default=None,
+        description="certificates (PEM) of the authorities that the issuer is verified by; without it the system's",
+        examples=["authorities.pem"],
+    )
+
+
+class Settings(Stream, Windows, Twin, Alarms, Results, Http, Admission, Oidc, BaseSettings):
     """Settings of `gear-twin serve`, `demo` and whatever else takes windows apart."""
 
     model_config = SettingsConfigDict(env_prefix="GEAR_TWIN_", extra="forbid", validate_default=True)
@@ -179,6 +236,13 @@ class Settings(Stream, Windows, Twin, Alarms, Results, Http, BaseSettings):
             if scheme not in ("http", "https") or not rest.partition("/")[0]:
                 raise ValueError(f"webhook {address!r} must read http://host/path or https://host/path")
         return addresses
+
+    @field_validator("oidc_issuer", "oidc_keys_url")
+    @classmethod
+    def _protected(cls, url: str | None) -> str | None:
+        if url is not None and not url.startswith("https://") and not is_loopback(urlsplit(url).hostname):
+            raise ValueError("must be an https:// address: what comes over http:// could be changed on its way")
+        return url
 
     @property
     def status_limits(self) -> StatusLimits:

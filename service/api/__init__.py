@@ -9,10 +9,11 @@ from typing import Any
 from fastapi import FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
+from service.access.access import Access
 from service.alarms.keeper import AlarmKeeper
 from service.api import alarms as alarm_routes
 from service.api import asset_life as life_routes
-from service.api import assets, effects, events, metrics, models, pages, problems, reports
+from service.api import assets, effects, events, guard, metrics, models, pages, problems, reports, sessions
 from service.api import baselines as baseline_routes
 from service.api import signals as signal_routes
 from service.api import what_if as what_if_routes
@@ -42,6 +43,7 @@ def create_app(
     alarms: AlarmKeeper | None = None,
     changes: ChangeQueue | None = None,
     baselines: BaselineStore | None = None,
+    access: Access | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
@@ -52,6 +54,7 @@ def create_app(
     alarms     whoever keeps alarms; None for one over the store, with the default rules
     changes    where changes of assets are submitted; None where nobody carries them out: they are kept
     baselines  healthy baselines of single assets; None where none are kept
+    access     whom it lets in; None for clients of this computer alone
     """
     app = FastAPI(
         title="gear-twin",
@@ -68,20 +71,24 @@ def create_app(
     app.state.baselines = baselines
     app.state.queue = queue or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
-    app.state.registry = metrics.registry(board, store, gauges)
+    app.state.access = admitted = access or Access()
+    app.state.registry = metrics.registry(board, store, lambda: {**gauges(), **admitted.gauges()})
     problems.install(app)
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_FROM, compresslevel=COMPRESSION)
     for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports, what_if_routes):
         app.include_router(module.router)
     app.include_router(life_routes.router)
     app.include_router(baseline_routes.router)
+    app.include_router(sessions.router)
     pages.mount_static(app)
+    guard.install(app)
     generate = app.openapi
 
     def openapi() -> dict[str, Any]:
         schema = generate()
         problem = models.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
         schema["components"]["schemas"].setdefault("Problem", problem)
+        guard.described(schema, app)
         return schema
 
     app.openapi = openapi  # type: ignore[method-assign]

@@ -9,14 +9,16 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from service.access.roles import Role
 from service.alarms.quantities import QUANTITIES
 from service.alarms.rules import MOST_RULES, Rule, RuleFields, RuleFile, first_fault
 from service.api.assets import ERRORS, LARGEST, snapshot_of
+from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.contract.alarms import Alarm
 from service.results.status_events import status_events
 
-router = APIRouter(prefix="/v1", tags=["alarms"])
+router = APIRouter(prefix="/v1", tags=["alarms"], route_class=Guarded)
 
 VERBS = {"acknowledge": "acknowledged", "clear": "cleared"}
 LONGEST_NAME, LONGEST_NOTE = 100, 2000
@@ -88,12 +90,14 @@ class AlarmRules(BaseModel):
 
 
 @router.get("/alarms", response_model=list[Alarm], responses=responses(422))
+@needs(Role.read)
 def all_alarms(request: Request, query: Annotated[AlarmQuery, Query()]) -> Any:
     """Alarms of all assets with their history, most urgent first."""
     return JSONResponse(_listed(request, None, query))
 
 
 @router.get("/assets/{asset}/alarms", response_model=list[Alarm], responses=ERRORS)
+@needs(Role.read)
 def alarms(request: Request, asset: str, query: Annotated[AlarmQuery, Query()]) -> Any:
     """Alarms of one asset with their history, most urgent first."""
     snapshot_of(request, asset)
@@ -110,6 +114,7 @@ def _listed(request: Request, asset: str | None, query: AlarmQuery) -> list[Any]
     response_model=Alarm,
     responses=responses(400, 404, 409, 422),
 )
+@needs(Role.operate)
 def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge", "clear"], given: SignedIn) -> Any:
     """Acknowledges or clears an open alarm by name; a cleared quantity still beyond its limit is raised again."""
     before = snapshot_of(request, asset)
@@ -137,6 +142,7 @@ def _refusal(number: int, alarm: Any) -> str:
 
 
 @router.get("/assets/{asset}/alarm-rules", response_model=AlarmRules, responses=ERRORS)
+@needs(Role.read)
 def rules(request: Request, asset: str) -> Any:
     """The alarm rules of one asset, and how far limits have been learned."""
     snapshot_of(request, asset)
@@ -144,6 +150,7 @@ def rules(request: Request, asset: str) -> Any:
 
 
 @router.put("/assets/{asset}/alarm-rules", response_model=AlarmRules, responses=responses(400, 404, 409, 422))
+@needs(Role.administer)
 def set_rules(request: Request, asset: str, given: RulesIn) -> Any:
     """Gives one asset alarm rules of its own; alarms whose rule is gone end with the next window."""
     snapshot_of(request, asset)

@@ -8,8 +8,10 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 from starlette.concurrency import run_in_threadpool
 
+from service.access.roles import Role
 from service.api import asset_life_models as models
 from service.api.assets import ERRORS, snapshot_of
+from service.api.guard import Guarded, needs
 from service.api.models import AssetSummary
 from service.api.problems import problem, responses
 from service.contract.base import iso_time
@@ -17,12 +19,13 @@ from service.errors import FAULT, InputError
 from service.files.rig import checked_rig
 from service.results.asset_life import StoredChange
 
-router = APIRouter(prefix="/v1/assets", tags=["life of an asset"])
+router = APIRouter(prefix="/v1/assets", tags=["life of an asset"], route_class=Guarded)
 
 KEPT: dict[int | str, dict[str, Any]] = {202: {"model": models.AssetChange}}
 
 
 @router.post("", status_code=201, response_model=AssetSummary, responses=responses(400, 409, 422))
+@needs(Role.administer)
 def create(request: Request, given: models.AssetIn) -> Any:
     """Creates an asset before its first frame, with its rig file."""
     board, store = request.app.state.board, request.app.state.store
@@ -41,6 +44,7 @@ def create(request: Request, given: models.AssetIn) -> Any:
 
 
 @router.get("/{asset}/changes", response_model=list[models.AssetChange], responses=ERRORS)
+@needs(Role.read)
 def changes(request: Request, asset: str) -> Any:
     """What people have changed on the asset, oldest first."""
     snapshot_of(request, asset)
@@ -53,6 +57,7 @@ def changes(request: Request, asset: str) -> Any:
     response_model=models.AssetChange,
     responses=KEPT | responses(400, 404, 409, 422, 500),
 )
+@needs(Role.operate)
 async def change(request: Request, asset: str, given: models.ChangeIn) -> Any:
     """Enters a change, or answers the open question; 202 where it is queued and applied after the current window."""
     snapshot_of(request, asset)
@@ -67,6 +72,7 @@ async def change(request: Request, asset: str, given: models.ChangeIn) -> Any:
 
 
 @router.get("/{asset}/epochs", response_model=list[models.Epoch], responses=ERRORS)
+@needs(Role.read)
 def epochs(request: Request, asset: str) -> Any:
     """The gears that the asset has had, each with its windows; `?epoch=` of `/windows` and `/trend` reads them."""
     snapshot_of(request, asset)

@@ -9,8 +9,10 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
+from service.access.roles import Role
 from service.api import models
 from service.api.conditional import answer
+from service.api.guard import Guarded, needs
 from service.api.problems import UnknownAsset, responses
 from service.contract.answer import Asset
 from service.contract.base import NotAvailable, not_available
@@ -22,7 +24,7 @@ from service.results.board import TAIL, Snapshot, has_point, trend_point
 from service.results.inspections import compare
 from service.results.store import ResultStore, StoredWindow
 
-router = APIRouter(prefix="/v1/assets", tags=["assets"])
+router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
 
 ERRORS = responses(404, 422)
 LARGEST = 2**53  # of a window's or an inspection's number
@@ -40,6 +42,7 @@ def snapshot_of(request: Request, asset: str) -> Snapshot:
 
 
 @router.get("", response_model=list[models.AssetSummary])
+@needs(Role.read)
 async def assets(request: Request) -> Any:
     """The assets seen, each with its status."""
     board = request.app.state.board
@@ -47,6 +50,7 @@ async def assets(request: Request) -> Any:
 
 
 @router.get("/{asset}", response_model=Asset, responses=ERRORS)
+@needs(Role.read)
 async def asset(
     request: Request,
     asset: str,
@@ -61,24 +65,28 @@ async def asset(
 
 
 @router.get("/{asset}/wear", response_model=Wear | NotAvailable, responses=ERRORS)
+@needs(Role.read)
 async def wear(request: Request, asset: str) -> Any:
     """Wear now: K, depths with their bands, profile of both flanks."""
     return answer(request, snapshot_of(request, asset).whole["wear"])
 
 
 @router.get("/{asset}/rul", response_model=Rul | NotAvailable, responses=ERRORS)
+@needs(Role.read)
 async def rul(request: Request, asset: str) -> Any:
     """Remaining useful life in revolutions and hours, with its 5–95 % band."""
     return answer(request, snapshot_of(request, asset).whole["rul"])
 
 
 @router.get("/{asset}/residual", response_model=Residual | NotAvailable, responses=ERRORS)
+@needs(Role.read)
 async def residual(request: Request, asset: str) -> Any:
     """Residual: what the model does not explain, by gear-mesh band and order."""
     return answer(request, snapshot_of(request, asset).whole["residual"])
 
 
 @router.get("/{asset}/rig", response_model=dict[str, Any], responses=ERRORS)
+@needs(Role.read)
 async def rig(request: Request, asset: str) -> Any:
     """The rig file in use."""
     values = snapshot_of(request, asset).rig
@@ -103,12 +111,14 @@ class HistoryQuery(BaseModel):
 
 
 @router.get("/{asset}/windows", response_model=list[WindowRecord], responses=ERRORS)
+@needs(Role.read)
 def windows(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
     """Window records, oldest first: a page by cursor, or a long history thinned."""
     return answer(request, [w.record for w in history(request, asset, query)])
 
 
 @router.get("/{asset}/trend", response_model=list[models.TrendPoint], responses=ERRORS)
+@needs(Role.read)
 def trend(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
     """Level, depth and remaining life with their bands as each window left them; refused windows left out."""
     return answer(request, [trend_point(w) for w in history(request, asset, query) if has_point(w)])
@@ -128,12 +138,14 @@ def history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredWi
 
 
 @router.get("/{asset}/quality", response_model=models.Quality, responses=ERRORS)
+@needs(Role.read)
 async def quality(request: Request, asset: str) -> Any:
     """Faults found in the data, and how many windows they touched."""
     return answer(request, snapshot_of(request, asset).data_quality())
 
 
 @router.get("/{asset}/inspections", response_model=list[models.InspectionAnswer], responses=ERRORS)
+@needs(Role.read)
 def inspections(
     request: Request,
     asset: str,
@@ -151,6 +163,7 @@ def inspections(
     response_model=models.InspectionAnswer,
     responses=responses(400, 404, 422),
 )
+@needs(Role.operate)
 async def add_inspection(request: Request, asset: str, inspection: models.InspectionIn) -> Any:
     """A measured wear depth becomes part of the estimate; answers with the twin's own figure and what it changed."""
     snapshot_of(request, asset)

@@ -9,12 +9,14 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
+from service.access.roles import Role
 from service.api.assets import ERRORS, LARGEST, snapshot_of
+from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.contract.baseline import Baseline
 from service.errors import FAULT, InputError
 
-router = APIRouter(prefix="/v1/assets", tags=["life of an asset"])
+router = APIRouter(prefix="/v1/assets", tags=["life of an asset"], route_class=Guarded)
 
 LARGEST_FILE = 256 * 2**20  # of a baseline that is given as a file [bytes]
 NOT_KEPT = "this service keeps no baselines of single assets"
@@ -62,6 +64,7 @@ QUEUED: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/{asset}/baseline", response_model=AssetBaseline, responses=ERRORS)
+@needs(Role.read)
 def baseline(request: Request, asset: str) -> Any:
     """The asset's own healthy baseline, and what it suffices for."""
     snapshot_of(request, asset)
@@ -74,6 +77,7 @@ def baseline(request: Request, asset: str) -> Any:
     responses=QUEUED | responses(404, 409, 422, 500),
     openapi_extra=FILE,
 )
+@needs(Role.administer)
 async def put(
     request: Request,
     asset: str,
@@ -117,6 +121,7 @@ async def put(
     response_model=AssetBaseline,
     responses=QUEUED | responses(400, 404, 409, 422, 500),
 )
+@needs(Role.administer)
 async def learn(request: Request, asset: str, given: LearnIn) -> Any:
     """Learns the asset's baseline from chosen windows of its own, in place of the earlier one or added to it."""
     snapshot_of(request, asset)
@@ -146,6 +151,7 @@ async def learn(request: Request, asset: str, given: LearnIn) -> Any:
 
 
 @router.delete("/{asset}/baseline", response_model=AssetBaseline, responses=QUEUED | responses(404, 409, 422, 500))
+@needs(Role.administer)
 async def remove(request: Request, asset: str, by: Annotated[str | None, Query(max_length=200)] = None) -> Any:
     """Leaves the asset without a baseline of its own."""
     snapshot_of(request, asset)

@@ -8,8 +8,10 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 from starlette.concurrency import run_in_threadpool
 
+from service.access.roles import Role
 from service.api import models
 from service.api.assets import ERRORS, snapshot_of
+from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.contract.attribution import Tracing
 from service.contract.base import NotAvailable
@@ -18,24 +20,27 @@ from service.errors import FAULT
 from service.results.store import StoredDecision
 from twin.effects import EFFECTS
 
-router = APIRouter(prefix="/v1/assets", tags=["effects"])
+router = APIRouter(prefix="/v1/assets", tags=["effects"], route_class=Guarded)
 
 KEPT: dict[int | str, dict[str, Any]] = {202: {"model": models.DecisionAnswer}}
 
 
 @router.get("/{asset}/effects", response_model=list[Effect] | NotAvailable, responses=ERRORS)
+@needs(Role.read)
 async def effects(request: Request, asset: str) -> Any:
     """Effects that the model lacked and that were added, in the order found."""
     return JSONResponse(snapshot_of(request, asset).whole["effects"])
 
 
 @router.get("/{asset}/tracing", response_model=Tracing | NotAvailable, responses=ERRORS)
+@needs(Role.read)
 async def tracing(request: Request, asset: str) -> Any:
     """What the effects rest on: candidates, held-out windows, residual and depths before and after, the log."""
     return JSONResponse(snapshot_of(request, asset).whole["tracing"])
 
 
 @router.get("/{asset}/decisions", response_model=list[models.DecisionAnswer], responses=ERRORS)
+@needs(Role.read)
 def decisions(request: Request, asset: str) -> Any:
     """Decisions on the asset's effects, oldest first."""
     snapshot_of(request, asset)
@@ -47,6 +52,7 @@ def decisions(request: Request, asset: str) -> Any:
     response_model=models.DecisionAnswer,
     responses=KEPT | responses(400, 404, 409, 422, 500),
 )
+@needs(Role.operate)
 async def decide(request: Request, asset: str, name: str, given: models.DecisionIn) -> Any:
     """Accepts, rejects, pins or releases an effect; 202 where it is queued and applied after the current window."""
     snapshot_of(request, asset)

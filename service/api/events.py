@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request
 from sse_starlette import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
+from service.access.roles import Role
 from service.api.assets import snapshot_of
+from service.api.guard import Guarded, credential_of, needs
 from service.api.problems import responses
 from service.results.board import Board
 from service.results.store import ResultStore
 
-router = APIRouter(prefix="/v1/assets", tags=["assets"])
+router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
 
 # what happens to an asset; service/page/machine.js listens to all of them
 KINDS = ("window", "update", "effect", "rul", "data_fault", "status", "alarm", "change", "question", "inspection")
@@ -38,6 +41,7 @@ STREAM: dict[int | str, dict[str, Any]] = {
     response_class=EventSourceResponse,
     responses={**STREAM, **responses(404, 422)},
 )
+@needs(Role.read)
 async def events(
     request: Request,
     asset: str,
@@ -49,19 +53,24 @@ async def events(
     """What happens, as it happens: from now on, or from behind `Last-Event-ID`."""
     snapshot = snapshot_of(request, asset)
     start = last_event_id if last_event_id is not None else after
+    access, who, credential = request.app.state.access, request.state.who, credential_of(request)
     stream = _stream(
         request.app.state.board,
         request.app.state.store,
         asset,
         snapshot.last_event_id if start is None else start,
+        lambda: access.still(who, credential),
     )
     return EventSourceResponse(stream, ping=PING_S, headers={"Cache-Control": "no-store"})
 
 
-async def _stream(board: Board, store: ResultStore, asset: str, after: int) -> AsyncIterator[ServerSentEvent]:
+async def _stream(
+    board: Board, store: ResultStore, asset: str, after: int, admitted: Callable[[], bool]
+) -> AsyncIterator[ServerSentEvent]:
+    """Events until the service ends, or the reader's credential has expired or been revoked."""
     with board.changes() as changed:
         yield ServerSentEvent(comment=f"events of {asset} after {after}", retry=RETRY_MS)
-        while not board.closed:
+        while not board.closed and admitted():
             changed.clear()  # before reading: what comes while reading sets it again
             page = await run_in_threadpool(store.events, asset, after, PAGE)
             for event in page:
@@ -69,4 +78,5 @@ async def _stream(board: Board, store: ResultStore, asset: str, after: int) -> A
                 after = event.id
                 await asyncio.sleep(0)  # the loop learns here that a reader has gone, and cancels this stream
             if len(page) < PAGE and not board.closed:
-                await changed.wait()
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(changed.wait(), PING_S)

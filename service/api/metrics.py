@@ -12,7 +12,9 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from service.access.roles import Role
 from service.api import models
+from service.api.guard import Guarded, may_read, needs, public
 from service.api.problems import problem, responses
 from service.contract.alarms import LEVELS, STATES
 from service.contract.base import iso_time
@@ -21,7 +23,7 @@ from service.contract.status import DATA_LEVELS
 from service.results.board import Board, Snapshot
 from service.results.store import ResultStore
 
-router = APIRouter(tags=["operation"])
+router = APIRouter(tags=["operation"], route_class=Guarded)
 
 TEXT: dict[int | str, dict[str, Any]] = {
     200: {"description": "Prometheus text", "content": {"text/plain": {"schema": {"type": "string"}}}}
@@ -29,17 +31,21 @@ TEXT: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/healthz", response_model=models.Health)
+@public
 async def healthz() -> Any:
     """The process answers."""
     return JSONResponse({"status": "ok"})
 
 
 @router.get("/readyz", response_model=models.Readiness, responses=responses(503))
+@public
 async def readyz(request: Request) -> Any:
     """The service is subscribed and accepts frames; assets that send none, or none of use, do not make it unready."""
     reason = request.app.state.not_ready()
     if reason:
         return problem(request, 503, reason)
+    if not await may_read(request):
+        return JSONResponse({"status": "ready"})
     board = request.app.state.board
     snapshots = [s for name in board.assets() if (s := board.get(name))]
     stale = [
@@ -49,6 +55,7 @@ async def readyz(request: Request) -> Any:
 
 
 @router.get("/metrics", response_class=Response, responses=TEXT)
+@needs(Role.read)
 def metrics(request: Request) -> Response:
     """Counters and gauges as Prometheus text. Reads the store, so it runs in a thread of its own."""
     return Response(generate_latest(request.app.state.registry), media_type=CONTENT_TYPE_LATEST)

@@ -193,7 +193,7 @@ class Readiness(BaseModel):
     """Whether frames are accepted, and what of them is missing."""
 
     status: Literal["ready"]
-    stale: list[StaleAsset]
+    stale: list[StaleAsset] | None = Field(None, description="absent for who may not read the assets")
 
 
 class Health(BaseModel):

@@ -16,7 +16,9 @@ from fastapi.responses import FileResponse, HTMLResponse, Response
 from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 
-router = APIRouter(include_in_schema=False)
+from service.api.guard import Guarded, public
+
+router = APIRouter(include_in_schema=False, route_class=Guarded)
 
 PAGE = Path(__file__).parent.parent / "page"
 BORROWED = {
@@ -35,11 +37,13 @@ def borrowed(name: str) -> Path:
 
 
 @router.get("/")
+@public
 async def dashboard() -> FileResponse:
     return FileResponse(PAGE / "index.html", media_type="text/html", headers={"Cache-Control": "no-cache"})
 
 
 @router.get("/docs")
+@public
 async def docs(request: Request) -> HTMLResponse:
     return get_swagger_ui_html(
         openapi_url=request.app.openapi_url,
@@ -51,6 +55,7 @@ async def docs(request: Request) -> HTMLResponse:
 
 
 @router.get("/assets/{name}")
+@public
 async def asset_of_package(name: str) -> FileResponse:
     if name not in BORROWED:
         raise HTTPException(404)

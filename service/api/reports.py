@@ -7,10 +7,12 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
+from service.access.roles import Role
 from service.api.assets import snapshot_of
+from service.api.guard import Guarded, needs
 from service.api.problems import responses
 
-router = APIRouter(prefix="/v1/assets", tags=["assets"])
+router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
 
 POINTS = 200  # of the trends, about
 FILES: dict[int | str, dict[str, Any]] = {
@@ -22,6 +24,7 @@ FILES: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/{asset}/report", response_class=Response, responses=FILES | responses(404, 422))
+@needs(Role.read)
 def report(
     request: Request,
     asset: str,

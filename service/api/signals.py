@@ -10,8 +10,10 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field
 
+from service.access.roles import Role
 from service.api import signal_models as models
 from service.api.assets import HistoryQuery, history, snapshot_of
+from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.contract.base import iso_time
 from service.errors import NotKept
@@ -25,7 +27,7 @@ from service.signals.views import VIEWS, ViewOptions
 from service.signals.waterfall import KINDS, Waterfall
 from twin.errors import TwinError
 
-router = APIRouter(prefix="/v1/assets", tags=["signals"])
+router = APIRouter(prefix="/v1/assets", tags=["signals"], route_class=Guarded)
 
 LARGEST = 2**53
 MAP_DIGITS = 4
@@ -94,6 +96,7 @@ class IndicatorQuery(HistoryQuery):
 
 
 @router.get("/{asset}/signals", response_model=models.Signals, responses=responses(404, 422))
+@needs(Role.read)
 def signals(request: Request, asset: str) -> Any:
     """Which windows' raw signals are kept, and what can be looked at of the newest."""
     snapshot_of(request, asset)
@@ -126,6 +129,7 @@ Index = Annotated[int, Path(ge=0, le=LARGEST)]
 
 
 @router.get("/{asset}/windows/{index}/signals/{view}", response_model=models.SignalView, responses=ERRORS | FILES)
+@needs(Role.read)
 def view(request: Request, asset: str, index: Index, view: ViewName, query: Annotated[ViewQuery, Query()]) -> Any:
     """One view of a window's signals, measured and, where there is a model, modelled."""
     snapshot_of(request, asset)
@@ -156,6 +160,7 @@ def view(request: Request, asset: str, index: Index, view: ViewName, query: Anno
 
 
 @router.get("/{asset}/waterfall", response_model=models.Waterfall, responses=ERRORS | FILES)
+@needs(Role.read)
 def waterfall(request: Request, asset: str, query: Annotated[WaterfallQuery, Query()]) -> Any:
     """Spectra of all windows that are kept over one another."""
     assert query.view in KINDS
@@ -187,6 +192,7 @@ def waterfall(request: Request, asset: str, query: Annotated[WaterfallQuery, Que
 
 
 @router.get("/{asset}/indicators", response_model=models.Indicators, responses=ERRORS | FILES)
+@needs(Role.read)
 def indicators(request: Request, asset: str, query: Annotated[IndicatorQuery, Query()]) -> Any:
     """Condition indicators, levels, speed, torque and temperatures of the windows, oldest first."""
     found = trends_of(history(request, asset, query))

@@ -8,7 +8,9 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 
+from service.access.roles import Role
 from service.api.assets import snapshot_of
+from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.contract.what_if import WhatIf, WhatIfIn, answer
 from service.errors import InputError
@@ -16,12 +18,13 @@ from service.files.rig import checked_rig
 from twin.errors import NotAvailable, ParameterError, TwinError
 from twin.state import State
 
-router = APIRouter(prefix="/v1/assets", tags=["what-if"])
+router = APIRouter(prefix="/v1/assets", tags=["what-if"], route_class=Guarded)
 
 ONE_AT_A_TIME = threading.Lock()  # a wear curve under a new condition takes seconds of one core
 
 
 @router.post("/{asset}/what-if", response_model=WhatIf, responses=responses(400, 404, 409, 422))
+@needs(Role.read)
 def what_if(request: Request, asset: str, asked: WhatIfIn) -> Any:
     """The remaining life under another duty, and the probability of reaching a time; changes nothing."""
     snapshot = snapshot_of(request, asset)

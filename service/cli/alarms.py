@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import typer
 
-from service.cli.rest import LOCAL, JsonFile, Url, call
+from service.cli.rest import LOCAL, JsonFile, Url, asking, call
 
 app = typer.Typer(no_args_is_help=True, help="List the alarms of a running service, acknowledge and clear them.")
 
@@ -28,6 +28,7 @@ BASES = {"criterion": "by the criterion of the status", "learned": "limits learn
 
 
 @app.command(name="list")
+@asking
 def list_(
     asset: Annotated[str | None, typer.Argument(metavar="ASSET", help="The asset; all where none is given.")] = None,
     everything: Annotated[bool, typer.Option("--all", help="Closed alarms, too.")] = False,
@@ -44,18 +45,21 @@ def list_(
 
 
 @app.command()
+@asking
 def acknowledge(number: Number, by: By, note: Note = "", url: Url = LOCAL, json: JsonFile = None) -> None:
     """Acknowledge an alarm by name: it stays listed while its quantity is beyond the limit."""
     _sign(url, number, "acknowledge", by, note, json)
 
 
 @app.command()
+@asking
 def clear(number: Number, by: By, note: Note = "", url: Url = LOCAL, json: JsonFile = None) -> None:
     """Clear an alarm by name, after a repair; it is raised again if its cause lasts."""
     _sign(url, number, "clear", by, note, json)
 
 
 @app.command()
+@asking
 def rules(
     asset: AssetName,
     file: Annotated[

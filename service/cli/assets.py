@@ -11,7 +11,7 @@ from urllib.parse import quote, urlencode
 
 import typer
 
-from service.cli.rest import LOCAL, JsonFile, Url, call
+from service.cli.rest import LOCAL, JsonFile, Url, asking, call
 
 app = typer.Typer(no_args_is_help=True, help="List the machines of a running service; create, change, rename, retire.")
 
@@ -35,6 +35,7 @@ class Kind(StrEnum):
 
 
 @app.command(name="list")
+@asking
 def list_(url: Url = LOCAL, json: JsonFile = None) -> None:
     """Show every asset with its status, and the question that waits for an answer."""
     from service.json_text import wrote_json
@@ -47,6 +48,7 @@ def list_(url: Url = LOCAL, json: JsonFile = None) -> None:
 
 
 @app.command()
+@asking
 def create(
     asset: AssetName,
     rig: Annotated[Path | None, typer.Option(help="Rig file of the machine.")] = None,
@@ -66,6 +68,7 @@ def create(
 
 
 @app.command()
+@asking
 def change(
     asset: AssetName,
     kind: Annotated[Kind, typer.Argument(metavar="KIND", help="What was changed, or the answer to the open question.")],
@@ -88,6 +91,7 @@ def change(
 
 
 @app.command()
+@asking
 def changes(asset: AssetName, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Show what people have changed on an asset."""
     from service.json_text import wrote_json
@@ -98,6 +102,7 @@ def changes(asset: AssetName, url: Url = LOCAL, json: JsonFile = None) -> None:
 
 
 @app.command()
+@asking
 def rename(
     asset: AssetName, name: NewName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None
 ) -> None:
@@ -106,18 +111,21 @@ def rename(
 
 
 @app.command()
+@asking
 def retire(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Take an asset out of use: its history stays, its frames are left out."""
     _change(url, asset, "retired", {"by": by, "note": note}, json)
 
 
 @app.command()
+@asking
 def reinstate(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Take a retired asset back into use."""
     _change(url, asset, "reinstated", {"by": by, "note": note}, json)
 
 
 @app.command()
+@asking
 def baseline(
     asset: AssetName,
     recordings: Annotated[

@@ -19,6 +19,8 @@ from service.cli.effects import app as effects
 from service.cli.example import app as example
 from service.cli.importing import import_
 from service.cli.init import init
+from service.cli.keys import app as keys
+from service.cli.rest import asking
 from service.cli.signals import signals
 from service.cli.what_if import what_if
 from service.json_text import write_text, wrote_json
@@ -436,7 +438,8 @@ app.command(name="import", rich_help_panel=DATA)(import_)
 app.command(name="init", rich_help_panel=START)(init)
 app.command(name="doctor", rich_help_panel=START)(doctor)
 app.command(name="config", rich_help_panel=START)(config)
-app.command(name="what-if", rich_help_panel=ANSWER)(what_if)
+app.command(name="what-if", rich_help_panel=ANSWER)(asking(what_if))
+app.add_typer(keys, name="keys", rich_help_panel=START)
 app.add_typer(assets, name="assets", rich_help_panel=START)
 app.add_typer(alarms, name="alarms", rich_help_panel=ANSWER)
 app.command(name="signals", rich_help_panel=DATA)(signals)

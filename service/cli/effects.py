@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 import typer
 
-from service.cli.rest import LOCAL, JsonFile, Url, call
+from service.cli.rest import LOCAL, JsonFile, Url, asking, call
 
 app = typer.Typer(no_args_is_help=True, help="List the effects that a running service has found, and decide on them.")
 
@@ -26,6 +26,7 @@ QUEUED = "queued; applied after the current window"
 
 
 @app.command(name="list")
+@asking
 def list_(
     asset: Annotated[str | None, typer.Argument(metavar="ASSET", help="The asset; all where none is given.")] = None,
     url: Url = LOCAL,
@@ -51,30 +52,35 @@ def list_(
 
 
 @app.command()
+@asking
 def accept(names: Names, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Confirm an effect: it stays, its size may still be refined."""
     _decide(url, names, "accept", {"by": by, "note": note}, json)
 
 
 @app.command()
+@asking
 def reject(names: Names, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Remove an effect from the model; it is not added again until released."""
     _decide(url, names, "reject", {"by": by, "note": note}, json)
 
 
 @app.command()
+@asking
 def pin(names: Names, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Keep an effect with exactly these numbers, whatever later windows show."""
     _decide(url, names, "pin", {"by": by, "note": note}, json)
 
 
 @app.command()
+@asking
 def release(names: Names, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Let the data decide on an effect again."""
     _decide(url, names, "release", {"by": by, "note": note}, json)
 
 
 @app.command()
+@asking
 def decisions(
     asset: Annotated[str | None, typer.Argument(metavar="ASSET", help="The asset, if the service has several.")] = None,
     url: Url = LOCAL,

@@ -1,13 +1,20 @@
-"""What commands that talk to a running service share: its address, and one call with its errors in one line."""
+"""What commands that talk to a running service share: its address, the credential, and one call with its errors.
+
+A key is given by GEAR_TWIN_KEY, or by --key, where other people of the computer can see it in the list of processes. It
+is never printed, and never sent on where the service answers with another address.
+"""
 
 from __future__ import annotations
 
+import inspect
 import json
-from collections.abc import Mapping
+import os
+import ssl
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 from urllib.error import HTTPError, URLError
-from urllib.request import Request, urlopen
+from urllib.request import HTTPRedirectHandler, HTTPSHandler, Request, build_opener
 
 import typer
 
@@ -17,6 +24,53 @@ JsonFile = Annotated[
 ]
 LOCAL = "http://127.0.0.1:8080"
 WAIT = 120.0  # [s]; a wear curve under a new condition takes seconds of a core
+KEY, CA = "GEAR_TWIN_KEY", "GEAR_TWIN_CA"
+
+
+_given: dict[str, str] = {}  # by the options of the command that is running
+
+
+Key = Annotated[
+    str | None,
+    typer.Option("--key", help=f"API key or token that the service accepts; better given by the variable {KEY}."),
+]
+Authorities = Annotated[
+    str | None,
+    typer.Option("--ca", help="File of certificates (PEM) that the service's is verified by; default: the system's."),
+]
+
+
+def asking(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Gives a command that talks to a service the options --key and --ca, which `call` uses."""
+    signature = inspect.signature(command, eval_str=True)
+    added = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind, default=None)
+        for name, kind in (("key", Key), ("ca", Authorities))
+    ]
+
+    def asked(*, key: str | None = None, ca: str | None = None, **given: Any) -> Any:
+        _given.update({name: value for name, value in ((KEY, key), (CA, ca)) if value})
+        try:
+            return command(**given)
+        finally:
+            _given.clear()
+
+    asked.__name__, asked.__doc__ = command.__name__, command.__doc__
+    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (*signature.parameters.values(), *added)]
+    asked.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    asked.__annotations__ = {p.name: p.annotation for p in parameters}
+    return asked
+
+
+def _known(variable: str) -> str | None:
+    return _given.get(variable) or os.environ.get(variable) or None
+
+
+class _NoRedirects(HTTPRedirectHandler):
+    """A credential is not taken to another address."""
+
+    def redirect_request(self, *_: Any, **__: Any) -> None:
+        return None
 
 
 def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, method: str | None = None) -> Any:
@@ -27,10 +81,13 @@ def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, met
     from service.errors import InputError
 
     data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
-    kind = "application/octet-stream" if isinstance(body, bytes) else "application/json"
+    headers = {"Content-Type": "application/octet-stream" if isinstance(body, bytes) else "application/json"}
+    if key := _known(KEY):
+        headers["Authorization"] = f"Bearer {key}"
     try:
-        request = Request(url.rstrip("/") + path, data, {"Content-Type": kind}, method=method)
-        with urlopen(request, timeout=WAIT) as response:
+        opener = build_opener(_NoRedirects, HTTPSHandler(context=_trust()))
+        request = Request(url.rstrip("/") + path, data, headers, method=method)
+        with opener.open(request, timeout=WAIT) as response:
             return json.load(response)
     except HTTPError as error:
         try:
@@ -44,3 +101,14 @@ def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, met
         raise InputError(
             f"{url}: no service answers at this address: {str(why).lower()}; --url sets its address"
         ) from None
+
+
+def _trust() -> ssl.SSLContext:
+    """By which authorities a service is verified."""
+    from service.errors import InputError
+
+    file = _known(CA)
+    try:
+        return ssl.create_default_context(cafile=file)
+    except (OSError, ssl.SSLError):
+        raise InputError(f"{file}: cannot be read as certificates (PEM)") from None

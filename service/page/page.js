@@ -9,11 +9,13 @@ import { Problem, get } from "./api.js";
 import { element } from "./dom.js";
 import { levelWord } from "./format.js";
 import { Machine } from "./machine.js";
+import { showSession, signInForm } from "./session.js";
 import { VIEWS } from "./views.js";
 
 const main = document.getElementById("main");
 const trail = document.getElementById("trail");
 const link = document.getElementById("link");
+const session = document.getElementById("session");
 const AXIS = "gear-twin axis"; // key of the browser's store
 
 let leaving = new AbortController(); // of the view that is shown
@@ -193,6 +195,10 @@ async function show({ focus = true } = {}) {
     main.dataset.view = route.asset === null ? route.view || "fleet" : route.view || "overview";
   } catch (error) {
     if (signal.aborted || error.name === "AbortError") return;
+    if (error.status === 401) {
+      askForKey(error.message);
+      return;
+    }
     console.warn(error);
     if (error.status === 0) connected(false, error.message);
     main.replaceChildren(problem(error, () => show()));
@@ -207,9 +213,29 @@ async function show({ focus = true } = {}) {
   shownAt = location.hash;
 }
 
+// -- signing in and out ---------------------------------------------------------------------------------
+
+function askForKey(reason = "") {
+  main.replaceChildren(element("h1", { className: "visually-hidden", tabIndex: -1 }, "Sign in"), signInForm(signedIn, reason));
+  main.dataset.view = "sign-in";
+  main.removeAttribute("aria-busy");
+  document.title = "Sign in – gear-twin";
+}
+
+// Everything is asked for again, as whoever is signed in now.
+async function signedIn(asked = false) {
+  leavingMachine.abort();
+  machine = null;
+  if (asked === true) {
+    askForKey();
+    return;
+  }
+  await Promise.all([showSession(session, signedIn), show({ focus: false })]);
+}
+
 addEventListener("hashchange", () => show());
 document.getElementById("skip").addEventListener("click", (event) => {
   event.preventDefault();
   main.focus();
 });
-await show({ focus: false });
+await Promise.all([showSession(session, signedIn), show({ focus: false })]);

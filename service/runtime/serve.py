@@ -31,6 +31,7 @@ from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 from service.results.store import ResultStore
 from service.runtime import SERVES
+from service.runtime.admission import access_of
 from service.runtime.http_server import HttpServer, address_of, listening_at
 from service.runtime.rigs import Rigs
 from service.runtime.signal_writer import SignalWriter
@@ -66,6 +67,7 @@ def run(
         checked_rig(rig, str(settings.rig))
     twin = twin or _twin_of(settings)
     with ExitStack() as stack:
+        access = access_of(settings)
         stack.enter_context(_only_service_of(settings.data))
         store = stack.enter_context((open_store or partial(SqlStore, database_of(settings.data, settings.database)))())
         board = Board.from_store(store)
@@ -103,6 +105,7 @@ def run(
             alarms=alarms,
             changes=changes,
             baselines=baselines,
+            access=access,
         )
 
         def ending() -> None:

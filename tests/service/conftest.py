@@ -65,14 +65,13 @@ def board():
 
 
 @contextmanager
-def serving(board, store, signals=None):
+def serving(board, store, signals=None, access=None):
     """The app over a real socket; yields its address."""
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         port = listening.getsockname()[1]
-        config = uvicorn.Config(
-            create_app(board, store, signals=signals), log_level="warning", timeout_graceful_shutdown=3
-        )
+        app = create_app(board, store, signals=signals, access=access)
+        config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=3)
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
         thread.start()
@@ -95,8 +94,14 @@ def signals():
 
 
 @pytest.fixture
-def address(store, board, signals):
-    with serving(board, store, signals) as where:
+def access():
+    """Whom the app lets in; a module of tests may put its own in place."""
+    return None
+
+
+@pytest.fixture
+def address(store, board, signals, access):
+    with serving(board, store, signals, access) as where:
         yield where
 
 

@@ -36,6 +36,9 @@ OPERATIONS = [
     ("DELETE", f"{BASE}/baseline"),
     ("POST", f"{BASE}/baseline/learn"),
     ("POST", "/v1/assets"),
+    ("GET", "/v1/session"),
+    ("POST", "/v1/session"),
+    ("DELETE", "/v1/session"),
 ]
 # The fields of a duty depend on one another, which the description cannot say: see test_what_if_answers.py.
 DEPENDENT = [("POST", f"{BASE}/what-if")]
