@@ -4,11 +4,35 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from service.errors import InputError
+
+
+class JsonText(Mapping[str, Any]):
+    """A mapping as the JSON text that it was written in; parsed where somebody looks into it."""
+
+    __slots__ = ("_value", "text")
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self._value: Mapping[str, Any] | None = None
+
+    def __getitem__(self, key: str) -> Any:
+        return self._parsed()[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._parsed())
+
+    def __len__(self) -> int:
+        return len(self._parsed())
+
+    def _parsed(self) -> Mapping[str, Any]:
+        if self._value is None:
+            self._value = json.loads(self.text)
+        return self._value
 
 
 def plain(value: Any) -> Any:

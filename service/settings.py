@@ -102,6 +102,28 @@ class Twin(Table):
     )
 
 
+class Workers(Table):
+    """Processes that compute what the twin says."""
+
+    TABLE: ClassVar[str] = "workers"
+    PREFIX: ClassVar[str] = "worker_"
+    KEYS: ClassVar[dict[str, str]] = {"workers": "processes"}
+
+    workers: int | None = Field(
+        default=None,
+        ge=0,
+        le=256,
+        description="worker processes; by default the usable cores but one; 0: none",
+        examples=[3],
+    )
+    task_limit: float = Field(
+        default=1800.0, gt=0, le=86_400, description="time after which a call to the twin is given up [s]"
+    )
+    worker_cache_bytes: int = Field(
+        default=512 * 2**20, ge=2**20, description="wear curves that one worker process keeps [bytes]"
+    )
+
+
 class Alarms(Table):
     """Alarms and who is notified."""
 
@@ -197,7 +219,7 @@ class Oidc(Table):
     )
 
 
-class Settings(Stream, Windows, Twin, Alarms, Results, Http, Admission, Oidc, BaseSettings):
+class Settings(Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission, Oidc, BaseSettings):
     """Settings of `gear-twin serve`, `demo` and whatever else takes windows apart."""
 
     model_config = SettingsConfigDict(env_prefix="GEAR_TWIN_", extra="forbid", validate_default=True)

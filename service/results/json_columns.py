@@ -6,13 +6,15 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from service.json_text import plain
+from service.json_text import JsonText, plain
 
 
 def dump(value: Any) -> str | None:
     """A value as strict JSON text; None stays None, and what is not finite becomes null."""
     if value is None:
         return None
+    if isinstance(value, JsonText):
+        return value.text
     try:
         return _COMPACT.encode(value)
     except ValueError:  # a number that is not finite: the slow path replaces it

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol
 from service.files.rig import window_of_rig
 from service.results.window_file import read_window
 from service.runtime.outcomes import Raw
+from service.runtime.packed_state import PackedState, StoredState
 from service.runtime.twin_port import Answer, Twin
 from twin.errors import TwinError
 from twin.fallen_count import CountFellError
@@ -74,6 +75,7 @@ class Made:
     refused  why a window was not used, or anything else not carried out
     window   the window as it was used; without its signals where it was read from a file
     raw      what that file holds of the window's signals
+    unreadable  why the state could not be read, so that nothing was made
     """
 
     state: Any = None
@@ -82,6 +84,7 @@ class Made:
     fell: Fell | None = None
     window: Window | None = None
     raw: Raw = "same"
+    unreadable: str | None = None
 
 
 class Computing(Protocol):
@@ -91,6 +94,18 @@ class Computing(Protocol):
         """Carries a call out, and calls `done` with what was made: at once, or later in the thread that collects."""
         ...
 
+    def collect(self) -> None:
+        """Hands on what has been made since."""
+        ...
+
+    def close(self) -> None:
+        """Begins nothing more, and waits for nothing."""
+        ...
+
+    def gauges(self) -> Mapping[str, float]:
+        """Figures for /metrics."""
+        ...
+
 
 class Inline:
     """Calls are carried out at once, by the thread that makes them."""
@@ -98,9 +113,25 @@ class Inline:
     def start(self, call: Call, done: Callable[[Made], None]) -> None:
         done(carry_out(call))
 
+    def collect(self) -> None:
+        """Nothing is left to be collected."""
+
+    def close(self) -> None:
+        """Nothing is under way."""
+
+    def gauges(self) -> Mapping[str, float]:
+        return {}
+
 
 def carry_out(call: Call) -> Made:
-    """What is made of a call."""
+    """What is made of a call. Its state may be one as it is stored or sent, which is loaded first."""
+    if call.state is None or isinstance(call.state, (PackedState, StoredState)):
+        data = None if call.state is None else call.state.to_dict()
+        try:
+            state = call.twin.load_state(data) if data else call.twin.new_state()
+        except (TwinError, LookupError, TypeError, ValueError, AttributeError) as error:
+            return Made(unreadable=f"{type(error).__name__}: {error}")
+        call = replace(call, state=state)
     return _VERBS[call.ask.verb](call)
 
 

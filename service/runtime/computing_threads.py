@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from service.runtime.computing import Call, Made, carry_out
 
@@ -48,6 +48,10 @@ class Threads:
     def close(self) -> None:
         """Begins nothing more; what is being carried out is left to itself."""
         self._ended = True
+
+    def gauges(self) -> Mapping[str, float]:
+        """Figures for /metrics."""
+        return {"twin_calls_waiting": self._calls.qsize()}
 
     def _work(self) -> None:
         while not self._ended:

@@ -61,6 +61,7 @@ class Lane:
     jobs: deque[Job] = field(default_factory=deque)
     busy: bool = False  # whether something is being computed, or waits for the storage
     turning: bool = False
+    stopped: str | None = None  # why nothing can be processed; None where it can
 
     @property
     def all_wait(self) -> bool:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from service.errors import InputError, StorageUnavailable, StoreError
+from service.errors import FAULT, InputError, StorageUnavailable, StoreError
 from service.runtime.computing import Ask, Call, Computing, Made, WindowToUse
 from service.runtime.lane import Entry, Job, Lane
 from service.runtime.outcomes import Checkpoint, HeldWindow, ResultSink, WaitingPlace
@@ -55,6 +55,7 @@ class Lanes:
         self._twin_of, self._new_state = twin_of, new_state
         self._lanes: dict[str, Lane] = {}
         self._unsettled: list[tuple[Lane, Callable[[], None]]] = []
+        self.faults = 0  # of the program, each of which cost a window, a decision or a change
 
     # -- work ----------------------------------------------------------------------------------------
 
@@ -140,8 +141,12 @@ class Lanes:
         return partial(self._start_window, lane, entry)
 
     def _ask(self, lane: Lane, ask: Ask, done: Callable[[Made], None]) -> None:
+        def noted(made: Made) -> None:
+            self.faults += (made.refused or "").startswith(FAULT)
+            done(made)
+
         lane.busy = True
-        self._computing.start(Call(asset=lane.asset, twin=lane.twin, rig=lane.rig, state=lane.state, ask=ask), done)
+        self._computing.start(Call(asset=lane.asset, twin=lane.twin, rig=lane.rig, state=lane.state, ask=ask), noted)
 
     def _settle(self, lane: Lane, action: Callable[[], None]) -> None:
         """Does what commits something, and goes on; where the storage cannot be used, the asset waits for it."""
@@ -171,9 +176,11 @@ class Lanes:
             self._ask(lane, ask, partial(self._end_job, lane, job))
 
     def _end_job(self, lane: Lane, job: Job, made: Made) -> None:
+        refused = made.refused if made.unreadable is None else _unreadable(lane, made.unreadable)
+
         def end() -> None:
-            if made.refused is not None:
-                job.refuse(made.refused)
+            if refused is not None:
+                job.refuse(refused)
                 return
             try:
                 job.then(lane, made)
@@ -192,6 +199,10 @@ class Lanes:
 
     def _end_window(self, lane: Lane, entry: Entry, made: Made) -> None:
         """One window to the sink, or to where it waits for an answer by people."""
+        if made.unreadable is not None:
+            lane.stopped = _unreadable(lane, made.unreadable)
+            log.error("%s", lane.stopped)
+            return
         fell = made.fell
         if fell is None:
             self._settle(lane, partial(self._commit, lane, entry, made))
@@ -282,6 +293,13 @@ class Lanes:
             lane = self._lanes[asset]
             lane.rig = self._reception.rig(asset)
             lane.twin = self._twin_of(asset, lane.rig)
+
+
+def _unreadable(lane: Lane, reason: str) -> str:
+    return (
+        f"the stored state of {lane.asset} cannot be read ({reason}): it was written by another version of gear-twin; "
+        "use that version, or another --data directory"
+    )
 
 
 def _is_one_disturbed(lane: Lane, entry: Entry, made: Made) -> bool:

@@ -47,6 +47,7 @@ class Twin:
     forget: Callable[[Any], Any] = lambda state: state  # the state without a fallen count
     options: Any = None
     at_once: int = 64  # how many of its calls the threads of one process may carry out at once
+    make: Callable[[Any], Twin] | None = None  # makes it of options in another process; None where that cannot be
 
     def process(self, rig: Rig, state: Any, window: Window) -> tuple[Any, Answer]:
         """One window; TwinError where it cannot be used."""
@@ -93,14 +94,12 @@ def gear_twin(options: Any = None) -> Twin:
         forget=with_fallen_forgotten,
         options=options or Options(),
         at_once=1,  # wear curves grow as they are used
+        make=gear_twin,
     )
 
 
-def guarded(twin: Twin, on_fault: Callable[[], None]) -> Twin:
-    """The twin, with an internal error costing only the window or decision in which it occurred.
-
-    on_fault  called for each
-    """
+def guarded(twin: Twin) -> Twin:
+    """The twin, with an internal error costing only the window or decision in which it occurred."""
 
     def barrier(call: Callable[..., tuple[Any, Any]]) -> Callable[..., tuple[Any, Any]]:
         def called(*given: Any) -> tuple[Any, Any]:
@@ -109,7 +108,6 @@ def guarded(twin: Twin, on_fault: Callable[[], None]) -> Twin:
             except TwinError:
                 raise
             except Exception as error:
-                on_fault()
                 log.exception("a window or decision was refused because of an internal error")
                 raise TwinError(f"{FAULT}: {type(error).__name__}: {error}") from error
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
-from service.errors import NotReachable, StoreError
+from service.errors import NotReachable
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
@@ -19,11 +21,14 @@ from service.results.signal_store import SignalStore
 from service.results.store import ResultStore
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.changes import ChangeWorker
+from service.runtime.computing import Computing
 from service.runtime.computing_threads import Threads
 from service.runtime.decisions import DecisionWorker
 from service.runtime.intake import Intake
+from service.runtime.lane import Lane
 from service.runtime.lanes import Lanes
 from service.runtime.outcomes import Checkpoint, ClosedWindow
+from service.runtime.packed_state import StoredState
 from service.runtime.pump import pump
 from service.runtime.reception import Reception, assembly_settings
 from service.runtime.rig_questions import RigQuestions
@@ -36,11 +41,11 @@ from service.runtime.state_publication import StatePublication
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Twin, guarded
 from service.runtime.waiting_windows import WaitingWindows
+from service.runtime.worker_processes import Processes, usable_cores
 from service.settings import Settings
 from service.stream.inbox import Inbox
 from service.stream.repeats import Repeats
 from service.transport.protocol import OpenTransport, Transport
-from twin.errors import TwinError
 
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
 
@@ -87,7 +92,7 @@ class Worker(threading.Thread):
         self._signals = signals
         super().__init__(name="twin", daemon=True)
         self._settings, self._kept = settings, kept
-        self._rigs, self._twin, self._open_transport = rigs, guarded(twin, self._count_fault), open_transport
+        self._rigs, self._twin, self._open_transport = rigs, guarded(twin), open_transport
         self._inbox = Inbox(
             frames=settings.queue_frames,
             max_bytes=settings.queue_bytes,
@@ -97,7 +102,8 @@ class Worker(threading.Thread):
         self._stopping = threading.Event()
         self._reason: str | None = "not yet subscribed to the stream"
         self._transport: Transport | None = None
-        self._faults = 0
+        self._computing = self._computing_of(settings)
+        self._lanes: Lanes | None = None
         self.on_end: Callable[[], None] = lambda: None
         self.failure: Exception | None = None
 
@@ -144,7 +150,8 @@ class Worker(threading.Thread):
             "dropped_frames": self._inbox.dropped_frames,
             "missed_frames": network.get("missed_frames", 0),
             "callback_errors": self._inbox.errors + network.get("callback_errors", 0),
-            "program_faults": self._faults,
+            "program_faults": 0 if self._lanes is None else self._lanes.faults,
+            **self._computing.gauges(),
             **(self._signals.gauges() if self._signals else {}),
         }
 
@@ -165,18 +172,15 @@ class Worker(threading.Thread):
     def _serve(self, transport: Transport) -> None:
         kept = self._kept
         publication = StatePublication(transport, kept.board)
-        computing = Threads(self._twin.at_once, self._inbox.wake)
         with (
             OfferedRigs(transport).watching() as offered,
             transport.answer_states(publication),
-            closing(computing),
+            closing(self._computing),
         ):
-            self._run(transport, publication, offered, computing)
+            self._run(transport, publication, offered)
 
-    def _run(
-        self, transport: Transport, publication: StatePublication, offered: OfferedRigs, computing: Threads
-    ) -> None:
-        kept = self._kept
+    def _run(self, transport: Transport, publication: StatePublication, offered: OfferedRigs) -> None:
+        kept, computing = self._kept, self._computing
         store, board, life = kept.store, kept.board, kept.life
         spool = Spool(life, store)
 
@@ -193,15 +197,15 @@ class Worker(threading.Thread):
             assembly=replace(assembly_settings(self._settings), clocked=True),
             host_clock=time.time_ns,
         )
-        lanes = Lanes(
+        lanes = self._lanes = Lanes(
             reception,
             ServiceSink(store, board, publication, life, signals=self._signals, alarms=kept.alarms),
             computing,
             twin_of=AssetTwins(self._twin, kept.baselines).of,
-            new_state=self._twin.new_state,
+            new_state=lambda: StoredState(lambda: None),
             waiting=WaitingWindows(store, life, board, publication),
         )
-        restore(lanes, store, self._twin, spool)
+        restore(lanes, store, spool)
         watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
         intake = Intake(reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard)
         streams = Streams(life, intake, self._is_retired)
@@ -230,6 +234,17 @@ class Worker(threading.Thread):
                 channel_wait=self._settings.channel_wait,
             )  # fmt: skip
 
+    def _computing_of(self, settings: Settings) -> Computing:
+        """Where the twin's calls are carried out: worker processes, or threads of this one."""
+        if settings.workers == 0 or self._twin.make is None:
+            return Threads(self._twin.at_once, self._inbox.wake)
+        return Processes(
+            usable_cores() - 1 or 1 if settings.workers is None else settings.workers,
+            task_limit=settings.task_limit,
+            cache_bytes=settings.worker_cache_bytes,
+            wake=self._inbox.wake,
+        )
+
     def _is_retired(self, asset: str) -> bool:
         snapshot = self._kept.board.get(asset)
         return snapshot is not None and snapshot.retired is not None
@@ -238,9 +253,6 @@ class Worker(threading.Thread):
         last_frame_ns = reception.freshness(asset).last_arrival_ns
         self._kept.board.update(asset, quality=reception.quality(asset), last_frame_ns=last_frame_ns)
 
-    def _count_fault(self) -> None:
-        self._faults += 1
-
 
 def staleness_limits(settings: Settings) -> StalenessLimits:
     """How long an asset may be without a whole window, by the service's settings."""
@@ -248,27 +260,25 @@ def staleness_limits(settings: Settings) -> StalenessLimits:
     return StalenessLimits(silent=settings.stale_after, fruitless=fruitless)
 
 
-def restore(lanes: Lanes, store: ResultStore, twin: Twin, spool: Spool | None = None) -> None:
-    """Goes on where the store's assets ended; StoreError where a state cannot be read."""
+def restore(lanes: Lanes, store: ResultStore, spool: Spool | None = None) -> None:
+    """Goes on where the store's assets ended. What their twins remember is read when it is first needed."""
     for asset in store.assets():
         stored = store.asset(asset)
         entries = [] if spool is None else spool.waiting(asset)
         if stored.assembly is None or stored.quality is None:
             lanes.leave(asset, entries)
             continue
-        try:
-            state = twin.new_state() if stored.state is None else twin.load_state(stored.state)
-        except (TwinError, LookupError, TypeError, ValueError) as error:
-            raise StoreError(
-                f"the stored state of {asset} cannot be read ({type(error).__name__}: {error}): it was written by "
-                "another version of gear-twin; use that version, or another --data directory"
-            ) from error
         checkpoint = Checkpoint(
             index=store.next_index(asset) - 1,
-            state=state,
+            state=None if stored.state is None else StoredState(partial(_state_of, lanes.of(asset), store)),
             report=stored.report,
             assembly=stored.assembly,
             quality=stored.quality,
             question=stored.question,
         )
         lanes.restore(asset, checkpoint, entries)
+
+
+def _state_of(lane: Lane, store: ResultStore) -> Mapping[str, Any] | None:
+    """What is stored of an asset's twin, under the name that the asset has by then."""
+    return store.asset(lane.asset).state

@@ -113,6 +113,8 @@ class Sink:
 class Service:
     """A service process with the fake twin, and its addresses."""
 
+    program = HERE / "fake_twin.py"
+
     def __init__(self, data: Path, slow: float = 0.0, **settings: str) -> None:
         self.http, self.endpoint = f"127.0.0.1:{free_port()}", f"tcp/127.0.0.1:{free_port()}"
         self.given = {
@@ -127,7 +129,7 @@ class Service:
         environment |= {"PYTHONPATH": str(ROOT), "FAKE_TWIN_SECONDS": str(self.slow)}
         with self.out.open("w") as out, self.err.open("w") as err:
             self.process = subprocess.Popen(
-                [sys.executable, str(HERE / "fake_twin.py")], env=environment, stdout=out, stderr=err
+                [sys.executable, str(self.program)], env=environment, stdout=out, stderr=err
             )
         wait_until(lambda: self.process.poll() is not None or self.get("/readyz") is not None)
         assert self.process.poll() is None, f"the service did not start: {self.said()}"

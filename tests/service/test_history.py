@@ -112,7 +112,7 @@ def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long
         assembly = {"closed_until_ns": 1, "channels": [], "edges_counted": {}, "last_frames": {}, "counters": {}}
         asset = store.asset
         store.asset = lambda name: _with(asset(name), assembly)
-        restore(pipeline.lanes, store, Twin(step=None, new_state=dict, load_state=dict))
+        restore(pipeline.lanes, store)
     finally:
         event.remove(Engine, "before_cursor_execute", count)
     assert len(read) <= 3 and read[0] == TAIL and all(count <= POINTS + 1 for count in read[1:])

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 from service_streams import RIG, Sink
 
-from service.errors import StoreError
 from service.results.board import Board
 from service.results.migrations.release_scripts import SCRIPTS
 from service.results.sql_store import SqlStore
+from service.runtime.lane import Entry
 from service.runtime.pipeline import Pipeline
 from service.runtime.rigs import Rigs, rig_change
 from service.runtime.twin_port import gear_twin
@@ -23,6 +23,7 @@ from service.runtime.worker import restore
 from service.stream.sources.mcap import Recording
 from twin.options import Options
 from twin.rig import Rig
+from twin.windows import Window
 
 ROOT = Path(__file__).parents[2]
 STORED = ROOT / "tests" / "data" / "store_v1.sqlite.gz"
@@ -83,7 +84,7 @@ def test_states_of_version_1_are_restored_and_the_next_windows_follow(old):
         return Rig.from_mapping(old.asset(asset).rig or {})
 
     pipeline = Pipeline(rig_of, twin, Sink(outcomes))
-    restore(pipeline.lanes, old, twin)
+    restore(pipeline.lanes, old)
     assert pipeline.assets == list(ASSETS)
     with Recording(SHORT) as recording:
         for frame in recording.frames(lambda channel, error: None):
@@ -97,15 +98,20 @@ def test_states_of_version_1_are_restored_and_the_next_windows_follow(old):
 
 
 @pytest.mark.parametrize("harm", [{"schema_version": 99}, "not a state", {"memory": []}])
-def test_state_that_cannot_be_read_is_one_sentence_with_the_asset(path, harm):
+def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting(path, harm, caplog):
     with sqlite3.connect(path) as edit:
         edit.execute("UPDATE assets SET state = ? WHERE asset = 'bench'", (json.dumps(harm),))
     edit.close()
-    twin = gear_twin(Options(trace=False))
+    outcomes = []
     with SqlStore(path) as store:
-        pipeline = Pipeline(lambda asset: Rig.from_mapping({}), twin, Sink([]))
-        with pytest.raises(StoreError, match=r"stored state of bench cannot be read .*another --data directory"):
-            restore(pipeline.lanes, store, twin)
+        pipeline = Pipeline(lambda asset: Rig.from_mapping({}), gear_twin(Options(trace=False)), Sink(outcomes))
+        restore(pipeline.lanes, store)
+        for asset in ("bench", "unsw-rig"):
+            entry = Entry(start_ns=0, window=Window(start_time_ns=0))
+            pipeline.lanes.put(asset, entry, store.asset(asset).assembly)
+    (said,) = [r.message for r in caplog.records]
+    assert "stored state of bench cannot be read" in said and said.endswith("another --data directory")
+    assert [o.asset for o in outcomes] == ["unsw-rig"] and pipeline.lanes.backlog("bench") == 1
 
 
 # -- rig files -----------------------------------------------------------------------------------------

@@ -1,0 +1,261 @@
+"""Calls to twins carried out by worker processes, one call of each at a time.
+
+Every worker is an executor of its own, so that one that dies is replaced alone. An asset stays with a worker, which has
+its wear curves, while that worker is free in time; it moves where its own is busy for long and another is idle. A call
+that ended its worker, or took too long, is tried once more in a new one, and then refused as a fault of the program.
+
+Processes come from a fork server: the service's own process has threads of the network, which no fork survives, and a
+server that has loaded the twin once makes a new worker in a moment, with its code shared.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import pickle
+import queue
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from functools import partial
+from multiprocessing.context import BaseContext
+
+from service.errors import FAULT
+from service.runtime import worker_task
+from service.runtime.computing import Call, Made, WindowToUse
+from service.runtime.packed_state import PackedState, StoredState
+from service.runtime.twin_port import Twin
+from service.runtime.worker_task import Reply, Task
+from twin.rig import Rig
+from twin.windows import Window
+
+log = logging.getLogger(__name__)
+
+TRIES = 2  # how often a call is tried that ends its worker
+MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while another is idle [s]
+NUMBERS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
+
+
+@dataclass(slots=True, eq=False, kw_only=True)
+class _Job:
+    """A call on its way."""
+
+    call: Call
+    done: Callable[[Made], None]
+    since: float  # when it was made, on the monotonic clock [s]
+    tries: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class _Worker:
+    """One process, started with its first call."""
+
+    executor: ProcessPoolExecutor | None = None
+    job: _Job | None = None  # that it carries out
+    began: float = 0.0  # when, on the monotonic clock [s]
+    late: bool = False  # whether it has been ended because its call took too long
+    jobs: deque[_Job] = field(default_factory=deque)  # of its assets, that wait for it
+    assets: set[str] = field(default_factory=set)
+
+
+class Processes:
+    """Calls in the order in which they were made, by so many workers.
+
+    task_limit   how long one call may take [s]
+    cache_bytes  wear curves that one worker keeps [bytes]
+    wake         called, by any thread, when something is ready to be collected
+    """
+
+    def __init__(self, workers: int, *, task_limit: float, cache_bytes: int, wake: Callable[[], None]) -> None:
+        self._workers = [_Worker() for _ in range(workers)]
+        self._limit, self._cache_bytes, self._wake = task_limit, cache_bytes, wake
+        self._ended: queue.SimpleQueue[tuple[_Worker, _Job, Future[Reply]]] = queue.SimpleQueue()
+        self._machines: dict[str, tuple[Twin, Rig, bytes]] = {}
+        self._context = _context()
+        self._closed = False
+        self.deaths = 0
+
+    def start(self, call: Call, done: Callable[[Made], None]) -> None:
+        """Has a call carried out; `done` is called by `collect`."""
+        worker = self._home(call.asset)
+        worker.jobs.append(_Job(call=call, done=done, since=time.monotonic()))
+        self._next(worker)
+
+    def collect(self) -> None:
+        """Hands on what has been made, and looks after the workers."""
+        while True:
+            try:
+                worker, job, future = self._ended.get_nowait()
+            except queue.Empty:
+                break
+            self._take(worker, job, future)
+        self._end_late()
+        self._move()
+
+    def close(self) -> None:
+        """Ends all workers at once: what they compute is computed again by the next start."""
+        self._closed = True
+        for worker in self._workers:
+            self._discard(worker)
+
+    def gauges(self) -> Mapping[str, float]:
+        """Figures for /metrics."""
+        now = time.monotonic()
+        began = [w.began for w in self._workers if w.job is not None]
+        return {
+            "workers": len(self._workers),
+            "workers_busy": len(began),
+            "worker_deaths": self.deaths,
+            "twin_calls_waiting": sum(len(w.jobs) for w in self._workers),
+            "twin_call_seconds": max((now - b for b in began), default=0.0),
+        }
+
+    # -- calls ---------------------------------------------------------------------------------------
+
+    def _next(self, worker: _Worker) -> None:
+        """Begins the call that waits longest for a worker, if it is free."""
+        if worker.job is not None or not worker.jobs or self._closed:
+            return
+        job = worker.job = worker.jobs.popleft()
+        worker.began = time.monotonic()
+        task = self._task(job.call)
+        try:
+            future = self._executor(worker).submit(worker_task.perform, task)
+        except BrokenProcessPool:  # it died while it had nothing to do
+            self._discard(worker)
+            future = self._executor(worker).submit(worker_task.perform, task)
+        future.add_done_callback(partial(self._note, worker, job))
+
+    def _note(self, worker: _Worker, job: _Job, future: Future[Reply]) -> None:
+        self._ended.put((worker, job, future))
+        self._wake()
+
+    def _take(self, worker: _Worker, job: _Job, future: Future[Reply]) -> None:
+        if self._closed or worker.job is not job:
+            return
+        worker.job = None
+        error = None if future.cancelled() else future.exception()
+        if error is None and not future.cancelled():
+            reply = future.result()
+            for record in reply.records:
+                record.asset = job.call.asset
+                logging.getLogger(record.name).handle(record)
+            self._next(worker)
+            job.done(reply.made)
+            return
+        if not isinstance(error, BrokenProcessPool) and error is not None:
+            self._next(worker)
+            job.done(_refused(job.call, f"{type(error).__name__}: {error}"))
+            return
+        self._died(worker, job)
+
+    def _died(self, worker: _Worker, job: _Job) -> None:
+        """A worker has died with a call: it is replaced, and the call tried once more."""
+        self.deaths += 1
+        job.tries += 1
+        why = f"took longer than {self._limit:g} s" if worker.late else "ended its worker process"
+        self._discard(worker)
+        log.error("%s: what the twin was asked (%s) %s", job.call.asset, job.call.ask.verb, why)
+        if job.tries < TRIES:
+            worker.jobs.appendleft(job)
+            self._next(worker)
+            return
+        self._next(worker)
+        job.done(_refused(job.call, f"{why}, {TRIES} times"))
+
+    def _end_late(self) -> None:
+        """Ends workers whose call takes too long."""
+        now = time.monotonic()
+        for worker in self._workers:
+            if worker.job is not None and not worker.late and now - worker.began > self._limit:
+                worker.late = True
+                _kill(worker.executor)
+
+    # -- assets --------------------------------------------------------------------------------------
+
+    def _home(self, asset: str) -> _Worker:
+        """The worker that has an asset's curves; for a new asset the one with the fewest."""
+        for worker in self._workers:
+            if asset in worker.assets:
+                return worker
+        worker = min(self._workers, key=lambda w: len(w.assets))
+        worker.assets.add(asset)
+        return worker
+
+    def _move(self) -> None:
+        """Moves assets that have waited for long to workers that are idle."""
+        now = time.monotonic()
+        for idle in self._workers:
+            if idle.job is not None or idle.jobs:
+                continue
+            busy = [w for w in self._workers if w.jobs and now - w.jobs[0].since > MOVE_AFTER]
+            if not busy:
+                return
+            crowded = min(busy, key=lambda w: w.jobs[0].since)
+            job = crowded.jobs.popleft()
+            crowded.assets.discard(job.call.asset)
+            idle.assets.add(job.call.asset)
+            idle.jobs.append(job)
+            self._next(idle)
+
+    # -- processes -----------------------------------------------------------------------------------
+
+    def _executor(self, worker: _Worker) -> ProcessPoolExecutor:
+        if worker.executor is None:
+            worker.executor = ProcessPoolExecutor(
+                max_workers=1,
+                mp_context=self._context,
+                initializer=worker_task.begin,
+                initargs=(logging.getLogger().getEffectiveLevel(), self._cache_bytes),
+            )
+        return worker.executor
+
+    def _discard(self, worker: _Worker) -> None:
+        """Ends a worker's process, without waiting; the next call starts another."""
+        executor, worker.executor, worker.late = worker.executor, None, False
+        if executor is not None:
+            _kill(executor)
+            executor.shutdown(wait=False, cancel_futures=True)
+
+    def _task(self, call: Call) -> Task:
+        state = call.state.pack() if isinstance(call.state, StoredState) else call.state
+        assert state is None or isinstance(state, PackedState)
+        known = self._machines.get(call.asset)
+        if known is None or known[0] is not call.twin or known[1] is not call.rig:
+            pickled = pickle.dumps((call.twin.make, call.twin.options, call.rig))
+            known = self._machines[call.asset] = call.twin, call.rig, pickled
+        return Task(asset=call.asset, machine=known[2], state=state, ask=call.ask)
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _refused(call: Call, reason: str) -> Made:
+    """What is made of a call that cannot be carried out."""
+    about = call.ask.about
+    start_ns = about.start_ns if isinstance(about, WindowToUse) else 0
+    return Made(refused=f"{FAULT}: {reason}", window=Window(start_time_ns=start_ns, quality="refused"))
+
+
+def _kill(executor: ProcessPoolExecutor | None) -> None:
+    """Kills an executor's process."""
+    for process in list((executor._processes if executor else None) or {}):
+        try:
+            os.kill(process, 9)
+        except ProcessLookupError:
+            continue
+
+
+def _context() -> BaseContext:
+    """How processes are started: a server that has loaded the twin forks them, with one thread for numbers each."""
+    for name, value in NUMBERS.items():
+        os.environ.setdefault(name, value)
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([worker_task.__name__, "service.contract.estimate"])
+    return context

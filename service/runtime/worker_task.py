@@ -1,0 +1,131 @@
+"""What a worker process does: one call after the other, with what it has loaded before at hand.
+
+Everything arrives as bytes, so that the service's own process neither parses nor builds states. Rigs, twins and the
+states that a call led to are kept by what they were made from, within bounds. What is logged meanwhile goes back with
+the result: the service's log has it in its own form, and no lock is shared with a process that may be killed.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import signal
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
+from multiprocessing import connection, parent_process
+from typing import Any, TypeVar
+
+from service.runtime.computing import Ask, Call, Made, carry_out
+from service.runtime.packed_state import PackedState
+from service.runtime.twin_port import Twin, guarded
+from twin.rig import Rig
+from twin.updating.model_cache import PATHS
+
+T = TypeVar("T")
+
+KEPT = 64  # assets whose rig, twin and state a worker has at hand; those of others are loaded again
+MOST_RECORDS = 200  # log records that one call sends back
+
+Machine = tuple[Callable[[Any], Twin], Any, Rig]
+"""What makes a twin, its options, and the rig."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A call as it is sent to a worker."""
+
+    asset: str
+    machine: bytes  # a pickled `Machine`
+    state: PackedState | None  # None for a twin that has seen nothing yet
+    ask: Ask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reply:
+    """What a worker sends back: `made.state` is packed."""
+
+    made: Made
+    records: tuple[logging.LogRecord, ...]
+    seconds: float  # that the call took
+
+
+class _Recent(OrderedDict[Hashable, Any]):
+    """Values by key, the most recently used ones."""
+
+    def get_or(self, key: Hashable, make: Callable[[], T]) -> T:
+        value: T = self[key] if key in self else make()
+        self.keep(key, value)
+        return value
+
+    def keep(self, key: Hashable, value: Any) -> None:
+        self[key] = value
+        self.move_to_end(key)
+        while len(self) > KEPT:
+            self.popitem(last=False)
+
+
+class _Records(logging.Handler):
+    """Keeps what is logged until it is taken."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.kept: list[logging.LogRecord] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if len(self.kept) < MOST_RECORDS:
+            record.msg, record.args = record.getMessage(), None
+            if record.exc_info:
+                record.exc_text = logging.Formatter().formatException(record.exc_info)
+                record.exc_info = None
+            self.kept.append(record)
+
+    def take(self) -> tuple[logging.LogRecord, ...]:
+        taken, self.kept = tuple(self.kept), []
+        return taken
+
+
+_machines, _states, _records = _Recent(), _Recent(), _Records()
+
+
+def begin(log_level: int, cache_bytes: int) -> None:
+    """Prepares a worker: it ends with the service, and not by signals that are meant for that."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    root = logging.getLogger()
+    root.handlers[:] = [_records]
+    root.setLevel(log_level)
+    logging.captureWarnings(True)
+    PATHS.budget = cache_bytes
+
+
+def _end_with_parent() -> None:
+    """Ends the process at once when the service has ended, however that was."""
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+
+def perform(task: Task) -> Reply:
+    """Carries a call out."""
+    began = time.monotonic()
+    twin, rig = _machines.get_or(task.machine, lambda: _machine(task.machine))
+    version, state = _states.get(task.asset, (None, None))
+    if task.state is None or task.state.version != version:
+        state = task.state
+    made = carry_out(Call(asset=task.asset, twin=twin, rig=rig, state=state, ask=task.ask))
+    if made.state is not None:
+        packed = PackedState.of(made.state.to_dict())
+        _states.keep(task.asset, (packed.version, made.state))
+        made = replace(made, state=packed)
+    return Reply(made=made, records=_records.take(), seconds=time.monotonic() - began)
+
+
+def _machine(pickled: bytes) -> tuple[Twin, Rig]:
+    make, options, rig = pickle.loads(pickled)
+    return guarded(make(options)), rig
