@@ -1,6 +1,6 @@
 """Prints the tables of docs/reference from the code that they describe.
 
-    python -m benchmarks.reference commands | settings | rig | rest | json | answers | units
+    python -m benchmarks.reference commands | settings | rig | rest | json | answers | units | client | plant
 
 `python -m benchmarks.figures reference` writes them into the pages.
 """
@@ -265,8 +265,23 @@ def rest() -> str:
 
 def keys() -> str:
     """Every key of the answers, by the models that also make the OpenAPI page."""
+    return _models(_openapi()["components"]["schemas"])
+
+
+def plant() -> str:
+    """Every key of what bridges publish."""
+    from service.contract.plant import MODELS
+
+    found: dict[str, Any] = {}
+    for model in MODELS:
+        schema = model.model_json_schema()
+        found |= {model.__name__: schema, **schema.get("$defs", {})}
+    return _models(found)
+
+
+def _models(schemas: Mapping[str, Any]) -> str:
     out = []
-    for name, schema in _openapi()["components"]["schemas"].items():
+    for name, schema in schemas.items():
         if not schema.get("properties") or name in ("HTTPValidationError", "ValidationError"):
             continue
         rows = [
@@ -347,7 +362,7 @@ def _without_types(signature: Any, empty: Any) -> Any:
 
 TABLES = {
     "commands": commands, "settings": settings, "rig": rig, "rest": rest, "json": keys, "answers": answers,
-    "units": units, "client": client,
+    "units": units, "client": client, "plant": plant,
 }  # fmt: skip
 
 

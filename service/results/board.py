@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,6 +19,7 @@ from service.contract.base import iso_time
 from service.contract.overview import overview
 from service.contract.question import asked
 from service.contract.status import none_yet
+from service.results.asset_changes import AssetChanges
 from service.results.change_signal import ChangeSignal
 from service.results.sparkline import REFUSED, Sparkline
 from service.results.store import FaultTotals, ResultStore, StoredWindow, faults_of
@@ -142,6 +143,7 @@ class Board:
         self._snapshots: dict[str, Snapshot] = {}
         self._lock = threading.Lock()
         self._signal = ChangeSignal()
+        self._followers: list[AssetChanges] = []
         self.closed = False
 
     @classmethod
@@ -175,6 +177,7 @@ class Board:
         with self._lock:
             snapshot = self._snapshots.pop(asset, None)
             self._put(replace(snapshot or Snapshot(asset=name), asset=name))
+            self._note(asset, name)
         self._signal.wake()
 
     def close(self) -> None:
@@ -186,11 +189,29 @@ class Board:
         """An event of the running loop that is set at each change; the reader clears it."""
         return self._signal.listening()
 
+    @contextmanager
+    def follow(self) -> Iterator[AssetChanges]:
+        """The assets that change while inside, for one thread; all assets of the board come first."""
+        follower = AssetChanges()
+        with self._lock:
+            follower.note(*self.assets())
+            self._followers.append(follower)
+        try:
+            yield follower
+        finally:
+            with self._lock:
+                self._followers.remove(follower)
+
     # -- within --------------------------------------------------------------------------------------
+
+    def _note(self, *assets: str) -> None:
+        for follower in self._followers:
+            follower.note(*assets)
 
     def _change(self, asset: str, change: Callable[[Snapshot], Snapshot]) -> Snapshot:
         with self._lock:
             snapshot = self._put(change(self._snapshots.get(asset) or Snapshot(asset=asset)))
+            self._note(asset)
         self._signal.wake()
         return snapshot
 

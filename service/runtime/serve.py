@@ -32,6 +32,7 @@ from service.results.sql_store import SqlStore
 from service.results.store import ResultStore
 from service.runtime import SERVES
 from service.runtime.admission import access_of
+from service.runtime.bridging import bridges_of
 from service.runtime.http_server import HttpServer, address_of, listening_at
 from service.runtime.rigs import Rigs
 from service.runtime.signal_writer import SignalWriter
@@ -95,12 +96,13 @@ def run(
             baselines=baselines,
         )
         worker = Worker(settings, kept, rigs, twin, transport, writer)
+        bridges = bridges_of(settings, board, store, worker.offer)
         app = create_app(
             board,
             store,
             queue,
             not_ready=worker.not_ready,
-            gauges=lambda: {**worker.gauges(), **webhooks.gauges()},
+            gauges=lambda: {**worker.gauges(), **webhooks.gauges(), **bridges.gauges()},
             signals=signals,
             alarms=alarms,
             changes=changes,
@@ -114,14 +116,13 @@ def run(
 
         server = HttpServer(app, started=lambda: announce(address_of(listening)), ending=ending, stop=stop)
         worker.on_end = server.end
-        worker.start()
-        webhooks.start()
+        for part in (worker, webhooks, bridges):
+            part.start()
         try:
             server.run(sockets=[listening])
         finally:
-            worker.end()
-            writer.end()
-            webhooks.end()
+            for ended in (worker, writer, webhooks, bridges):
+                ended.end()
     if worker.failure is not None:
         raise worker.failure
     return 0

@@ -137,6 +137,10 @@ class Worker(threading.Thread):
         self.stop()
         self.join(STOP_WAIT)
 
+    def offer(self, topic: str, payload: bytes) -> bool:
+        """Puts a frame that did not come over the network into the inbox; it may wait for room."""
+        return self._inbox.offer(topic, payload)
+
     def not_ready(self) -> str | None:
         """Why no frames are accepted, or None."""
         return self._reason

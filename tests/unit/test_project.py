@@ -18,12 +18,14 @@ from tests.rules import may_be_skipped
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+OPTIONAL = PROJECT["project"]["optional-dependencies"]
 REFERENCE = ROOT / "docs" / "reference"
 PACKAGES = (REFERENCE / "packages.md").read_text(encoding="utf-8")
 DEVELOP = (ROOT / "docs" / "how-to" / "develop.md").read_text(encoding="utf-8")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 LOCKS = ("requirements.lock", "requirements-formats.lock", "requirements-plant.lock", "requirements-dev.lock")
 PLANT = ("postgresql", "mqtt", "opcua", "telemetry")  # the extras that make up `plant`
+LOADED_WHERE_SET = {"service/bridges/mqtt.py": "mqtt"}  # files that alone know an extra's packages
 READERS = ROOT / "service" / "files" / "readers"
 COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
 OUTWARD = {"asyncio", "io", "logging", "os", "pathlib", "random", "shutil", "socket", "sqlite3", "subprocess", "time"}
@@ -85,6 +87,12 @@ def test_the_service_asks_for_the_generator_in_the_command_line_alone_and_only_w
             assert "recordings" not in packages(file), file
 
 
+def test_files_that_need_an_extra_are_imported_by_none_as_a_whole():
+    names = {path.removesuffix(".py").replace("/", ".") for path in LOADED_WHERE_SET}
+    for file in sources("service"):
+        assert not names & imports(file, anywhere=False), file
+
+
 def test_what_the_program_imports_is_declared():
     declared = {dist_name(d) for d in PROJECT["project"]["dependencies"]}
     extra = {dist_name(d) for d in PROJECT["project"]["optional-dependencies"]["formats"]}
@@ -98,6 +106,9 @@ def test_what_the_program_imports_is_declared():
                 of = {dist_name(d) for d in dists.get(top, ())}
                 if READERS in file.parents and of & extra:
                     assert name not in imports(file, anywhere=False), f"{file.name}: {name} is imported by all"
+                    continue
+                extra_of_file = LOADED_WHERE_SET.get(str(file.relative_to(ROOT)))
+                if extra_of_file and of & {dist_name(d) for d in OPTIONAL[extra_of_file]}:
                     continue
                 assert of & declared, f"{file.relative_to(ROOT)}: {name} is not in pyproject.toml"
 

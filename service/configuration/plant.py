@@ -1,0 +1,66 @@
+"""Settings of what connects the service to other networks of a plant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+from pydantic import Field, SecretStr
+
+from service.configuration.tables import Table
+
+BROKER = r"^mqtts?://(\[[0-9A-Fa-f:.]+\]|[^:/@\s]+)(:\d{1,5})?/?$"
+TOPIC = r"^[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*$"
+
+# what a setting with a pattern must be like
+READ = {
+    "mqtt": "must be mqtt://HOST[:PORT] or mqtts://HOST[:PORT], without user and password",
+    "mqtt_prefix": "must be letters, digits, '_', '-' and '.', in parts separated by '/', such as gear-twin",
+    "mqtt_client_id": "must be 1 to 64 letters, digits, '_', '-' or '.'",
+}
+
+
+class Mqtt(Table):
+    """Results and alarms at an MQTT broker, and slow values from it."""
+
+    TABLE: ClassVar[str] = "mqtt"
+    PREFIX: ClassVar[str] = "mqtt_"
+    KEYS: ClassVar[dict[str, str]] = {"mqtt": "broker"}
+
+    mqtt: str | None = Field(
+        default=None,
+        pattern=BROKER,
+        description="broker that results are published to, mqtt(s)://HOST[:PORT]; none: no MQTT",
+        examples=["mqtts://broker.example:8883"],
+    )
+    mqtt_user: str | None = Field(default=None, description="user name at the broker", examples=["gear-twin"])
+    mqtt_password: SecretStr | None = Field(
+        default=None, description="password at the broker", examples=["a long password"]
+    )
+    mqtt_password_file: Path | None = Field(
+        default=None, description="file that holds the password instead", examples=["mqtt-password"]
+    )
+    mqtt_ca: Path | None = Field(
+        default=None,
+        description="certificates (PEM) by which the broker's is checked; none: those of the system",
+        examples=["ca.pem"],
+    )
+    mqtt_certificate: Path | None = Field(
+        default=None, description="certificate (PEM) of the service at the broker", examples=["gear-twin.pem"]
+    )
+    mqtt_key: Path | None = Field(default=None, description="its private key (PEM)", examples=["gear-twin.key"])
+    mqtt_client_id: str | None = Field(
+        default=None,
+        pattern=r"^[A-Za-z0-9_.\-]{1,64}$",
+        description="name of the service at the broker; none: one of its own for each data directory",
+        examples=["gear-twin-1"],
+    )
+    mqtt_prefix: str = Field(default="gear-twin", pattern=TOPIC, description="first part of the topics at the broker")
+    mqtt_qos: int = Field(default=1, ge=0, le=2, description="quality of service of what is published")
+    mqtt_retain: bool = Field(default=True, description="whether the broker keeps the latest result of each asset")
+    mqtt_full_state: bool = Field(default=False, description="whether the whole state is published, too")
+    mqtt_inputs: Path | None = Field(
+        default=None,
+        description="file (TOML) of topics that hold slow values, such as an oil temperature",
+        examples=["inputs.toml"],
+    )

@@ -1,0 +1,36 @@
+"""The bridges that the settings ask for; the packages of the others are not loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from service.bridges.bridge import Bridge, Bridges, Helper
+from service.bridges.kept import KeptNumbers
+from service.errors import InputError
+from service.results.board import Board
+from service.results.store import ResultStore
+from service.settings import Settings
+
+FOLDER = "bridges"  # in the data directory
+
+
+def bridges_of(settings: Settings, board: Board, store: ResultStore, offer: Callable[[str, bytes], bool]) -> Bridges:
+    """All bridges; InputError where a setting or a package is missing.
+
+    offer  takes a frame to the stream's inbox: topic, payload → whether there was room
+    """
+    bridges: list[Bridge] = []
+    helpers: list[Helper] = []
+    if settings.mqtt is not None:
+        from service.bridges.mqtt import MqttBridge
+        from service.bridges.slow_inputs import SlowInputs, load_inputs
+
+        kept = KeptNumbers(settings.data / FOLDER / "mqtt.json")
+        inputs = None
+        if settings.mqtt_inputs is not None:
+            inputs = SlowInputs(load_inputs(settings.mqtt_inputs), offer, kept, settings.prefix)
+            helpers.append(inputs)
+        bridges.append(MqttBridge(settings, board, store, kept, inputs))
+    elif settings.mqtt_inputs is not None:
+        raise InputError("setting mqtt_inputs: slow values come from a broker; give it in the setting mqtt")
+    return Bridges(bridges, helpers)
