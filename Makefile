@@ -105,11 +105,11 @@ lint-docker: install-dev
 
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
-		pyproject.toml -o requirements.lock
+		--extra analysis pyproject.toml -o requirements.lock
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
-		--extra dev --extra formats --extra docs --extra plant -c requirements.lock pyproject.toml -o requirements-dev.lock
+		--extra analysis --extra dev --extra formats --extra docs --extra plant -c requirements.lock pyproject.toml -o requirements-dev.lock
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
-		--extra formats -c requirements-dev.lock pyproject.toml -o requirements-formats.lock
+		--extra analysis --extra formats -c requirements-dev.lock pyproject.toml -o requirements-formats.lock
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
 		--extra plant -c requirements-dev.lock pyproject.toml -o requirements-plant.lock
 

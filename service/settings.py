@@ -223,7 +223,9 @@ class Oidc(Table):
 class Settings(Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission, Oidc, Mqtt, BaseSettings):
     """Settings of `gear-twin serve`, `demo` and whatever else takes windows apart."""
 
-    model_config = SettingsConfigDict(env_prefix="GEAR_TWIN_", extra="forbid", validate_default=True)
+    model_config = SettingsConfigDict(
+        env_prefix="GEAR_TWIN_", env_ignore_empty=True, extra="forbid", validate_default=True
+    )
 
     config: Path | None = Field(default=None, description="configuration file (TOML)")
 

@@ -5,6 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+EXTRAS = {
+    "numba": "analysis",
+    "plotly": "analysis",
+    "psycopg": "postgresql",
+    "paho": "mqtt",
+    "asyncua": "opcua",
+    "opentelemetry": "telemetry",
+}
+"""Packages that an installation may leave out, and the extra that has them."""
+
 
 def run(arguments: Sequence[str]) -> int:
     """Runs one command; answers its exit status."""
@@ -23,6 +33,12 @@ def run(arguments: Sequence[str]) -> int:
         return _fail(str(error), 1)
     except KeyboardInterrupt:
         return _fail("interrupted", 130)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRAS:
+            raise
+        line = f"this command needs the package {package}, which is not installed here"
+        return _fail(f"{line}: make install, or pip install 'gear-twin[{EXTRAS[package]}]'", 2)
     except Exception as error:
         if type(error).__name__ == "Abort":
             return _fail("interrupted", 130)

@@ -20,6 +20,7 @@ from service.cli.example import app as example
 from service.cli.importing import import_
 from service.cli.init import init
 from service.cli.keys import app as keys
+from service.cli.ready import ready
 from service.cli.rest import asking
 from service.cli.signals import signals
 from service.cli.what_if import what_if
@@ -438,6 +439,7 @@ app.command(name="import", rich_help_panel=DATA)(import_)
 app.command(name="init", rich_help_panel=START)(init)
 app.command(name="doctor", rich_help_panel=START)(doctor)
 app.command(name="config", rich_help_panel=START)(config)
+app.command(name="ready", rich_help_panel=START)(asking(ready))
 app.command(name="what-if", rich_help_panel=ANSWER)(asking(what_if))
 app.add_typer(keys, name="keys", rich_help_panel=START)
 app.add_typer(assets, name="assets", rich_help_panel=START)

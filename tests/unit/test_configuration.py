@@ -98,6 +98,12 @@ def test_variables_of_commands_and_tests_are_no_mistakes(monkeypatch):
     assert load() == Settings()
 
 
+def test_empty_variables_set_nothing(monkeypatch):
+    for name in ("DATABASE", "LISTEN", "IDLE_TIMEOUT", "CONFIG"):
+        monkeypatch.setenv(f"GEAR_TWIN_{name}", "")
+    assert load() == Settings()
+
+
 def test_list_that_is_no_json_is_named(monkeypatch):
     monkeypatch.setenv("GEAR_TWIN_LISTEN", "tcp/127.0.0.1:7447")
     assert mistakes()[0].startswith("environment: GEAR_TWIN_LISTEN = 'tcp/127.0.0.1:7447' must be JSON")

@@ -94,7 +94,9 @@ def test_files_that_need_an_extra_are_imported_by_none_as_a_whole():
 
 
 def test_what_the_program_imports_is_declared():
-    declared = {dist_name(d) for d in PROJECT["project"]["dependencies"]}
+    extras = PROJECT["project"]["optional-dependencies"]
+    optional = [d for name in ("analysis", *PLANT) for d in extras[name]]  # tests/unit/test_optional_packages.py
+    declared = {dist_name(d) for d in PROJECT["project"]["dependencies"] + optional}
     extra = {dist_name(d) for d in PROJECT["project"]["optional-dependencies"]["formats"]}
     dists = packages_distributions()
     for folder in ("gear_twin", "twin", "service", "studies", "recordings"):
@@ -130,18 +132,20 @@ def test_the_locks_hold_what_the_project_depends_on_and_agree():
         for lock in LOCKS
     }
     runtime, formats, plant, development = (pinned[lock] for lock in LOCKS)
-    assert {dist_name(d) for d in PROJECT["project"]["dependencies"]} <= set(runtime)
+    extras = PROJECT["project"]["optional-dependencies"]
+    assert {dist_name(d) for d in PROJECT["project"]["dependencies"] + extras["analysis"]} <= set(runtime)
     assert {dist_name(d) for d in PROJECT["project"]["optional-dependencies"]["dev"]} <= set(development)
     assert {dist_name(d) for d in PROJECT["project"]["optional-dependencies"]["formats"]} <= set(formats)
     assert {dist_name(d) for extra in PLANT for d in PROJECT["project"]["optional-dependencies"][extra]} <= set(plant)
     assert runtime.items() <= formats.items() <= development.items()
-    assert runtime.items() <= plant.items() <= development.items()
+    assert plant.items() <= development.items() and not {"numba", "plotly"} & set(plant)
+    assert {dist_name(d) for d in PROJECT["project"]["dependencies"]} <= set(plant)
 
 
 @pytest.mark.parametrize(
     "requirement",
     PROJECT["project"]["dependencies"]
-    + [d for extra in ("formats", *PLANT) for d in PROJECT["project"]["optional-dependencies"][extra]],
+    + [d for extra in ("analysis", "formats", *PLANT) for d in PROJECT["project"]["optional-dependencies"][extra]],
 )
 def test_each_package_has_its_reason_in_the_reference(requirement):
     row = re.search(rf"^\| .*`{re.escape(dist_name(requirement))}`.* \|(.+)\|$", PACKAGES, re.MULTILINE)
