@@ -17,7 +17,7 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 
 from service.access.addresses import is_loopback
 from service.access.roles import Role
-from service.configuration.plant import Mqtt
+from service.configuration.plant import Log, Mqtt
 from service.configuration.sources import CONFIG, Environment, FileSource
 from service.configuration.tables import Table
 from twin.attention import StatusLimits
@@ -220,7 +220,7 @@ class Oidc(Table):
     )
 
 
-class Settings(Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission, Oidc, Mqtt, BaseSettings):
+class Settings(Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission, Oidc, Mqtt, Log, BaseSettings):
     """Settings of `gear-twin serve`, `demo` and whatever else takes windows apart."""
 
     model_config = SettingsConfigDict(

@@ -180,12 +180,13 @@ def replay(
 ) -> None:
     """Publish a recording on Zenoh as it was recorded, or faster; ends when all of it has been delivered."""
     from service.cli.show import progress_bar
+    from service.logs import logging_by
     from service.runtime.replay import replay as run
 
     demand_finite("speed", speed)
     settings = settings_of(config=config, prefix=prefix)
     begun = time.monotonic()
-    with progress_bar("replaying") as bar:
+    with logging_by(settings), progress_bar("replaying") as bar:
         delivered = run(
             recording,
             connect or settings.connect or settings.listen,
@@ -218,11 +219,13 @@ def record(
 ) -> None:
     """Record a live stream into a file (MCAP)."""
     from service.cli.live import record_live
+    from service.logs import logging_by
 
     settings = settings_of(config=config, prefix=prefix)
-    frames, refused = record_live(
-        out, connect or ([] if listen else settings.connect), listen, duration, rig, description, settings.prefix
-    )
+    with logging_by(settings):
+        frames, refused = record_live(
+            out, connect or ([] if listen else settings.connect), listen, duration, rig, description, settings.prefix
+        )
     if not wrote_json({"recording": str(out), "frames": frames, "refused": refused}, json):
         print(f"{frames} frames recorded, {refused} refused: {out}")
 
@@ -268,11 +271,14 @@ def serve(
     config: ConfigFile = None,
 ) -> int:
     """Run the service: streams in over Zenoh; REST, page and Zenoh out. All settings: `gear-twin config`."""
+    from service.logs import logging_by
     from service.runtime.serve import run
 
     given = {"listen": listen, "connect": connect, "http": http, "rig": rig, "data": data, "update": update}
     given |= {"baseline": baseline, "relation": relation, "prefix": prefix, "config": config}
-    return run(settings_of(**given, trace=False if no_trace else None))
+    settings = settings_of(**given, trace=False if no_trace else None)
+    with logging_by(settings):
+        return run(settings)
 
 
 @app.command(rich_help_panel=START)

@@ -1,9 +1,9 @@
-"""Settings of what connects the service to other networks of a plant."""
+"""Settings of what connects the service to other networks of a plant, and of its log lines."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from pydantic import Field, SecretStr
 
@@ -63,4 +63,21 @@ class Mqtt(Table):
         default=None,
         description="file (TOML) of topics that hold slow values, such as an oil temperature",
         examples=["inputs.toml"],
+    )
+
+
+class Log(Table):
+    """Log lines on standard error."""
+
+    TABLE: ClassVar[str] = "log"
+    PREFIX: ClassVar[str] = "log_"
+
+    log_format: Literal["text", "json"] = Field(
+        default="text", description="lines for people, or one JSON object a line"
+    )
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        default="info", description="least level that is written; of other packages warnings at least"
+    )
+    log_lines: int = Field(
+        default=10, ge=0, le=1_000_000, description="lines of one cause that are written within a minute; 0: all"
     )

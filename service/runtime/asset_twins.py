@@ -46,7 +46,7 @@ class AssetTwins:
         try:
             return read_baseline(path)
         except InputError as error:
-            log.error("%s: its baseline cannot be used: %s", asset, error)
+            log.error("%s: its baseline cannot be used: %s", asset, error, extra={"asset": asset})
             return None
 
 

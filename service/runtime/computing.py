@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from service.contract.base import iso_time
 from service.files.rig import window_of_rig
+from service.logs import about
 from service.results.window_file import read_window
 from service.runtime.outcomes import Raw
 from service.runtime.packed_state import PackedState, StoredState
@@ -132,7 +134,10 @@ def carry_out(call: Call) -> Made:
         except (TwinError, LookupError, TypeError, ValueError, AttributeError) as error:
             return Made(unreadable=f"{type(error).__name__}: {error}")
         call = replace(call, state=state)
-    return _VERBS[call.ask.verb](call)
+    given = call.ask.about
+    window = {"window": iso_time(given.start_ns)} if isinstance(given, WindowToUse) else {}
+    with about(asset=call.asset, **window):
+        return _VERBS[call.ask.verb](call)
 
 
 def _window(call: Call) -> Made:

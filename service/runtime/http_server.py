@@ -33,7 +33,12 @@ class HttpServer(uvicorn.Server):
         stop: threading.Event | None = None,
     ) -> None:
         config = uvicorn.Config(
-            app, log_level="warning", access_log=False, timeout_graceful_shutdown=HTTP_WAIT, lifespan="off"
+            app,
+            log_level="warning",
+            log_config=None,
+            access_log=False,
+            timeout_graceful_shutdown=HTTP_WAIT,
+            lifespan="off",
         )
         super().__init__(config)
         self._started, self._ending, self._stop = started, ending, stop

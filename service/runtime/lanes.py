@@ -154,7 +154,7 @@ class Lanes:
         try:
             action()
         except StorageUnavailable as error:
-            log.warning("%s: %s", lane.asset, error)
+            log.warning("%s: %s", lane.asset, error, extra={"asset": lane.asset})
             self._unsettled.append((lane, action))
             return
         lane.busy = False
@@ -201,7 +201,7 @@ class Lanes:
         """One window to the sink, or to where it waits for an answer by people."""
         if made.unreadable is not None:
             lane.stopped = _unreadable(lane, made.unreadable)
-            log.error("%s", lane.stopped)
+            log.error("%s", lane.stopped, extra={"asset": lane.asset})
             return
         fell = made.fell
         if fell is None:

@@ -89,7 +89,9 @@ class Rigs:
         differs = self._given is not None and other_gears(stored, self._given)
         rig = (None if differs else self._given) or stored.rig or offered.find(asset)
         if rig is None:
-            log.warning("no rig file is known for %s: only what needs none will be available", asset)
+            log.warning(
+                "no rig file is known for %s: only what needs none will be available", asset, extra={"asset": asset}
+            )
             return Rig.from_mapping({})
         checked = checked_rig(rig, f"rig of {asset}")
         if rig != stored.rig:
@@ -102,7 +104,7 @@ class Rigs:
         if stored.rig is not None and stored.state is not None:
             lines = rig_change(stored.rig, rig).other
             detail = f"the rig file has changed since the stored state was learned: {_named(lines)}"
-            log.warning("%s: %s", stored.asset, detail)
+            log.warning("%s: %s", stored.asset, detail, extra={"asset": stored.asset})
             fault = {
                 "window": None, "kind": "rig_changed", "channel": "rig", "count": len(lines), "action": "none",
                 "detail": detail,
@@ -150,7 +152,7 @@ class OfferedRigs:
             mapping = parsed_document(text, f"the rig file offered for {asset}")
             checked_rig(mapping, f"rig of {asset}")
         except InputError as error:
-            log.error("the rig file offered for %s cannot be used: %s", asset, error)
+            log.error("the rig file offered for %s cannot be used: %s", asset, error, extra={"asset": asset})
         else:
             with self._lock:
                 self._offered[asset] = mapping

@@ -65,7 +65,9 @@ class ServiceSink:
         if self._committed is None:
             if outcome.waited is not None:
                 self._life.delete_file(outcome.waited)
-            log.error("%s: window %s had been committed before", outcome.asset, outcome.record["start_time"])
+            start = outcome.record["start_time"]
+            told = {"asset": outcome.asset, "window": start}
+            log.error("%s: window %s had been committed before", outcome.asset, start, extra=told)
         return self._committed is not None
 
     def _keep_question(self, outcome: WindowOutcome) -> None:

@@ -94,7 +94,13 @@ class SignalWriter:
 
     def _leave_out(self, outcome: WindowOutcome, reason: str) -> None:
         self._left_out += 1
-        log.warning("%s: the raw signals of window %d are not kept: %s", outcome.asset, outcome.index, reason)
+        log.warning(
+            "%s: the raw signals of window %d are not kept: %s",
+            outcome.asset,
+            outcome.index,
+            reason,
+            extra={"asset": outcome.asset},
+        )
 
 
 def _size(file: Path) -> int:

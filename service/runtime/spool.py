@@ -36,7 +36,7 @@ class Spool:
             self._store.keep(asset, assembly=closed.assembly, quality=reception.quality(asset))
             newest = self._life.waiting(asset)[-1] if kept else None
         if newest is None:
-            log.warning("%s: %s", asset, NO_ROOM)
+            log.warning("%s: %s", asset, NO_ROOM, extra={"asset": asset})
             entry = Entry(start_ns=window.start_time_ns, window=window, refuse=NO_ROOM)
         else:
             file = self._life.file_of(newest.id)

@@ -118,7 +118,7 @@ class StalenessWatch:
         shown = replace(before, stale=found)
         events: Events = ()
         if found is not None:
-            log.warning("%s: %s", asset, found.reason)
+            log.warning("%s: %s", asset, found.reason, extra={"asset": asset})
             fault = {
                 "window": None, "kind": "stale", "channel": "all", "count": 1, "action": "none",
                 "detail": found.reason,

@@ -61,7 +61,7 @@ class WaitingWindows:
             changed = status_events(before, *replace(before, question=question).health()) if before else ()
             self._store.note(asset, (*events, *changed))
         if question is not None:
-            log.warning("%s: %s", asset, question["detail"])
+            log.warning("%s: %s", asset, question["detail"], extra={"asset": asset})
         self._board.update(asset, question=question, last_event_id=self._store.last_event_id(asset))
         self._publication.publish(asset)
         return question

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from multiprocessing import connection, parent_process
 from typing import Any, TypeVar
 
+from service.logs import carry
 from service.runtime.computing import Ask, Call, Made, carry_out
 from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Twin, guarded
@@ -77,10 +78,7 @@ class _Records(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         if len(self.kept) < MOST_RECORDS:
-            record.msg, record.args = record.getMessage(), None
-            if record.exc_info:
-                record.exc_text = logging.Formatter().formatException(record.exc_info)
-                record.exc_info = None
+            carry(record)
             self.kept.append(record)
 
     def take(self) -> tuple[logging.LogRecord, ...]:
