@@ -5,6 +5,7 @@ ServiceError
 │   ├── FrameError   one frame that breaks the contract: topic, field, value, allowed range
 │   ├── InputErrors  several of them, a line each
 │   └── StoreError   a database, or a state in it, that cannot be used: which, and why
+│       ├── DamageError          something kept that is not what was written: which row
 │       └── StorageUnavailable   storage that fails now and may work again later: full, read-only, locked, not connected
 ├── NotKept      raw signals that are not on disk, or not any more: which window, and which are
 └── DeliveryError    a stream that could not be delivered or joined in time
@@ -16,8 +17,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-StorageFault = Literal["no space", "read-only", "locked", "connection lost", "input or output"]
-"""What keeps storage from being used: `locked` also where it did not answer in time."""
+StorageFault = Literal["no space", "read-only", "locked", "connection lost", "input or output", "damaged"]
+"""What keeps storage from being used: `locked` also where it did not answer in time, `damaged` where one asset's state
+has to be brought back from a backup before its windows can be kept."""
 
 
 class ServiceError(Exception):
@@ -42,6 +44,10 @@ class InputErrors(InputError):
 
 class StoreError(InputError):
     """Stored results that cannot be used."""
+
+
+class DamageError(StoreError):
+    """Something kept is not what was written."""
 
 
 class StorageUnavailable(StoreError):

@@ -18,7 +18,7 @@ from typing import Any
 
 from service.__main__ import leave
 from service.contract.estimate import Estimate
-from service.results.json_columns import dump
+from service.json_text import json_text
 from service.runtime.assess import rig_of
 from service.runtime.outcomes import WindowOutcome
 from service.runtime.pipeline import Pipeline
@@ -60,7 +60,7 @@ def write_template(path: Path) -> None:
             pipeline.feed(frame)
         pipeline.flush()
     assert outcomes.newest is not None
-    path.write_text(dump({"record": outcomes.newest.record, "report": outcomes.newest.report}) or "", encoding="utf-8")
+    path.write_text(json_text({"record": outcomes.newest.record, "report": outcomes.newest.report}), encoding="utf-8")
     os.environ[ANSWER] = str(path)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -18,7 +18,7 @@ from service.alarms.engine import Change
 from service.alarms.memory import Memory
 from service.contract.alarms import by_urgency, state_of
 from service.json_text import plain
-from service.results.json_columns import dump, load
+from service.results.json_columns import dump, salvage
 from service.results.schema import ALARM_HISTORY, ALARM_MEMORY, ALARM_RULES, ALARMS, ASSETS, WEBHOOK_OUTBOX
 from service.results.store import Tables
 
@@ -27,7 +27,7 @@ MOST_HISTORY = 200  # entries of one alarm that are answered
 _OF: BindParameter[str] = bindparam("of")
 _RULES = select(ALARM_RULES.c.rules, ALARM_RULES.c.changed).where(ALARM_RULES.c.asset == _OF)
 _MEMORY = select(ALARM_MEMORY.c.memory).where(ALARM_MEMORY.c.asset == _OF)
-_OPEN = select(ALARMS.c.asset, ALARMS.c.record).where(ALARMS.c.open == 1)
+_OPEN = select(ALARMS.c.asset, ALARMS.c.id, ALARMS.c.record).where(ALARMS.c.open == 1)
 _OPEN_OF = _OPEN.where(ALARMS.c.asset == _OF)
 _NAMED = select(ALARMS.c.id, ALARMS.c.record).where(
     ALARMS.c.asset == _OF, ALARMS.c.name == bindparam("named"), ALARMS.c.open == 1
@@ -73,7 +73,10 @@ class AlarmStore:
     def rules(self, asset: str) -> dict[str, Any] | None:
         """The asset's own rules with who changed them: `rules`, `by`, `note`, `at`; None where it has none."""
         rows = self._database.rows(_RULES, {"of": asset})
-        return {"rules": load(rows[0][0]), **load(rows[0][1])} if rows else None
+        if not rows:
+            return None
+        rules, changed = (salvage(kept, f"the alarm rules of {asset}") for kept in rows[0])
+        return None if rules is None else {"rules": rules, **(changed or {"by": "", "note": "", "at": ""})}
 
     def keep_rules(self, asset: str, rules: Sequence[Mapping[str, Any]], signed: Mapping[str, Any]) -> None:
         """Keeps rules of the asset's own."""
@@ -84,7 +87,7 @@ class AlarmStore:
     def memory(self, asset: str) -> Memory:
         """What the engine remembers of the asset."""
         rows = self._database.rows(_MEMORY, {"of": asset})
-        return Memory.from_dict(load(rows[0][0]) if rows else None)
+        return Memory.from_dict(salvage(rows[0][0], f"what the alarms remember of {asset}") if rows else None)
 
     def keep_memory(self, asset: str, memory: Memory) -> None:
         """Keeps what the engine remembers."""
@@ -98,12 +101,13 @@ class AlarmStore:
         """Carries out one change; the alarm afterwards, None where it concerns none that is open."""
         with self._database.transaction() as db:
             rows = db.execute(_NAMED, {"of": asset, "named": change.key}).all()
-            number, alarm = (rows[0][0], load(rows[0][1])) if rows else (None, {})
+            number, alarm = (rows[0][0], _read(asset, *rows[0])) if rows else (None, None)
             if number is None:
                 if change.verb != "raised":
                     return None
                 row = {"asset": asset, "name": change.key, "open": 1, "record": dump({})}
                 number = self._database.add(db, ALARMS, row)
+            if alarm is None:  # it is new, or what was kept of it is damaged
                 alarm = {
                     "id": number, "asset": asset, "rule": change.rule, "quantity": change.quantity,
                     "place": change.place, "acknowledged": False,
@@ -128,9 +132,10 @@ class AlarmStore:
                 ALARMS.c.asset == asset, ALARMS.c.id == number, ALARMS.c.open == 1
             )
             rows = db.execute(open_one).all()
-            if not rows or (verb == "acknowledged" and load(rows[0][1])["acknowledged"]):
+            alarm = _read(asset, number, rows[0][1]) if rows else None
+            if alarm is None or (verb == "acknowledged" and alarm["acknowledged"]):
                 return None
-            name, alarm = rows[0][0], load(rows[0][1])
+            name = rows[0][0]
             key = "acknowledgement" if verb == "acknowledged" else "clearance"
             alarm = {**alarm, "acknowledged": True, key: dict(signed)}
             if verb == "cleared":
@@ -148,31 +153,38 @@ class AlarmStore:
     def open(self, asset: str | None = None) -> tuple[Mapping[str, Any], ...]:
         """Open alarms of one asset, or of all, most urgent first."""
         rows = self._database.rows(_OPEN) if asset is None else self._database.rows(_OPEN_OF, {"of": asset})
-        return tuple(by_urgency(_alarm(*row) for row in rows))
+        return tuple(by_urgency(_readable(rows)))
 
     def listed(
         self, asset: str | None = None, *, closed: bool = False, after: int = 0, limit: int = 1000
     ) -> tuple[Mapping[str, Any], ...]:
         """Alarms with an id above `after`, with closed ones where asked for, most urgent first; with their history."""
-        query = select(ALARMS.c.asset, ALARMS.c.record).where(ALARMS.c.id > after).order_by(ALARMS.c.id).limit(limit)
+        query = (
+            select(ALARMS.c.asset, ALARMS.c.id, ALARMS.c.record)
+            .where(ALARMS.c.id > after)
+            .order_by(ALARMS.c.id)
+            .limit(limit)
+        )
         if not closed:
             query = query.where(ALARMS.c.open == 1)
         if asset is not None:
             query = query.where(ALARMS.c.asset == asset)
         rows = self._database.rows(query)
-        return tuple({**alarm, "history": self.history(alarm["id"])} for alarm in by_urgency(_alarm(*r) for r in rows))
+        return tuple({**alarm, "history": self.history(alarm["id"])} for alarm in by_urgency(_readable(rows)))
 
     def alarm(self, asset: str, number: int) -> Mapping[str, Any] | None:
         """One alarm with its history; None where there is none."""
         rows = self._database.rows(
-            select(ALARMS.c.asset, ALARMS.c.record).where(ALARMS.c.asset == asset, ALARMS.c.id == number)
+            select(ALARMS.c.asset, ALARMS.c.id, ALARMS.c.record).where(ALARMS.c.asset == asset, ALARMS.c.id == number)
         )
-        return {**_alarm(*rows[0]), "history": self.history(number)} if rows else None
+        found = _readable(rows)
+        return {**found[0], "history": self.history(number)} if found else None
 
     def history(self, number: int) -> list[Any]:
         """What has happened to an alarm, oldest first; of a long history the newest entries."""
         rows = self._database.rows(_HISTORY, {"number": number})
-        return [load(row[0]) for row in rows[::-1]]
+        entries = [salvage(row[0], f"an entry of the history of alarm {number}") for row in rows[::-1]]
+        return [entry for entry in entries if entry is not None]
 
     # -- messages that wait to be sent ---------------------------------------------------------------
 
@@ -215,9 +227,14 @@ class AlarmStore:
         self._database.add(db, ALARM_HISTORY, {"alarm": number, "entry": dump(entry)})
 
 
-def _alarm(asset: str, record: str) -> dict[str, Any]:
-    """An alarm as it was kept, under the asset's present name."""
-    return {**load(record), "asset": asset}
+def _read(asset: str, number: int, record: bytes) -> dict[str, Any] | None:
+    """An alarm as it was kept, under the asset's present name; None where it is damaged."""
+    found = salvage(record, f"alarm {number} of {asset}")
+    return None if found is None else {**found, "asset": asset}
+
+
+def _readable(rows: Iterable[Any]) -> list[dict[str, Any]]:
+    return [alarm for row in rows if (alarm := _read(*row)) is not None]
 
 
 def _changed(alarm: Mapping[str, Any], change: Change, at: str, window: int | None) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from typing import Any
 from sqlalchemy import Connection, Select, bindparam, delete, func, select, text, update
 
 from service.errors import StoreError
-from service.results.json_columns import dump, load
+from service.results.json_columns import dump, salvage
 from service.results.schema import ASSETS, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
 from service.results.window_file import SUFFIX, read_window, write_window
@@ -114,15 +114,14 @@ class AssetLife:
 
     def _changes(self, query: Select) -> tuple[StoredChange, ...]:
         names = ("id", "asset", "received_ns", "kind", "refused")
-        return tuple(
-            StoredChange(
-                **{n: row[n] for n in names},
-                done=bool(row["done"]),
-                given=load(row["given"]),
-                effect=load(row["effect"]),
-            )
-            for row in (r._mapping for r in self._database.rows(query))
-        )
+        found = []
+        for row in (r._mapping for r in self._database.rows(query)):
+            given = salvage(row["given"], f"change {row['id']} of {row['asset']}")
+            if given is not None:
+                effect = salvage(row["effect"], f"the effect of change {row['id']} of {row['asset']}")
+                own = {n: row[n] for n in names}
+                found.append(StoredChange(**own, done=bool(row["done"]), given=given, effect=effect))
+        return tuple(found)
 
     # -- windows that wait ---------------------------------------------------------------------------
 

@@ -25,6 +25,7 @@ LOCK_WAIT = 10.0  # how long a database that another program locks is waited for
 STATEMENT_WAIT = 60.0  # how long one statement of the service may take on a server [s]
 CONNECT_WAIT = 5  # how long a server is waited for [s]
 OUTCOME_WAIT = 10.0  # how long a server is asked for the outcome of a commit that it did not answer [s]
+EXAMINED_BYTES = 100 * 2**20  # of a file that SQLite checks at each start: 0.3 s or less
 READERS = 8  # connections that are kept for reading; as many more are opened when needed
 SILENT_AFTER = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 20_000}
 """When a server that no longer answers counts as lost: [s], [s], tries, [ms]."""
@@ -47,6 +48,10 @@ class Backend(Protocol):
 
     def for_migration(self) -> Engine:
         """One that leaves the schema's constraints out of account until the end, and waits longer."""
+        ...
+
+    def examine(self, engine: Engine) -> None:
+        """StoreError where the database is seen to be damaged at the first look."""
         ...
 
     def insert(self, table: sa.Table) -> Any: ...
@@ -121,6 +126,14 @@ class SqliteFile:
         event.listen(engine, "connect", prepare)
         return engine
 
+    def examine(self, engine: Engine) -> None:
+        """SQLite's own check, of indexes too, where the file is small enough for each start."""
+        with engine.connect() as db:
+            if self.path.stat().st_size <= EXAMINED_BYTES:
+                found = db.exec_driver_sql("PRAGMA integrity_check(1)").scalar_one()
+                if found != "ok":
+                    raise StoreError(f"it is damaged: {' '.join(found.split())}")
+
     def insert(self, table: sa.Table) -> Any:
         return sqlite.insert(table)
 
@@ -168,6 +181,11 @@ class Postgresql:
         arguments = {"connect_timeout": CONNECT_WAIT, "application_name": "gear-twin", **SILENT_AFTER}
         arguments["options"] = " ".join(filter(None, (options, self.url.query.get("options"))))  # type: ignore[arg-type]
         return sa.create_engine(self.url, connect_args=arguments, pool_pre_ping=True, **pool)
+
+    def examine(self, engine: Engine) -> None:
+        """The server looks after its pages; a connection that fails does so here, not at the first window."""
+        with engine.connect():
+            pass
 
     def insert(self, table: sa.Table) -> Any:
         return postgresql.insert(table)

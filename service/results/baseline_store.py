@@ -14,7 +14,7 @@ from typing import Any
 from sqlalchemy import Connection, delete, select
 
 from service.errors import StoreError
-from service.results.json_columns import dump, load
+from service.results.json_columns import dump, salvage
 from service.results.schema import ASSETS, BASELINE_NUMBERS, BASELINES, CHANGES
 from service.results.store import Tables
 
@@ -30,7 +30,9 @@ class BaselineStore:
             self._folder.mkdir(parents=True, exist_ok=True)
             known = {name for (name,) in database.rows(select(BASELINES.c.file))}
             for (given,) in database.rows(select(CHANGES.c.given).where(CHANGES.c.done == 0)):
-                known.add(load(given).get("file"))  # of a change that was submitted before the service ended
+                known.add(
+                    (salvage(given, "a change that waits") or {}).get("file")
+                )  # of a change that was submitted before the service ended
             for path in self._folder.iterdir():
                 if path.name not in known:
                     path.unlink(missing_ok=True)  # of a baseline that was replaced, or never came into use
@@ -55,7 +57,7 @@ class BaselineStore:
     def about(self, asset: str) -> Mapping[str, Any] | None:
         """Who gave the asset its own baseline, when and from which windows; None where it has none."""
         rows = self._database.rows(select(BASELINES.c.about).where(BASELINES.c.asset == asset))
-        return load(rows[0][0]) if rows else None
+        return salvage(rows[0][0], f"what is known of the baseline of {asset}") if rows else None
 
     def use(self, asset: str, file: str, about: Mapping[str, Any]) -> None:
         """Gives an asset the baseline of a file that `new_path` named, in place of an earlier one."""

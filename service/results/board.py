@@ -79,6 +79,7 @@ class Snapshot:
             question=stored.question,
             epoch=stored.epoch,
             retired=stored.retired,
+            stale=None if stored.damaged is None else Stale(since_ns=stored.received_ns or 0, reason=stored.damaged),
         )
 
     def with_window(self, window: StoredWindow) -> Snapshot:

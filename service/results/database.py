@@ -39,8 +39,7 @@ class Database:
             with self._faults():
                 upgrade(self.backend)
                 self._writer, self._reader = self.backend.engines()
-                with self._reader.connect():  # fails here rather than at the first window
-                    pass
+                self.backend.examine(self._reader)
         except StorageUnavailable:
             raise
         except (StoreError, SQLAlchemyError, OSError) as error:
@@ -132,6 +131,8 @@ class Database:
             if meant is None:
                 raise
             raise meant from error
+        except UnicodeDecodeError as error:  # SQLite's own text, where damage reaches it
+            raise StoreError(f"{self.backend.name} is damaged: what it says cannot be read as text") from error
         except PoolTimeout as error:
             text = f"{self.backend.name} cannot be used now (locked): all connections are in use"
             raise StorageUnavailable(text, reason="locked") from error

@@ -1,24 +1,97 @@
-"""Values as they are kept in columns of the database: strict JSON text."""
+"""Values as they are kept in columns of the database: JSON in frames of Zstandard that carry a checksum.
+
+The checksum finds what no parser does: a digit that is another one than was written.
+"""
 
 from __future__ import annotations
 
 import json
+import logging
+import threading
+import zlib
 from collections.abc import Mapping
 from typing import Any
 
+import zstandard
+
+from service.errors import DamageError
 from service.json_text import JsonText, plain
 
+LEVEL = 1  # of compression: higher ones take many times as long for a few per cent
+LARGEST = 2**30  # bytes of one value
 
-def dump(value: Any) -> str | None:
-    """A value as strict JSON text; None stays None, and what is not finite becomes null."""
+log = logging.getLogger(__name__)
+_of_thread = threading.local()  # compressors are for one thread each
+_said: set[str] = set()  # damaged values that the log names already
+MOST_SAID = 1000
+
+
+def dump(value: Any) -> bytes | None:
+    """A value as it is kept; None stays None, and a number that is not finite becomes null."""
     if value is None:
         return None
-    if isinstance(value, JsonText):
-        return value.text
+    text = value.text if isinstance(value, JsonText) else _text(value)
+    try:
+        compressor = _of_thread.compressor
+    except AttributeError:
+        compressor = _of_thread.compressor = zstandard.ZstdCompressor(level=LEVEL, write_checksum=True)
+    return compressor.compress(text.encode())
+
+
+def _text(value: Any) -> str:
     try:
         return _COMPACT.encode(value)
     except ValueError:  # a number that is not finite: the slow path replaces it
         return _COMPACT.encode(plain(value))
+
+
+def load(kept: bytes | None, what: str = "a row of the database") -> Any:
+    """A value as it was given; None stays None. DamageError where it is not what was written.
+
+    what  the value, for the error
+    """
+    if kept is None:
+        return None
+    try:
+        decompressor = _of_thread.decompressor
+    except AttributeError:
+        decompressor = _of_thread.decompressor = zstandard.ZstdDecompressor()
+    try:
+        if not _has_checksum(kept):
+            raise ValueError("no checksum")
+        return json.loads(decompressor.decompress(kept).decode())
+    except (zstandard.ZstdError, ValueError, TypeError, MemoryError) as error:
+        raise DamageError(f"{what} is damaged ({str(error) or type(error).__name__})") from None
+
+
+def salvage(kept: bytes | None, what: str) -> Any:
+    """A value as it was given; None where it is damaged, which the log says once."""
+    try:
+        return load(kept, what)
+    except DamageError as error:
+        say_damage(error)
+        return None
+
+
+def say_damage(error: DamageError) -> None:
+    """Says in the log, once a start, that something kept is damaged and is left out."""
+    text = str(error)
+    if text not in _said and len(_said) < MOST_SAID:
+        _said.add(text)
+        log.error("%s; it is left out, and a backup would have it", text)
+
+
+def seal(*numbers: int | None) -> int:
+    """A checksum of the numbers of a row."""
+    return zlib.crc32(",".join(map(str, numbers)).encode())
+
+
+def _has_checksum(kept: bytes) -> bool:
+    """Whether the frame says so itself: one damaged bit there would leave the rest unchecked."""
+    if not isinstance(kept, bytes):
+        raise ValueError("no frame of Zstandard")
+    found = zstandard.get_frame_parameters(kept)
+    return found.has_checksum and found.content_size <= LARGEST
 
 
 def _other(value: Any) -> Any:
@@ -29,8 +102,3 @@ def _other(value: Any) -> Any:
 
 
 _COMPACT = json.JSONEncoder(allow_nan=False, separators=(",", ":"), default=_other)
-
-
-def load(text: str | None) -> Any:
-    """A value from JSON text; None stays None."""
-    return None if text is None else json.loads(text)

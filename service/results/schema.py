@@ -5,9 +5,9 @@ Times are Unix times [ns]; `done` and `open` are 0 or 1; what is JSON is written
 
 from __future__ import annotations
 
-from sqlalchemy import BigInteger, Column, ForeignKey, Index, Integer, MetaData, Table, Text, text
+from sqlalchemy import BigInteger, Column, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0001"
+REVISION = "0002"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -31,7 +31,7 @@ def _text(name: str, *, nullable: bool = False, primary_key: bool = False) -> Co
 
 
 def _json(name: str, *, nullable: bool = False) -> Column:
-    return Column(name, Text, nullable=nullable)
+    return Column(name, LargeBinary, nullable=nullable)
 
 
 def _number(name: str, default: str | None = None, *, nullable: bool = False, primary_key: bool = False) -> Column:
@@ -45,6 +45,7 @@ ASSETS = Table(
     *(_json(n, nullable=True) for n in ("rig", "state", "report", "assembly", "quality", "question", "retired")),
     *(_number(n, "0") for n in ("windows", "updates", "epoch")),
     _number("received_ns", nullable=True),
+    _number("seal", nullable=True),
 )
 WINDOWS = Table(
     "windows",
@@ -55,6 +56,7 @@ WINDOWS = Table(
     _json("figures"),
     _number("number", "0"),
     _number("epoch", "0"),
+    _number("seal", nullable=True),
     Index("windows_by_number", "asset", "number"),
     Index("windows_by_epoch", "asset", "epoch", "number"),
     sqlite_with_rowid=False,
@@ -131,8 +133,7 @@ WEBHOOK_OUTBOX = Table(
     "webhook_outbox",
     METADATA,
     _key("number"),
-    *(_text(n) for n in ("name", "url")),
-    _json("body"),
+    *(_text(n) for n in ("name", "url", "body")),
     _number("created_ns"),
     _number("next_ns"),
     _number("attempts", "0"),

@@ -17,22 +17,24 @@ from sqlalchemy import BindParameter, Connection, Select, Update, and_, bindpara
 
 from service.contract.trend import figures
 from service.contract.version_1 import current_record, current_report
+from service.errors import DamageError, StorageUnavailable
 from service.json_text import plain
 from service.results.database import Database
-from service.results.json_columns import dump, load
+from service.results.json_columns import dump, load, salvage, say_damage, seal
 from service.results.schema import ASSETS, DECISIONS, EVENTS, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
 from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of
 
+VITAL = {"state", "assembly", "quality", "counts"}  # without which an asset cannot go on
 JSON_PARTS = ("rig", "state", "report", "assembly", "quality", "question", "retired")  # columns of an asset
 NAMED: BindParameter[str] = bindparam("of")  # the asset that a statement is about
 
-_PRESENT = select(ASSETS.c.epoch, ASSETS.c.windows, ASSETS.c.updates).where(ASSETS.c.asset == NAMED)
-_ASSET = select(
-    *(ASSETS.c[part] for part in JSON_PARTS), *(ASSETS.c[n] for n in ("windows", "updates", "received_ns", "epoch"))
-).where(ASSETS.c.asset == NAMED)
+COUNTS = ("windows", "updates", "received_ns", "epoch")  # numbers of an asset, which its seal is made of
+
+_PRESENT = select(*(ASSETS.c[n] for n in COUNTS), ASSETS.c.seal).where(ASSETS.c.asset == NAMED)
+_ASSET = select(*(ASSETS.c[n] for n in (*JSON_PARTS, *COUNTS, "seal"))).where(ASSETS.c.asset == NAMED)
 _TOTALS = select(FAULT_TOTALS).where(FAULT_TOTALS.c.asset == NAMED)
 _EPOCH_OF = select(ASSETS.c.epoch).where(ASSETS.c.asset == NAMED).scalar_subquery()
-_WINDOW = select(WINDOWS.c.start_ns, WINDOWS.c.record, WINDOWS.c.figures)
+_WINDOW = select(*(WINDOWS.c[n] for n in ("start_ns", "number", "epoch", "seal", "record", "figures")))
 _OF_EPOCH = and_(
     WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == func.coalesce(bindparam("epoch", type_=NUMBER), _EPOCH_OF)
 )
@@ -87,17 +89,24 @@ _END_DECISION = (
     .where(DECISIONS.c.id == bindparam("number"), DECISIONS.c.done == 0)
     .values(done=1, refused=bindparam("refused"))
 )
-_NEW_EPOCH = (
-    update(ASSETS)
-    .where(ASSETS.c.asset == NAMED, ASSETS.c.epoch < bindparam("begun"))
-    .values(epoch=bindparam("begun"), windows=0, updates=0)
-)
 
 
 @cache
 def _update_asset(columns: tuple[str, ...]) -> Update:
     """Writes these columns of one asset."""
     return update(ASSETS).where(ASSETS.c.asset == NAMED).values({name: bindparam(name) for name in columns})
+
+
+def _sealed(counts: Mapping[str, Any]) -> dict[str, Any]:
+    """The numbers of an asset with their seal."""
+    return {**counts, "seal": seal(*(counts[name] for name in COUNTS))}
+
+
+def _is_sealed(row: Any) -> bool:
+    """Whether the numbers of an asset are those that were written; a new asset has no seal and nothing to count."""
+    if row["seal"] is None:
+        return not any(row[name] for name in COUNTS)
+    return row["seal"] == _sealed({name: row[name] for name in COUNTS})["seal"]
 
 
 class SqlStore:
@@ -107,6 +116,7 @@ class SqlStore:
         """where  file of an SQLite database, or the URL of a PostgreSQL database"""
         self.database = database = Database(where)
         self._transaction, self._rows = database.transaction, database.rows
+        self._damaged: dict[str, str] = {}  # assets whose windows cannot go on, and why
         self._insert_asset = database.insert(ASSETS).on_conflict_do_nothing()
         self._insert_window = database.insert(WINDOWS).on_conflict_do_nothing().returning(WINDOWS.c.start_ns)
         self._insert_events = database.insert(EVENTS)
@@ -152,18 +162,20 @@ class SqlStore:
         refused = record.get("quality") == "refused"
         shown = {} if report is None or refused else plain(figures(report))
         with self._transaction() as db:
-            epoch, windows, updates = self._counts(db, asset)
+            self._refuse_damaged(asset)
+            counts = self._counts(db, asset)
+            number, epoch = record["index"], counts["epoch"]
             row = {
                 "asset": asset, "start_ns": start_ns, "record": dump(record), "figures": dump(shown),
-                "number": record["index"], "epoch": epoch,
+                "number": number, "epoch": epoch, "seal": seal(start_ns, number, epoch),
             }  # fmt: skip
             if db.execute(self._insert_window, row).first() is None:
                 return None
             parts = {"state": state, "report": report, "assembly": assembly, "quality": quality}
-            counts = {
-                "windows": windows + 1, "updates": updates + bool(record.get("updated")), "received_ns": received_ns,
-            }  # fmt: skip
-            self._keep(db, asset, parts, counts)
+            counts["windows"] += 1
+            counts["updates"] += bool(record.get("updated"))
+            counts["received_ns"] = received_ns
+            self._keep(db, asset, parts, _sealed(counts))
             faults = [
                 {"asset": asset, "kind": kind, "channel": channel, "action": action, "count": count, "windows": 1}
                 for (kind, channel, action), count in faults_of(record).items()
@@ -187,10 +199,14 @@ class SqlStore:
         """Keeps parts of what is known of an asset outside a window."""
         with self._transaction() as db:
             self._ensure(db, asset)
-            ended = {name: parts.pop(name) for name in ("question", "retired") if name in parts}
+            if parts.keys() & VITAL:
+                self._refuse_damaged(asset)
+            others: dict[str, Any] = {name: dump(parts.pop(name)) for name in ("question", "retired") if name in parts}
             if (begun := parts.pop("epoch", None)) is not None:
-                db.execute(_NEW_EPOCH, {"of": asset, "begun": begun})
-            self._keep(db, asset, parts, {name: dump(value) for name, value in ended.items()})
+                counts = self._counts(db, asset)
+                if begun > counts["epoch"]:
+                    others |= _sealed({**counts, "epoch": begun, "windows": 0, "updates": 0})
+            self._keep(db, asset, parts, others)
 
     def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
         """Keeps one measured depth, which waits to become part of the estimate; its id."""
@@ -211,6 +227,7 @@ class SqlStore:
     ) -> bool:
         """An inspection with all that it changes, whole; False (and nothing changed) where it was used before."""
         with self._transaction() as db:
+            self._refuse_damaged(inspection.asset)
             if not db.execute(_END_INSPECTION, {"number": inspection.id, "answer": dump(answer)}).rowcount:
                 return False
             self._keep(db, inspection.asset, {"state": state, "report": report})
@@ -240,6 +257,7 @@ class SqlStore:
     ) -> bool:
         """Takes in a decision with all that it changes, whole; False (and nothing changed) where it was done before."""
         with self._transaction() as db:
+            self._refuse_damaged(decision.asset)
             if not db.execute(_END_DECISION, {"number": decision.id, "refused": None}).rowcount:
                 return False
             self._keep(db, decision.asset, {"state": state, "report": report})
@@ -257,12 +275,21 @@ class SqlStore:
         return tuple(row[0] for row in self._rows(select(ASSETS.c.asset).order_by(ASSETS.c.asset)))
 
     def asset(self, asset: str) -> StoredAsset:
-        """What is committed of the asset; empty where it has never been seen."""
+        """What is committed of the asset; empty where it has never been seen, without what is damaged."""
         rows = self._rows(_ASSET, {"of": asset})
         if not rows:
             return StoredAsset(asset=asset)
         row = rows[0]._mapping
-        parts = {name: load(row[name]) for name in JSON_PARTS}
+        parts, damaged = {}, []
+        for name in JSON_PARTS:
+            parts[name] = salvage(row[name], f"{name} of {asset}")
+            if parts[name] is None and row[name] is not None:
+                damaged.append(name)
+        if not _is_sealed(row):
+            damaged.append("counts")
+            say_damage(DamageError(f"the counts of {asset} are damaged"))
+        if VITAL & set(damaged):
+            self._damaged[asset] = f"{' and '.join(damaged)} of {asset} cannot be read from the database any more"
         if parts["report"] is not None:
             parts["report"] = current_report(parts["report"])
         totals = self._rows(_TOTALS, {"of": asset})
@@ -274,6 +301,7 @@ class SqlStore:
             fault_totals={(kind, channel, action): (count, found) for _, kind, channel, action, count, found in totals},
             received_ns=row["received_ns"],
             epoch=row["epoch"],
+            damaged=self._damaged.get(asset),
         )
 
     def windows(
@@ -293,7 +321,7 @@ class SqlStore:
         found = [dict(zip(names, row, strict=True)) for row in self._rows(_EPOCHS, {"of": asset})]
         for epoch in found:
             ((record,),) = self._rows(_NUMBERED, {"of": asset, "at": epoch["first"]})
-            epoch["since"] = load(record).get("start_time")
+            epoch["since"] = (salvage(record, f"window {epoch['first']} of {asset}") or {}).get("start_time")
         return tuple(found)
 
     def latest_windows(self, asset: str, limit: int) -> tuple[StoredWindow, ...]:
@@ -303,7 +331,8 @@ class SqlStore:
     def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:
         """The asset's events with an id above `after`, oldest first."""
         rows = self._rows(_EVENTS, {"of": asset, "after": after, "most": limit})
-        return tuple(Event(id=i, asset=asset, kind=kind, data=load(data)) for i, kind, data in rows)
+        found = ((i, kind, salvage(data, f"event {i} of {asset}")) for i, kind, data in rows)
+        return tuple(Event(id=i, asset=asset, kind=kind, data=data) for i, kind, data in found if data is not None)
 
     def last_event_id(self, asset: str) -> int:
         return self._rows(_LAST_EVENT, {"of": asset})[0][0]
@@ -339,18 +368,33 @@ class SqlStore:
     # -- within --------------------------------------------------------------------------------------
 
     def _windows(self, query: Select, values: Mapping[str, Any]) -> tuple[StoredWindow, ...]:
-        return tuple(
-            StoredWindow(start_ns=start, record=current_record(load(record)), figures=load(shown))
-            for start, record, shown in self._rows(query, values)
-        )
+        """The windows that a query answers; one that is damaged is left out."""
+        windows = []
+        for start_ns, number, epoch, sealed, record, shown in self._rows(query, values):
+            try:
+                what = f"window {number} of {values['of']}"
+                if sealed != seal(start_ns, number, epoch):
+                    raise DamageError(f"{what} is damaged (its numbers are not those that were written)")
+                kept, figures_ = load(record, what), load(shown, what)
+            except DamageError as error:
+                say_damage(error)
+                continue
+            windows.append(StoredWindow(start_ns=start_ns, record=current_record(kept), figures=figures_))
+        return tuple(windows)
 
     def _inspections(self, query: Select) -> tuple[StoredInspection, ...]:
-        return tuple(
-            StoredInspection(
-                id=i, asset=asset, received_ns=ns, inspection=load(given), answer=load(answer), done=bool(done)
-            )
+        found = (
+            (i, asset, ns, salvage(given, f"inspection {i} of {asset}"), answer, done)
             for i, asset, ns, given, answer, done in self._rows(query)
         )
+        return tuple(
+            StoredInspection(
+                id=i, asset=asset, received_ns=ns, inspection=given, done=bool(done),
+                answer=salvage(answer, f"the answer to inspection {i} of {asset}") or {},
+            )
+            for i, asset, ns, given, answer, done in found
+            if given is not None
+        )  # fmt: skip
 
     def _decisions(self, query: Select) -> tuple[StoredDecision, ...]:
         names = {"id", "asset", "received_ns", "name", "verb", "refused", "note"}
@@ -362,13 +406,22 @@ class SqlStore:
     def _ensure(self, db: Connection, asset: str) -> None:
         db.execute(self._insert_asset, {"asset": asset})
 
-    def _counts(self, db: Connection, asset: str) -> tuple[int, int, int]:
-        """Present epoch, windows and updates of an asset, which is there afterwards."""
-        row = db.execute(_PRESENT, {"of": asset}).one_or_none()
-        if row is None:
+    def _counts(self, db: Connection, asset: str) -> dict[str, Any]:
+        """The present numbers of an asset, which is there afterwards."""
+        found = db.execute(_PRESENT, {"of": asset}).one_or_none()
+        if found is None:
             self._ensure(db, asset)
-            row = db.execute(_PRESENT, {"of": asset}).one()
-        return row[0], row[1], row[2]
+            found = db.execute(_PRESENT, {"of": asset}).one()
+        if not _is_sealed(found._mapping):
+            self._damaged[asset] = f"the counts of {asset} cannot be read from the database any more"
+            self._refuse_damaged(asset)
+        return {name: found._mapping[name] for name in COUNTS}
+
+    def _refuse_damaged(self, asset: str) -> None:
+        """StorageUnavailable where the asset cannot go on from what is kept of it."""
+        if (why := self._damaged.get(asset)) is not None:
+            text = f"{why}: its windows wait until a backup has been restored, or the asset was given another name"
+            raise StorageUnavailable(text, reason="damaged")
 
     def _keep(
         self, db: Connection, asset: str, parts: Mapping[str, Any], others: Mapping[str, Any] | None = None

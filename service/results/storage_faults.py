@@ -73,6 +73,8 @@ def _meaning(error: BaseException) -> tuple[StorageFault | None, bool]:
     code = getattr(error, "sqlite_errorcode", None)
     if code is not None:
         return SQLITE_FAULTS.get(code & 0xFF), code & 0xFF in SQLITE_DAMAGED
+    if type(error).__module__ == "sqlite3":  # a value that is not what its column holds
+        return None, "decode" in str(error)
     if not hasattr(error, "sqlstate"):
         return None, False
     state = error.sqlstate

@@ -81,6 +81,7 @@ class StoredAsset:
     epoch: int = 0  # number of the present gears: their windows, and no others, are counted above
     question: Mapping[str, Any] | None = None  # that waits for an answer by people
     retired: Mapping[str, Any] | None = None  # since when, by whom; None while the asset is in use
+    damaged: str | None = None  # why its windows cannot go on from what is kept; None where they can
 
 
 def faults_of(record: Mapping[str, Any]) -> dict[tuple[str, str, str], int]:

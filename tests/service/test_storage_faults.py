@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import random
 import sqlite3
 from contextlib import closing
 
@@ -13,6 +14,8 @@ from service.errors import StorageUnavailable, StoreError
 from service.results import backends
 from service.results.sql_store import SqlStore
 from service.results.storage_faults import storage_error
+
+LONG = random.Random(1).randbytes(100_000).hex()  # what no compression makes much smaller
 
 
 @pytest.fixture
@@ -41,12 +44,12 @@ def test_full_disk_leaves_the_database_as_it_was_and_is_left_behind_when_there_i
     with store.database.transaction() as db:
         db.exec_driver_sql("PRAGMA max_page_count = 1")  # no less than the pages that there are
     with pytest.raises(StorageUnavailable) as caught:
-        store.keep("unsw", rig={"name": "x" * 100_000})
+        store.keep("unsw", rig={"name": LONG})
     assert caught.value.reason == "no space"
     assert store.asset("unsw") == before
     with store.database.transaction() as db:
         db.exec_driver_sql("PRAGMA max_page_count = 1000000")
-    store.keep("unsw", rig={"name": "x" * 100_000})
+    store.keep("unsw", rig={"name": LONG})
     assert store.asset("unsw").rig is not None
 
 

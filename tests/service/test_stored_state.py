@@ -13,7 +13,8 @@ import pytest
 from service_streams import RIG, Sink
 
 from service.results.board import Board
-from service.results.migrations.release_scripts import SCRIPTS
+from service.results.migrate import user_version
+from service.results.schema import REVISION
 from service.results.sql_store import SqlStore
 from service.runtime.lane import Entry
 from service.runtime.pipeline import Pipeline
@@ -48,7 +49,7 @@ def test_store_of_version_1_opens_with_all_its_windows_counted(old):
     assert old.assets() == ASSETS
     assert [old.asset(a).windows for a in ASSETS] == [1, 1, 8, 6]
     with sqlite3.connect(old.path) as peek:
-        assert peek.execute("PRAGMA user_version").fetchone() == (len(SCRIPTS),)
+        assert peek.execute("PRAGMA user_version").fetchone() == (user_version(REVISION),)
     peek.close()
     for asset in ASSETS:
         windows = old.windows(asset)
