@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 from urllib.parse import urlsplit
 
-from pydantic import Field, SecretStr, field_validator
+from pydantic import Field, SecretStr, field_validator, model_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from service.access.addresses import is_loopback
@@ -165,6 +165,43 @@ class Http(Table):
     KEYS: ClassVar[dict[str, str]] = {"http": "address"}
 
     http: str = Field(default="127.0.0.1:8080", pattern=_HOST_PORT, description="HOST:PORT of REST and the page")
+    http_hosts: list[str] = Field(
+        default=[],
+        description="names by which clients call the service, such as *.plant.example; addresses, localhost and this "
+        "computer's own name always hold",
+        examples=[["twin.plant.example"]],
+    )
+    http_certificate: Path | None = Field(
+        default=None,
+        description="certificate (PEM) with those in between; with it HTTP is served over TLS alone",
+        examples=["twin.pem"],
+    )
+    http_private_key: Path | None = Field(
+        default=None, description="private key (PEM) of the certificate", examples=["twin.key"]
+    )
+    http_tls_minimum: Literal["1.2", "1.3"] = Field(default="1.2", description="least version of TLS")
+    http_client_authorities: Path | None = Field(
+        default=None,
+        description="authorities (PEM) by which certificates of clients are verified",
+        examples=["authorities.pem"],
+    )
+    http_client_certificates: Literal["optional", "required"] = Field(
+        default="optional", description="whether clients must show a certificate, where there are authorities"
+    )
+    http_certificate_roles: dict[str, Role] = Field(
+        default={},
+        description="role by the subject (common name) of a client's certificate",
+        examples=[{"logger-7": "read"}],
+    )
+    http_rate: int = Field(default=3000, ge=1, le=10**9, description="requests of one client in a minute")
+    http_connections: int = Field(default=512, ge=8, le=60_000, description="connections at once")
+    http_connections_per_client: int = Field(default=64, ge=1, le=60_000, description="connections of one client")
+    http_streams: int = Field(default=256, ge=1, le=60_000, description="event streams at once")
+    http_streams_per_client: int = Field(default=32, ge=1, le=60_000, description="event streams of one client")
+    http_header_time: float = Field(default=10.0, gt=0, le=600, description="for the headers of a request [s]")
+    http_body_time: float = Field(
+        default=30.0, gt=0, le=3600, description="for the body of a request, and more for large files [s]"
+    )
 
 
 class Admission(Table):
@@ -268,6 +305,16 @@ class Settings(Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission,
         if url is not None and not url.startswith("https://") and not is_loopback(urlsplit(url).hostname):
             raise ValueError("must be an https:// address: what comes over http:// could be changed on its way")
         return url
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Settings:
+        if (self.http_certificate is None) is not (self.http_private_key is None):
+            raise ValueError("http_certificate and http_private_key must both be given, or neither")
+        if self.http_client_authorities is not None and self.http_certificate is None:
+            raise ValueError("http_client_authorities needs http_certificate: clients show theirs over TLS alone")
+        if self.http_certificate_roles and self.http_client_authorities is None:
+            raise ValueError("http_certificate_roles needs http_client_authorities, by which certificates are verified")
+        return self
 
     @property
     def status_limits(self) -> StatusLimits:

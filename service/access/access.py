@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 
 from limits import parse
 from limits.storage import MemoryStorage
@@ -37,12 +38,17 @@ class Access:
     keys       API keys; None for none
     tokens     tokens of an issuer; None for none
     anonymous  what everybody may do without a credential; None for nothing
+    certificates  roles by the subject of a client's certificate
     """
 
     def __init__(
-        self, keys: KeyStore | None = None, tokens: Tokens | None = None, anonymous: Role | None = None
+        self,
+        keys: KeyStore | None = None,
+        tokens: Tokens | None = None,
+        anonymous: Role | None = None,
+        certificates: Mapping[str, Role] | None = None,
     ) -> None:
-        self.keys, self.tokens, self.anonymous = keys, tokens, anonymous
+        self.keys, self.tokens, self.anonymous, self.certificates = keys, tokens, anonymous, certificates or {}
         self._limiter = FixedWindowRateLimiter(MemoryStorage())
         self.refused = 0  # requests without the role they need
         self.failed = 0  # wrong credentials
@@ -50,11 +56,16 @@ class Access:
     @property
     def configured(self) -> bool:
         """Whether there are credentials."""
-        return self.tokens is not None or (self.keys is not None and self.keys.configured)
+        return self.tokens is not None or bool(self.certificates) or (self.keys is not None and self.keys.configured)
 
-    def who(self, credential: str | None, address: str | None) -> Who:
-        """Whom a request comes from; Refused where its credential is wrong. May wait for the issuer of a token."""
+    def who(self, credential: str | None, address: str | None, subject: str | None = None) -> Who:
+        """Whom a request comes from; Refused where its credential is wrong. May wait for the issuer of a token.
+
+        subject  of the verified certificate that the client has shown
+        """
         if credential is None:
+            if subject is not None and subject in self.certificates:
+                return Who(kind="certificate", name=subject, role=self.certificates[subject], address=address)
             return self._without_credential(address)
         if not credential.startswith(PREFIX) and self.tokens is not None:
             try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -17,6 +18,8 @@ from service.api import assets, effects, events, guard, metrics, models, pages, 
 from service.api import baselines as baseline_routes
 from service.api import signals as signal_routes
 from service.api import what_if as what_if_routes
+from service.api.headers import SafeHeaders
+from service.api.limits import BODY, Bounds, Limits
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
@@ -44,6 +47,7 @@ def create_app(
     changes: ChangeQueue | None = None,
     baselines: BaselineStore | None = None,
     access: Access | None = None,
+    limits: Limits | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
@@ -55,6 +59,7 @@ def create_app(
     changes    where changes of assets are submitted; None where nobody carries them out: they are kept
     baselines  healthy baselines of single assets; None where none are kept
     access     whom it lets in; None for clients of this computer alone
+    limits     what one client may ask of it; None for the usual ones, under any name
     """
     app = FastAPI(
         title="gear-twin",
@@ -72,14 +77,19 @@ def create_app(
     app.state.queue = queue or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.access = admitted = access or Access()
-    app.state.registry = metrics.registry(board, store, lambda: {**gauges(), **admitted.gauges()})
+    counts: Counter[str] = Counter()
+    app.state.registry = metrics.registry(
+        board, store, lambda: {**gauges(), **admitted.gauges(), "requests_beyond_limits": counts.total()}
+    )
     problems.install(app)
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_FROM, compresslevel=COMPRESSION)
+    app.add_middleware(Bounds, limits=limits or Limits(), counts=counts)
+    app.add_middleware(SafeHeaders)
     for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports, what_if_routes):
-        app.include_router(module.router)
-    app.include_router(life_routes.router)
-    app.include_router(baseline_routes.router)
-    app.include_router(sessions.router)
+        app.include_router(module.router, max_body_size=BODY)
+    app.include_router(life_routes.router, max_body_size=BODY)
+    app.include_router(baseline_routes.router, max_body_size=BODY)
+    app.include_router(sessions.router, max_body_size=BODY)
     pages.mount_static(app)
     guard.install(app)
     generate = app.openapi

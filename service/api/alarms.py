@@ -21,6 +21,7 @@ from service.results.status_events import status_events
 router = APIRouter(prefix="/v1", tags=["alarms"], route_class=Guarded)
 
 VERBS = {"acknowledge": "acknowledged", "clear": "cleared"}
+RULES_BODY = 256 * 1024  # of a request with as many rules as there may be [bytes]
 LONGEST_NAME, LONGEST_NOTE = 100, 2000
 
 
@@ -149,7 +150,12 @@ def rules(request: Request, asset: str) -> Any:
     return JSONResponse(_rules(request, asset))
 
 
-@router.put("/assets/{asset}/alarm-rules", response_model=AlarmRules, responses=responses(400, 404, 409, 422))
+@router.put(
+    "/assets/{asset}/alarm-rules",
+    max_body_size=RULES_BODY,
+    response_model=AlarmRules,
+    responses=responses(400, 404, 409, 422),
+)
 @needs(Role.administer)
 def set_rules(request: Request, asset: str, given: RulesIn) -> Any:
     """Gives one asset alarm rules of its own; alarms whose rule is gone end with the next window."""

@@ -21,10 +21,13 @@ from service.results.asset_life import StoredChange
 
 router = APIRouter(prefix="/v1/assets", tags=["life of an asset"], route_class=Guarded)
 
+RIG_BODY = 2**20  # of a request with a rig file [bytes]
 KEPT: dict[int | str, dict[str, Any]] = {202: {"model": models.AssetChange}}
 
 
-@router.post("", status_code=201, response_model=AssetSummary, responses=responses(400, 409, 422))
+@router.post(
+    "", max_body_size=RIG_BODY, status_code=201, response_model=AssetSummary, responses=responses(400, 409, 422)
+)
 @needs(Role.administer)
 def create(request: Request, given: models.AssetIn) -> Any:
     """Creates an asset before its first frame, with its rig file."""

@@ -76,6 +76,7 @@ def baseline(request: Request, asset: str) -> Any:
     response_model=AssetBaseline,
     responses=QUEUED | responses(404, 409, 422, 500),
     openapi_extra=FILE,
+    max_body_size=LARGEST_FILE,
 )
 @needs(Role.administer)
 async def put(

@@ -82,7 +82,7 @@ async def who_asks(request: Request) -> Who:
     access: Access = request.app.state.access
     credential, address = credential_of(request), address_of(request)
     if credential is None or credential.startswith(PREFIX) or access.tokens is None:
-        return access.who(credential, address)
+        return access.who(credential, address, getattr(request.state, "certificate", None))
     async with request.app.state.waiting_for_issuer:
         return await run_in_threadpool(access.who, credential, address)
 

@@ -17,6 +17,7 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 
 from service.api.guard import Guarded, public
+from service.api.headers import policy_with_scripts
 
 router = APIRouter(include_in_schema=False, route_class=Guarded)
 
@@ -45,13 +46,15 @@ async def dashboard() -> FileResponse:
 @router.get("/docs")
 @public
 async def docs(request: Request) -> HTMLResponse:
-    return get_swagger_ui_html(
+    page = get_swagger_ui_html(
         openapi_url=request.app.openapi_url,
         title="gear-twin: REST",
         swagger_js_url="/assets/swagger-ui-bundle.js",
         swagger_css_url="/assets/swagger-ui.css",
         swagger_favicon_url="/static/favicon.svg",
     )
+    page.headers["Content-Security-Policy"] = policy_with_scripts(bytes(page.body).decode())
+    return page
 
 
 @router.get("/assets/{name}")

@@ -10,6 +10,7 @@ from fastapi.responses import Response
 from service.access.roles import Role
 from service.api.assets import snapshot_of
 from service.api.guard import Guarded, needs
+from service.api.headers import DOCUMENT
 from service.api.problems import responses
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
@@ -42,5 +43,5 @@ def report(
     content = report_of({**snapshot.whole, "windows": records}, snapshot.rig)
     name = f"{asset}-{(snapshot.latest.get('index') or 0)}.{format}"
     shown = "inline" if format == "html" else "attachment"
-    headers = {"Content-Disposition": f'{shown}; filename="{name}"'}
+    headers = {"Content-Disposition": f'{shown}; filename="{name}"', "Content-Security-Policy": DOCUMENT}
     return Response(rendered(content, format), media_type=FORMATS[format][0], headers=headers)

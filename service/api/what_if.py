@@ -21,9 +21,10 @@ from twin.state import State
 router = APIRouter(prefix="/v1/assets", tags=["what-if"], route_class=Guarded)
 
 ONE_AT_A_TIME = threading.Lock()  # a wear curve under a new condition takes seconds of one core
+PLACES = threading.BoundedSemaphore(4)  # answers that are computed or waited for: each holds a thread of REST
 
 
-@router.post("/{asset}/what-if", response_model=WhatIf, responses=responses(400, 404, 409, 422))
+@router.post("/{asset}/what-if", response_model=WhatIf, responses=responses(400, 404, 409, 422, 503))
 @needs(Role.read)
 def what_if(request: Request, asset: str, asked: WhatIfIn) -> Any:
     """The remaining life under another duty, and the probability of reaching a time; changes nothing."""
@@ -35,6 +36,9 @@ def what_if(request: Request, asset: str, asked: WhatIfIn) -> Any:
         rig, state = checked_rig(snapshot.rig, f"rig of {asset}"), State.from_dict(stored.state)
     except (InputError, TwinError, LookupError, TypeError, ValueError) as reason:
         return problem(request, 409, f"what is stored of {asset} cannot be used for this: {reason}")
+    if not PLACES.acquire(blocking=False):
+        detail = "several such questions are being answered; ask again in a minute"
+        return problem(request, 503, detail, {"Retry-After": "60"})
     try:
         with ONE_AT_A_TIME:
             return JSONResponse(answer(asset, rig, state, asked))
@@ -42,3 +46,5 @@ def what_if(request: Request, asset: str, asked: WhatIfIn) -> Any:
         return problem(request, 409, str(reason))
     except ParameterError as reason:
         return problem(request, 422, str(reason))
+    finally:
+        PLACES.release()

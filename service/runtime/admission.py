@@ -7,7 +7,12 @@ from service.access.addresses import is_loopback
 from service.access.keys import KeyStore
 from service.access.roles import Role
 from service.access.tokens import Issuer, Tokens
+from service.api.limits import Limits
 from service.errors import InputError
+from service.runtime.http_gate import Gate, connections_within, raise_descriptor_limit
+from service.runtime.http_protocol import Times
+from service.runtime.http_server import Front
+from service.runtime.http_tls import Tls
 from service.settings import Settings
 
 
@@ -17,6 +22,7 @@ def access_of(settings: Settings) -> Access:
         KeyStore(settings.data),
         None if settings.oidc_issuer is None else Tokens(_issuer_of(settings, settings.oidc_issuer)),
         Role.read if settings.anonymous == "read" else None,
+        settings.http_certificate_roles,
     )
     if not is_loopback(settings.http_host) and not access.configured and access.anonymous is None:
         raise InputError(
@@ -25,6 +31,33 @@ def access_of(settings: Settings) -> Access:
             '([oidc] issuer), listen at 127.0.0.1, or permit everybody to read ([access] anonymous = "read")'
         )
     return access
+
+
+def limits_of(settings: Settings) -> Limits:
+    """What one client may ask of the service."""
+    return Limits(
+        hosts=(settings.http_host, *settings.http_hosts),
+        per_minute=settings.http_rate,
+        streams=settings.http_streams,
+        streams_per_client=settings.http_streams_per_client,
+    )
+
+
+def front_of(settings: Settings) -> Front:
+    """How HTTP is served; InputError where certificate or key cannot be used."""
+    tls = None
+    if settings.http_certificate is not None and settings.http_private_key is not None:
+        tls = Tls(
+            certificate=settings.http_certificate,
+            key=settings.http_private_key,
+            minimum=settings.http_tls_minimum,
+            clients=settings.http_client_authorities,
+            required=settings.http_client_certificates == "required",
+        )
+    gate = Gate(
+        connections_within(settings.http_connections, raise_descriptor_limit()), settings.http_connections_per_client
+    )
+    return Front(gate, Times(headers=settings.http_header_time, body=settings.http_body_time), tls)
 
 
 def _issuer_of(settings: Settings, issuer: str) -> Issuer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import socket
 import threading
@@ -12,8 +13,41 @@ from typing import Any
 import uvicorn
 
 from service.errors import InputError
+from service.runtime.http_gate import Gate, GatedSocket
+from service.runtime.http_protocol import Times, bounded
+from service.runtime.http_tls import Tls, context_of, load_certificate
 
 HTTP_WAIT = 2  # how long open requests are waited for at the end [s]
+log = logging.getLogger(__name__)
+
+
+class Front:
+    """How HTTP is served: its gate, the time that clients have, and TLS; None for none.
+
+    Raises InputError where certificate or key cannot be used.
+    """
+
+    def __init__(self, gate: Gate | None = None, times: Times | None = None, tls: Tls | None = None) -> None:
+        self.gate, self.protocol, self.tls = gate, bounded(times or Times()), tls
+        self.context = None if tls is None else context_of(tls)
+
+    def renew(self) -> None:
+        """Reads certificate and key again; the present ones stay where the new ones cannot be used."""
+        if self.tls is None or self.context is None:
+            return
+        try:
+            context_of(self.tls)
+            load_certificate(self.context, self.tls)
+        except InputError as error:
+            log.error("the certificate stays as it was: %s", error)
+        else:
+            log.warning("certificate and key were read again: %s", self.tls.certificate)
+
+    def gauges(self) -> dict[str, float]:
+        """Figures for the metrics."""
+        gate = self.gate
+        counted = {} if gate is None else {"http_connections": gate.open, "http_connections_refused": gate.refused}
+        return {**counted, "http_slow_clients": self.protocol.slow}
 
 
 class HttpServer(uvicorn.Server):
@@ -22,6 +56,7 @@ class HttpServer(uvicorn.Server):
     started  called once the server accepts requests
     ending   called at the end, before open requests are waited for
     stop     ends the server when set; None where only signals end it
+    front    how HTTP is served
     """
 
     def __init__(
@@ -31,7 +66,9 @@ class HttpServer(uvicorn.Server):
         started: Callable[[], None],
         ending: Callable[[], None],
         stop: threading.Event | None = None,
+        front: Front | None = None,
     ) -> None:
+        self.front = front or Front()
         config = uvicorn.Config(
             app,
             log_level="warning",
@@ -39,7 +76,13 @@ class HttpServer(uvicorn.Server):
             access_log=False,
             timeout_graceful_shutdown=HTTP_WAIT,
             lifespan="off",
+            http=self.front.protocol,
+            ws="none",
+            loop="service.runtime.http_gate:Loop",
+            server_header=False,
         )
+        config.load()
+        config.ssl = self.front.context
         super().__init__(config)
         self._started, self._ending, self._stop = started, ending, stop
 
@@ -71,6 +114,7 @@ class HttpServer(uvicorn.Server):
             yield
             return
         before = {s: signal.signal(s, self.handle_exit) for s in (signal.SIGINT, signal.SIGTERM)}
+        before[signal.SIGHUP] = signal.signal(signal.SIGHUP, lambda *_: self.front.renew())
         try:
             yield
         finally:
@@ -79,9 +123,10 @@ class HttpServer(uvicorn.Server):
 
 
 @contextmanager
-def listening_at(host: str, port: int) -> Iterator[socket.socket]:
+def listening_at(host: str, port: int, gate: Gate | None = None) -> Iterator[socket.socket]:
     """A bound socket; InputError where the address cannot be had. Port 0 takes any that is free."""
-    listening = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    listening = GatedSocket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    listening.gate = gate
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((host, port))
@@ -93,7 +138,8 @@ def listening_at(host: str, port: int) -> Iterator[socket.socket]:
         yield listening
 
 
-def address_of(listening: socket.socket) -> str:
+def address_of(listening: socket.socket, front: Front | None = None) -> str:
     """The page's address at a bound socket."""
     host, port = listening.getsockname()[:2]
-    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+    scheme = "http" if front is None or front.tls is None else "https"
+    return f"{scheme}://[{host}]:{port}/" if ":" in host else f"{scheme}://{host}:{port}/"

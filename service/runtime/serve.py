@@ -31,7 +31,7 @@ from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 from service.results.store import ResultStore
 from service.runtime import SERVES
-from service.runtime.admission import access_of
+from service.runtime.admission import access_of, front_of, limits_of
 from service.runtime.bridging import bridges_of
 from service.runtime.http_server import HttpServer, address_of, listening_at
 from service.runtime.rigs import Rigs
@@ -68,12 +68,12 @@ def run(
         checked_rig(rig, str(settings.rig))
     twin = twin or _twin_of(settings)
     with ExitStack() as stack:
-        access = access_of(settings)
+        access, front = access_of(settings), front_of(settings)
         stack.enter_context(_only_service_of(settings.data))
         store = stack.enter_context((open_store or partial(SqlStore, database_of(settings.data, settings.database)))())
         board = Board.from_store(store)
         rigs = Rigs(store, board, rig, str(settings.rig))
-        listening = stack.enter_context(listening_at(settings.http_host, settings.http_port))
+        listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
         queue = DecisionQueue(store)
         signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
         writer = SignalWriter(signals)
@@ -81,7 +81,6 @@ def run(
         for asset in board.assets():
             board.update(asset, alarms=alarms.open(asset))
         webhooks = WebhookSender(alarms.store, alarms.waiting)
-        transport = open_transport or _zenoh_of(settings)
         life = AssetLife(store.database, settings.data / WAITING)
         changes = ChangeQueue(life)
         baselines = BaselineStore(store.database, settings.data / BASELINES)
@@ -95,26 +94,28 @@ def run(
             alarms=alarms,
             baselines=baselines,
         )
-        worker = Worker(settings, kept, rigs, twin, transport, writer)
+        worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer)
         bridges = bridges_of(settings, board, store, worker.offer)
         app = create_app(
             board,
             store,
             queue,
             not_ready=worker.not_ready,
-            gauges=lambda: {**worker.gauges(), **webhooks.gauges(), **bridges.gauges()},
+            gauges=lambda: {**worker.gauges(), **webhooks.gauges(), **bridges.gauges(), **front.gauges()},
             signals=signals,
             alarms=alarms,
             changes=changes,
             baselines=baselines,
             access=access,
+            limits=limits_of(settings),
         )
 
         def ending() -> None:
             worker.stop()
             board.close()
 
-        server = HttpServer(app, started=lambda: announce(address_of(listening)), ending=ending, stop=stop)
+        address = partial(address_of, listening, front)
+        server = HttpServer(app, started=lambda: announce(address()), ending=ending, stop=stop, front=front)
         worker.on_end = server.end
         for part in (worker, webhooks, bridges):
             part.start()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import uvicorn
+from browsers import under_policy
 from postgresql_server import PostgresqlServer
 from postgresql_server import programs as postgresql_server_programs
 
@@ -146,7 +147,7 @@ def open_page(browser, address):
             if allowed is None or allowed not in text:
                 wrong.append(text)
 
-        page = browser.new_page(viewport={"width": width, "height": height}, **given)
+        page = under_policy(browser.new_page(viewport={"width": width, "height": height}, **given))
         page.on("pageerror", lambda error: note(str(error)))
         page.on("console", lambda m: note(m.text) if m.type in ("error", "warning") else None)
         page.on("request", lambda r: None if _own(r.url, address) else note(f"left for {r.url}"))

@@ -96,7 +96,7 @@ def test_page_asks_for_a_key_and_signs_in_and_out(open_page, served, keys):
     page.fill("input[name=key]", key)
     page.keyboard.press("Enter")
     page.wait_for_selector("main[data-view=fleet]")
-    assert "ann" in page.inner_text("#session")
+    page.wait_for_function("document.querySelector('#session').textContent.includes('ann')")
     (cookie,) = page.context.cookies()
     assert cookie["name"] == COOKIE and cookie["httpOnly"] and cookie["sameSite"] == "Strict"
     assert page.evaluate("document.cookie") == ""

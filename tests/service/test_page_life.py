@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 import service_fakes as fakes
+from browsers import under_policy
 from memory_transport import MemoryNetwork
 from service_streams import wait_until
 from test_asset_baseline import with_windows
@@ -22,7 +23,7 @@ def view(browser):
     opened, wrong = [], []
 
     def open_at(running, asset="unsw", width=1280):
-        page = browser.new_page(viewport={"width": width, "height": 900})
+        page = under_policy(browser.new_page(viewport={"width": width, "height": 900}))
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else None)
         page.goto(f"http://{running.http}/#/asset/{asset}/life")

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import playwright.sync_api
 import pytest
+from browsers import under_policy
 from conftest import serving
 from gear_signals import RIG, meshing_window
 from machines import KINDS, WAITING, show_machine, show_waiting
@@ -112,7 +113,7 @@ def faults(page, address, width, axe):
     [(1440, "light", True), (390, "dark", True), (390, "light", False), (1440, "dark", False)],
 )
 def test_every_view_of_every_kind_of_machine(browser, plant, width, scheme, axe):
-    page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    page = under_policy(browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme))
     wrong = []
     page.on("pageerror", lambda error: wrong.append(f"{page.url}: {error}"))
     page.on("console", lambda m: wrong.append(f"{page.url}: {m.text}") if m.type in ("error", "warning") else None)
@@ -127,7 +128,7 @@ def test_every_view_of_every_kind_of_machine(browser, plant, width, scheme, axe)
 
 
 def test_tabs_of_every_machine_lead_to_the_views_that_are_tested(browser, plant):
-    page = browser.new_page()
+    page = under_policy(browser.new_page())
     page.goto(f"{plant}/")
     try:
         for machine in (*KINDS, WAITING):
