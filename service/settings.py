@@ -41,9 +41,13 @@ class Stream(Table):
     prefix: str = Field(
         default="gearbox", pattern=r"^[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*$", description="first part of all keys"
     )
-    queue_frames: int = Field(default=4096, ge=16, le=1_000_000, description="frames held before back-pressure")
-    queue_bytes: int = Field(default=256 * 2**20, ge=2**20, description="bytes held before back-pressure")
-    queue_wait: float = Field(default=60.0, ge=0, le=240, description="how long a full queue holds the stream up [s]")
+    queue_frames: int = Field(
+        default=4096,
+        ge=16,
+        le=1_000_000,
+        description="frames that wait in the queues of all streams; beyond, whole windows are left out",
+    )
+    queue_bytes: int = Field(default=256 * 2**20, ge=2**20, description="bytes of these frames")
     idle_timeout: float = Field(default=3.0, gt=0, le=3600, description="silence that ends a window in progress [s]")
     channel_wait: float = Field(
         default=10.0,

@@ -178,7 +178,7 @@ def replay(
     config: ConfigFile = None,
     json: JsonFile = None,
 ) -> None:
-    """Publish a recording on Zenoh as it was recorded, or faster; ends when all of it has been delivered."""
+    """Publish a recording on Zenoh as it was recorded, or faster; ends when the service has stored all of it."""
     from service.cli.show import progress_bar
     from service.logs import logging_by
     from service.runtime.replay import replay as run
@@ -200,7 +200,7 @@ def replay(
         )
     seconds = time.monotonic() - begun
     if not wrote_json({"frames": delivered, "seconds": seconds}, json):
-        print(f"{delivered} frames delivered in {seconds:.2f} s")
+        print(f"{delivered} frames stored in {seconds:.2f} s")
 
 
 @app.command(rich_help_panel=DATA)
@@ -223,11 +223,13 @@ def record(
 
     settings = settings_of(config=config, prefix=prefix)
     with logging_by(settings):
-        frames, refused = record_live(
+        done = record_live(
             out, connect or ([] if listen else settings.connect), listen, duration, rig, description, settings.prefix
         )
-    if not wrote_json({"recording": str(out), "frames": frames, "refused": refused}, json):
-        print(f"{frames} frames recorded, {refused} refused: {out}")
+    if done.missed or done.left_out:
+        tell(f"{done.missed} frames were lost on the way, and {done.left_out} came faster than they could be written")
+    if not wrote_json({"recording": str(out), **done._asdict()}, json):
+        print(f"{done.frames} frames recorded, {done.refused} refused: {out}")
 
 
 @app.command(rich_help_panel=DATA)

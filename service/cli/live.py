@@ -9,7 +9,7 @@ from pathlib import Path
 
 from service.cli.show import progress_bar
 from service.errors import InputError
-from service.runtime.record import record
+from service.runtime.record import Recorded, record
 from service.stream.inbox import Inbox
 from service.transport.zenoh import open_zenoh
 
@@ -22,8 +22,8 @@ def record_live(
     rig: Path | None,
     description: str,
     prefix: str,
-) -> tuple[int, int]:
-    """Records; answers frames written and refused."""
+) -> Recorded:
+    """Records; answers how many frames were written, and what became of the others."""
     if not connect and not listen:
         raise InputError("give --connect ENDPOINT of a router, or --listen ENDPOINT to open one")
     try:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import replace
 
 from service.errors import FrameError
 from service.runtime.learning_phase import LearningPhase
 from service.runtime.reception import Reception
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import Frame
+from service.stream.position import Position, earliest
 from service.stream.wire.topics import Channel
 
 SHOW_EVERY = 1.0  # how often counters are shown while frames come [s]
@@ -59,6 +61,12 @@ class Intake:
         self._known.add(channel.asset)
         self._show(channel.asset)
 
+    def leave_out(self, asset: str, begin: int, end: int, frames: Mapping[str, int]) -> None:
+        """Frames of a stretch of time were left out for want of room, by channel [ns]."""
+        self._reception.leave_out(asset, begin, end, frames)
+        self._known.add(asset)
+        self._show(asset)
+
     def flush(self, asset: str) -> None:
         """Closes the asset's window in progress, after silence."""
         self._feed_learned(asset, self._learning.end(asset))
@@ -72,6 +80,13 @@ class Intake:
             self._show(asset)
             del self._shown[asset]
         return False
+
+    def position(self, asset: str) -> Position | None:
+        """How far the asset's stream has come, with the frames that are held to learn its channels."""
+        found, held = self._reception.position(asset), self._learning.earliest(asset)
+        if found is None or held is None:
+            return found
+        return replace(found, unsettled_from_ns=earliest([found.unsettled_from_ns, held]))
 
     def channels(self, asset: str) -> Collection[str]:
         """The channels that the asset's windows wait for."""

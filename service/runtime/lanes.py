@@ -87,6 +87,11 @@ class Lanes:
         """How many windows of an asset wait to be processed, or for an answer."""
         return len(self._lanes[asset].entries) if asset in self._lanes else 0
 
+    def unprocessed(self, asset: str) -> int:
+        """How many windows of an asset wait to be processed; those that wait for an answer are not among them."""
+        lane = self._lanes.get(asset)
+        return 0 if lane is None else max(len(lane.entries) - lane.held, 0)
+
     def find(self, asset: str) -> Lane | None:
         """An asset's lane, where it has one."""
         return self._lanes.get(asset)

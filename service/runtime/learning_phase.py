@@ -43,6 +43,11 @@ class LearningPhase:
         """Whether the asset's frames are held."""
         return asset in self._held
 
+    def earliest(self, asset: str) -> int | None:
+        """Start of the earliest frame that is held of an asset [ns]."""
+        held = self._held.get(asset)
+        return min((f.start_time_ns for f in held.frames), default=None) if held else None
+
     def rename(self, asset: str, name: str) -> None:
         """Goes on under another name."""
         if asset in self._held:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 from service.errors import FrameError
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import NS, Frame
-from service.stream.inbox import Arrival, Inbox
+from service.stream.inbox import Arrival, Inbox, Item, Marker, Shed
 from service.stream.wire.codec import decode
 from service.stream.wire.topics import Channel
 
@@ -20,6 +20,8 @@ _STARVED = 0.25  # a turn of the loop that takes longer was held up: the rest of
 _IDLE_FACTOR = 2.5  # silence, in frames, that cannot be mere jitter
 _SLOWEST = 60.0  # no stream is waited for longer than this [s]
 _JOINED = 3.0  # a stream just joined may have channels that nobody knows of; they are awaited for so long [s]
+_MOST_STREAMS = 4096  # whose rhythm is known
+_MOST_CHANNELS = 256  # of one stream
 _TOGETHER_NS = NS  # channels of one burst end within this time, beyond the length of a frame
 CHANNEL_WAIT = 10.0  # how long a channel is waited for that the others have gone on without [s]
 
@@ -57,7 +59,10 @@ class _Rhythm:
             return
         self.newest = now
         self._frame_length = max(self._frame_length, (frame.end_time_ns - frame.start_time_ns) / NS)
-        heard = self._heard.setdefault(frame.channel.label, _Heard())
+        label = frame.channel.label
+        if label not in self._heard and len(self._heard) >= _MOST_CHANNELS:
+            return
+        heard = self._heard.setdefault(label, _Heard())
         if abs(frame.start_time_ns - heard.end) < 0.5 * NS:
             self._slowest = max(self._slowest, min(received - heard.received, _SLOWEST))
             self._seen += 1
@@ -108,6 +113,8 @@ class FrameConsumer(Protocol):
 
     def reject(self, channel: Channel, error: FrameError) -> None: ...
 
+    def leave_out(self, asset: str, begin: int, end: int, frames: Mapping[str, int]) -> None: ...
+
     def flush(self, asset: str) -> None: ...
 
     def waiting(self, asset: str) -> bool: ...
@@ -148,21 +155,26 @@ class Pump:
 
         An exception of the consumer ends it; called again, it goes on where it was.
         """
-        while not stop.is_set() or self._inbox.depth:
+        while not stop.is_set() or not self._inbox.empty:
             self.turn(self._inbox.take(_POLL))
             self._between()
 
-    def turn(self, arrival: Arrival | None) -> None:
+    def turn(self, item: Item | None) -> None:
         """One turn of the loop: what has arrived, if anything has, and from time to time a look for silence."""
         turned = self._clock()
         self._now += min(turned - self._turned, _STARVED)
         self._turned = turned
-        if arrival is not None:
-            self._take(arrival)
-        if self._now - self._looked >= _POLL and not self._inbox.depth:
+        if isinstance(item, Arrival):
+            self._take(item)
+        elif isinstance(item, Shed):
+            self._consumer.leave_out(item.stream, item.begin_ns, item.end_ns, item.frames)
+        elif isinstance(item, Marker):
+            item.reached()
+        if self._now - self._looked >= _POLL:
             self._looked = self._now
             for asset, rhythm in self._rhythms.items():
-                self._close_silent(asset, rhythm)
+                if not self._inbox.waits(asset):
+                    self._close_silent(asset, rhythm)
 
     def _take(self, arrival: Arrival) -> None:
         try:
@@ -170,11 +182,16 @@ class Pump:
         except FrameError as error:
             self._consumer.reject(arrival.channel, error)
             return
-        asset = frame.channel.asset
-        if asset not in self._rhythms:
-            self._rhythms[asset] = _Rhythm(self._idle_timeout, self._channel_wait, self._now)
-        self._rhythms[asset].note(frame, arrival.received, self._now)
+        self._rhythm(frame.channel.asset).note(frame, arrival.received, self._now)
         self._consumer.feed(frame)
+
+    def _rhythm(self, stream: str) -> _Rhythm:
+        """A stream's rhythm; that of the one which has been silent longest is given up for a new one."""
+        found = self._rhythms.pop(stream, None) or _Rhythm(self._idle_timeout, self._channel_wait, self._now)
+        if len(self._rhythms) >= _MOST_STREAMS:
+            del self._rhythms[next(iter(self._rhythms))]
+        self._rhythms[stream] = found
+        return found
 
     def _close_silent(self, asset: str, rhythm: _Rhythm) -> None:
         """Ends the window of a stream that has fallen silent; goes on without channels that have ended."""

@@ -22,6 +22,7 @@ from service.runtime.outcomes import ClosedWindow, Freshness
 from service.settings import Settings
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
 from service.stream.frames import Frame
+from service.stream.position import Position
 from service.stream.quality import Quality
 from service.stream.repeats import Repeats
 from service.stream.wire.topics import Channel
@@ -91,6 +92,10 @@ class Reception:
         received.assembler.count(channel.label, "invalid")
         received.counts.note("invalid", channel.label, 1, "refused", str(error))
 
+    def leave_out(self, asset: str, begin: int, end: int, frames: Mapping[str, int]) -> None:
+        """Frames of a stretch of time were left out before they came here, by channel [ns]."""
+        self._of(asset).assembler.leave_out(begin, end, frames)
+
     def expect(self, asset: str, labels: Iterable[str]) -> None:
         """Waits for these channels too before the asset's first window."""
         self._of(asset).assembler.expect(labels)
@@ -129,6 +134,10 @@ class Reception:
         """The section `data_quality` as of now, or with other counts."""
         received = self._of(asset)
         return (counts or received.counts).to_dict(received.assembler.counters, received.expected)
+
+    def position(self, asset: str) -> Position | None:
+        """How far an asset's stream has come; None where nothing is known of it."""
+        return self._assets[asset].assembler.position if asset in self._assets else None
 
     def freshness(self, asset: str) -> Freshness:
         """When the newest frame of an asset came, and when its newest window ended."""

@@ -1,8 +1,6 @@
 """A recording published as it was recorded: `gear-twin replay`.
 
-Every frame is delivered or the replay fails. Publishers are reliable and hold back when a subscriber is
-slow; frames count as delivered once a query sent after them on the same link has been answered. What was
-not confirmed when a link broke is sent again; the receiver knows duplicates by their sequence numbers.
+Every frame is stored by the service or the replay fails: see `delivery`.
 """
 
 from __future__ import annotations
@@ -13,14 +11,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from service.errors import InputError
+from service.errors import DeliveryError, InputError
+from service.runtime.delivery import Delivery
 from service.stream.frames import NS
 from service.stream.sources.mcap import RawFrame, Recording
 from service.stream.wire.topics import NAME, PREFIX, Channel
 from service.transport.protocol import FramePublisher
 from service.transport.zenoh import open_publisher
 
-Progress = Callable[[float, int], None]  # share of the file read, frames delivered so far
+Progress = Callable[[float, int], None]  # share of the file read, frames stored so far
 
 
 def paced(frames: Iterable[RawFrame], speed: float, max_pause: float = float("inf")) -> Iterator[RawFrame]:
@@ -73,9 +72,9 @@ def replay(
     publish_to: Callable[[Sequence[str], str, float], AbstractContextManager[FramePublisher]] = open_publisher,
     asset: str | None = None,
 ) -> int:
-    """Publishes a whole recording; answers how many frames were delivered.
+    """Publishes a whole recording; answers how many frames are stored.
 
-    on_fault    receives, in one line, what of the file was damaged
+    on_fault    receives, in one line each, what of the file was damaged, what is waited for, and what was left out
     disturb     may repeat or reorder frames
     publish_to  opens a publisher, given endpoints, prefix and the time to wait for subscribers [s]
     asset       the name to publish under in place of the recording's own; None: the recording's
@@ -93,11 +92,19 @@ def replay(
             for name in recording.assets if asset is None else [asset]:
                 publisher.offer_rig(name, recording.rig_text)
         publisher.declare(sorted({_named(channel, asset) for channel in recording.channels.values()}))
+        delivery = Delivery(publisher, wait=wait, note=on_fault)
         for frame in paced(disturb(recording.messages()), speed, max_pause):
-            publisher.publish(frame._replace(channel=_named(frame.channel, asset)))
-            progress(recording.bytes_read / recording.size, publisher.delivered)
-        publisher.confirm()
-        progress(1.0, publisher.delivered)
+            delivery.send(frame._replace(channel=_named(frame.channel, asset)))
+            progress(recording.bytes_read / recording.size, delivery.settled)
+        delivery.finish()
+        progress(1.0, delivery.settled)
         if recording.fault_line:
             on_fault(recording.fault_line)
-        return publisher.delivered
+        if left_out := delivery.left_out():
+            causes = ", ".join(f"{number} {cause}" for cause, number in left_out.items())
+            on_fault(f"the service has left out {sum(left_out.values())} frames: {causes}")
+        if shed := left_out.get("shed"):
+            raise DeliveryError(f"{shed} frames are not stored: they came faster than the service could use them")
+        if lost := left_out.get("lost"):
+            raise DeliveryError(f"{lost} frames are not stored: they were lost on the way; repeat the replay")
+        return delivery.settled

@@ -6,14 +6,25 @@ an asset was renamed, or after the data of its stream were found to be another m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+import logging
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
+from typing import Protocol
 
 from service.errors import FrameError
 from service.results.asset_life import AssetLife
 from service.runtime.pump import FrameConsumer
 from service.stream.frames import Frame
+from service.stream.position import Position
 from service.stream.wire.topics import Channel
+
+log = logging.getLogger(__name__)
+
+
+class AssetConsumer(FrameConsumer, Protocol):
+    """Who takes the frames of assets, and knows how far each has come."""
+
+    def position(self, asset: str) -> Position | None: ...
 
 
 class Streams:
@@ -22,8 +33,14 @@ class Streams:
     retired  whether an asset is retired
     """
 
-    def __init__(self, life: AssetLife, consumer: FrameConsumer, retired: Callable[[str], bool]) -> None:
+    def __init__(
+        self,
+        life: AssetLife,
+        consumer: AssetConsumer,
+        retired: Callable[[str], bool],
+    ) -> None:
         self._life, self._consumer, self._retired = life, consumer, retired
+        self.moved: Callable[[str], None] = lambda stream: None  # called with a stream of which something has come
         self._routes = life.routes()
         self.left_out: dict[str, int] = {}  # frames of retired assets
 
@@ -39,6 +56,7 @@ class Streams:
         """Hands one frame on to its asset."""
         stream = frame.channel.asset
         asset = self.asset_of(stream)
+        self.moved(stream)
         if self._retired(asset):
             self.left_out[asset] = self.left_out.get(asset, 0) + 1
             return
@@ -47,12 +65,31 @@ class Streams:
     def reject(self, channel: Channel, error: FrameError) -> None:
         """Hands on that a frame breaks the contract."""
         asset = self.asset_of(channel.asset)
+        self.moved(channel.asset)
         if not self._retired(asset):
             self._consumer.reject(channel._replace(asset=asset), error)
 
+    def leave_out(self, stream: str, begin: int, end: int, frames: Mapping[str, int]) -> None:
+        """Hands on that frames of a stretch of time were left out, by channel [ns]."""
+        asset = self.asset_of(stream)
+        if not self._retired(asset):
+            log.warning("%s: %d frames left out: they come faster than they can be used", asset, sum(frames.values()))
+            self.moved(stream)
+            self._consumer.leave_out(asset, begin, end, frames)
+
     def flush(self, stream: str) -> None:
         """Closes the window in progress, after silence."""
+        self.moved(stream)
         self._consumer.flush(self.asset_of(stream))
+
+    def position(self, stream: str) -> Position | None:
+        """How far a stream has come; None where nothing is known of it."""
+        return self._consumer.position(self.asset_of(stream))
+
+    def refusal(self, stream: str) -> str | None:
+        """Why no frames of a stream are used, or None."""
+        asset = self.asset_of(stream)
+        return f"asset {asset} is retired: its frames are left out" if self._retired(asset) else None
 
     def waiting(self, stream: str) -> bool:
         """Whether frames wait for their window's end."""

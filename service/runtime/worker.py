@@ -29,6 +29,7 @@ from service.runtime.lane import Lane
 from service.runtime.lanes import Lanes
 from service.runtime.outcomes import Checkpoint, ClosedWindow
 from service.runtime.packed_state import StoredState
+from service.runtime.positions import Positions
 from service.runtime.pump import pump
 from service.runtime.reception import Reception, assembly_settings
 from service.runtime.rig_questions import RigQuestions
@@ -96,7 +97,6 @@ class Worker(threading.Thread):
         self._inbox = Inbox(
             frames=settings.queue_frames,
             max_bytes=settings.queue_bytes,
-            wait=settings.queue_wait,
             prefix=settings.prefix,
         )
         self._stopping = threading.Event()
@@ -138,7 +138,7 @@ class Worker(threading.Thread):
         self.join(STOP_WAIT)
 
     def offer(self, topic: str, payload: bytes) -> bool:
-        """Puts a frame that did not come over the network into the inbox; it may wait for room."""
+        """Puts a frame that did not come over the network into the inbox; False where it had to be left out."""
         return self._inbox.offer(topic, payload)
 
     def not_ready(self) -> str | None:
@@ -150,8 +150,9 @@ class Worker(threading.Thread):
         network = self._transport.counters() if self._transport else {}
         return {
             "queue_frames": self._inbox.depth,
+            "queue_bytes": self._inbox.bytes,
             "received_frames": self._inbox.received,
-            "dropped_frames": self._inbox.dropped_frames,
+            "dropped_frames": self._inbox.refused_frames,
             "missed_frames": network.get("missed_frames", 0),
             "callback_errors": self._inbox.errors + network.get("callback_errors", 0),
             "program_faults": 0 if self._lanes is None else self._lanes.faults,
@@ -213,6 +214,10 @@ class Worker(threading.Thread):
         watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
         intake = Intake(reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard)
         streams = Streams(life, intake, self._is_retired)
+        positions = Positions(
+            self._inbox, transport, streams, pending=lambda stream: (None, lanes.unprocessed(streams.asset_of(stream)))
+        )
+        streams.moved = positions.moved
         decisions = DecisionWorker(kept.decisions, reception, lanes, store, board, publication, kept.alarms)
         changes = ChangeWorker(
             kept.changes, reception, lanes, store, life, board, publication,
@@ -223,6 +228,7 @@ class Worker(threading.Thread):
 
         def between() -> None:
             computing.collect()
+            positions()
             questions()
             decisions()
             changes()
@@ -230,7 +236,7 @@ class Worker(threading.Thread):
             for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                 publication.publish(asset)
 
-        with transport.subscribe(self._inbox):
+        with positions, transport.subscribe(self._inbox):
             self._reason = None
             lanes.go()
             pump(

@@ -14,6 +14,7 @@ has been set is detected, and the asset's windows go on at the new time (`clock`
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,7 +24,9 @@ from service.stream.channels import CHANNEL_KINDS
 from service.stream.clock import Contradictions, said
 from service.stream.faults import totals
 from service.stream.frames import LENGTH_LIMITS, NS, Frame, SampleFrame
+from service.stream.left_out import LeftOut
 from service.stream.pieces import Piece, size_of, split_index
+from service.stream.position import ChannelPosition, Position, earliest, missing_of
 from service.stream.repeats import Repeats
 from service.stream.samples import MOST_SAMPLES, Span
 from service.stream.slow import SlowChannels
@@ -32,6 +35,9 @@ from service.stream.window import build_window
 from twin.rig import Rig
 from twin.windows import Fault, Window
 
+MOST_CHANNELS = 256  # of one asset; frames of further ones are counted and left out ...
+OTHER_CHANNELS = "other channels"  # ... under this name
+_LEFT_OUT = ("invalid", order.LATE, order.LOST, "shed", "too_many_channels", order.DUPLICATE)  # kinds of frames counted
 _SILENT_AFTER = 4  # times the patience: frames of other keys after which one that sends nothing is not waited for
 
 
@@ -61,6 +67,7 @@ class _Open:
     end: int  # [ns]
     pieces: dict[str, list[Piece]]
     bytes: int = 0  # of the frames of all pieces
+    continued: bool = False  # whether it goes on where a cut ended the window before
     refused: dict[str, int] = field(default_factory=dict)  # frames by channel for which the window had no room
 
     def faults(self, most: int) -> list[Fault]:
@@ -78,6 +85,8 @@ class Assembler:
     def __init__(self, settings: AssemblySettings = DEFAULT):
         self.settings = settings
         self.counters: dict[str, dict[str, int]] = {}  # by channel and kind, since the asset was first seen
+        self.left_out: Counter[str] = Counter()  # frames by cause, since the asset was first seen
+        self._newest: dict[str, tuple[int, int]] = {}  # sequence and start of each channel's newest frame [ns]
         self._lanes: dict[str, order.Lane] = {}
         self._slow = SlowChannels()
         self.expect(settings.expected)
@@ -85,6 +94,7 @@ class Assembler:
         self._contradictions = Contradictions()
         self._noted: dict[str, Fault] = {}  # faults of the clock since the last window, by channel
         self.repeats = Repeats()
+        self._left_out = LeftOut()
         self._times_set = 0  # how often a clock was set
         self._latest = 0  # latest end of a window, before the clock was last set [ns]
         self.last_arrival_ns: int | None = None  # host's clock when the newest frame came, Unix time [ns]
@@ -107,7 +117,11 @@ class Assembler:
         now_ns  what the host's clock shows, Unix time [ns]; None where it has nothing to do with the frames
         """
         label = frame.channel.label
+        if label not in self.counters and len(self.counters) >= MOST_CHANNELS:
+            self.count(label, "too_many_channels")
+            return
         self.count(label, "frames")
+        self._newest[label] = (frame.sequence, frame.start_time_ns)
         if now_ns is not None:
             self.last_arrival_ns = now_ns
         if isinstance(frame, SampleFrame) and CHANNEL_KINDS[frame.channel.kind].slow:
@@ -140,6 +154,23 @@ class Assembler:
             for label, lane in self._lanes.items():
                 lane.silent = label not in self._open.pieces
             yield self._close(self._open.end, cut=False)
+        yield from self._refuse_left_out(float("inf"))
+
+    def leave_out(self, begin: int, end: int, frames: Mapping[str, int]) -> None:
+        """Frames by channel that start from a time on, and before another, were left out for want of room [ns]."""
+        for label, number in frames.items():
+            self.count(label, "shed", number)
+            if label in self._lanes:
+                self._lanes[label].left_out += number
+        begin = max(begin, self._closed_until)
+        if begin < end:
+            self._left_out.add(begin, end, sum(frames.values()))
+
+    def _refuse_left_out(self, until: float) -> Iterator[tuple[Window, dict[str, Any]]]:
+        """The stretches before a time that have touched no window, as refused windows."""
+        for span in self._left_out.alone(until, self._closed_until):
+            self._open = _Open(*span, {})
+            yield self._close(span.end_ns, cut=False)
 
     def wait_only_for(self, labels: Iterable[str]) -> None:
         """Stops waiting for all other keys, of which nothing has come, until they send again."""
@@ -157,8 +188,39 @@ class Assembler:
 
     def count(self, label: str, kind: str, by: int = 1) -> None:
         """Counts something seen on a channel."""
+        if label not in self.counters and len(self.counters) >= MOST_CHANNELS:
+            label = OTHER_CHANNELS
         kinds = self.counters.setdefault(label, {})
         kinds[kind] = kinds.get(kind, 0) + by
+        if kind in _LEFT_OUT:
+            self.left_out[kind] += by
+
+    @property
+    def position(self) -> Position:
+        """What has been received, and from which time on it is held here only.
+
+        Slow channels' frames are not waited for: they are part of the window that closes next.
+        """
+        lanes = self._lanes.values()
+        pieces = self._open.pieces.values() if self._open is not None else ()
+        held = [
+            *(lane.queue[0][0] for lane in lanes if lane.queue),
+            *(lane.released[0][0].start_time_ns for lane in lanes if lane.released),
+            *(frame.start_time_ns for frame in self._contradictions.held),
+            *(parts[0].frame.start_time_ns for parts in pieces if parts),
+        ]
+        newest = {label: (sequence, start) for label, (sequence, start, _) in self._consumed.items()} | self._newest
+        missing = {label: missing_of(lane) for label, lane in self._lanes.items()}
+        return Position(
+            unsettled_from_ns=earliest([*held, self._left_out.earliest]),
+            settled_until_ns=self._closed_until or None,
+            channels={
+                label: ChannelPosition(sequence=sequence, start_ns=start, missing=missing.get(label, ()))
+                for label, (sequence, start) in newest.items()
+            },
+            left_out=dict(self.left_out),
+            shed=self._left_out.windows,
+        )
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -168,7 +230,8 @@ class Assembler:
     @property
     def waiting(self) -> bool:
         """Whether a flush would give anything."""
-        return self._open is not None or any(lane.queue or lane.released for lane in self._lanes.values())
+        held = self._open is not None or self._left_out.earliest is not None
+        return held or any(lane.queue or lane.released for lane in self._lanes.values())
 
     def to_dict(self) -> dict[str, Any]:
         """Where the windows so far end, JSON-safe: what a restart needs to go on without counting twice."""
@@ -190,6 +253,7 @@ class Assembler:
                 for label, (q, s, e) in self._consumed.items()
             },
             "counters": {label: dict(kinds) for label, kinds in self.counters.items()},
+            "left_out": dict(self.left_out),
         }
 
     @classmethod
@@ -200,6 +264,7 @@ class Assembler:
         self._known = set(data["channels"])
         self._counted = {label: int(count) for label, count in data["edges_counted"].items()}
         self.counters = {label: dict(kinds) for label, kinds in data["counters"].items()}
+        self.left_out = Counter(data.get("left_out", {}))  # absent in what earlier programs wrote
         self._slow = SlowChannels.from_dict(data.get("slow", {}))  # absent in what version 1 wrote
         self.repeats = Repeats.from_dict(data.get("marks", {}))  # absent in what earlier programs wrote
         clock = data.get("clock", {})
@@ -233,6 +298,7 @@ class Assembler:
         ahead = now_ns is not None and frame.end_time_ns > now_ns + self._contradictions.thresholds.ahead * NS
         if ahead and frame.end_time_ns > self._closed_until + self._contradictions.thresholds.ahead * NS:
             self.count(label, order.CLOCK)
+            self.left_out[order.CLOCK] += 1
         elif (fate := self._slow.offer(frame)) != order.QUEUED:
             self.count(label, fate)
 
@@ -268,6 +334,7 @@ class Assembler:
             lane = self._lanes[frame.channel.label]
             behind = lane.last is not None and 0 < lane.last[1] - frame.start_time_ns < LENGTH_LIMITS[1] * NS
             self.count(frame.channel.label, order.OVERLAP if behind else order.CLOCK)
+            self.left_out[order.OVERLAP if behind else order.CLOCK] += 1
             if not behind:
                 self._note(
                     frame, "none", f"frame left out: its time {said(frame.start_time_ns)} contradicts the others"
@@ -282,6 +349,7 @@ class Assembler:
             lane.begin_again()
         self._latest = max(self._latest, self._closed_until)
         self._closed_until, self._consumed, self._slow = 0, {}, SlowChannels()
+        self._left_out = LeftOut(windows=self._left_out.windows)
         self._times_set += 1
         for each in {f.channel.label: f for f in reversed(frames)}.values():
             self.count(each.channel.label, order.CLOCK)
@@ -333,6 +401,8 @@ class Assembler:
         if current is not None and frame.start_time_ns > current.end + self.settings.gap * NS:
             yield self._close(current.end, cut=False)
             current = None
+        if current is None and self._left_out.stretches:
+            yield from self._refuse_left_out(frame.start_time_ns - self.settings.gap * NS)
         start = max(frame.start_time_ns, self._closed_until)
         if current is None:
             current = self._open = _Open(start, start, {})
@@ -373,15 +443,19 @@ class Assembler:
         start = current.start + (self._times_set if current.start < self._latest else 0)
         span, faults = Span(start, end), [*self._noted.values(), *current.faults(self.settings.window_bytes)]
         self._noted = {}
+        gap = round(self.settings.gap * NS)
+        shed = self._left_out.fault(span, 0 if current.continued else gap, 0 if cut else gap)
+        faults += [] if shed is None else [shed]
         slow = self._slow.at(span, faults)
         window = build_window(span, now, self._known, self._counted, slow, faults, self.settings.rig, most)
         for shaft, edges in window.encoders.items():
             self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
         for (label, kind), number in totals(window.faults).items():
-            if kind not in ("gap", order.CLOCK):
+            if kind not in ("gap", "shed", order.CLOCK):
                 self.count(label, kind, number)
         self._known |= set(now)
         self._closed_until = end
+        self._left_out.forget(end - gap)
         left = sum(piece.frame.nbytes for pieces in rest.values() for piece in pieces)
-        self._open = _Open(end, current.end, rest, left) if cut else None
+        self._open = _Open(end, current.end, rest, left, continued=True) if cut else None
         return window, self.to_dict()

@@ -1,20 +1,36 @@
-"""The bounded queue between a stream and the loop: what finds no room is delayed, then dropped and counted.
+"""The bounded queues between the network's callbacks and the loop: one for each stream, taken in turn.
 
-The stream's callback only puts raw payloads in; a full queue holds it up for a while (back-pressure on
-the publisher), and what still finds no room is dropped and counted, key by key.
+A callback only puts a raw payload into its stream's queue, and never waits: a callback that waits holds up every other
+key of its session. Streams are taken in turn, by bytes, so that one that floods its queue delays no other.
+
+What finds no room is left out as a stretch of time, of all channels, the oldest first, from the stream with most
+waiting. The loop is given the stretch in place of the frames, so that no window is made of what is left of it.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections import deque
-from collections.abc import Callable
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 from service.errors import FrameError
+from service.stream.wire.codec import start_time_of
 from service.stream.wire.topics import Channel, parse_topic
+
+TURN_BYTES = 2**18  # of one stream before the next one's turn
+OVERHEAD_BYTES = 256  # of one frame in a queue, beside its payload
+MOST_STREAMS = 1024  # with a queue at one time
+MOST_MARKERS = 64  # of one stream
+_SHARE = 0.5  # of all room that one stream may have
+_FREED = 0.25  # share of a stream's queue that is left out at once, at least
+_KNOWN_TOPICS = 8192  # whose channels need not be parsed again
+
+NO_ROOM, BAD_KEY, MANY_STREAMS, CLOSED = "no_room", "bad_key", "too_many_streams", "closed"
 
 
 class Arrival(NamedTuple):
@@ -23,7 +39,41 @@ class Arrival(NamedTuple):
     channel: Channel
     payload: bytes
     received: float  # on the monotonic clock [s]
-    held: float = 0.0  # how long full queues had held the streams up by then, all together [s]
+
+    @property
+    def stream(self) -> str:
+        return self.channel.asset
+
+    @property
+    def size(self) -> int:
+        return len(self.payload) + OVERHEAD_BYTES
+
+
+class Marker(NamedTuple):
+    """A question that is answered after all frames before it in its stream's queue."""
+
+    stream: str
+    reached: Callable[[], None]  # called once, by the loop
+
+    @property
+    def size(self) -> int:
+        return OVERHEAD_BYTES
+
+
+class Shed(NamedTuple):
+    """A stretch of a stream's time of which frames were left out, for want of room."""
+
+    stream: str
+    begin_ns: int  # start of the earliest of them
+    end_ns: int  # after the start of the latest of them
+    frames: Mapping[str, int]  # by channel
+
+    @property
+    def size(self) -> int:
+        return OVERHEAD_BYTES
+
+
+Item = Arrival | Marker | Shed
 
 
 class InboxSource(Protocol):
@@ -32,39 +82,98 @@ class InboxSource(Protocol):
     def subscribe(self, inbox: Inbox) -> AbstractContextManager[object]: ...
 
 
-class Inbox:
-    """A queue bounded in frames and bytes, filled by callbacks and emptied by one loop."""
+@dataclass(slots=True)
+class _Queue:
+    """What waits of one stream."""
 
-    def __init__(self, frames: int = 4096, max_bytes: int = 256 * 2**20, wait: float = 60.0, prefix: str = "gearbox"):
-        self._limit, self._max_bytes, self._wait, self._prefix = frames, max_bytes, wait, prefix
-        self._items: deque[Arrival] = deque()
-        self._bytes = 0
+    items: deque[Item] = field(default_factory=deque)
+    frames: int = 0
+    bytes: int = 0
+    markers: int = 0
+    turn: int = TURN_BYTES  # bytes that may be taken before the next stream's turn
+
+    def add(self, item: Item) -> None:
+        self.items.append(item)
+        self._count(item, 1)
+
+    def pop(self) -> Item:
+        item = self.items.popleft()
+        self._count(item, -1)
+        return item
+
+    def _count(self, item: Item, sign: int) -> None:
+        self.frames += sign * isinstance(item, Arrival)
+        self.markers += sign * isinstance(item, Marker)
+        self.bytes += sign * item.size
+
+    def load(self, most_frames: int, most_bytes: int) -> float:
+        """Share of all room that the frames have; 0 where none wait."""
+        return max(self.frames / most_frames, self.bytes / most_bytes) if self.frames else 0.0
+
+    def shed(self, stream: str) -> None:
+        """Leaves out the oldest stretch of the frames, which stands at the head of the queue instead."""
+        arrivals = [item for item in self.items if isinstance(item, Arrival)]
+        starts = [start_time_of(item.channel, item.payload) or 0 for item in arrivals]
+        freed, begin, last = 0, 0, 0
+        for start, item in sorted(zip(starts, arrivals, strict=True), key=lambda pair: pair[0]):
+            if freed >= _FREED * self.bytes and start > last:
+                break
+            begin, last, freed = begin or start, start, freed + item.size
+        gone = {id(item) for start, item in zip(starts, arrivals, strict=True) if start <= last}
+        frames = Counter(item.channel.label for item in arrivals if id(item) in gone)
+        kept = deque(item for item in self.items if id(item) not in gone)
+        if kept and isinstance(before := kept[0], Shed):
+            kept.popleft()
+            begin, last = min(before.begin_ns, begin or last), max(before.end_ns - 1, last)
+            frames.update(before.frames)
+        kept.appendleft(Shed(stream, begin or last, last + 1, frames))
+        self.items, self.frames, self.bytes, self.markers = deque(), 0, 0, 0
+        for each in kept:
+            self.add(each)
+
+
+class Inbox:
+    """The queues of all streams, bounded in frames and bytes, filled by callbacks and emptied by one loop.
+
+    frames, max_bytes  of all streams together; one stream may have half of it
+    """
+
+    def __init__(self, frames: int = 4096, max_bytes: int = 256 * 2**20, prefix: str = "gearbox"):
+        self._most_frames, self._most_bytes, self._prefix = frames, max_bytes, prefix
+        self._queues: dict[str, _Queue] = {}
+        self._turns: deque[str] = deque()  # streams of which something waits, in the order of their turns
+        self._frames = self._bytes = 0
         self._changed = threading.Condition()
         self._closed = self._woken = False
-        self._held = 0.0
-        self.held_until = 0.0  # when a stream was last held up, on the monotonic clock [s]
-        self.holding = 0  # streams that are being held up
         self.received = 0
-        self.dropped: dict[str, int] = {}  # by topic: no room in time, or the key breaks the contract
+        self.refused: Counter[str] = Counter()  # frames by cause
         self.errors = 0  # exceptions in callbacks
 
     def offer(self, topic: str, payload: bytes) -> bool:
-        """Puts one payload in, waiting for room; False where it had to be dropped."""
-        try:
-            channel = parse_topic(topic, self._prefix)
-        except FrameError:
-            channel = None
-        begun = time.monotonic()
+        """Puts one payload in; False where it had to be left out."""
+        channel = _channel_of(topic, self._prefix)
         with self._changed:
             self.received += 1
-            if channel is not None and not self._closed and not self._room(len(payload)):
-                self._hold(len(payload), begun)
-            if channel is None or self._closed or not self._room(len(payload)):
-                self.dropped[topic] = self.dropped.get(topic, 0) + 1
+            if channel is None or self._closed:
+                self.refused[BAD_KEY if channel is None else CLOSED] += 1
                 return False
-            self._items.append(Arrival(channel, payload, time.monotonic(), self._held))
-            self._bytes += len(payload)
-            self._changed.notify_all()
+            arrival = Arrival(channel, payload, time.monotonic())
+            queue = self._queue(channel.asset)
+            if queue is None:
+                self.refused[MANY_STREAMS] += 1
+                return False
+            self._add(channel.asset, queue, arrival)
+            while (victim := self._without_room(channel.asset)) is not None:
+                self._shed(victim)
+            return True
+
+    def ask(self, stream: str, reached: Callable[[], None]) -> bool:
+        """Puts a question behind the frames of a stream; False where there is no room for it."""
+        with self._changed:
+            queue = None if self._closed else self._queue(stream)
+            if queue is None or queue.markers >= MOST_MARKERS:
+                return False
+            self._add(stream, queue, Marker(stream, reached))
             return True
 
     def guarded(self, topic: Callable[[], str], payload: Callable[[], bytes]) -> None:
@@ -74,17 +183,27 @@ class Inbox:
         except Exception:
             self.errors += 1
 
-    def take(self, timeout: float) -> Arrival | None:
-        """The next arrival, or None after the timeout [s]."""
+    def take(self, timeout: float) -> Item | None:
+        """The next item of the stream whose turn it is, or None after the timeout [s]."""
         with self._changed:
-            if not self._items and not self._woken:
+            if not self._turns and not self._woken:
                 self._changed.wait(timeout)
             self._woken = False
-            if not self._items:
+            if not self._turns:
                 return None
-            item = self._items.popleft()
-            self._bytes -= len(item.payload)
-            self._changed.notify_all()
+            stream = self._turns[0]
+            queue = self._queues[stream]
+            frames, size = queue.frames, queue.bytes
+            item = queue.pop()
+            self._frames += queue.frames - frames
+            self._bytes += queue.bytes - size
+            queue.turn -= item.size
+            if not queue.items:
+                self._turns.popleft()
+                del self._queues[stream]
+            elif queue.turn <= 0:
+                queue.turn += TURN_BYTES
+                self._turns.rotate(-1)
             return item
 
     def wake(self) -> None:
@@ -94,30 +213,76 @@ class Inbox:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Takes nothing more; whoever waits for room is let go."""
+        """Takes nothing more."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
     @property
     def depth(self) -> int:
-        """Frames waiting."""
-        return len(self._items)
+        """Frames waiting, of all streams."""
+        return self._frames
 
     @property
-    def dropped_frames(self) -> int:
-        return sum(self.dropped.values())
+    def bytes(self) -> int:
+        """Bytes waiting, of all streams."""
+        return self._bytes
 
-    def _hold(self, size: int, begun: float) -> None:
-        """Waits for room, with the lock held; time for which several streams wait is counted once."""
-        self.holding += 1
-        while not self._closed and not self._room(size):
-            if not self._changed.wait(begun + self._wait - time.monotonic()):
-                break
-        self.holding -= 1
-        now = time.monotonic()
-        self._held += now - max(begun, self.held_until)
-        self.held_until = now
+    @property
+    def ahead(self) -> tuple[int, int]:
+        """Frames and bytes that a publisher may send before it asks whether they have been taken."""
+        share = _SHARE / 2
+        return max(int(share * self._most_frames), 1), max(int(share * self._most_bytes), 1)
 
-    def _room(self, size: int) -> bool:
-        return len(self._items) < self._limit and (not self._items or self._bytes + size <= self._max_bytes)
+    @property
+    def empty(self) -> bool:
+        """Whether nothing waits, be it a frame, a question or what is left of frames."""
+        return not self._turns
+
+    def waits(self, stream: str) -> bool:
+        """Whether anything of a stream waits."""
+        return stream in self._queues
+
+    @property
+    def refused_frames(self) -> int:
+        """Frames that were left out."""
+        return self.refused.total()
+
+    def _queue(self, stream: str) -> _Queue | None:
+        """The stream's queue; None where it has none and there are too many."""
+        if stream not in self._queues:
+            if len(self._queues) >= MOST_STREAMS:
+                return None
+            self._queues[stream] = _Queue()
+            self._turns.append(stream)
+        return self._queues[stream]
+
+    def _add(self, stream: str, queue: _Queue, item: Item) -> None:
+        queue.add(item)
+        self._frames += isinstance(item, Arrival)
+        self._bytes += item.size
+        self._changed.notify_all()
+
+    def _without_room(self, stream: str) -> str | None:
+        """The stream that frames must be left out of, now that one has been added to a stream."""
+        loads = self._most_frames, self._most_bytes
+        if self._frames > self._most_frames or self._bytes > self._most_bytes:
+            most = max(self._queues, key=lambda each: self._queues[each].load(*loads))
+            return most if self._queues[most].frames else None
+        return stream if self._queues[stream].load(*loads) > _SHARE else None
+
+    def _shed(self, stream: str) -> None:
+        queue = self._queues[stream]
+        frames, size = queue.frames, queue.bytes
+        queue.shed(stream)
+        self.refused[NO_ROOM] += frames - queue.frames
+        self._frames += queue.frames - frames
+        self._bytes += queue.bytes - size
+
+
+@lru_cache(maxsize=_KNOWN_TOPICS)
+def _channel_of(topic: str, prefix: str) -> Channel | None:
+    try:
+        return parse_topic(topic, prefix)
+    except FrameError:
+        return None

@@ -39,6 +39,7 @@ class Lane:
     run: int = 0  # arrivals in good order, up to the newest: a shuffled stream has no long run
     silent: bool = False  # nothing has come for so long that others no longer wait for it
     pending_bytes: int = 0
+    left_out: int = 0  # frames that had come and were left out for want of room: their numbers will be missing
     timeline: Timeline = field(default_factory=Timeline)  # of the frames released
 
     @property
@@ -112,9 +113,11 @@ class Lane:
         if lost > max(start - last_end, 0) / (LENGTH_LIMITS[0] * NS) + 2:
             given_up[SEQUENCE_JUMP] += 1
             return 0
-        given_up[LOST] += lost
         self.lost = [*self.lost[1 - _LOST_RANGES :], (newest + 1, sequence - 1)]
-        return lost
+        known = min(lost, self.left_out)
+        self.left_out -= known
+        given_up[LOST] += lost - known
+        return lost - known
 
     def begin_again(self) -> None:
         """Starts at a clock that has been set; what was released stays known."""

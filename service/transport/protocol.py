@@ -48,6 +48,14 @@ class Transport(Protocol):
         """Publishes an asset's open alarms, JSON text."""
         ...
 
+    def publish_position(self, stream: str, text: str) -> None:
+        """Publishes how far a stream is stored, JSON text."""
+        ...
+
+    def answer_positions(self, ask: Callable[[str, Callable[[str], None]], None]) -> AbstractContextManager[object]:
+        """Passes on each question how far a stream is stored, with what takes the answer, until left."""
+        ...
+
     def announce(self, asset: str) -> None:
         """Shows that this service serves the asset, until the connection is closed; repeated calls change nothing."""
         ...
@@ -74,9 +82,7 @@ OpenTransport = Callable[[], AbstractContextManager[Transport]]
 
 
 class FramePublisher(Protocol):
-    """Publishes frames of any channels and knows when they have arrived."""
-
-    delivered: int  # frames confirmed so far
+    """Publishes frames of any channels, and asks how far they are stored."""
 
     def offer_rig(self, asset: str, text: bytes) -> None:
         """Answers requests for the asset's rig file while this is open, and publishes it once."""
@@ -87,9 +93,17 @@ class FramePublisher(Protocol):
         ...
 
     def publish(self, frame: RawFrame) -> None:
-        """Sends one frame; may block while subscribers are busy."""
+        """Sends one frame; may block for some seconds while the link is busy."""
         ...
 
-    def confirm(self) -> None:
-        """Returns once everything sent has reached the subscribers; DeliveryError where it cannot."""
+    def linked(self) -> bool:
+        """Whether subscribers and link are the same as before: nothing sent has been lost with them."""
+        ...
+
+    def relink(self, seconds: float) -> None:
+        """Waits until each channel has a subscriber again; DeliveryError where one has none within a time [s]."""
+        ...
+
+    def ask(self, stream: str, seconds: float) -> Iterable[str | bytes]:
+        """What those who store the stream say of its position within a time [s], behind all frames sent."""
         ...

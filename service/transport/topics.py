@@ -15,6 +15,17 @@ def alarms_topic(asset: str, prefix: str) -> str:
     return f"{prefix}/{asset}/twin/alarms"
 
 
+def position_topic(asset: str, prefix: str) -> str:
+    """Where it is published and asked for how far an asset's stream is stored."""
+    return f"{prefix}/{asset}/twin/position"
+
+
+def asset_of_position_topic(topic: str, prefix: str) -> str | None:
+    """The asset of a position's topic; None where the topic names none."""
+    asset = topic.removeprefix(f"{prefix}/").removesuffix("/twin/position")
+    return asset if NAME.fullmatch(asset) and topic == position_topic(asset, prefix) else None
+
+
 def alive_topic(asset: str, prefix: str) -> str:
     """Where a service shows that it serves the asset."""
     return f"{prefix}/{asset}/twin/alive"

@@ -4,6 +4,7 @@
   accepts plain publishers as they are.
 - `{prefix}/{asset}/twin/state` is published at each change and answers `get`.
 - `{prefix}/{asset}/twin/alarms` is the same for the open alarms.
+- `{prefix}/{asset}/twin/position` says how far an asset's stream is stored, at each change and as an answer to `get`.
 - `{prefix}/{asset}/twin/alive` is a liveliness token, held while the service runs.
 - `{prefix}/{asset}/rig` may carry the machine's rig file (`application/toml`), published or answering `get`.
 """
@@ -26,7 +27,15 @@ from service.stream.wire.codec import encoding_of
 from service.stream.wire.topics import PREFIX, Channel, topic_of
 from service.transport.guard import Guard
 from service.transport.protocol import StateSource
-from service.transport.topics import alarms_topic, alive_topic, asset_of_rig_topic, rig_topic, state_topic
+from service.transport.topics import (
+    alarms_topic,
+    alive_topic,
+    asset_of_position_topic,
+    asset_of_rig_topic,
+    position_topic,
+    rig_topic,
+    state_topic,
+)
 from service.transport.zenoh_session import open_session
 
 TopicOf = Callable[[str, str], str]  # (asset, prefix) → topic
@@ -34,8 +43,6 @@ TopicOf = Callable[[str, str], str]  # (asset, prefix) → topic
 JSON = zenoh.Encoding.APPLICATION_JSON
 TOML = "application/toml"
 _HISTORY = 4096  # frames a key that a late subscriber asks a publisher's cache for
-_CONFIRM_EVERY = 256  # frames
-_ANSWER = 300.0  # time for the subscribers to process what was sent [s]
 _CACHE = 512  # frames a key kept for subscribers that join late or were away
 _HEARTBEAT = 0.5  # [s]
 
@@ -122,6 +129,34 @@ class ZenohTransport:
         """Publishes an asset's open alarms."""
         self._session.put(alarms_topic(asset, self._prefix), text, encoding=JSON)
 
+    def publish_position(self, stream: str, text: str) -> None:
+        """Publishes how far a stream is stored."""
+        self._session.put(position_topic(stream, self._prefix), text, encoding=JSON)
+
+    @contextmanager
+    def answer_positions(self, ask: Callable[[str, Callable[[str], None]], None]) -> Iterator[None]:
+        """Passes on questions of one stream each; a question of all is answered by the publications."""
+
+        def asked(query: zenoh.Query) -> None:
+            stream = asset_of_position_topic(str(query.key_expr), self._prefix)
+            if stream is None:
+                query.drop()
+                return
+
+            def reply(text: str) -> None:
+                try:
+                    query.reply(position_topic(stream, self._prefix), text, encoding=JSON)
+                finally:
+                    query.drop()
+
+            ask(stream, reply)
+
+        queryable = self._session.declare_queryable(position_topic("*", self._prefix), self._guard(asked))
+        try:
+            yield
+        finally:
+            queryable.undeclare()
+
     def announce(self, asset: str) -> None:
         """Holds a liveliness token for the asset."""
         if asset not in self._tokens:
@@ -175,10 +210,9 @@ class ZenohPublisher:
         self._session, self._prefix, self._wait = session, prefix, wait
         self._stack = ExitStack()
         self._keys: dict[Channel, tuple[zenoh.ext.AdvancedPublisher, zenoh.Publisher]] = {}
-        self._unconfirmed: list[RawFrame] = []
         self._routers = self._session.info.routers_zid()
         self._rigs: dict[str, bytes] = {}
-        self.delivered = 0
+        self._left = False  # whether subscribers have been away
 
     def __enter__(self) -> ZenohPublisher:
         return self
@@ -203,9 +237,10 @@ class ZenohPublisher:
             probe = self._session.declare_publisher(topic)  # only this kind tells whether anyone listens
             self._stack.callback(publisher.undeclare)
             self._stack.callback(probe.undeclare)
+            listener = probe.declare_matching_listener(self._note_matching)
+            self._stack.callback(listener.undeclare)
             self._keys[channel] = (publisher, probe)
-        for channel in self._keys:
-            self._await_subscriber(channel)
+        self.relink(self._wait)
         for key, text in self._rigs.items():
             self._session.put(key, text, encoding=TOML, congestion_control=zenoh.CongestionControl.BLOCK)
 
@@ -225,51 +260,35 @@ class ZenohPublisher:
         self._stack.callback(queryable.undeclare)
 
     def publish(self, frame: RawFrame) -> None:
-        """Sends one frame; may block while subscribers are busy."""
-        if not _matching(self._keys[frame.channel][1]):
-            self._resend()
-        self._put(frame)
-        self._unconfirmed.append(frame)
-        if len(self._unconfirmed) >= _CONFIRM_EVERY:
-            self.confirm()
-
-    def confirm(self) -> None:
-        """Returns once everything sent has reached the subscribers; DeliveryError where it cannot."""
-        while self._unconfirmed:
-            channel = self._unconfirmed[-1].channel
-            self._barrier(channel.asset)
-            if self._link_held():
-                self.delivered += len(self._unconfirmed)
-                self._unconfirmed.clear()
-            else:
-                self._resend()
-
-    def _put(self, frame: RawFrame) -> None:
+        """Sends one frame; may block for some seconds while the link is busy."""
         self._keys[frame.channel][0].put(frame.payload, encoding=encoding_of(frame.channel))
 
-    def _barrier(self, asset: str) -> None:
-        """A query travels behind the frames: once it is answered, or has no answer, they have arrived."""
-        asked = time.monotonic()
-        key = state_topic(asset, self._prefix)
-        list(self._session.get(key, timeout=_ANSWER, congestion_control=zenoh.CongestionControl.BLOCK))
-        if time.monotonic() - asked >= _ANSWER:
-            raise DeliveryError(f"frames sent {_ANSWER:g} s ago have not been taken; is the service stuck?")
-
-    def _link_held(self) -> bool:
-        """Whether subscribers and router are the same as when the first unconfirmed frame was sent."""
+    def linked(self) -> bool:
+        """Whether subscribers and router are the same as before, and have been all the time."""
+        if self._left:
+            return False
         matching = all(_matching(probe) for _, probe in self._keys.values())
         return matching and self._session.info.routers_zid() == self._routers
 
-    def _resend(self) -> None:
-        """Waits for the subscribers to come back, then repeats what may not have reached them."""
+    def relink(self, seconds: float) -> None:
+        """Waits until each key has a subscriber again."""
+        deadline = time.monotonic() + seconds
+        self._left = False
         for each in self._keys:
-            self._await_subscriber(each)
+            self._await_subscriber(each, deadline)
         self._routers = self._session.info.routers_zid()
-        for frame in self._unconfirmed:
-            self._put(frame)
 
-    def _await_subscriber(self, channel: Channel) -> None:
-        deadline = time.monotonic() + self._wait
+    def ask(self, stream: str, seconds: float) -> Iterator[bytes]:
+        """What those who store the stream say of its position within a time [s]."""
+        key = position_topic(stream, self._prefix)
+        for reply in self._session.get(key, timeout=seconds, congestion_control=zenoh.CongestionControl.BLOCK):
+            if reply.ok is not None:
+                yield reply.ok.payload.to_bytes()
+
+    def _note_matching(self, status: zenoh.MatchingStatus) -> None:
+        self._left |= not status.matching  # though another may be there when a frame is sent next
+
+    def _await_subscriber(self, channel: Channel, deadline: float) -> None:
         probe = self._keys[channel][1]
         while not _matching(probe):
             if time.monotonic() > deadline:

@@ -14,7 +14,9 @@ import zenoh
 from service.errors import DeliveryError, InputError, NotReachable
 
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
-_WAIT_BEFORE_CLOSE_US = 300_000_000  # a subscriber may stall this long before its link is given up
+_WAIT_BEFORE_CLOSE_US = (
+    10_000_000  # a subscriber may stall this long before its link is given up; what was on it is sent again
+)
 
 
 def session_config(listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None) -> zenoh.Config:

@@ -16,7 +16,7 @@ class MemoryNetwork:
         self.reachable = reachable
         self.inbox = self.source = self.on_rig = None
         self.published, self.announced, self.rigs = [], set(), {}
-        self.alarms = []
+        self.alarms, self.positions = [], []
         self.subscribed = threading.Event()
 
     @contextmanager
@@ -52,6 +52,14 @@ class MemoryNetwork:
     def publish_alarms(self, asset, text):
         self.alarms.append((asset, text))
 
+    def publish_position(self, stream, text):
+        self.positions.append((stream, text))
+
+    @contextmanager
+    def answer_positions(self, ask):
+        self.on_position = ask
+        yield
+
     def announce(self, asset):
         self.announced.add(asset)
 
@@ -71,8 +79,6 @@ class MemoryNetwork:
 
     # -- the other side: a `FramePublisher` ----------------------------------------------------------
 
-    delivered = 0
-
     @contextmanager
     def open_publisher(self, connect, prefix, wait):
         """A connection of a replay."""
@@ -86,7 +92,20 @@ class MemoryNetwork:
 
     def publish(self, frame):
         assert self.inbox.offer(topic_of(frame.channel), frame.payload)
-        self.delivered += 1
 
-    def confirm(self):
+    def linked(self):
+        return True
+
+    def relink(self, seconds):
         pass
+
+    def ask(self, stream, seconds):
+        answered, texts = threading.Event(), []
+
+        def reply(text):
+            texts.append(text)
+            answered.set()
+
+        self.on_position(stream, reply)
+        answered.wait(seconds)
+        return texts

@@ -13,7 +13,7 @@ from test_decisions import post
 from test_other_parts import serving
 
 from service.cli import run
-from service.errors import InputError
+from service.errors import DeliveryError, InputError
 from service.results.asset_life import AssetLife
 from service.results.data_folder import DATABASE, WAITING
 from service.results.sql_store import SqlStore
@@ -310,8 +310,8 @@ def test_frames_of_a_retired_asset_are_left_out_until_it_is_reinstated(running, 
     state = running.get(UNSW)
     assert state["retired"]["by"] == "me" and state["retired"]["note"] == "scrapped"
     assert running.get("/v1/assets")[0]["retired"] is True
-    send(network, second)
-    wait_until(lambda: network.inbox.depth == 0)
+    with pytest.raises(DeliveryError, match="128 frames are not stored: asset unsw is retired"):
+        replay(second, (), 0, publish_to=network.open_publisher, wait=0.5)
     assert waiting(running) is None and len(running.windows()) == WINDOWS
     assert change(running, "reinstated")[0] == 201
     assert running.get(UNSW)["retired"] is None

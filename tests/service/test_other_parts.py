@@ -111,10 +111,10 @@ def _reason(running):
 
 def test_queue_is_bounded_by_the_bytes_of_the_settings(tmp_path):
     network = MemoryNetwork()
-    given = {"queue_bytes": 2**20, "queue_wait": 0.0}
+    given = {"queue_bytes": 2**20}
     with serving(tmp_path, network, MemoryStore(), **given):
         assert network.subscribed.wait(10)
-        assert network.inbox._max_bytes == 2**20
+        assert network.inbox._most_bytes == 2**20
 
 
 def imported(file: Path) -> set[str]:

@@ -15,12 +15,13 @@ from streams import ASSET, bursts, content
 from service.errors import DeliveryError, InputError
 from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
+from service.runtime.positions import Positions
 from service.runtime.pump import pump
 from service.runtime.record import record
 from service.runtime.replay import paced, replay, shuffled, twice
 from service.runtime.twin_port import Twin
 from service.stream.assembly import Assembler
-from service.stream.inbox import Inbox
+from service.stream.inbox import BAD_KEY, Inbox
 from service.stream.sources.mcap import RawFrame, read_windows
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode, encoding_of
@@ -67,8 +68,14 @@ def make_pipeline(outcomes):
 def receiving(endpoint, pipeline):
     """A router with a pipeline behind it, in this process."""
     inbox, stop = Inbox(), threading.Event()
-    with open_session(listen=[endpoint]) as session, ZenohTransport(session).subscribe(inbox):
-        thread = threading.Thread(target=pump, args=(inbox, pipeline, stop, IDLE))
+    pipeline.refusal = lambda stream: None
+    with (
+        open_session(listen=[endpoint]) as session,
+        ZenohTransport(session) as transport,
+        Positions(inbox, transport, pipeline) as positions,
+        transport.subscribe(inbox),
+    ):
+        thread = threading.Thread(target=pump, args=(inbox, pipeline, stop, IDLE, positions))
         thread.start()
         try:
             yield inbox
@@ -106,7 +113,7 @@ def test_a_stream_gives_the_windows_of_the_file(recording, endpoint, speed, dist
         time.sleep(0.3)
     assert content([o.window for o in outcomes]) == content(windows)
     assert [o.index for o in outcomes] == list(range(8))
-    assert (inbox.dropped, inbox.errors) == ({}, 0)
+    assert (inbox.refused_frames, inbox.errors) == (0, 0)
 
 
 def test_a_receiver_that_goes_away_and_comes_back_misses_nothing(recording, endpoint):
@@ -187,30 +194,17 @@ def test_a_recorded_stream_has_the_windows_of_what_was_replayed(recording, endpo
         replay(recording, [endpoint], 0)
         stop.set()
         thread.join()
-    assert written == [(320, 0)]
+    assert written == [(320, 0, 0, 0)]
     rig, metadata, windows = read_windows(out)
     assert content(windows) == content(read_windows(recording)[2])
     assert rig == {"name": "a"} and metadata["asset"] == ASSET
-
-
-def test_a_full_inbox_holds_up_then_drops_and_counts():
-    inbox = Inbox(frames=2, wait=0.05)
-    topic = f"gearbox/{ASSET}/accel/y6"
-    assert [inbox.offer(topic, b"x") for _ in range(3)] == [True, True, False]
-    assert inbox.dropped == {topic: 1}
-    waiting = Inbox(frames=1, wait=5.0)
-    waiting.offer(topic, b"1")
-    threading.Timer(0.05, waiting.take, [1.0]).start()
-    assert waiting.offer(topic, b"2") is True
-    small = Inbox(max_bytes=10, wait=0.0)
-    assert [small.offer(topic, b"12345678") for _ in range(2)] == [True, False]
 
 
 def test_keys_that_break_the_contract_and_faults_in_callbacks_are_counted():
     inbox = Inbox()
     inbox.guarded(lambda: "gearbox/a/torque/motor", lambda: b"")
     inbox.guarded(lambda: "gearbox/a/accel/y6", lambda: 1 / 0)
-    assert (inbox.dropped_frames, inbox.errors, inbox.depth) == (1, 1, 0)
+    assert (inbox.refused, inbox.errors, inbox.depth) == ({BAD_KEY: 1}, 1, 0)
 
 
 def test_a_paced_replay_keeps_the_time_of_the_recording():
@@ -218,21 +212,3 @@ def test_a_paced_replay_keeps_the_time_of_the_recording():
     begun = time.monotonic()
     deque(paced(frames, 2.0, max_pause=0.4), maxlen=0)
     assert 0.35 <= time.monotonic() - begun < 0.6  # (0.1 + 0.2 + 0.4) / 2
-
-
-def test_time_for_which_streams_were_held_up_is_told_with_what_came_and_counted_once():
-    topic, inbox = "gearbox/rig-1/accel/y6", Inbox(frames=1, wait=5.0)
-    inbox.offer(topic, b"0")
-    begun = time.monotonic()
-    streams = [threading.Thread(target=inbox.offer, args=(topic, b"1")) for _ in range(2)]
-    for stream in streams:
-        stream.start()
-    while inbox.holding < 2:
-        time.sleep(0.01)
-    time.sleep(0.3)
-    first, *later = (inbox.take(1.0) for _ in range(3))
-    for stream in streams:
-        stream.join()
-    assert first.held == 0.0 and inbox.holding == 0
-    assert all(0.3 <= arrival.held <= time.monotonic() - begun for arrival in later)
-    assert inbox.held_until <= time.monotonic()

@@ -93,5 +93,7 @@ class RecordingWriter:
     def close(self) -> None:
         """Writes the index; the file is complete."""
         if not self._file.closed:
-            self._writer.finish()
-            self._file.close()
+            try:
+                self._writer.finish()
+            finally:
+                self._file.close()

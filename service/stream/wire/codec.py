@@ -15,11 +15,28 @@ from service.stream.wire import gearbox_pb2
 from service.stream.wire.topics import Channel, topic_of
 
 pb: Any = gearbox_pb2  # its classes are made at import
+_START_TAG = b"\x09"  # of field 1, fixed64
 
 
 def encoding_of(channel: Channel) -> str:
     """The encoding that a Zenoh sample of this channel carries."""
     return f"application/protobuf;{CHANNEL_KINDS[channel.kind].schema}"
+
+
+def start_time_of(channel: Channel, payload: bytes) -> int | None:
+    """When a payload's frame starts, Unix time [ns]; None where it is no frame."""
+    if payload[:1] == _START_TAG and len(payload) >= 9:  # the first field, where most writers put it
+        return int.from_bytes(payload[1:9], "little")
+    try:
+        return decode(channel, payload).start_time_ns
+    except FrameError:
+        return None
+
+
+def head_of(channel: Channel, payload: bytes) -> tuple[int, int]:
+    """Sequence number and start [ns] of a payload's frame; raises FrameError where the contract is broken."""
+    frame = decode(channel, payload)
+    return frame.sequence, frame.start_time_ns
 
 
 def decode(channel: Channel, payload: bytes) -> Frame:

@@ -1,0 +1,193 @@
+"""How far each stream is stored: published as it changes, and answered to whoever asks.
+
+A question travels through the stream's own queue, so that its answer is true of all frames that were sent before it on
+the same link. The answer is held back while more of the asset's windows wait to be processed than its share: that is
+the flow control of publishers that ask. An answer always comes.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from typing import Protocol
+from uuid import uuid4
+
+from service.contract.position import ChannelPositionModel, PositionModel, position_text
+from service.stream.inbox import Inbox
+from service.stream.position import Position, earliest
+
+Reply = Callable[[str], None]
+
+PUBLISH_EVERY = 1.0  # of one stream, at most [s]
+MOST_BACKLOG = 8  # windows of an asset that wait to be processed while its publishers are answered
+HELD_BACK = 10.0  # no answer is held back longer than this [s]
+_LOOK_EVERY = 0.1  # at what has changed [s]
+_LOOK = 0.5  # how often answers that are overdue are looked for [s]
+_MOST_STREAMS = 4096  # whose latest position is remembered
+
+
+class PositionSource(Protocol):
+    """Who knows how far a stream has come."""
+
+    def position(self, stream: str) -> Position | None:
+        """The stream's position; None where nothing is known of it."""
+        ...
+
+    def refusal(self, stream: str) -> str | None:
+        """Why no frames of the stream are used at present, or None."""
+        ...
+
+
+class PositionNetwork(Protocol):
+    """What positions need of a `Transport`."""
+
+    def publish_position(self, stream: str, text: str) -> None: ...
+
+    def answer_positions(self, ask: Callable[[str, Reply], None]) -> AbstractContextManager[object]: ...
+
+
+class Positions:
+    """The positions of all streams on a network.
+
+    inbox      in whose queues questions wait
+    network    on which positions are published
+    source     who knows them
+    pending    start of the earliest closed window that is not stored yet, and how many windows wait, by stream
+    """
+
+    def __init__(
+        self,
+        inbox: Inbox,
+        network: PositionNetwork,
+        source: PositionSource,
+        *,
+        pending: Callable[[str], tuple[int | None, int]] = lambda stream: (None, 0),
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._inbox, self._network, self._source = inbox, network, source
+        self._pending, self._clock = pending, clock
+        self._instance = uuid4().hex
+        self._lock = threading.Lock()
+        self._open: dict[int, tuple[float, str, Reply]] = {}  # questions without an answer, by number
+        self._asked = 0
+        self._held_back: list[tuple[str, int]] = []
+        self._moved: set[str] = set()  # streams of which something has come since their position was published
+        self._published: dict[str, tuple[float, PositionModel]] = {}  # when, and what
+        self._looked = float("-inf")
+        self._ending = threading.Event()
+
+    def __enter__(self) -> Positions:
+        self._watch = threading.Thread(target=self._answer_overdue, name="positions", daemon=True)
+        self._watch.start()
+        self._answering = self._network.answer_positions(self.ask)
+        self._answering.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._answering.__exit__(None, None, None)
+        self._ending.set()
+        self._watch.join()
+        for number in list(self._open):
+            self._close(number, self._behind)
+
+    # -- questions -----------------------------------------------------------------------------------
+
+    def ask(self, stream: str, reply: Reply) -> None:
+        """Takes a question of a network's callback; `reply` is given the answer, from any thread."""
+        with self._lock:
+            self._asked += 1
+            number = self._asked
+            self._open[number] = (self._clock(), stream, reply)
+        if not self._inbox.ask(stream, lambda: self.reached(stream, number)):
+            self._close(number, self._behind)
+
+    def reached(self, stream: str, number: int) -> None:
+        """The question has come to the head of its stream's queue."""
+        if self._pending(stream)[1] > MOST_BACKLOG:
+            self._held_back.append((stream, number))
+        else:
+            self._close(number, self._text)
+
+    # -- publication ---------------------------------------------------------------------------------
+
+    def moved(self, stream: str) -> None:
+        """Something of a stream has come, or has been stored."""
+        self._moved.add(stream)
+
+    def __call__(self) -> None:
+        """Publishes what has changed, and answers what was held back; called between frames by who feeds them."""
+        now = self._clock()
+        if now - self._looked < _LOOK_EVERY:
+            return
+        self._looked = now
+        waiting, self._held_back = self._held_back, []
+        for stream, number in waiting:
+            if number in self._open:
+                self.reached(stream, number)
+        for stream in list(self._moved):
+            self._publish(stream, now)
+
+    def _publish(self, stream: str, now: float) -> None:
+        """Publishes a stream's position: at once where more of it is stored, else not more than once a second."""
+        at, before = self._published.get(stream, (float("-inf"), None))
+        model = self._model(stream)
+        if now - at < PUBLISH_EVERY and before and model.settled_until_ns == before.settled_until_ns:
+            return
+        self._moved.discard(stream)
+        if model != before:
+            self._network.publish_position(stream, position_text(model))
+        self._published.pop(stream, None)
+        self._published[stream] = (now, model)
+        if len(self._published) > _MOST_STREAMS:
+            del self._published[next(iter(self._published))]
+
+    def _text(self, stream: str) -> str:
+        return position_text(self._model(stream))
+
+    def _behind(self, stream: str) -> str:
+        """What was known last: frames that came since are not in it."""
+        _, known = self._published.get(stream, (0.0, None))
+        known = known or PositionModel(asset=stream, instance=self._instance, accepting=True)
+        return position_text(known.model_copy(update={"behind": True, "backlog": self._pending(stream)[1]}))
+
+    def _model(self, stream: str) -> PositionModel:
+        found = self._source.position(stream) or Position()
+        stored_from, backlog = self._pending(stream)
+        refusal = self._source.refusal(stream)
+        return PositionModel(
+            asset=stream,
+            instance=self._instance,
+            accepting=refusal is None,
+            reason=refusal,
+            unsettled_from_ns=earliest([found.unsettled_from_ns, stored_from]),
+            settled_until_ns=found.settled_until_ns,
+            channels=_channels(found),
+            left_out=dict(found.left_out),
+            ahead_frames=self._inbox.ahead[0],
+            ahead_bytes=self._inbox.ahead[1],
+            backlog=backlog,
+            shed=found.shed,
+        )
+
+    def _close(self, number: int, text_of: Callable[[str], str]) -> None:
+        with self._lock:
+            question = self._open.pop(number, None)
+        if question is not None:
+            _, stream, reply = question
+            reply(text_of(stream))
+
+    def _answer_overdue(self) -> None:
+        while not self._ending.wait(_LOOK):
+            limit = self._clock() - HELD_BACK
+            for number, (asked, _, _) in list(self._open.items()):
+                if asked < limit:
+                    self._close(number, self._behind)
+
+
+def _channels(position: Position) -> Mapping[str, ChannelPositionModel]:
+    return {
+        label: ChannelPositionModel(sequence=each.sequence, start_time_ns=each.start_ns, missing=list(each.missing))
+        for label, each in sorted(position.channels.items())
+    }

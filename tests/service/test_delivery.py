@@ -1,0 +1,293 @@
+"""What a publisher is told to be stored is stored, through losses, kills and disorder; nothing is counted twice."""
+
+from __future__ import annotations
+
+import json
+import random
+
+import pytest
+from service_streams import Sink
+from streams import ACCEL, ASSET, bursts, content, unbroken
+
+from service.contract.position import position_of
+from service.errors import DeliveryError
+from service.runtime.delivery import Delivery, Ranges
+from service.runtime.outcomes import Checkpoint
+from service.runtime.pipeline import Pipeline
+from service.runtime.positions import HELD_BACK, MOST_BACKLOG, Positions
+from service.runtime.pump import Pump
+from service.runtime.twin_port import Answer, Twin
+from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.inbox import Inbox
+from service.stream.sources.mcap import RawFrame
+from service.stream.wire.codec import encode
+from service.stream.wire.topics import topic_of
+from twin.rig import Rig
+
+TWIN = Twin(step=lambda r, s, w, o: (s, Answer(record={}, report={}, events=())), new_state=dict, load_state=dict)
+
+
+class Stand:
+    """A service and the link to it, on a clock of its own: a `FramePublisher` for whoever publishes.
+
+    What is committed outlives the service; all else is gone when it is killed.
+    """
+
+    def __init__(self, rng=None, *, loss=0.0, kill=0.0, shuffle=0.0):
+        self.rng, self.loss, self.killing, self.shuffle = rng or random.Random(0), loss, kill, shuffle
+        self.now, self.committed, self.answers, self.published = 100.0, [], [], []
+        self.backlog, self.refused, self.kills, self.lost, self.up = 0, None, 0, 0, True
+        self.on_the_way = []
+        self.start()
+
+    def start(self):
+        self.inbox = Inbox()
+        self.pipeline = Pipeline(
+            lambda asset: Rig.from_mapping({}), TWIN, Sink(self.committed), assembly=AssemblySettings(clocked=True)
+        )
+        self.pipeline.refusal = lambda stream: self.refused
+        if self.committed:
+            last = self.committed[-1]
+            self.pipeline.lanes.restore(ASSET, Checkpoint(
+                index=last.index, state=last.state, report=None, assembly=json.loads(json.dumps(last.assembly)),
+                quality=last.quality,
+            ))  # fmt: skip
+        self.positions = Positions(
+            self.inbox, self, self.pipeline, pending=lambda stream: (None, self.backlog), clock=lambda: self.now
+        )
+        self.pump = Pump(self.inbox, self.pipeline, 0.7, self.positions, clock=lambda: self.now)
+        self.broken = False
+
+    def run(self, seconds=0.1):
+        for _ in range(max(round(seconds / 0.1), 1)):
+            self.now += 0.1
+            while (item := self.inbox.take(0.0)) is not None:
+                self.pump.turn(item)
+            self.pump.turn(None)
+            self.positions()
+
+    # -- the network ---------------------------------------------------------------------------------
+
+    def publish_position(self, stream, text):
+        self.published.append((self.now, text))
+
+    def answer_positions(self, ask):
+        raise AssertionError("asked by hand here")
+
+    # -- a FramePublisher ----------------------------------------------------------------------------
+
+    def publish(self, frame):
+        if self.kills < 4 and self.rng.random() < self.killing:
+            self.kills += 1
+            self.start()
+            self.on_the_way, self.up = [], False
+            return
+        if self.rng.random() < self.loss:
+            self.lost += 1
+            return
+        self.on_the_way.append(frame)
+        if len(self.on_the_way) > 12 * self.shuffle:
+            self.arrive(self.on_the_way.pop(0))
+
+    def arrive(self, frame):
+        self.inbox.offer(topic_of(frame.channel), frame.payload)
+        self.positions.moved(ASSET)
+
+    def linked(self):
+        return self.up
+
+    def relink(self, seconds):
+        self.up = True
+
+    def ask(self, stream, seconds):
+        if not self.up:
+            self.now += seconds
+            return []
+        for channel in self.rng.sample(
+            sorted({f.channel for f in self.on_the_way}), k=len({f.channel for f in self.on_the_way})
+        ):
+            for frame in [f for f in self.on_the_way if f.channel == channel]:  # the order of one key is kept
+                self.arrive(frame)
+        self.on_the_way = []
+        texts = []
+        self.positions.ask(stream, texts.append)
+        for _ in range(round(seconds / 0.1)):
+            self.run()
+            if texts:
+                break
+        return texts
+
+    def sleep(self, seconds):
+        self.run(seconds)
+
+
+def sent(stand, frames, **given):
+    """All frames delivered; the delivery."""
+    delivery = Delivery(stand, clock=lambda: stand.now, sleep=stand.sleep, **given)
+    for n, frame in enumerate(frames):
+        stand.now += 0.002
+        delivery.send(RawFrame(frame.channel, frame.end_time_ns, encode(frame)))
+        if n % 7 == 0:
+            stand.run()
+    delivery.finish()
+    return delivery
+
+
+def undisturbed(frames):
+    assembler = Assembler()
+    return content([w for f in frames for w in assembler.add(f)] + assembler.flush())
+
+
+def stored(stand):
+    return content([o.window for o in stand.committed])
+
+
+CASES = {
+    "nothing": {},
+    "losses": {"loss": 0.01},
+    "kills": {"kill": 0.01},
+    "disorder": {"shuffle": 1.0},
+    "all": {"loss": 0.01, "kill": 0.005, "shuffle": 1.0},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("seed", range(6))
+def test_all_that_is_said_to_be_stored_is_stored_and_nothing_twice(case, seed):
+    rng = random.Random(f"{case} {seed}")
+    frames = bursts(rng.randint(4, 9), frames=rng.choice([8, 20]))
+    stand = Stand(rng, **CASES[case])
+    delivery = sent(stand, frames)
+    assert delivery.settled == len(frames)
+    starts = [o.window.start_time_ns for o in stand.committed]
+    assert starts == sorted(set(starts))
+    lost = delivery.left_out().get("lost", 0) + delivery.left_out().get("late", 0)
+    if not lost:
+        assert stored(stand) == undisturbed(frames)
+    else:  # a transport that loses frames without a word: each of them is said, and all others are stored
+        assert "loss" in CASES[case] and lost <= stand.lost
+        missing = sum(f.count for o in stand.committed for f in o.window.faults if f.kind == "gap")
+        assert missing <= lost
+
+
+def test_a_stream_without_a_pause_is_settled_as_it_is_cut():
+    frames = unbroken(60.0)
+    stand = Stand()
+    delivery = Delivery(stand, clock=lambda: stand.now, sleep=stand.sleep)
+    most = 0
+    for frame in frames:
+        delivery.send(RawFrame(frame.channel, frame.end_time_ns, encode(frame)))
+        most = max(most, len(delivery._kept))
+    delivery.finish()
+    assert stored(stand) == undisturbed(frames) and delivery.settled == len(frames)
+    assert most < len(frames) and stand.published
+
+
+def test_frames_beyond_the_memory_are_said_and_lost_only_with_the_service():
+    frames, notes = bursts(6, frames=20), []
+    stand = Stand()
+    delivery = sent(stand, frames, most_bytes=20_000, note=notes.append)
+    assert delivery.settled == len(frames) and "not stored yet: the oldest are kept no longer" in notes[0]
+    stand = Stand()
+    with pytest.raises(DeliveryError, match=r"^\d+ frames are not stored: the service was lost while more than"):
+        delivery = Delivery(stand, most_bytes=20_000, clock=lambda: stand.now, sleep=stand.sleep)
+        for n, frame in enumerate(unbroken(20.0)):
+            delivery.send(RawFrame(frame.channel, frame.end_time_ns, encode(frame)))
+            if n == 200:
+                stand.start()
+        delivery.finish()
+
+
+def test_why_frames_are_not_stored_is_the_reason_of_the_service():
+    stand = Stand()
+    stand.refused = "asset rig-1 is retired: its frames are left out"
+    with pytest.raises(DeliveryError, match="32 frames are not stored: asset rig-1 is retired"):
+        sent(stand, bursts(1, frames=8))
+
+
+def test_a_service_that_never_answers_is_given_up_in_time():
+    stand = Stand()
+    stand.ask = lambda stream, seconds: stand.run(seconds) or []
+    begun = stand.now
+    with pytest.raises(DeliveryError, match="nobody has answered for 30 s"):
+        sent(stand, bursts(1, frames=8))
+    assert stand.now - begun < 60.0
+
+
+def test_frames_that_are_left_out_are_counted_by_cause():
+    frames = bursts(4, frames=8)
+    stand = Stand()
+    sent(stand, frames)
+    delivery = Delivery(stand, clock=lambda: stand.now, sleep=stand.sleep)
+    for frame in frames:
+        delivery.send(RawFrame(frame.channel, frame.end_time_ns, encode(frame)))
+    delivery.send(RawFrame(ACCEL, 0, b"\xff\xff"))
+    delivery.finish()
+    assert delivery.left_out() == {"invalid": 1}  # frames that came again are none
+    assert len(stand.committed) == 4
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_numbers_sent_are_kept_as_few_ranges(seed):
+    rng = random.Random(seed)
+    numbers = [rng.randrange(40) for _ in range(60)]
+    ranges = Ranges()
+    for number in numbers:
+        ranges.add(number)
+    held = {n for first, last in ranges.ranges for n in range(first, last + 1)}
+    assert held == set(numbers) and ranges.ranges == sorted(ranges.ranges)
+    assert ranges.holes == max(numbers) - min(numbers) + 1 - len(held)
+
+
+# -- positions -----------------------------------------------------------------------------------------
+
+
+def test_answers_wait_while_too_many_windows_do_and_always_come():
+    stand, texts = Stand(), []
+    for frame in bursts(1):
+        stand.arrive(RawFrame(frame.channel, 0, encode(frame)))
+    stand.backlog = MOST_BACKLOG + 1
+    stand.positions.ask(ASSET, texts.append)
+    stand.run(5.0)
+    assert texts == []
+    stand.backlog = 0
+    stand.run(0.3)
+    assert position_of(texts[0]).behind is False
+    stand.backlog = MOST_BACKLOG + 1
+    with_thread = Positions(stand.inbox, Quiet(), stand.pipeline, pending=lambda s: (None, 99), clock=lambda: stand.now)
+    with with_thread:
+        with_thread.ask(ASSET, texts.append)
+        stand.run(1.0)
+        stand.now += HELD_BACK
+        wait_for(lambda: len(texts) == 2)
+        with_thread.ask(ASSET, texts.append)
+    assert len(texts) == 3 and all(position_of(text).behind for text in texts[1:])
+
+
+def test_positions_are_published_as_windows_are_stored_and_at_most_once_a_second_else():
+    stand = Stand()
+    frames = bursts(3, frames=20)
+    for frame in frames:
+        stand.arrive(RawFrame(frame.channel, 0, encode(frame)))
+        stand.run()
+    said = [(at, position_of(text)) for at, text in stand.published]
+    ends = [p.settled_until_ns for _, p in said]
+    assert len(set(ends)) >= 3 and ends[-1] == max(e for e in ends if e)
+    assert len(said) <= stand.now - 100.0 + 5
+
+
+class Quiet:
+    """A network on which nobody asks."""
+
+    def publish_position(self, stream, text): ...
+
+    def answer_positions(self, ask):
+        from contextlib import nullcontext
+
+        return nullcontext()
+
+
+def wait_for(condition):
+    from service_streams import wait_until
+
+    wait_until(condition, 10.0)
