@@ -78,8 +78,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path):
-    made = Bench(tmp_path / "twin.sqlite")
+def bench(where):
+    made = Bench(where)
     yield made
     made.store.close()
 
@@ -263,8 +263,8 @@ def test_window_that_was_committed_before_changes_no_alarm(bench):
     assert alarm["level"] == "watch" and bench.told() == ["raised"]
 
 
-def test_window_and_alarm_are_kept_together_or_not_at_all(tmp_path, monkeypatch):
-    bench = Bench(tmp_path / "twin.sqlite", webhooks=["http://127.0.0.1:9/"])
+def test_window_and_alarm_are_kept_together_or_not_at_all(where, monkeypatch):
+    bench = Bench(where, webhooks=["http://127.0.0.1:9/"])
     bench.window(HEALTHY)
 
     def killed(*_):
@@ -275,12 +275,12 @@ def test_window_and_alarm_are_kept_together_or_not_at_all(tmp_path, monkeypatch)
         bench.window(WORN)
     monkeypatch.undo()
     bench.store.close()
-    again = Bench(tmp_path / "twin.sqlite", webhooks=["http://127.0.0.1:9/"])
+    again = Bench(where, webhooks=["http://127.0.0.1:9/"])
     assert again.store.asset("unsw").windows == 1 and again.alarms() == [] and again.keeper.store.waiting() == 0
     again.window(WORN)
     assert again.told() == ["raised"] and again.keeper.store.waiting() == 1
     again.store.close()
-    third = Bench(tmp_path / "twin.sqlite")
+    third = Bench(where)
     assert third.alarms()[0]["quantity"] == "depth", "a restart keeps the alarms"
     third.window(WORN)
     assert third.told() == ["raised"]

@@ -134,7 +134,8 @@ def test_nothing_is_added_to_a_baseline_that_a_change_has_ended(tmp_path):
             learn_from_windows("bench", [3], store, signals, life, file)
 
 
-def test_a_baseline_that_waits_to_be_used_outlives_a_restart(tmp_path, store):
+def test_a_baseline_that_waits_to_be_used_outlives_a_restart(tmp_path, each_store):
+    store = each_store
     baselines = BaselineStore(store.database, tmp_path / "baselines")
     waits, unused = baselines.new_path(), baselines.new_path()
     for path in (waits, unused):
@@ -182,8 +183,8 @@ def test_a_baseline_outlives_a_restart_and_a_new_name(tmp_path):
 
 
 @pytest.fixture
-def baselines(tmp_path, store):
-    return BaselineStore(store.database, tmp_path / "baselines")
+def baselines(tmp_path, each_store):
+    return BaselineStore(each_store.database, tmp_path / "baselines")
 
 
 @pytest.fixture(scope="module")

@@ -221,7 +221,8 @@ def test_a_store_of_before_names_and_notes_keeps_its_decisions(tmp_path):
         assert (decision.verb, decision.by, decision.note) == ("pin", None, None)
 
 
-def test_decision_and_what_it_changes_are_one_transaction(store):
+def test_decision_and_what_it_changes_are_one_transaction(each_store):
+    store = each_store
     fakes.campaign(store, None)
     number = store.add_decision("unsw", "misalignment", "pin")
     waiting = store.decision(number)

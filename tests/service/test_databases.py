@@ -1,0 +1,176 @@
+"""SQLite and PostgreSQL alike: what stores of single things do, and what becomes of a server that goes away."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+import service_fakes as fakes
+from sqlalchemy.exc import DBAPIError
+
+from service.errors import StorageUnavailable
+from service.results import backends
+from service.results.asset_life import AssetLife
+from service.results.backends import Postgresql
+from service.results.sql_store import SqlStore
+from twin.windows import Edges, Window
+
+
+def test_inspection_is_used_once(each_store):
+    fakes.campaign(each_store, None)
+    number = each_store.add_inspection("unsw", {"revolutions": 10.0}, {"twin": {}})
+    (waiting,) = each_store.pending_inspections()
+    given = {"answer": {"twin": 1}, "state": {"n": 2}, "report": {}, "events": [("inspection", {"id": number})]}
+    assert each_store.use_inspection(waiting, **given)
+    assert not each_store.use_inspection(waiting, **given)
+    assert each_store.inspection(number).done and each_store.inspection(number).answer == {"twin": 1}
+    assert each_store.asset("unsw").state == {"n": 2} and each_store.pending_inspections() == ()
+    assert [i["twin"] for i in each_store.inspections("unsw")] == [1]
+    assert each_store.inspections("unsw", after=number) == ()
+
+
+def test_decisions_are_counted_by_what_became_of_them(each_store):
+    fakes.take(each_store, None, "unsw", 0, 100.0)
+    first = each_store.add_decision("unsw", "misalignment", "pin", "Anna", "measured")
+    second = each_store.add_decision("unsw", "tooth_crack", "reject")
+    assert each_store.carry_out(each_store.decision(first), state={"n": 2}, report={"wear": {}}, events=[])
+    each_store.refuse(each_store.decision(second), "there is no such effect")
+    assert each_store.decision_counts("unsw") == {"pin": 1} and each_store.pending_decisions() == ()
+    assert [(d.by, d.refused) for d in each_store.decisions("unsw")] == [
+        ("Anna", None), (None, "there is no such effect"),
+    ]  # fmt: skip
+
+
+def test_asset_with_all_that_belongs_to_it_gets_another_name(each_store, tmp_path):
+    life = AssetLife(each_store.database, tmp_path / "waiting")
+    fakes.campaign(each_store, None, "old")
+    each_store.add_decision("old", "misalignment", "pin")
+    pinion = Edges(per_rev=1, first_index=0, times=np.arange(5.0))
+    assert life.add_waiting("old", Window(start_time_ns=7, encoders={"pinion": pinion}))
+    number = life.add_change("old", "renamed", {"name": "new"})
+    life.route("stream", "old")
+    life.rename("old", "new")
+    assert each_store.assets() == ("new",) and len(each_store.windows("new")) == 14
+    assert life.change_done(number, {"name": "new"}) and not life.change_done(number, {})
+    assert [c.asset for c in life.changes("new")] == ["new"] and life.waiting_total("new")[0] == 1
+    assert life.routes() == {"stream": "new", "old": "new"}
+    life.give_waiting("new", "other")
+    (waiting,) = life.waiting("other")
+    assert life.read_waiting(waiting.id).start_time_ns == waiting.start_ns
+    life.drop_waiting(waiting.id)
+    assert life.waiting("other") == ()
+
+
+def test_totals_of_faults_add_up(each_store):
+    for index in range(3):
+        fakes.take(each_store, None, "unsw", index, 100.0 * index, faults=(fakes.FAULT,), quality="degraded")
+    assert each_store.asset("unsw").fault_totals == {("gap", "accel/y6", "degraded"): (9, 3)}
+
+
+# -- a server that goes away ------------------------------------------------------------------------------
+
+
+def test_connections_that_the_server_dropped_are_replaced(postgresql, postgresql_server):
+    with SqlStore(postgresql) as store:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        drop = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = 'gear-twin'"
+        assert postgresql_server.sql(drop)
+        assert len(store.windows("unsw")) == 1
+        assert postgresql_server.sql(drop)
+        assert fakes.take(store, None, "unsw", 1, 200.0)
+
+
+def test_server_that_is_stopped_is_waited_for_and_nothing_is_half_done(postgresql, postgresql_server):
+    with SqlStore(postgresql) as store:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        postgresql_server.stop()
+        try:
+            for attempt in (lambda: fakes.take(store, None, "unsw", 1, 200.0), lambda: store.windows("unsw")):
+                with pytest.raises(StorageUnavailable) as caught:
+                    attempt()
+                assert caught.value.reason == "connection lost" and "\n" not in str(caught.value)
+        finally:
+            postgresql_server.start()
+        assert [w.record["index"] for w in store.windows("unsw")] == [0]
+        assert fakes.take(store, None, "unsw", 1, 200.0)
+
+
+def test_connection_that_is_lost_within_a_transaction_leaves_nothing_of_it(postgresql, postgresql_server):
+    with SqlStore(postgresql) as store:
+        with pytest.raises(StorageUnavailable) as caught, store.database.transaction() as db:
+            fakes.take(store, None, "unsw", 0, 100.0)
+            (pid,) = db.exec_driver_sql("SELECT pg_backend_pid()").one()
+            postgresql_server.sql(f"SELECT pg_terminate_backend({pid}, 5000)")
+            fakes.take(store, None, "unsw", 1, 200.0)
+        assert caught.value.reason == "connection lost" and not caught.value.unknown
+        assert store.windows("unsw") == ()
+        assert fakes.take(store, None, "unsw", 0, 100.0)
+
+
+@pytest.mark.parametrize("carried_out", [True, False])
+def test_commit_that_was_not_answered_is_found_out(postgresql, postgresql_server, monkeypatch, carried_out):
+    """The connection is lost before the commit or, with its answer, after it."""
+    with SqlStore(postgresql) as store:
+        dialect = store.database._writer.dialect
+        commit = dialect.do_commit
+
+        def lost(connection):
+            if carried_out:
+                commit(connection)
+            postgresql_server.sql(f"SELECT pg_terminate_backend({connection.driver_connection.info.backend_pid}, 5000)")
+            connection.execute("SELECT 1")
+
+        monkeypatch.setattr(dialect, "do_commit", lost)
+        if carried_out:
+            assert fakes.take(store, None, "unsw", 0, 100.0)
+        else:
+            with pytest.raises(StorageUnavailable) as caught:
+                fakes.take(store, None, "unsw", 0, 100.0)
+            assert caught.value.reason == "connection lost" and not caught.value.unknown
+        monkeypatch.setattr(dialect, "do_commit", commit)
+        assert len(store.windows("unsw")) == carried_out
+        assert fakes.take(store, None, "unsw", 1, 200.0)
+
+
+def test_commit_whose_outcome_nobody_tells_is_said_to_be_unknown(postgresql, monkeypatch):
+    monkeypatch.setattr(backends, "OUTCOME_WAIT", 0.0)
+    backend = backends.backend_of(postgresql)
+    assert isinstance(backend, Postgresql)
+    with pytest.raises(StorageUnavailable) as caught:
+        backend.was_committed(backend.engines()[1], 1)
+    assert caught.value.unknown and caught.value.reason == "connection lost"
+
+
+def test_program_fault_is_not_taken_for_a_fault_of_the_storage(each_store):
+    fakes.take(each_store, None, "unsw", 0, 100.0)
+    with pytest.raises(DBAPIError), each_store.database.transaction() as db:
+        db.exec_driver_sql("INSERT INTO events (asset, kind, data) VALUES ('nobody', 'x', '1')")
+    assert each_store.assets() == ("unsw",)
+
+
+def test_table_that_another_program_locks_is_given_up_in_time(postgresql, postgresql_server, monkeypatch):
+    monkeypatch.setattr(backends, "LOCK_WAIT", 0.2)
+    locked, release = threading.Event(), threading.Event()
+
+    def hold():
+        engine = backends.backend_of(postgresql).for_migration()
+        with engine.connect() as db, db.begin():
+            db.exec_driver_sql("LOCK TABLE windows IN ACCESS EXCLUSIVE MODE")
+            locked.set()
+            release.wait(20)
+        engine.dispose()
+
+    with SqlStore(postgresql) as store:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        holder = threading.Thread(target=hold)
+        holder.start()
+        try:
+            assert locked.wait(10)
+            with pytest.raises(StorageUnavailable) as caught:
+                fakes.take(store, None, "unsw", 1, 200.0)
+            assert caught.value.reason == "locked"
+        finally:
+            release.set()
+            holder.join()
+        assert fakes.take(store, None, "unsw", 1, 200.0)
