@@ -128,7 +128,7 @@ class Recording:
     def _peek(self) -> None:
         """Learns the channels from the first chunk that can be read: its CRC vouches for them."""
         for block in self._blocks:
-            records = read_block(self._file, block)
+            records = read_block(self._file, block, self._contents)
             if not isinstance(records, str):
                 self._contents.learn(records)
                 if self._contents.channels:
@@ -198,7 +198,7 @@ class Recording:
                 yield [heappop(heap)[2]]
 
     def _read(self, block: Block, damaged: list[str]) -> list[Message]:
-        records = read_block(self._file, block)
+        records = read_block(self._file, block, self._contents)
         self.bytes_read = max(self.bytes_read, self._file.tell())
         if isinstance(records, str):
             damaged.append(f"at byte {block.offset}, {records}")

@@ -19,14 +19,13 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, breakup_chunk
 
 from service.errors import InputError
+from service.stream.sources.mcap_unpack import LARGEST_CHUNK, Unusable, allowance, records_of
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER = 9  # opcode and length of a record [bytes]
 _CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, uncompressed size, CRC, length of the compression's name
-_LARGEST_CHUNK = 2**30
 _MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
 _MARK_OFFSET = _HEADER + _CHUNK_HEAD.size - 4  # of the mark from the start of a chunk record
 _IMMENSE = (MemoryError, OverflowError)  # lengths that a flipped bit made so
@@ -53,6 +52,14 @@ class Contents:
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
+    unpacked: dict[int, int] = field(default_factory=dict)  # size of each chunk that was unpacked, by its offset
+
+    def allows(self, offset: int, size: int) -> bool:
+        """Whether a chunk may be unpacked, and counts it: all together are bounded by the file's size."""
+        if offset not in self.unpacked and sum(self.unpacked.values()) + size > allowance(self.size):
+            return False
+        self.unpacked[offset] = size
+        return True
 
     def learn(self, records: list[McapRecord]) -> None:
         """Takes the definitions among a chunk's records over."""
@@ -160,10 +167,10 @@ def _looks_like_chunk(file: BinaryIO, at: int) -> bool:
     if len(head) < _HEADER + _CHUNK_HEAD.size or head[0] != Opcode.CHUNK:
         return False
     start, end, size, _, _ = _CHUNK_HEAD.unpack(head[_HEADER:])
-    return start <= end and size <= _LARGEST_CHUNK
+    return start <= end and size <= LARGEST_CHUNK
 
 
-def read_block(file: BinaryIO, block: Block) -> list[McapRecord] | str:
+def read_block(file: BinaryIO, block: Block, contents: Contents) -> list[McapRecord] | str:
     """The records of a block, or why it cannot be used."""
     file.seek(block.offset)
     try:
@@ -172,10 +179,10 @@ def read_block(file: BinaryIO, block: Block) -> list[McapRecord] | str:
         if opcode == Opcode.MESSAGE:
             return [Message.read(stream, length)]
         chunk = Chunk.read(stream)
-        if chunk.uncompressed_size > _LARGEST_CHUNK:
-            return f"claims {chunk.uncompressed_size} bytes"
-        return breakup_chunk(chunk, validate_crc=True)
-    except CRCValidationError:
-        return "CRC does not match"
+        if not contents.allows(block.offset, chunk.uncompressed_size):
+            return f"all chunks together would be over {allowance(contents.size)} bytes"
+        return records_of(chunk)
+    except Unusable as reason:
+        return str(reason)
     except _UNREADABLE as error:
         return f"cannot be unpacked ({type(error).__name__})"
