@@ -124,6 +124,23 @@ class Workers(Table):
     task_limit: float = Field(
         default=1800.0, gt=0, le=86_400, description="time after which a call to the twin is given up [s]"
     )
+    backlog_windows: int = Field(
+        default=500, ge=1, le=1000, description="windows of one asset that wait to be processed, at most"
+    )
+    backlog_bytes: int = Field(
+        default=512 * 2**20, ge=2**20, le=2**30, description="what those take on disk, at most [bytes]"
+    )
+    backlog_total_windows: int = Field(
+        default=10_000, ge=1, description="windows of all assets that wait to be processed, at most"
+    )
+    backlog_total_bytes: int = Field(
+        default=4 * 2**30, ge=2**20, description="what those take on disk, at most [bytes]"
+    )
+    backlog_memory_bytes: int = Field(
+        default=256 * 2**20,
+        ge=2**20,
+        description="windows held in memory while the storage cannot be used, at most [bytes]",
+    )
     worker_cache_bytes: int = Field(
         default=512 * 2**20, ge=2**20, description="wear curves that one worker process keeps [bytes]"
     )

@@ -12,7 +12,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
-from service.errors import FAULT
+from service.errors import FAULT, StorageUnavailable
 
 MEDIA_TYPE = "application/problem+json"
 log = logging.getLogger(__name__)
@@ -74,6 +74,10 @@ def install(app: FastAPI) -> None:
             allowed = (error.headers or {}).get("Allow", "another method")
             detail = f"{request.method} is not served at {request.url.path}; {allowed} is"
         return problem(request, error.status_code, detail, error.headers)
+
+    @app.exception_handler(StorageUnavailable)
+    async def storage(request: Request, error: StorageUnavailable) -> JSONResponse:
+        return problem(request, 503, f"{error}; nothing was kept, try again later")
 
     @app.exception_handler(Exception)
     async def fault(request: Request, error: Exception) -> JSONResponse:

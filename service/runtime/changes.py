@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.base import iso_time
-from service.errors import InputError
+from service.errors import InputError, StoreError
 from service.results.asset_life import AssetLife, StoredChange
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
@@ -36,6 +36,7 @@ from service.runtime.lane import Job, Lane
 from service.runtime.lanes import Lanes
 from service.runtime.questions import GEARS_DIFFER, REPEATED
 from service.runtime.reception import Reception
+from service.runtime.spool import Spool
 from service.runtime.state_publication import StatePublication
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Events
@@ -71,6 +72,7 @@ class ChangeWorker:
         *,
         streams: Streams,
         intake: Intake,
+        spool: Spool,
         signals: SignalStore | None,
         alarms: AlarmKeeper | None,
         baselines: BaselineStore,
@@ -78,7 +80,7 @@ class ChangeWorker:
         self._queue, self._reception, self._lanes = queue, reception, lanes
         self._store, self._life = store, life
         self._board, self._publication = board, publication
-        self._streams, self._intake, self._signals = streams, intake, signals
+        self._streams, self._intake, self._spool, self._signals = streams, intake, spool, signals
         self._alarms, self._baselines = alarms, baselines
         self._begun: set[int] = set()
         self._kinds: Mapping[str, _Kind] = {
@@ -95,7 +97,12 @@ class ChangeWorker:
         """Hands what waits to the lanes of its assets."""
         if not self._queue.asked.is_set():
             return
-        for change in self._queue.pending():
+        try:
+            pending = self._queue.pending()
+        except StoreError:
+            self._queue.asked.set()  # they still wait
+            raise
+        for change in pending:
             if change.id not in self._begun:
                 self._begun.add(change.id)
                 self._begin(change)
@@ -230,6 +237,7 @@ class ChangeWorker:
         self._streams.reload()
         self._reception.rename(old, name)
         self._lanes.rename(old, name)
+        self._spool.rename(old, name)
         self._intake.rename(old, name)
         if self._signals is not None:
             self._signals.rename(old, name)

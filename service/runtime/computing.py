@@ -17,7 +17,7 @@ from service.files.rig import window_of_rig
 from service.logs import about
 from service.results.window_file import read_window
 from service.runtime.outcomes import Raw
-from service.runtime.packed_state import PackedState, StoredState
+from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Answer, Twin
 from twin.errors import TwinError
 from twin.fallen_count import CountFellError
@@ -126,9 +126,9 @@ class Inline:
 
 
 def carry_out(call: Call) -> Made:
-    """What is made of a call. Its state may be one as it is stored or sent, which is loaded first."""
-    if call.state is None or isinstance(call.state, (PackedState, StoredState)):
-        data = None if call.state is None else call.state.to_dict()
+    """What is made of a call. Its state may be packed, and is loaded then."""
+    if isinstance(call.state, PackedState):
+        data = call.state.to_dict()
         try:
             state = call.twin.load_state(data) if data else call.twin.new_state()
         except (TwinError, LookupError, TypeError, ValueError, AttributeError) as error:

@@ -9,6 +9,7 @@ from functools import partial
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.inspections import outcome_of, refusal
+from service.errors import StoreError
 from service.results.board import Board, Snapshot
 from service.results.decision_queue import DecisionQueue
 from service.results.status_events import status_events
@@ -45,9 +46,14 @@ class DecisionWorker:
         """Hands what waits to the lanes of its assets."""
         if not self._queue.asked.is_set():
             return
-        for decision in self._queue.pending():
+        try:
+            decisions, inspections = self._queue.pending(), self._queue.pending_inspections()
+        except StoreError:
+            self._queue.asked.set()  # they still wait
+            raise
+        for decision in decisions:
             self._begin(("decision", decision.id), decision.asset, self._decision(decision))
-        for inspection in self._queue.pending_inspections():
+        for inspection in inspections:
             self._begin(("inspection", inspection.id), inspection.asset, self._inspection(inspection))
 
     def _begin(self, key: tuple[str, int], asset: str, job: Job) -> None:
@@ -123,13 +129,13 @@ class DecisionWorker:
         before = self._board.get(asset) or Snapshot(asset=asset)
         shown = replace(before, report=report)
         with self._alarms.transaction() if self._alarms else nullcontext():
-            if not keep():
-                return
-            events: Events = ()
-            if self._alarms is not None:
-                events = self._alarms.decision(asset, report)
-                shown = replace(shown, alarms=self._alarms.open(asset))
-            self._store.note(asset, (*events, *status_events(before, *shown.health())))
+            if keep():  # else an attempt of which that was not known has committed all of it
+                events: Events = ()
+                if self._alarms is not None:
+                    events = self._alarms.decision(asset, report)
+                shown = replace(shown, alarms=self._alarms.open(asset) if self._alarms else shown.alarms)
+                self._store.note(asset, (*events, *status_events(before, *shown.health())))
+            last = self._store.last_event_id(asset)
         lane.accept(outcome)
-        self._board.update(asset, report=report, alarms=shown.alarms, last_event_id=self._store.last_event_id(asset))
+        self._board.update(asset, report=report, alarms=shown.alarms, last_event_id=last)
         self._publication.publish(asset)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from service.errors import FrameError
 from service.runtime.learning_phase import LearningPhase
 from service.runtime.reception import Reception
+from service.runtime.storage_watch import StorageWatch
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import Frame
 from service.stream.position import Position, earliest
@@ -30,11 +31,13 @@ class Intake:
         show_quality: Callable[[str], None],
         *,
         heard: Callable[[str], None] = lambda asset: None,
+        storage: StorageWatch | None = None,
         learning: LearningPhase | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._reception, self._show_quality, self._clock = reception, show_quality, clock
-        self._heard = heard
+        self._heard, self._storage = heard, storage
+        self.left_out = 0  # frames of assets of which nothing is known while the storage cannot be used
         self._learning = learning or LearningPhase()
         self._known = set(reception.assets)
         self._shown: dict[str, float] = {}  # when an asset's counters were shown; absent where they are up to date
@@ -44,7 +47,8 @@ class Intake:
         asset, now = frame.channel.asset, self._clock()
         self._note(frame.channel)
         if asset not in self._known:
-            self._reception.open(asset)  # looks for the rig file now: who offers it may be gone later
+            if not self._open(asset):
+                return
             self._known.add(asset)
             self._learning.begin(asset, now)
         if not self._learning.holds(asset):
@@ -57,12 +61,16 @@ class Intake:
     def reject(self, channel: Channel, error: FrameError) -> None:
         """Counts a frame that breaks the contract."""
         self._note(channel)
+        if not self._open(channel.asset):
+            return
         self._reception.reject(channel, error)
         self._known.add(channel.asset)
         self._show(channel.asset)
 
     def leave_out(self, asset: str, begin: int, end: int, frames: Mapping[str, int]) -> None:
         """Frames of a stretch of time were left out for want of room, by channel [ns]."""
+        if not self._open(asset):
+            return
         self._reception.leave_out(asset, begin, end, frames)
         self._known.add(asset)
         self._show(asset)
@@ -108,6 +116,15 @@ class Intake:
         if asset in self._shown:
             self._shown[name] = self._shown.pop(asset)
         self._learning.rename(asset, name)
+
+    def _open(self, asset: str) -> bool:
+        """Looks for a new asset's rig file now: who offers it may be gone later. False where that must wait."""
+        if self._storage is None:
+            self._reception.open(asset)
+            return True
+        opened = asset in self._known or self._storage.attempt(lambda: self._reception.open(asset))[0]
+        self.left_out += not opened
+        return opened
 
     def _note(self, channel: Channel) -> None:
         if not CHANNEL_KINDS[channel.kind].slow:  # slow values go on between windows

@@ -59,14 +59,21 @@ class Lane:
     entries: deque[Entry] = field(default_factory=deque)
     held: int = 0
     jobs: deque[Job] = field(default_factory=deque)
+    current: Entry | None = None  # that is being computed, or committed
     busy: bool = False  # whether something is being computed, or waits for the storage
     turning: bool = False
+    shed: int = 0  # windows that were left out because too much waited
     stopped: str | None = None  # why nothing can be processed; None where it can
 
     @property
     def all_wait(self) -> bool:
         """Whether no window can be used until people have answered."""
         return self.question is not None and self.question["kind"] in ALL_WAIT
+
+    @property
+    def bytes(self) -> int:
+        """What the windows that wait take on disk."""
+        return sum(entry.bytes for entry in self.entries)
 
     def next_entry(self) -> Entry | None:
         """The window whose turn it is."""

@@ -15,20 +15,24 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from service.errors import FAULT, InputError, StorageUnavailable, StoreError
+from service.errors import FAULT, InputError, StoreError
 from service.runtime.computing import Ask, Call, Computing, Made, WindowToUse
 from service.runtime.lane import Entry, Job, Lane
 from service.runtime.outcomes import Checkpoint, HeldWindow, ResultSink, WaitingPlace
-from service.runtime.questions import COUNT_FELL, REPEATED, count_fell, frames_repeat
+from service.runtime.packed_state import StoredState
+from service.runtime.questions import COUNT_FELL, REPEATED, count_fell, frames_repeat, waiting
 from service.runtime.reception import Reception
+from service.runtime.storage_watch import StorageWatch
 from service.runtime.twin_port import Twin
 from service.runtime.window_outcomes import outcome_of
 from service.stream.repeats import Repeats
 from twin.errors import TwinError
 from twin.rig import Rig
+from twin.windows import Window
 
 log = logging.getLogger(__name__)
 
+SHED = "shed"  # kind of the fault of a window that was left out because too much waited
 ONE_DISTURBED = (
     "the revolution count of this window alone lies far below that of the windows before and after it: it is taken for "
     "a disturbance of the counter"
@@ -39,6 +43,7 @@ class Lanes:
     """The lanes of all assets. Driven by one thread.
 
     waiting  where it is kept that windows wait for an answer by people; None where nobody answers: they are refused
+    storage  that is waited for where it cannot be used; None where that ends the program
     """
 
     def __init__(
@@ -50,7 +55,9 @@ class Lanes:
         twin_of: Callable[[str, Rig], Twin],
         new_state: Callable[[], Any],
         waiting: WaitingPlace | None = None,
+        storage: StorageWatch | None = None,
     ) -> None:
+        self._storage = storage
         self._reception, self._sink, self._computing, self._waiting = reception, sink, computing, waiting
         self._twin_of, self._new_state = twin_of, new_state
         self._lanes: dict[str, Lane] = {}
@@ -77,11 +84,12 @@ class Lanes:
         for lane in list(self._lanes.values()):
             self._turn(lane)
 
-    def retry(self) -> None:
-        """Tries again to commit what the storage could not keep before."""
+    def retry(self) -> bool:
+        """Tries again to commit what the storage could not keep before; whether nothing is left."""
         unsettled, self._unsettled = self._unsettled, []
         for lane, action in unsettled:
             self._settle(lane, action)
+        return not self._unsettled
 
     def backlog(self, asset: str) -> int:
         """How many windows of an asset wait to be processed, or for an answer."""
@@ -114,12 +122,46 @@ class Lanes:
         if checkpoint.question is not None:
             lane.held = min(checkpoint.question["waiting"], len(lane.entries))
         lane.state, lane.report = checkpoint.state, checkpoint.report
-        lane.index, lane.question = checkpoint.index + 1, checkpoint.question
+        lane.index, lane.question, lane.shed = checkpoint.index + 1, checkpoint.question, checkpoint.shed
 
     def leave(self, asset: str, entries: Sequence[Entry]) -> None:
         """Windows that an earlier run has left of an asset of which nothing else is known; `go` begins with them."""
         if entries:
             self.of(asset).entries.extend(entries)
+
+    # -- bounds --------------------------------------------------------------------------------------
+
+    @property
+    def total_backlog(self) -> int:
+        """How many windows of all assets wait."""
+        return sum(len(lane.entries) for lane in self._lanes.values())
+
+    @property
+    def total_bytes(self) -> int:
+        """What the windows of all assets that wait take on disk."""
+        return sum(lane.bytes for lane in self._lanes.values())
+
+    @property
+    def total_shed(self) -> int:
+        """How many windows of all assets were left out."""
+        return sum(lane.shed for lane in self._lanes.values())
+
+    def most_waiting(self) -> str:
+        """The asset whose windows that wait take most."""
+        return max(self._lanes.values(), key=lambda lane: (lane.bytes, len(lane.entries))).asset
+
+    def shed(self, asset: str, as_left_out: Callable[[Entry], Window]) -> bool:
+        """Leaves the oldest window of an asset out that waits, as a refused record; False where none can be.
+
+        as_left_out  the window as it is committed, with a fault that says why
+        """
+        lane = self._lanes[asset]
+        entry = next((entry for entry in lane.entries if entry is not lane.current), None)
+        if entry is None:
+            return False
+        window = as_left_out(entry)
+        self._commit(lane, entry, Made(window=window, refused=window.faults[-1].detail, raw="nothing"), shed=True)
+        return True
 
     # -- turns ---------------------------------------------------------------------------------------
 
@@ -135,6 +177,8 @@ class Lanes:
             lane.turning = False
 
     def _next(self, lane: Lane) -> Callable[[], None] | None:
+        if isinstance(lane.state, StoredState) and (lane.jobs or lane.next_entry() is not None):
+            return partial(self._settle, lane, partial(_load, lane))
         if lane.jobs:
             return partial(self._start_job, lane, lane.jobs.popleft())
         entry = lane.next_entry()
@@ -156,13 +200,12 @@ class Lanes:
     def _settle(self, lane: Lane, action: Callable[[], None]) -> None:
         """Does what commits something, and goes on; where the storage cannot be used, the asset waits for it."""
         lane.busy = True
-        try:
+        if self._storage is None:
             action()
-        except StorageUnavailable as error:
-            log.warning("%s: %s", lane.asset, error, extra={"asset": lane.asset})
+        elif not self._storage.attempt(action)[0]:
             self._unsettled.append((lane, action))
             return
-        lane.busy = False
+        lane.busy, lane.current = False, None
         self._turn(lane)
 
     # -- jobs ----------------------------------------------------------------------------------------
@@ -199,6 +242,7 @@ class Lanes:
     # -- windows -------------------------------------------------------------------------------------
 
     def _start_window(self, lane: Lane, entry: Entry) -> None:
+        lane.current = entry
         given = WindowToUse(start_ns=entry.start_ns, window=entry.window, file=entry.file, refuse=entry.refuse)
         self._ask(lane, Ask("window", given), partial(self._end_window, lane, entry))
 
@@ -218,17 +262,21 @@ class Lanes:
             refused = Made(state=made.state, refused=fell.reason, window=made.window, raw=made.raw)
             self._settle(lane, partial(self._commit, lane, entry, refused))
 
-    def _commit(self, lane: Lane, entry: Entry, made: Made) -> None:
+    def _commit(self, lane: Lane, entry: Entry, made: Made, *, shed: bool = False) -> None:
         counts = self._reception.counts(lane.asset).copy()
         section = partial(self._reception.quality, lane.asset)
         ends = _is_one_disturbed(lane, entry, made)
-        outcome = outcome_of(lane, entry, made, counts, section, None if ends else lane.question)
+        question = None if ends else lane.question
+        if shed and question is not None and lane.entries.index(entry) < lane.held:
+            question = waiting(question, lane.held - 1, left_out=1)
+        outcome = outcome_of(lane, entry, made, counts, section, question)
         committed = self._sink.commit(outcome)
         lane.remove(entry)
         if not committed:
             return
         lane.state, lane.report, lane.question = outcome.state, outcome.report, outcome.question
         lane.index += 1
+        lane.shed += any(fault.kind == SHED for fault in outcome.window.faults)
         self._reception.keep_counts(lane.asset, counts)
         if ends:
             lane.release(refuse=ONE_DISTURBED)
@@ -298,6 +346,11 @@ class Lanes:
             lane = self._lanes[asset]
             lane.rig = self._reception.rig(asset)
             lane.twin = self._twin_of(asset, lane.rig)
+
+
+def _load(lane: Lane) -> None:
+    """Reads what an asset's twin remembers, now that it is needed."""
+    lane.state = lane.state.pack()
 
 
 def _unreadable(lane: Lane, reason: str) -> str:

@@ -61,6 +61,7 @@ class Checkpoint:
     assembly: Mapping[str, Any]
     quality: Mapping[str, Any]
     question: Mapping[str, Any] | None = None
+    shed: int = 0  # windows that were left out because too much waited
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,6 +37,10 @@ class PackedState:
         return JsonText(zstandard.ZstdDecompressor().decompress(self.packed).decode())
 
 
+NEW = PackedState.of({})
+"""What a twin remembers that has seen nothing yet."""
+
+
 class StoredState:
     """A state that is read from the store when it is first needed: a service with many assets starts at once."""
 
@@ -44,10 +48,9 @@ class StoredState:
         self._read = read
 
     def to_dict(self) -> Mapping[str, Any]:
-        """The state's data; empty where there is none yet."""
+        """The state's data."""
         return self._read() or {}
 
-    def pack(self) -> PackedState | None:
-        """The state as it is sent; None where there is none yet."""
-        data = self._read()
-        return None if data is None else PackedState.of(data)
+    def pack(self) -> PackedState:
+        """The state as it is sent."""
+        return PackedState.of(self.to_dict())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -38,7 +39,7 @@ class ServiceSink:
         self._life = life
         self._open: tuple[Mapping[str, Any], ...] = ()  # alarms after the window that was committed last
         self._store, self._board, self._publication, self._clock = store, board, publication, clock
-        self._received_ns = 0
+        self._received_ns = self._last_event_id = 0
         self._committed: StoredWindow | None = None
 
     def commit(self, outcome: WindowOutcome) -> bool:
@@ -60,15 +61,31 @@ class ServiceSink:
             if self._committed is not None:
                 self._keep_question(outcome)
                 self._note_health(outcome)
+            else:
+                self._committed = self._found(outcome)
             if outcome.waited is not None:
                 self._life.drop_waiting(outcome.waited)
+            self._last_event_id = self._store.last_event_id(outcome.asset)
         if self._committed is None:
-            if outcome.waited is not None:
-                self._life.delete_file(outcome.waited)
+            self._delete(outcome)
             start = outcome.record["start_time"]
             told = {"asset": outcome.asset, "window": start}
             log.error("%s: window %s had been committed before", outcome.asset, start, extra=told)
         return self._committed is not None
+
+    def _found(self, outcome: WindowOutcome) -> StoredWindow | None:
+        """The window where an earlier attempt, of which that was not known, has committed it; else None."""
+        found = self._store.windows(outcome.asset, outcome.index - 1, 1)
+        ours = found and found[0].start_ns == outcome.window.start_time_ns and found[0].record["index"] == outcome.index
+        if ours and self._alarms is not None:
+            self._open = self._alarms.open(outcome.asset)
+        return found[0] if ours else None
+
+    def _delete(self, outcome: WindowOutcome) -> None:
+        """Deletes the file in which a window waited; one that cannot be deleted now is by the next start."""
+        if outcome.waited is not None:
+            with suppress(OSError):
+                self._life.delete_file(outcome.waited)
 
     def _keep_question(self, outcome: WindowOutcome) -> None:
         snapshot = self._board.get(outcome.asset)
@@ -106,10 +123,10 @@ class ServiceSink:
             alarms=self._open,
             question=outcome.question,
             received_ns=self._received_ns,
-            last_event_id=self._store.last_event_id(outcome.asset),
+            last_event_id=self._last_event_id,
         )
         self._publication.publish(outcome.asset)
         if self._signals is not None:
             self._signals.offer(outcome, None if outcome.waited is None else self._life.file_of(outcome.waited))
-        elif outcome.waited is not None:
-            self._life.delete_file(outcome.waited)
+        else:
+            self._delete(outcome)

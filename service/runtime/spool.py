@@ -3,49 +3,172 @@
 The window's file, what names it in the database, and where its asset's stream goes on after it are one transaction.
 From then on the window is acknowledged, and no end of the process loses it. It waits until its asset's turn comes;
 the transaction that commits its results ends the wait.
+
+What waits is bounded. Over a bound the oldest window of the asset with most waiting is left out as a whole: it becomes
+a refused record with the reason. While the storage cannot be used, closed windows wait in memory, in the same order and
+within a bound of their own; one that is left out there keeps its place, without its signals.
 """
 
 from __future__ import annotations
 
 import logging
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 from service.results.asset_life import AssetLife
 from service.results.store import ResultStore
-from service.runtime.lane import Entry
-from service.runtime.lanes import Lanes
+from service.runtime.lane import Entry, Lane
+from service.runtime.lanes import SHED, Lanes
 from service.runtime.outcomes import ClosedWindow
 from service.runtime.reception import Reception
+from service.runtime.signal_writer import bytes_of
+from service.runtime.storage_watch import StorageWatch
+from twin.windows import Fault, Window
 
 log = logging.getLogger(__name__)
 
-NO_ROOM = "there was no room to keep this window until its turn: too many windows of the asset wait"
+TOO_MANY = "left out: more windows of the asset waited to be processed than are kept"
+NOT_STORED = "left out: the storage could not be used, and more windows waited in memory than are kept there"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BacklogLimits:
+    """How much may wait to be processed."""
+
+    windows: int  # of one asset
+    bytes: int  # of one asset, on disk
+    total_windows: int
+    total_bytes: int  # on disk
+    memory_bytes: int  # of all assets, while the storage cannot be used
 
 
 class Spool:
-    """Where closed windows of all assets wait for their turn."""
+    """Where closed windows of all assets wait for their turn.
 
-    def __init__(self, life: AssetLife, store: ResultStore) -> None:
-        self._life, self._store = life, store
+    settled  called with an asset when a window of it is durable
+    """
 
-    def add(self, closed: ClosedWindow, reception: Reception, lanes: Lanes) -> None:
-        """Keeps a window, and hands it to its asset's lane."""
+    def __init__(
+        self,
+        life: AssetLife,
+        store: ResultStore,
+        reception: Reception,
+        lanes: Lanes,
+        storage: StorageWatch,
+        limits: BacklogLimits,
+    ) -> None:
+        self._life, self._store, self._reception, self._lanes = life, store, reception, lanes
+        self._storage, self._limits = storage, limits
+        self.settled: Callable[[str], object] = lambda asset: None
+        self._pending: dict[str, deque[ClosedWindow]] = {}
+        self._held = 0  # bytes of those, in memory
+
+    def add(self, closed: ClosedWindow) -> None:
+        """Keeps a window and hands it to its asset's lane; later, where the storage cannot be used now."""
+        self._pending.setdefault(closed.asset, deque()).append(closed)
+        self._held += bytes_of(closed.window)
+        self._keep_all(closed.asset)
+        while self._held > self._limits.memory_bytes:
+            self._leave_out_pending()
+
+    def retry(self) -> bool:
+        """Tries again to keep what waits in memory; whether nothing waits any more."""
+        for asset in list(self._pending):
+            self._keep_all(asset)
+        return not self._pending
+
+    def unstored_from_ns(self, asset: str) -> int | None:
+        """Start of the earliest window that has closed and is not durable yet; None where all are."""
+        pending = self._pending.get(asset)
+        return min((closed.window.start_time_ns for closed in pending), default=None) if pending else None
+
+    def rename(self, asset: str, name: str) -> None:
+        """Goes on under another name, once that has been committed."""
+        if asset in self._pending:
+            self._pending[name] = deque(replace(closed, asset=name) for closed in self._pending.pop(asset))
+
+    @property
+    def held_bytes(self) -> int:
+        """What the windows that wait in memory take [bytes]."""
+        return self._held
+
+    # -- durable -------------------------------------------------------------------------------------
+
+    def _keep_all(self, asset: str) -> None:
+        pending = self._pending[asset]
+        while pending:
+            done, _ = self._storage.attempt(partial(self._keep, pending[0]))
+            if not done:
+                return
+            self._held -= bytes_of(pending.popleft().window)
+            self.settled(asset)
+        del self._pending[asset]
+
+    def _keep(self, closed: ClosedWindow) -> None:
         asset, window = closed.asset, closed.window
-        lanes.of(asset)
-        with self._life.transaction():
-            kept = self._life.add_waiting(asset, window)
-            self._store.keep(asset, assembly=closed.assembly, quality=reception.quality(asset))
-            newest = self._life.waiting(asset)[-1] if kept else None
-        if newest is None:
-            log.warning("%s: %s", asset, NO_ROOM, extra={"asset": asset})
-            entry = Entry(start_ns=window.start_time_ns, window=window, refuse=NO_ROOM)
-        else:
-            file = self._life.file_of(newest.id)
-            entry = Entry(start_ns=newest.start_ns, number=newest.id, file=file, bytes=newest.bytes)
-        lanes.put(asset, entry, closed.assembly)
+        lane = self._lanes.of(asset)
+        self._make_room(lane)
+        start_ns, kept = window.start_time_ns, None
+        try:
+            with self._life.transaction():
+                kept = self._newest(asset, start_ns)  # of an earlier attempt, of which that was not known
+                if kept is None:
+                    self._life.add_waiting(asset, window)
+                    kept = self._newest(asset, start_ns)
+                self._store.keep(asset, assembly=closed.assembly, quality=self._reception.quality(asset))
+        except BaseException as error:
+            if kept is not None and kept.number is not None and not getattr(error, "unknown", False):
+                self._life.delete_file(kept.number)  # of no window now
+            raise
+        entry = kept or Entry(start_ns=start_ns, window=_left_out(window, TOO_MANY))
+        self._lanes.put(asset, entry, closed.assembly)
 
-    def waiting(self, asset: str) -> list[Entry]:
-        """The windows of an asset that an earlier run of the service has left, in order."""
-        return [
-            Entry(start_ns=w.start_ns, number=w.id, file=self._life.file_of(w.id), bytes=w.bytes)
-            for w in self._life.waiting(asset)
-        ]
+    def _newest(self, asset: str, start_ns: int) -> Entry | None:
+        """The newest window of an asset that waits on disk, if it is the one that starts then."""
+        newest = waiting_on_disk(self._life, asset)[-1:]
+        return newest[0] if newest and newest[0].start_ns == start_ns else None
+
+    # -- bounds --------------------------------------------------------------------------------------
+
+    def _make_room(self, lane: Lane) -> None:
+        """Leaves windows out until one more of an asset has room."""
+        limits, lanes = self._limits, self._lanes
+        while lanes.backlog(lane.asset) >= limits.windows or lane.bytes >= limits.bytes:
+            if not lanes.shed(lane.asset, _refusal):
+                break
+        while lanes.total_backlog >= limits.total_windows or lanes.total_bytes >= limits.total_bytes:
+            if not lanes.shed(lanes.most_waiting(), _refusal):
+                break
+
+    def _leave_out_pending(self) -> None:
+        """The oldest window in memory, of the asset that takes most there, loses its signals and keeps its place."""
+        sizes = {asset: sum(bytes_of(c.window) for c in pending) for asset, pending in self._pending.items()}
+        asset = max(sizes, key=lambda name: sizes[name])
+        pending = self._pending[asset]
+        place = next(i for i, closed in enumerate(pending) if bytes_of(closed.window))
+        closed = pending[place]
+        self._held -= bytes_of(closed.window)
+        pending[place] = replace(closed, window=_left_out(closed.window, NOT_STORED))
+        log.warning("%s: %s", asset, NOT_STORED, extra={"asset": asset})
+
+
+def waiting_on_disk(life: AssetLife, asset: str) -> list[Entry]:
+    """The windows of an asset that wait on disk, in order."""
+    return [
+        Entry(start_ns=w.start_ns, number=w.id, file=life.file_of(w.id), bytes=w.bytes) for w in life.waiting(asset)
+    ]
+
+
+def _refusal(entry: Entry) -> Window:
+    """A window on disk that is left out."""
+    return _left_out(Window(start_time_ns=entry.start_ns), TOO_MANY)
+
+
+def _left_out(window: Window, reason: str) -> Window:
+    """A window without its signals, refused for a reason."""
+    fault = Fault(kind=SHED, channel="all", count=1, action="refused", detail=reason)
+    return Window(
+        start_time_ns=window.start_time_ns, faults=(*window.faults, fault), slow=window.slow, quality="refused"
+    )

@@ -52,6 +52,11 @@ class Streams:
         """The asset that a stream belongs to."""
         return self._routes.get(stream, stream)
 
+    def streams_of(self, asset: str) -> list[str]:
+        """The streams that belong to an asset."""
+        own = [asset] if self.asset_of(asset) == asset else []
+        return own + [stream for stream, of in self._routes.items() if of == asset and stream != asset]
+
     def feed(self, frame: Frame) -> None:
         """Hands one frame on to its asset."""
         stream = frame.channel.asset

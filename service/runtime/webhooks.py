@@ -15,6 +15,7 @@ from collections.abc import Callable
 import httpx
 from tenacity import RetryError, Retrying, retry_if_exception_type, stop_after_attempt, wait_exponential
 
+from service.errors import StorageUnavailable
 from service.results.alarm_store import AlarmStore
 
 log = logging.getLogger(__name__)
@@ -51,8 +52,13 @@ class WebhookSender(threading.Thread):
             while not self._stopping.is_set():
                 self._waiting.wait(LOOK_EVERY)
                 self._waiting.clear()
-                while not self._stopping.is_set() and self.turn(client):
-                    pass
+                try:
+                    while not self._stopping.is_set() and self.turn(client):
+                        pass
+                except StorageUnavailable as error:
+                    log.debug(
+                        "webhooks wait: %s", error
+                    )  # said by whoever keeps windows; tried again with the next look
 
     def end(self) -> None:
         """Ends the thread; what has not been delivered waits for the next start."""

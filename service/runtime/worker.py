@@ -26,9 +26,9 @@ from service.runtime.computing_threads import Threads
 from service.runtime.decisions import DecisionWorker
 from service.runtime.intake import Intake
 from service.runtime.lane import Lane
-from service.runtime.lanes import Lanes
+from service.runtime.lanes import SHED, Lanes
 from service.runtime.outcomes import Checkpoint, ClosedWindow
-from service.runtime.packed_state import StoredState
+from service.runtime.packed_state import NEW, StoredState
 from service.runtime.positions import Positions
 from service.runtime.pump import pump
 from service.runtime.reception import Reception, assembly_settings
@@ -36,9 +36,10 @@ from service.runtime.rig_questions import RigQuestions
 from service.runtime.rigs import OfferedRigs, Rigs
 from service.runtime.service_sink import ServiceSink
 from service.runtime.signal_writer import SignalWriter
-from service.runtime.spool import Spool
+from service.runtime.spool import BacklogLimits, Spool, waiting_on_disk
 from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, StalenessWatch
 from service.runtime.state_publication import StatePublication
+from service.runtime.storage_watch import StorageWatch
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Twin, guarded
 from service.runtime.waiting_windows import WaitingWindows
@@ -104,6 +105,8 @@ class Worker(threading.Thread):
         self._transport: Transport | None = None
         self._computing = self._computing_of(settings)
         self._lanes: Lanes | None = None
+        self._spool: Spool | None = None
+        self._storage = StorageWatch(str(settings.data))
         self.on_end: Callable[[], None] = lambda: None
         self.failure: Exception | None = None
 
@@ -143,7 +146,7 @@ class Worker(threading.Thread):
 
     def not_ready(self) -> str | None:
         """Why no frames are accepted, or None."""
-        return self._reason
+        return self._reason or self._storage.reason
 
     def gauges(self) -> dict[str, float]:
         """Figures of the process for /metrics."""
@@ -156,6 +159,12 @@ class Worker(threading.Thread):
             "missed_frames": network.get("missed_frames", 0),
             "callback_errors": self._inbox.errors + network.get("callback_errors", 0),
             "program_faults": 0 if self._lanes is None else self._lanes.faults,
+            "storage_unavailable": float(self._storage.reason is not None),
+            "storage_failures": self._storage.failures,
+            "windows_waiting": 0 if self._lanes is None else self._lanes.total_backlog,
+            "windows_waiting_bytes": 0 if self._lanes is None else self._lanes.total_bytes,
+            "windows_shed": 0 if self._lanes is None else self._lanes.total_shed,
+            "windows_in_memory_bytes": 0 if self._spool is None else self._spool.held_bytes,
             **self._computing.gauges(),
             **(self._signals.gauges() if self._signals else {}),
         }
@@ -187,13 +196,13 @@ class Worker(threading.Thread):
     def _run(self, transport: Transport, publication: StatePublication, offered: OfferedRigs) -> None:
         kept, computing = self._kept, self._computing
         store, board, life = kept.store, kept.board, kept.life
-        spool = Spool(life, store)
+        storage = self._storage
 
         def close(closed: ClosedWindow) -> None:
-            spool.add(closed, reception, lanes)
+            spool.add(closed)
 
         def noticed(asset: str, repeats: Repeats) -> None:
-            lanes.look_for_repeats(asset, repeats)
+            storage.attempt(lambda: lanes.look_for_repeats(asset, repeats))
 
         reception = Reception(
             lambda asset: self._rigs.of(asset, offered),
@@ -207,32 +216,43 @@ class Worker(threading.Thread):
             ServiceSink(store, board, publication, life, signals=self._signals, alarms=kept.alarms),
             computing,
             twin_of=AssetTwins(self._twin, kept.baselines).of,
-            new_state=lambda: StoredState(lambda: None),
+            new_state=lambda: NEW,
             waiting=WaitingWindows(store, life, board, publication),
+            storage=storage,
         )
-        restore(lanes, store, spool)
+        spool = self._spool = Spool(life, store, reception, lanes, storage, backlog_limits(self._settings))
+        restore(lanes, store, life)
         watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
-        intake = Intake(reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard)
+        intake = Intake(
+            reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
+        )
         streams = Streams(life, intake, self._is_retired)
         positions = Positions(
-            self._inbox, transport, streams, pending=lambda stream: (None, lanes.unprocessed(streams.asset_of(stream)))
+            self._inbox, transport, streams, pending=lambda stream: _pending(spool, lanes, streams.asset_of(stream))
         )
         streams.moved = positions.moved
+
+        def settled(asset: str) -> None:
+            for stream in streams.streams_of(asset):
+                positions.moved(stream)
+
+        spool.settled = settled
         decisions = DecisionWorker(kept.decisions, reception, lanes, store, board, publication, kept.alarms)
         changes = ChangeWorker(
             kept.changes, reception, lanes, store, life, board, publication,
-            streams=streams, intake=intake, signals=kept.signals, alarms=kept.alarms, baselines=kept.baselines,
+            streams=streams, intake=intake, spool=spool, signals=kept.signals, alarms=kept.alarms,
+            baselines=kept.baselines,
         )  # fmt: skip
         questions = RigQuestions(reception, lanes, store, life, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
 
         def between() -> None:
             computing.collect()
+            if storage.reason is not None and not storage.pausing:
+                self._try_again(storage, spool, lanes)
             positions()
-            questions()
-            decisions()
-            changes()
-            watch()
+            for part in (questions, decisions, changes, watch):
+                storage.attempt(part)
             for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                 publication.publish(asset)
 
@@ -243,6 +263,17 @@ class Worker(threading.Thread):
                 self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
                 channel_wait=self._settings.channel_wait,
             )  # fmt: skip
+
+    def _try_again(self, storage: StorageWatch, spool: Spool, lanes: Lanes) -> None:
+        """Keeps what has waited for the storage; a window's file is the last thing to fit on a disk that was full."""
+        if spool.retry() and lanes.retry() and storage.attempt(self._probe)[0]:
+            storage.worked()
+
+    def _probe(self) -> None:
+        """Writes what is there already."""
+        for asset in self._kept.store.assets()[:1]:
+            quality = self._kept.store.asset(asset).quality
+            self._kept.store.keep(asset, **({} if quality is None else {"quality": quality}))
 
     def _computing_of(self, settings: Settings) -> Computing:
         """Where the twin's calls are carried out: worker processes, or threads of this one."""
@@ -270,21 +301,38 @@ def staleness_limits(settings: Settings) -> StalenessLimits:
     return StalenessLimits(silent=settings.stale_after, fruitless=fruitless)
 
 
-def restore(lanes: Lanes, store: ResultStore, spool: Spool | None = None) -> None:
+def _pending(spool: Spool, lanes: Lanes, asset: str) -> tuple[int | None, int]:
+    """Start of an asset's earliest closed window that is not stored yet, and how many windows wait."""
+    return spool.unstored_from_ns(asset), lanes.unprocessed(asset)
+
+
+def backlog_limits(settings: Settings) -> BacklogLimits:
+    """How much may wait to be processed, by the service's settings."""
+    return BacklogLimits(
+        windows=settings.backlog_windows,
+        bytes=settings.backlog_bytes,
+        total_windows=settings.backlog_total_windows,
+        total_bytes=settings.backlog_total_bytes,
+        memory_bytes=settings.backlog_memory_bytes,
+    )
+
+
+def restore(lanes: Lanes, store: ResultStore, life: AssetLife | None = None) -> None:
     """Goes on where the store's assets ended. What their twins remember is read when it is first needed."""
     for asset in store.assets():
         stored = store.asset(asset)
-        entries = [] if spool is None else spool.waiting(asset)
+        entries = [] if life is None else waiting_on_disk(life, asset)
         if stored.assembly is None or stored.quality is None:
             lanes.leave(asset, entries)
             continue
         checkpoint = Checkpoint(
             index=store.next_index(asset) - 1,
-            state=None if stored.state is None else StoredState(partial(_state_of, lanes.of(asset), store)),
+            state=NEW if stored.state is None else StoredState(partial(_state_of, lanes.of(asset), store)),
             report=stored.report,
             assembly=stored.assembly,
             quality=stored.quality,
             question=stored.question,
+            shed=stored.fault_totals.get((SHED, "all", "refused"), (0, 0))[1],
         )
         lanes.restore(asset, checkpoint, entries)
 

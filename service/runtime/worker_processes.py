@@ -27,7 +27,7 @@ from multiprocessing.context import BaseContext
 from service.errors import FAULT
 from service.runtime import worker_task
 from service.runtime.computing import Call, Made, WindowToUse
-from service.runtime.packed_state import PackedState, StoredState
+from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Twin
 from service.runtime.worker_task import Reply, Task
 from twin.rig import Rig
@@ -222,13 +222,12 @@ class Processes:
             executor.shutdown(wait=False, cancel_futures=True)
 
     def _task(self, call: Call) -> Task:
-        state = call.state.pack() if isinstance(call.state, StoredState) else call.state
-        assert state is None or isinstance(state, PackedState)
+        assert isinstance(call.state, PackedState)
         known = self._machines.get(call.asset)
         if known is None or known[0] is not call.twin or known[1] is not call.rig:
             pickled = pickle.dumps((call.twin.make, call.twin.options, call.rig))
             known = self._machines[call.asset] = call.twin, call.rig, pickled
-        return Task(asset=call.asset, machine=known[2], state=state, ask=call.ask)
+        return Task(asset=call.asset, machine=known[2], state=call.state, ask=call.ask)
 
 
 def usable_cores() -> int:

@@ -41,7 +41,7 @@ class Task:
 
     asset: str
     machine: bytes  # a pickled `Machine`
-    state: PackedState | None  # None for a twin that has seen nothing yet
+    state: PackedState
     ask: Ask
 
 
@@ -114,7 +114,7 @@ def perform(task: Task) -> Reply:
     began = time.monotonic()
     twin, rig = _machines.get_or(task.machine, lambda: _machine(task.machine))
     version, state = _states.get(task.asset, (None, None))
-    if task.state is None or task.state.version != version:
+    if task.state.version != version:
         state = task.state
     made = carry_out(Call(asset=task.asset, twin=twin, rig=rig, state=state, ask=task.ask))
     if made.state is not None:

@@ -18,7 +18,7 @@ from service.results.json_columns import dump, load
 from service.results.window_file import write_window
 from service.runtime.assess import assess
 from service.runtime.computing import Ask, Call, WindowToUse
-from service.runtime.packed_state import PackedState, StoredState
+from service.runtime.packed_state import NEW, PackedState, StoredState
 from service.runtime.replay import replay
 from service.runtime.serve import SIGNALS, WAITING
 from service.runtime.twin_port import gear_twin
@@ -50,12 +50,12 @@ class Pool:
         self.processes = Processes(**given, wake=lambda: None)
         self.twin = worker_twins.make(None)
 
-    def ask(self, asset, ask, name="plain", state=None):
+    def ask(self, asset, ask, name="plain", state=NEW):
         rig = Rig.from_mapping({"name": name})
         call = Call(asset=asset, twin=self.twin, rig=rig, state=state, ask=ask)
         self.processes.start(call, lambda made: self.made.append((asset, made)))
 
-    def window(self, asset, name="plain", number=0, state=None):
+    def window(self, asset, name="plain", number=0, state=NEW):
         given = WindowToUse(start_ns=10**18 + number * 10**10, window=window(number))
         self.ask(asset, Ask("window", given), name, state)
 
@@ -76,7 +76,7 @@ def pool(request):
 
 
 def test_a_worker_makes_what_the_twin_makes_here_from_state_to_state(pool, tmp_path):
-    state, packed = worker_twins.make(None).new_state(), None
+    state, packed = worker_twins.make(None).new_state(), NEW
     for number in range(3):
         file = tmp_path / f"{number}.npz"
         write_window(file, window(number))
@@ -100,7 +100,7 @@ def test_an_asset_stays_with_its_worker_and_a_state_of_elsewhere_is_loaded(pool)
     assert all(len(own) == 1 for own in pids.values()) and pids["asset 0"] != pids["asset 1"]
     assert os.getpid() not in {m.answer.record["pid"] for m in made}
     stored = {**worker_twins.make(None).new_state().to_dict(), "windows_seen": 41}
-    pool.window("asset 0", number=9, state=StoredState(lambda: stored))
+    pool.window("asset 0", number=9, state=StoredState(lambda: stored).pack())
     assert pool.wait(5)[-1].answer.record["index"] == 41
 
 
@@ -157,7 +157,7 @@ def test_state_text_passes_from_the_worker_to_the_database_as_it_is():
     assert isinstance(state.to_dict(), JsonText) and dump(state.to_dict()) == '{"n":1.5,"list":[1,null]}'
     assert load(dump(state.to_dict())) == {"n": 1.5, "list": [1, None]} == dict(state.to_dict())
     assert PackedState.of(state.to_dict()) == state
-    assert StoredState(lambda: None).pack() is None and StoredState(lambda: {"n": 1}).pack().to_dict() == {"n": 1}
+    assert StoredState(lambda: None).pack() == NEW and StoredState(lambda: {"n": 1}).pack().to_dict() == {"n": 1}
 
 
 def test_the_real_twin_can_be_made_in_a_worker():
@@ -219,13 +219,14 @@ def test_a_service_with_workers_gives_what_assess_gives_and_leaves_no_process_be
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_a_service_ends_in_time_whatever_its_workers_do_and_goes_on_with_their_windows(tmp_path, how):
-    recording = recorded(tmp_path / "a.mcap", "slow 60")
+    mark = tmp_path / "begun"
+    recording = recorded(tmp_path / "a.mcap", f"slow 60 {mark}")
     running = Workers(tmp_path / "data", WORKERS="1").start()
     try:
         replay(recording, [running.endpoint], 0)
         wait_until(lambda: len(list((tmp_path / "data" / WAITING).glob("*.npz"))) == WINDOWS)
-        wait_until(lambda: "gear_twin_workers_busy 1.0" in running.text("/metrics"))
-        time.sleep(1.0)  # the worker has begun
+        wait_until(mark.exists)
+        assert "gear_twin_workers_busy 1.0" in running.text("/metrics")
         started = children(running.process.pid)
         began = time.monotonic()
         for pid in started if how == signal.SIGINT else ():  # a terminal sends it to all

@@ -16,8 +16,11 @@ log = logging.getLogger(__name__)
 
 
 def sleeps(rig):
-    """`slow 20`: takes 20 s."""
-    time.sleep(float(rig.name.split()[1]))
+    """`slow 20 PATH`: takes 20 s, and marks that it has begun."""
+    seconds, *marks = rig.name.split()[1:]
+    for mark in marks:
+        Path(mark).touch()
+    time.sleep(float(seconds))
 
 
 def dies(rig):

@@ -1,0 +1,77 @@
+"""Storage that cannot be used now: said once per cause, tried again with growing pauses, and said to be over once.
+
+Everything that the service's loop keeps goes through here, so that a full disk costs one attempt a pause and not one a
+frame, and nothing of it ends the service.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from tenacity import RetryCallState, Retrying, wait_exponential
+
+from service.errors import StorageUnavailable, StoreError
+from service.results.storage_faults import storage_error
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+FIRST_PAUSE, LONGEST_PAUSE = 0.5, 30.0  # between two attempts [s]
+
+
+class StorageWatch:
+    """Whether what the service keeps can be written and read at present.
+
+    where  the storage, as a person knows it
+    clock  the monotonic clock [s]
+    """
+
+    def __init__(self, where: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self._where, self._clock = where, clock
+        self._pause = wait_exponential(multiplier=FIRST_PAUSE, max=LONGEST_PAUSE)
+        self._attempts = RetryCallState(Retrying(), None, (), {})
+        self._next = 0.0
+        self._cause: str | None = None
+        self.reason: str | None = None
+        self.failures = 0
+
+    @property
+    def pausing(self) -> bool:
+        """Whether the next attempt is not due yet."""
+        return self.reason is not None and self._clock() < self._next
+
+    def attempt(self, action: Callable[[], T]) -> tuple[bool, T | None]:
+        """Does what needs the storage, unless it pauses; whether it was done, and what it answered."""
+        if self.pausing:
+            return False, None
+        try:
+            answer = action()
+        except (StoreError, OSError) as error:
+            self.failed(error)
+            return False, None
+        return True, answer
+
+    def failed(self, error: StoreError | OSError) -> None:
+        """The storage could not be used."""
+        meant = error if isinstance(error, StoreError) else storage_error(error, self._where) or error
+        cause = meant.reason if isinstance(meant, StorageUnavailable) else str(meant)
+        self.failures += 1
+        if self.reason is None:
+            self._attempts = RetryCallState(Retrying(), None, (), {})
+        else:
+            self._attempts.attempt_number += 1
+        self._next = self._clock() + self._pause(self._attempts)
+        self.reason = f"{meant}: windows that have been received wait in memory"
+        if cause != self._cause:
+            log.error("%s, and it is tried again", self.reason)
+        self._cause = cause
+
+    def worked(self) -> None:
+        """All that waited for the storage has been kept."""
+        if self.reason is not None:
+            log.warning("%s can be used again: what waited has been kept", self._where)
+        self.reason = self._cause = None
