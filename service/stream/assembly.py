@@ -37,7 +37,15 @@ from twin.windows import Fault, Window
 
 MOST_CHANNELS = 256  # of one asset; frames of further ones are counted and left out ...
 OTHER_CHANNELS = "other channels"  # ... under this name
-_LEFT_OUT = ("invalid", order.LATE, order.LOST, "shed", "too_many_channels", order.DUPLICATE)  # kinds of frames counted
+_LEFT_OUT = (
+    "invalid",
+    order.LATE,
+    order.LOST,
+    "shed",
+    "too_many_channels",
+    order.DUPLICATE,
+    order.CONFLICT,
+)  # kinds of frames counted
 _SILENT_AFTER = 4  # times the patience: frames of other keys after which one that sends nothing is not waited for
 
 
@@ -133,8 +141,8 @@ class Assembler:
             self.count(label, "disorder")
         if fate == order.QUEUED:
             self.repeats.queued()
-        elif fate != order.CLOCK:
-            self.repeats.left_out(frame)
+        elif fate not in (order.CLOCK, order.CONFLICT) and self.repeats.left_out(frame):
+            fate = order.CONFLICT
         if fate == order.CLOCK:
             if self._contradictions.hold(frame):
                 yield from self._resynchronise(frame, now_ns)
@@ -142,7 +150,7 @@ class Assembler:
             self._leave_out_contradictions()
             yield from self._advance(label, lane)
         else:
-            self.count(label, fate)
+            self._count_given_up(label, fate, 1)
 
     def finish(self) -> Iterator[tuple[Window, dict[str, Any]]]:
         """As `flush`, each window with the resume state that goes with it."""
@@ -287,7 +295,17 @@ class Assembler:
     def _release(self, label: str, lane: order.Lane, force: bool = False) -> None:
         for kind, number in lane.release(force).items():
             if number:
-                self.count(label, kind, number)
+                self._count_given_up(label, kind, number)
+
+    def _count_given_up(self, label: str, kind: str, number: int) -> None:
+        """Counts frames that are not used; those of a second publisher are a fault of the next window as well."""
+        self.count(label, kind, number)
+        if kind == order.CONFLICT:
+            count = number + (self._noted[f"{label} {kind}"].count if f"{label} {kind}" in self._noted else 0)
+            self._noted[f"{label} {kind}"] = Fault(
+                kind=kind, channel=label, count=count, action="none",
+                detail="frames left out: their number or time is that of others; do two publishers send on this key?",
+            )  # fmt: skip
 
     @property
     def closed_until_ns(self) -> int:
@@ -451,7 +469,7 @@ class Assembler:
         for shaft, edges in window.encoders.items():
             self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
         for (label, kind), number in totals(window.faults).items():
-            if kind not in ("gap", "shed", order.CLOCK):
+            if kind not in ("gap", "shed", order.CLOCK, order.CONFLICT):
                 self.count(label, kind, number)
         self._known |= set(now)
         self._closed_until = end

@@ -15,12 +15,15 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from service.stream.frames import LENGTH_LIMITS, NS, Frame
+from service.stream.repeats import checksum
 from service.stream.timeline import Timeline
 
 QUEUED, DUPLICATE, LATE, OVERLAP, CLOCK = "queued", "duplicate", "late", "overlap", "clock"
-LOST, TIME_JUMP, SEQUENCE_JUMP = "lost", "time_jump", "sequence_jump"
+LOST, TIME_JUMP, SEQUENCE_JUMP, CONFLICT = "lost", "time_jump", "sequence_jump", "conflict"
 _LONGEST_PAUSE_NS = 400 * 86400 * NS  # beyond it, a lone frame is a clock's fault ...
 _BELIEVED = 3  # ... and so many frames are a machine that is measured again after a long time
+_OVERLAP = 0.5  # share of a frame by which another one may not lie in the same time, unless their numbers follow
+_NEAR = 8  # frames of other publishers among which the next one is looked for
 _LOST_RANGES = 64  # gaps remembered, so that a frame that comes after all is called late
 
 
@@ -56,13 +59,15 @@ class Lane:
             newest, last_start, last_end = self.last
             if any(a <= sequence <= b for a, b in self.lost) and start < last_end:
                 return LATE, False
+            if sequence > newest + 1 and last_start <= start < last_end and _overlap(frame, last_end) > _OVERLAP:
+                return CONFLICT, False
             if start < last_start or (sequence <= newest and start < max(last_end, last_start + 1)):
                 known = self.timeline.holds(start, sequence, (last_start, newest))
-                return (DUPLICATE if known or start >= last_start else CLOCK), False
+                return DUPLICATE if known else CONFLICT if start >= last_start else CLOCK, False
         key = (start, sequence)
         at = bisect.bisect_left(self.queue, key, key=lambda item: item[:2])
         if at < len(self.queue) and self.queue[at][:2] == key:
-            return DUPLICATE, False
+            return DUPLICATE if checksum(self.queue[at][2]) == checksum(frame) else CONFLICT, False
         self.queue.insert(at, (start, sequence, frame))
         self.pending_bytes += frame.nbytes
         in_order = self.newest_arrival is None or sequence == self.newest_arrival + 1
@@ -74,13 +79,18 @@ class Lane:
 
     def release(self, force: bool = False) -> dict[str, int]:
         """Lets go what is contiguous or has waited long enough; answers what was given up, by kind."""
-        given_up = {LOST: 0, TIME_JUMP: 0, SEQUENCE_JUMP: 0}
+        given_up = {LOST: 0, TIME_JUMP: 0, SEQUENCE_JUMP: 0, CONFLICT: 0}
         taken = 0
         while taken < len(self.queue):
             start, sequence, frame = self.queue[taken]
             waiting = len(self.queue) - taken
             patient = not (force or waiting >= self.patience or self.run >= self.settle)
             lost = 0
+            if self._is_anothers(taken):
+                given_up[CONFLICT] += 1
+                self.pending_bytes -= frame.nbytes
+                del self.queue[taken]
+                continue
             if self.last and start - self.last[2] > _LONGEST_PAUSE_NS and waiting < _BELIEVED:
                 if force:
                     given_up[TIME_JUMP] += waiting
@@ -88,7 +98,8 @@ class Lane:
                     taken = len(self.queue)
                 break
             if self.last is None or sequence <= self.last[0]:  # the key's first, or after its counter restarted
-                if patient and sequence != 0:
+                restarted = sequence == 0 and (self.last is None or self.run >= _BELIEVED)
+                if patient and not restarted:
                     break
             elif sequence > self.last[0] + 1:
                 if patient:
@@ -101,6 +112,19 @@ class Lane:
             taken += 1
         del self.queue[:taken]
         return given_up
+
+    def _is_anothers(self, place: int) -> bool:
+        """Whether a frame that waits contradicts the newest that was released, or the one that follows it."""
+        if self.last is None:
+            return False
+        start, sequence, frame = self.queue[place]
+        newest, last_start, last_end = self.last
+        if sequence == newest + 1:
+            return False
+        if last_start <= start < last_end and _overlap(frame, last_end) > _OVERLAP:
+            return True
+        nearby = self.queue[place + 1 : place + 1 + _NEAR]
+        return any(number == newest + 1 and begin < frame.end_time_ns for begin, number, _ in nearby)
 
     def _give_up(self, start: int, sequence: int, given_up: dict[str, int]) -> int:
         """The numbers before a frame that are waited for no longer: how many frames were lost.
@@ -133,3 +157,9 @@ class Lane:
         frame, lost = self.released.popleft()
         self.pending_bytes -= frame.nbytes
         return frame, lost
+
+
+def _overlap(frame: Frame, end: int) -> float:
+    """Share of a frame that lies before a time [ns]."""
+    length = frame.end_time_ns - frame.start_time_ns
+    return (end - frame.start_time_ns) / length if length > 0 else 0.0

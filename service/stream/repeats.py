@@ -56,14 +56,15 @@ class Repeats:
         self.run = self.same = self.other = 0
         self.ignored = False
 
-    def left_out(self, frame: Frame) -> None:
-        """A frame has been left out because of its time."""
+    def left_out(self, frame: Frame) -> bool:
+        """A frame has been left out because of its time; whether it is another than the used one of its number."""
         self.run += 1
         for start, sequence, kept in self.marks.get(frame.channel.label, ()):
             if (start, sequence) == (frame.start_time_ns, frame.sequence):
                 same = kept == checksum(frame)
                 self.same, self.other = self.same + same, self.other + (not same)
-                return
+                return not same
+        return False
 
     def suspicious(self, limits: RepeatThresholds = DEFAULT) -> int:
         """How many frames in a row were left out that are not the used ones again; 0 where there is no such sign."""

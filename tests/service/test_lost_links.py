@@ -134,7 +134,18 @@ def test_a_router_that_ends_and_comes_back(tmp_path, recording, away):
 
 def test_a_service_that_stays_away_is_said_with_what_is_not_stored(tmp_path, recording):
     running = Service(tmp_path).start()
-    arguments = ["replay", str(recording), "--connect", running.endpoint, "--speed", "2", "--max-pause", "1.5", "--wait", "4"]
+    arguments = [
+        "replay",
+        str(recording),
+        "--connect",
+        running.endpoint,
+        "--speed",
+        "2",
+        "--max-pause",
+        "1.5",
+        "--wait",
+        "4",
+    ]
     sending = subprocess.Popen(
         [sys.executable, "-m", "service", *arguments],
         cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
