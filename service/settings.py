@@ -233,6 +233,9 @@ class Admission(Table):
     anonymous: Literal["none", "read"] = Field(
         default="none", description="what everybody may do without a key or token: nothing, or read everything"
     )
+    audit_entries: int = Field(
+        default=100_000, ge=1000, le=10**9, description="entries of the audit log that are kept, the newest"
+    )
 
 
 class Oidc(Table):

@@ -21,6 +21,7 @@ from service.access.tokens import TokenRefused, Tokens
 
 FAILED_ATTEMPTS = parse("20/minute")  # of one address, after which wrong credentials are answered with 429
 LOGGED = parse("10/minute")  # lines about refused requests
+ENTERED = parse("30/minute")  # entries about them in the audit log
 log = logging.getLogger(__name__)
 
 
@@ -104,6 +105,10 @@ class Access:
         if who.kind in ("local", "anonymous"):
             return self._without_credential(who.address).may(Role.read)
         return not who.expired
+
+    def enters_refusal(self) -> bool:
+        """Whether a refusal is entered in the audit log: a few a minute are, and all are counted."""
+        return self._limiter.hit(ENTERED, "entered")
 
     def gauges(self) -> dict[str, float]:
         """Counts for the metrics."""

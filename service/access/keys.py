@@ -71,6 +71,16 @@ class KeyStore:
         return tuple(self._read().values())
 
     @property
+    def version(self) -> object:
+        """What changes whenever the list does."""
+        self._read()
+        return self._version
+
+    def changed(self, since: object) -> bool:
+        """Whether the list has another version."""
+        return self.version != since
+
+    @property
     def configured(self) -> bool:
         """Whether there is any key. Revoking the last one does not open the service again."""
         return bool(self._read()) or self._lost

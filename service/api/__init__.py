@@ -15,6 +15,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.api import alarms as alarm_routes
 from service.api import asset_life as life_routes
 from service.api import assets, effects, events, guard, metrics, models, pages, problems, reports, sessions
+from service.api import audit as audit_routes
 from service.api import baselines as baseline_routes
 from service.api import signals as signal_routes
 from service.api import what_if as what_if_routes
@@ -22,6 +23,7 @@ from service.api.headers import SafeHeaders
 from service.api.limits import BODY, Bounds, Limits
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
+from service.results.audit_log import DONE, AuditLog
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
@@ -48,6 +50,7 @@ def create_app(
     baselines: BaselineStore | None = None,
     access: Access | None = None,
     limits: Limits | None = None,
+    audit: AuditLog | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
@@ -60,6 +63,7 @@ def create_app(
     baselines  healthy baselines of single assets; None where none are kept
     access     whom it lets in; None for clients of this computer alone
     limits     what one client may ask of it; None for the usual ones, under any name
+    audit      where changes are entered; None for the store's database
     """
     app = FastAPI(
         title="gear-twin",
@@ -77,6 +81,12 @@ def create_app(
     app.state.queue = queue or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.access = admitted = access or Access()
+    app.state.audit = log = audit or AuditLog(store.database)
+    log.outcomes = {
+        "decision": lambda number: _outcome(store.decision(number)),
+        "inspection": lambda number: _outcome(store.inspection(number)),
+        "change": lambda number: _outcome(app.state.changes.life.change(number)),
+    }
     counts: Counter[str] = Counter()
     app.state.registry = metrics.registry(
         board, store, lambda: {**gauges(), **admitted.gauges(), "requests_beyond_limits": counts.total()}
@@ -89,9 +99,10 @@ def create_app(
         app.include_router(module.router, max_body_size=BODY)
     app.include_router(life_routes.router, max_body_size=BODY)
     app.include_router(baseline_routes.router, max_body_size=BODY)
-    app.include_router(sessions.router, max_body_size=BODY)
+    for module in (sessions, audit_routes):
+        app.include_router(module.router, max_body_size=BODY)
     pages.mount_static(app)
-    guard.install(app)
+    guard.install(app, audit_routes.refused)
     generate = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -108,6 +119,12 @@ def create_app(
 def _changes_in(store: ResultStore) -> ChangeQueue:
     """A queue in the store's own database, whose windows nobody keeps."""
     return ChangeQueue(AssetLife(store.database))
+
+
+def _outcome(change: Any) -> str | None:
+    """The outcome of a queued change; None while it waits."""
+    refused = getattr(change, "refused", None)
+    return f"refused: {refused}" if refused is not None else DONE if change.done else None
 
 
 def _version() -> str:

@@ -13,6 +13,7 @@ from service.access.roles import Role
 from service.alarms.quantities import QUANTITIES
 from service.alarms.rules import MOST_RULES, Rule, RuleFields, RuleFile, first_fault
 from service.api.assets import ERRORS, LARGEST, snapshot_of
+from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.contract.alarms import Alarm
@@ -125,12 +126,16 @@ def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge",
         numbers = ", ".join(str(alarm["id"]) for alarm in keeper.open(asset)) or "none"
         return problem(request, 404, f"{asset} has no alarm {number}; open alarms: {numbers}")
     with keeper.transaction():
-        done = keeper.sign(asset, number, VERBS[verb], given.by.strip(), given.note.strip())
+        done = keeper.sign(asset, number, VERBS[verb], signer(request, given.by) or "", given.note.strip())
         if done is None:
             return problem(request, 409, _refusal(number, known))
         open_now = keeper.open(asset)
         shown = replace(before, alarms=open_now)
         store.note(asset, (*done[1], *status_events(before, *shown.health())))
+        what = {"alarm": number, "quantity": known["quantity"], "place": known["place"]}
+        request.app.state.audit.enter(
+            request.state.who, f"alarm {VERBS[verb]}", asset=asset, note=given.note.strip() or None, what=what
+        )
     board.update(asset, alarms=open_now, last_event_id=store.last_event_id(asset))
     return JSONResponse(keeper.store.alarm(asset, number))
 
@@ -164,7 +169,12 @@ def set_rules(request: Request, asset: str, given: RulesIn) -> Any:
         checked = RuleFile.model_validate({"rule": [rule.model_dump() for rule in given.rules]})
     except ValidationError as error:
         return problem(request, 409, f"the rules contradict themselves: {first_fault(error)}")
-    request.app.state.alarms.set_rules(asset, checked.rule, given.by.strip(), given.note.strip())
+    by, note = signer(request, given.by) or "", given.note.strip()
+    what = {"rules": [rule.name for rule in checked.rule]}
+    keeper = request.app.state.alarms
+    audited(
+        request, "alarm rules", asset, lambda: keeper.set_rules(asset, checked.rule, by, note), note=note, what=what
+    )
     return JSONResponse(_rules(request, asset))
 
 

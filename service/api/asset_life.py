@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -11,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from service.access.roles import Role
 from service.api import asset_life_models as models
 from service.api.assets import ERRORS, snapshot_of
+from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.models import AssetSummary
 from service.api.problems import problem, responses
@@ -39,9 +41,14 @@ def create(request: Request, given: models.AssetIn) -> Any:
             checked_rig(given.rig, "rig")
         except InputError as error:
             return problem(request, 409, f"the rig file cannot be used: {error}")
-    store.note(given.asset, [("change", {"kind": "created", "by": given.by, "note": given.note})])
-    if given.rig is not None:
-        store.keep_rig(given.asset, given.rig)
+    by = signer(request, given.by)
+
+    def kept() -> None:
+        store.note(given.asset, [("change", {"kind": "created", "by": by, "note": given.note})])
+        if given.rig is not None:
+            store.keep_rig(given.asset, given.rig)
+
+    audited(request, "asset created", given.asset, kept, note=given.note, what={"rig": given.rig is not None})
     shown = board.update(given.asset, rig=given.rig, last_event_id=store.last_event_id(given.asset))
     return JSONResponse(shown.summary(), 201)
 
@@ -65,7 +72,16 @@ async def change(request: Request, asset: str, given: models.ChangeIn) -> Any:
     """Enters a change, or answers the open question; 202 where it is queued and applied after the current window."""
     snapshot_of(request, asset)
     queue = request.app.state.changes
-    number = await run_in_threadpool(queue.submit, asset, given.kind, given.kept())
+    about = {**given.kept(), "by": signer(request, given.by)}
+    about = {name: value for name, value in about.items() if value is not None}
+
+    def kept() -> int:
+        submit = partial(queue.submit, asset, given.kind, about)
+        number = audited(request, given.kind, asset, submit, note=given.note, what=about, queued="change")
+        queue.asked.set()  # the transaction is committed now
+        return number
+
+    number = await run_in_threadpool(kept)
     done = await queue.wait(number, request.app.state.decision_wait)
     if done is None:
         return JSONResponse(_answer(await run_in_threadpool(queue.life.change, number)), 202)

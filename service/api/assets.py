@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
@@ -11,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api import models
+from service.api.audit import audited
 from service.api.conditional import answer
 from service.api.guard import Guarded, needs
 from service.api.problems import UnknownAsset, responses
@@ -169,7 +171,14 @@ async def add_inspection(request: Request, asset: str, inspection: models.Inspec
     snapshot_of(request, asset)
     queue, store, given = request.app.state.queue, request.app.state.store, inspection.model_dump()
     twin = compare(given, await run_in_threadpool(trend_of, store, asset))
-    number = await run_in_threadpool(queue.submit_inspection, asset, given, {**twin, **refusal(WAITS)})
+
+    def submitted() -> int:
+        submit = partial(queue.submit_inspection, asset, given, {**twin, **refusal(WAITS)})
+        number = audited(request, "inspection", asset, submit, what=given, queued="inspection")
+        queue.asked.set()  # the transaction is committed now
+        return number
+
+    number = await run_in_threadpool(submitted)
     done = await queue.wait_for_inspection(number, request.app.state.decision_wait)
     kept = done or await run_in_threadpool(store.inspection, number)
     return JSONResponse(kept.to_dict(), 201)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
@@ -11,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api.assets import ERRORS, LARGEST, snapshot_of
+from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.contract.baseline import Baseline
@@ -164,8 +166,16 @@ async def remove(request: Request, asset: str, by: Annotated[str | None, Query(m
 async def _submitted(request: Request, asset: str, kind: str, about: dict[str, Any], status: int = 200) -> Any:
     """The answer after a baseline has come into use, between two windows; 202 with the earlier one while it waits."""
     queue = request.app.state.changes
+    about = {**about, "by": signer(request, about.get("by"))}
     given = {name: value for name, value in about.items() if value is not None}
-    number = await run_in_threadpool(queue.submit, asset, kind, given)
+
+    def kept() -> int:
+        submit = partial(queue.submit, asset, kind, given)
+        number = audited(request, kind, asset, submit, note=given.get("note"), what=given, queued="change")
+        queue.asked.set()  # the transaction is committed now
+        return number
+
+    number = await run_in_threadpool(kept)
     done = await queue.wait(number, request.app.state.decision_wait)
     if done is None:
         return JSONResponse(await run_in_threadpool(_shown, request, asset), 202)

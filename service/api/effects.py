@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -11,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from service.access.roles import Role
 from service.api import models
 from service.api.assets import ERRORS, snapshot_of
+from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.contract.attribution import Tracing
@@ -60,7 +62,17 @@ async def decide(request: Request, asset: str, name: str, given: models.Decision
         known = ", ".join(n for n in EFFECTS if n != "none")
         return problem(request, 404, f"{name!r} is no effect; known are {known}")
     queue, store = request.app.state.queue, request.app.state.store
-    number = await run_in_threadpool(queue.submit, asset, name, given.decision, *given.signed())
+    _, note = given.signed()
+    by = signer(request, given.by)
+
+    def kept() -> int:
+        submit = partial(queue.submit, asset, name, given.decision, by, note)
+        what = {"effect": name, "decision": given.decision}
+        number = audited(request, "decision", asset, submit, note=note, what=what, queued="decision")
+        queue.asked.set()  # the transaction is committed now
+        return number
+
+    number = await run_in_threadpool(kept)
     done = await queue.wait(number, request.app.state.decision_wait)
     if done is None:
         return JSONResponse(_answer(await run_in_threadpool(store.decision, number)), 202)

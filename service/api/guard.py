@@ -120,8 +120,11 @@ def roles(app: FastAPI) -> dict[str, Role | str | None]:
     return found
 
 
-def install(app: FastAPI) -> None:
-    """Answers refusals as problems that say what is needed; RuntimeError where a route declares no role."""
+def install(app: FastAPI, enter: Callable[[Request, Who, int, str], None] | None = None) -> None:
+    """Answers refusals as problems that say what is needed; RuntimeError where a route declares no role.
+
+    enter  enters an attempt that was refused in the audit log: a write, or one with a credential; a few a minute
+    """
     app.state.waiting_for_issuer = asyncio.Semaphore(_AT_ONCE)
     # the description of the interface is FastAPI's own route
     open_routes = {f"{method} {app.openapi_url}" for method in SAFE}
@@ -137,6 +140,12 @@ def install(app: FastAPI) -> None:
         if error.retry_after is not None:
             headers["Retry-After"] = str(error.retry_after)
         extra = {} if error.needs is None else {"needs": error.needs.value}
+        access: Access = request.app.state.access
+        if enter is not None and (request.method not in SAFE or credential_of(request)) and access.enters_refusal():
+            who = getattr(request.state, "who", None) or Who(
+                kind="anonymous", name=None, role=None, address=address_of(request)
+            )
+            await run_in_threadpool(enter, request, who, error.status, error.detail)
         return problem(request, error.status, error.detail, headers, **extra)
 
 

@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 from service.cli.alarms import app as alarms
 from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell, windowing
 from service.cli.assets import app as assets
+from service.cli.audit import audit
 from service.cli.config import ConfigFile, config
 from service.cli.doctor import doctor
 from service.cli.effects import app as effects
@@ -449,6 +450,7 @@ app.command(name="doctor", rich_help_panel=START)(doctor)
 app.command(name="config", rich_help_panel=START)(config)
 app.command(name="ready", rich_help_panel=START)(asking(ready))
 app.command(name="what-if", rich_help_panel=ANSWER)(asking(what_if))
+app.command(name="audit", rich_help_panel=START)(asking(audit))
 app.add_typer(keys, name="keys", rich_help_panel=START)
 app.add_typer(assets, name="assets", rich_help_panel=START)
 app.add_typer(alarms, name="alarms", rich_help_panel=ANSWER)

@@ -8,7 +8,9 @@ let made = 0;
 // One field with its label: { name, label, type, unit, value, required, min, max, step, options, hint, rows, key }.
 // type: a type of <input>, "select" (options: [value, text]) or "textarea".
 export function field(given) {
-  const { name, label, type = "text", unit = "", hint = "", options = [], rows = 2, value, key, ...rest } = given;
+  const signer = given.name === "by" ? document.body.dataset.signer : undefined; // whoever is signed in signs
+  const { name, label, type = "text", unit = "", hint = "", options = [], rows = 2, value, key, ...rest } =
+    signer ? { ...given, value: signer, readOnly: true } : given;
   const id = `field-${name}-${made += 1}`;
   const shared = { id, name, "aria-describedby": hint ? `${id}-hint` : null, dataset: { key: key ?? name } };
   let control;

@@ -13,6 +13,8 @@ export async function showSession(place, changed) {
     console.warn(error.message);
     return;
   }
+  if (session.name) document.body.dataset.signer = session.name;
+  else delete document.body.dataset.signer;
   if (!session.signed_in) {
     const other = session.credentials && session.role
       ? [element("button", { type: "button", onclick: () => changed(true) }, "Sign in")] : [];

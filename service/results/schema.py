@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0002"
+REVISION = "0003"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -166,3 +166,14 @@ WAITING = Table(
 ROUTES = Table("routes", METADATA, _text("stream", primary_key=True), _asset())
 BASELINES = Table("baselines", METADATA, _asset(primary_key=True), _text("file"), _json("about"))
 BASELINE_NUMBERS = Table("baseline_numbers", METADATA, _key(), sqlite_autoincrement=True)
+AUDIT = Table(
+    "audit",
+    METADATA,
+    _key(),
+    _number("at_ns"),
+    *(_text(n) for n in ("kind", "action", "outcome")),
+    *(_text(n, nullable=True) for n in ("name", "role", "address", "asset", "note", "reference")),
+    _number("number", nullable=True),
+    _json("what"),
+    sqlite_autoincrement=True,
+)

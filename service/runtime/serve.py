@@ -22,6 +22,7 @@ from service.errors import InputError
 from service.files.rig import checked_rig, load_mapping
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
+from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
@@ -81,8 +82,7 @@ def run(
         for asset in board.assets():
             board.update(asset, alarms=alarms.open(asset))
         webhooks = WebhookSender(alarms.store, alarms.waiting)
-        life = AssetLife(store.database, settings.data / WAITING)
-        changes = ChangeQueue(life)
+        changes = ChangeQueue(life := AssetLife(store.database, settings.data / WAITING))
         baselines = BaselineStore(store.database, settings.data / BASELINES)
         kept = Kept(
             store=store,
@@ -108,6 +108,7 @@ def run(
             baselines=baselines,
             access=access,
             limits=limits_of(settings),
+            audit=AuditLog(store.database, settings.audit_entries),
         )
 
         def ending() -> None:

@@ -29,7 +29,7 @@ PUBLIC = {
     "GET /v1/session", "POST /v1/session", "DELETE /v1/session",
 }  # fmt: skip
 ADMINISTER = {
-    "POST /v1/assets", "PUT /v1/assets/{asset}/alarm-rules", "PUT /v1/assets/{asset}/baseline",
+    "GET /v1/audit", "POST /v1/assets", "PUT /v1/assets/{asset}/alarm-rules", "PUT /v1/assets/{asset}/baseline",
     "POST /v1/assets/{asset}/baseline/learn", "DELETE /v1/assets/{asset}/baseline",
 }  # fmt: skip
 OPERATE = {

@@ -36,6 +36,7 @@ OPERATIONS = [
     ("DELETE", f"{BASE}/baseline"),
     ("POST", f"{BASE}/baseline/learn"),
     ("POST", "/v1/assets"),
+    ("GET", "/v1/audit"),
     ("GET", "/v1/session"),
     ("POST", "/v1/session"),
     ("DELETE", "/v1/session"),
