@@ -76,6 +76,7 @@ chaos: install-dev
 	$(BIN)/python -m tests.chaos frames $(ARGS)
 	$(BIN)/python -m tests.chaos recordings --processes $(WORKERS) $(ARGS)
 	$(BIN)/python -m tests.chaos rigs --processes $(WORKERS) $(ARGS)
+	$(BIN)/python -m tests.chaos kills $(ARGS)
 
 bench: install-dev
 	$(BIN)/python -m benchmarks $(ARGS)

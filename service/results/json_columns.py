@@ -9,7 +9,7 @@ import json
 import logging
 import threading
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import zstandard
@@ -50,6 +50,15 @@ def load(kept: bytes | None, what: str = "a row of the database") -> Any:
 
     what  the value, for the error
     """
+    text = load_text(kept, what)
+    try:
+        return None if text is None else json.loads(text.text)
+    except ValueError as error:
+        raise DamageError(f"{what} is damaged ({error})") from None
+
+
+def load_text(kept: bytes | None, what: str = "a row of the database") -> JsonText | None:
+    """As `load`, for a large mapping that few look into: it is checked, and parsed by the first who does."""
     if kept is None:
         return None
     try:
@@ -59,15 +68,15 @@ def load(kept: bytes | None, what: str = "a row of the database") -> Any:
     try:
         if not _has_checksum(kept):
             raise ValueError("no checksum")
-        return json.loads(decompressor.decompress(kept).decode())
+        return JsonText(decompressor.decompress(kept).decode())
     except (zstandard.ZstdError, ValueError, TypeError, MemoryError) as error:
         raise DamageError(f"{what} is damaged ({str(error) or type(error).__name__})") from None
 
 
-def salvage(kept: bytes | None, what: str) -> Any:
-    """A value as it was given; None where it is damaged, which the log says once."""
+def salvage(kept: bytes | None, what: str, read: Callable[[bytes | None, str], Any] = load) -> Any:
+    """A value as it was given, or as `read` gives it; None where it is damaged, which the log says once."""
     try:
-        return load(kept, what)
+        return read(kept, what)
     except DamageError as error:
         say_damage(error)
         return None

@@ -20,7 +20,7 @@ from service.contract.version_1 import current_record, current_report
 from service.errors import DamageError, StorageUnavailable
 from service.json_text import plain
 from service.results.database import Database
-from service.results.json_columns import dump, load, salvage, say_damage, seal
+from service.results.json_columns import dump, load, load_text, salvage, say_damage, seal
 from service.results.schema import ASSETS, DECISIONS, EVENTS, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
 from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of
 
@@ -282,7 +282,7 @@ class SqlStore:
         row = rows[0]._mapping
         parts, damaged = {}, []
         for name in JSON_PARTS:
-            parts[name] = salvage(row[name], f"{name} of {asset}")
+            parts[name] = salvage(row[name], f"{name} of {asset}", load_text if name == "state" else load)
             if parts[name] is None and row[name] is not None:
                 damaged.append(name)
         if not _is_sealed(row):

@@ -3,6 +3,7 @@
     python -m tests.chaos frames      malformed frames into a whole service
     python -m tests.chaos recordings  damaged recordings
     python -m tests.chaos rigs        damaged rig files
+    python -m tests.chaos kills       kills of the service while windows are received and processed
 
 Prints what became of them as JSON, and ends with 1 where something must not have happened.
 """
@@ -18,10 +19,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))  # the fakes of the service's tests
 
+from tests.chaos import kills
 from tests.chaos.files import attack
 from tests.chaos.frames import Attack
 
-COUNTS = {"frames": 1_000_000, "recordings": 10_000, "rigs": 10_000}
+COUNTS = {"frames": 1_000_000, "recordings": 10_000, "rigs": 10_000, "kills": 300}
 
 
 def main() -> int:
@@ -38,6 +40,9 @@ def main() -> int:
         if chosen.kind == "frames":
             outcome = Attack(chosen.seed, Path(folder)).run(count, _say)
             held = outcome.sound and outcome.failure is None
+        elif chosen.kind == "kills":
+            outcome = kills.attack(count, chosen.seed, Path(folder), _say)
+            held = not outcome.faults
         else:
             outcome = attack(chosen.kind, count, chosen.seed, Path(folder), _say, chosen.processes)
             held = not outcome.faults
