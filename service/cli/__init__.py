@@ -9,6 +9,7 @@ EXTRAS = {
     "numba": "analysis",
     "plotly": "analysis",
     "psycopg": "postgresql",
+    "pyarrow": "formats",
     "paho": "mqtt",
     "asyncua": "opcua",
     "opentelemetry": "telemetry",

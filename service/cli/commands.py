@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from service.cli import database
 from service.cli.alarms import app as alarms
 from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell, windowing
 from service.cli.assets import app as assets
@@ -27,7 +28,7 @@ from service.cli.signals import signals
 from service.cli.what_if import what_if
 from service.json_text import write_text, wrote_json
 
-GROUPS = ("Get started", "Assess a machine", "Learn and calibrate", "Recordings and data")
+GROUPS = ("Get started", "Assess a machine", "Learn and calibrate", "Recordings and data", "Look after a service")
 
 
 class Grouped(TyperGroup):
@@ -45,7 +46,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Digital twin of gear wear: vibration in, wear depth and remaining life out.",
 )
-START, ANSWER, MODEL, DATA = GROUPS
+START, ANSWER, MODEL, DATA, KEEP = GROUPS
 
 
 def _version(wanted: bool) -> None:
@@ -457,3 +458,5 @@ app.add_typer(alarms, name="alarms", rich_help_panel=ANSWER)
 app.command(name="signals", rich_help_panel=DATA)(signals)
 app.add_typer(effects, name="effects", rich_help_panel=ANSWER)
 app.add_typer(example, name="example", rich_help_panel=DATA)
+for _command in (database.backup, database.restore, database.export, database.check, database.migrate):
+    app.command(rich_help_panel=KEEP)(_command)

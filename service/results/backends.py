@@ -50,6 +50,10 @@ class Backend(Protocol):
         """One that leaves the schema's constraints out of account until the end, and waits longer."""
         ...
 
+    def for_reading(self) -> Engine:
+        """One that reads for as long as it takes, and holds up nobody who writes."""
+        ...
+
     def examine(self, engine: Engine) -> None:
         """StoreError where the database is seen to be damaged at the first look."""
         ...
@@ -109,6 +113,9 @@ class SqliteFile:
         engine = self._engine(["synchronous = FULL", "foreign_keys = OFF"], poolclass=NullPool)
         event.listen(engine, "begin", lambda db: db.exec_driver_sql("BEGIN IMMEDIATE"))
         return engine
+
+    def for_reading(self) -> Engine:
+        return self._engine(["query_only = ON"], poolclass=NullPool)
 
     def _engine(self, pragmas: list[str], **pool: Any) -> Engine:
         pool.setdefault("poolclass", QueuePool)
@@ -174,6 +181,9 @@ class Postgresql:
         return engine, engine.execution_options(isolation_level="AUTOCOMMIT")
 
     def for_migration(self) -> Engine:
+        return self._engine(0, poolclass=NullPool)
+
+    def for_reading(self) -> Engine:
         return self._engine(0, poolclass=NullPool)
 
     def _engine(self, wait: float, **pool: Any) -> Engine:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from pydantic import SecretStr
+
+from service.errors import InputError
 
 DATABASE = "gear-twin.sqlite"
 SIGNALS = "signals"
@@ -15,3 +21,25 @@ BASELINES = "baselines"
 def database_of(data: Path, database: SecretStr | None) -> Path | str:
     """File of the SQLite database in the data directory, or the URL of another database where one is set."""
     return data / DATABASE if database is None else database.get_secret_value()
+
+
+@contextmanager
+def only_service_of(data: Path) -> Iterator[None]:
+    """Holds the data directory; InputError where another service has it.
+
+    The folder itself is locked as well as a file in it: a file can be deleted while it is held.
+    """
+    with ExitStack() as held:
+        try:
+            data.mkdir(parents=True, exist_ok=True)
+            folder = os.open(data, os.O_RDONLY)
+            held.callback(os.close, folder)
+            file = held.enter_context((data / "service.lock").open("w"))
+        except OSError as error:
+            raise InputError(f"{data}: cannot be the data directory: {error.strerror}") from None
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(f"{data}: another service has this data directory; give another") from None
+        yield

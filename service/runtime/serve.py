@@ -7,18 +7,14 @@ committed stays, and what was in progress is taken up from the store by the next
 
 from __future__ import annotations
 
-import fcntl
-import os
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from functools import partial
-from pathlib import Path
 
 from service.alarms.keeper import AlarmKeeper
 from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.api import create_app
-from service.errors import InputError
 from service.files.rig import checked_rig, load_mapping
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
@@ -26,7 +22,7 @@ from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
-from service.results.data_folder import BASELINES, SIGNALS, WAITING, database_of
+from service.results.data_folder import BASELINES, SIGNALS, WAITING, database_of, only_service_of
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
@@ -70,7 +66,7 @@ def run(
     twin = twin or _twin_of(settings)
     with ExitStack() as stack:
         access, front = access_of(settings), front_of(settings)
-        stack.enter_context(_only_service_of(settings.data))
+        stack.enter_context(only_service_of(settings.data))
         store = stack.enter_context((open_store or partial(SqlStore, database_of(settings.data, settings.database)))())
         board = Board.from_store(store)
         rigs = Rigs(store, board, rig, str(settings.rig))
@@ -164,25 +160,3 @@ def _zenoh_of(settings: Settings) -> OpenTransport:
     from service.transport.zenoh import open_zenoh
 
     return partial(open_zenoh, settings.listen, settings.connect, settings.prefix, CONNECT_WAIT)
-
-
-@contextmanager
-def _only_service_of(data: Path) -> Iterator[None]:
-    """Holds the data directory; InputError where another service has it.
-
-    The folder itself is locked as well as a file in it: a file can be deleted while it is held.
-    """
-    with ExitStack() as held:
-        try:
-            data.mkdir(parents=True, exist_ok=True)
-            folder = os.open(data, os.O_RDONLY)
-            held.callback(os.close, folder)
-            file = held.enter_context((data / "service.lock").open("w"))
-        except OSError as error:
-            raise InputError(f"{data}: cannot be the data directory: {error.strerror}") from None
-        try:
-            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"{data}: another service has this data directory; give another") from None
-        yield

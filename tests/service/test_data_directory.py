@@ -6,17 +6,17 @@ import pytest
 import service_fakes as fakes
 
 from service.errors import InputError, StorageUnavailable
-from service.runtime.serve import _only_service_of
+from service.results.data_folder import only_service_of
 
 
 def test_second_service_is_refused_also_where_the_lock_file_was_deleted(tmp_path):
-    with _only_service_of(tmp_path):
-        with pytest.raises(InputError, match="another service has this data directory"), _only_service_of(tmp_path):
+    with only_service_of(tmp_path):
+        with pytest.raises(InputError, match="another service has this data directory"), only_service_of(tmp_path):
             pass
         (tmp_path / "service.lock").unlink()
-        with pytest.raises(InputError, match="another service has this data directory"), _only_service_of(tmp_path):
+        with pytest.raises(InputError, match="another service has this data directory"), only_service_of(tmp_path):
             pass
-    with _only_service_of(tmp_path):
+    with only_service_of(tmp_path):
         pass
 
 

@@ -25,7 +25,10 @@ DEVELOP = (ROOT / "docs" / "how-to" / "develop.md").read_text(encoding="utf-8")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 LOCKS = ("requirements.lock", "requirements-formats.lock", "requirements-plant.lock", "requirements-dev.lock")
 PLANT = ("postgresql", "mqtt", "opcua", "telemetry")  # the extras that make up `plant`
-LOADED_WHERE_SET = {"service/bridges/mqtt.py": "mqtt"}  # files that alone know an extra's packages
+LOADED_WHERE_SET = {
+    "service/bridges/mqtt.py": "mqtt",
+    "service/results/parquet_rows.py": "formats",
+}  # files that alone know an extra's packages
 READERS = ROOT / "service" / "files" / "readers"
 COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
 OUTWARD = {"asyncio", "io", "logging", "os", "pathlib", "random", "shutil", "socket", "sqlite3", "subprocess", "time"}
