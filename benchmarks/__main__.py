@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from benchmarks import bench_dynamics, bench_pipeline, bench_tracing
+from benchmarks import bench_dynamics, bench_ingest, bench_pipeline, bench_tracing
 
 
 def main() -> int:
@@ -23,6 +23,8 @@ def main() -> int:
     bench_dynamics.main()
     print()
     figures = bench_pipeline.main(minutes=6.0 if chosen.quick else 60.0)
+    figures += bench_ingest.figures(bench_ingest.measured(20, 4, 25_600.0, 40.0))
+    print(figures[-1].line)
     if not chosen.quick:
         print()
         figures += bench_tracing.main()

@@ -15,6 +15,7 @@ from typing import Protocol
 from uuid import uuid4
 
 from service.contract.position import ChannelPositionModel, PositionModel, position_text
+from service.stream.frames import LENGTH_LIMITS, NS
 from service.stream.inbox import Inbox
 from service.stream.position import Position, earliest
 
@@ -23,6 +24,7 @@ Reply = Callable[[str], None]
 PUBLISH_EVERY = 1.0  # of one stream, at most [s]
 MOST_BACKLOG = 8  # windows of an asset that wait to be processed while its publishers are answered
 HELD_BACK = 10.0  # no answer is held back longer than this [s]
+_LONGEST_FRAME_NS = round(LENGTH_LIMITS[1] * NS)
 _LOOK_EVERY = 0.1  # at what has changed [s]
 _LOOK = 0.5  # how often answers that are overdue are looked for [s]
 _MOST_STREAMS = 4096  # whose latest position is remembered
@@ -154,15 +156,19 @@ class Positions:
 
     def _model(self, stream: str) -> PositionModel:
         found = self._source.position(stream) or Position()
-        stored_from, backlog = self._pending(stream)
+        closed_from, backlog = self._pending(stream)
+        stored_until = found.settled_until_ns
+        if closed_from is not None:
+            stored_until = None if stored_until is None else min(stored_until, closed_from)
+            closed_from -= _LONGEST_FRAME_NS  # a frame of its first part may have begun in the window before
         refusal = self._source.refusal(stream)
         return PositionModel(
             asset=stream,
             instance=self._instance,
             accepting=refusal is None,
             reason=refusal,
-            unsettled_from_ns=earliest([found.unsettled_from_ns, stored_from]),
-            settled_until_ns=found.settled_until_ns,
+            unsettled_from_ns=earliest([found.unsettled_from_ns, closed_from]),
+            settled_until_ns=stored_until,
             channels=_channels(found),
             left_out=dict(found.left_out),
             ahead_frames=self._inbox.ahead[0],

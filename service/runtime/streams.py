@@ -30,7 +30,8 @@ class AssetConsumer(FrameConsumer, Protocol):
 class Streams:
     """A `FrameConsumer` before another, which knows assets alone.
 
-    retired  whether an asset is retired
+    retired      whether an asset is retired
+    unavailable  why nothing can be stored at present, or None
     """
 
     def __init__(
@@ -38,7 +39,9 @@ class Streams:
         life: AssetLife,
         consumer: AssetConsumer,
         retired: Callable[[str], bool],
+        unavailable: Callable[[], str | None] = lambda: None,
     ) -> None:
+        self._unavailable = unavailable
         self._life, self._consumer, self._retired = life, consumer, retired
         self.moved: Callable[[str], None] = lambda stream: None  # called with a stream of which something has come
         self._routes = life.routes()
@@ -94,7 +97,7 @@ class Streams:
     def refusal(self, stream: str) -> str | None:
         """Why no frames of a stream are used, or None."""
         asset = self.asset_of(stream)
-        return f"asset {asset} is retired: its frames are left out" if self._retired(asset) else None
+        return f"asset {asset} is retired: its frames are left out" if self._retired(asset) else self._unavailable()
 
     def waiting(self, stream: str) -> bool:
         """Whether frames wait for their window's end."""

@@ -226,7 +226,7 @@ class Worker(threading.Thread):
         intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
         )
-        streams = Streams(life, intake, self._is_retired)
+        streams = Streams(life, intake, self._is_retired, lambda: storage.reason)
         positions = Positions(
             self._inbox, transport, streams, pending=lambda stream: _pending(spool, lanes, streams.asset_of(stream))
         )

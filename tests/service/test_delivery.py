@@ -18,6 +18,7 @@ from service.runtime.positions import HELD_BACK, MOST_BACKLOG, Positions
 from service.runtime.pump import Pump
 from service.runtime.twin_port import Answer, Twin
 from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.frames import NS
 from service.stream.inbox import Inbox
 from service.stream.sources.mcap import RawFrame
 from service.stream.wire.codec import encode
@@ -274,6 +275,19 @@ def test_positions_are_published_as_windows_are_stored_and_at_most_once_a_second
     ends = [p.settled_until_ns for _, p in said]
     assert len(set(ends)) >= 3 and ends[-1] == max(e for e in ends if e)
     assert len(said) <= stand.now - 100.0 + 5
+
+
+def test_windows_that_are_not_stored_yet_are_no_part_of_what_is():
+    stand = Stand()
+    frames = bursts(2, frames=20)
+    for frame in frames:
+        stand.arrive(RawFrame(frame.channel, 0, encode(frame)))
+    stand.run(4.0)
+    assert position_of(stand.positions._text(ASSET)).unsettled_from_ns is None
+    begun = frames[80].start_time_ns
+    positions = Positions(stand.inbox, stand, stand.pipeline, pending=lambda stream: (begun, 1))
+    found = position_of(positions._text(ASSET))
+    assert found.settled_until_ns == begun and begun - 10 * NS <= found.unsettled_from_ns < begun
 
 
 class Quiet:
