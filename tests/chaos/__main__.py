@@ -4,6 +4,7 @@
     python -m tests.chaos recordings  damaged recordings
     python -m tests.chaos rigs        damaged rig files
     python -m tests.chaos kills       kills of the service while windows are received and processed
+    python -m tests.chaos schedules   processes killed, stopped and stalled, disks full, databases locked
 
 Prints what became of them as JSON, and ends with 1 where something must not have happened.
 """
@@ -14,16 +15,17 @@ import argparse
 import json
 import sys
 import tempfile
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))  # the fakes of the service's tests
 
-from tests.chaos import kills
+from tests.chaos import kills, schedules
 from tests.chaos.files import attack
 from tests.chaos.frames import Attack
 
-COUNTS = {"frames": 1_000_000, "recordings": 10_000, "rigs": 10_000, "kills": 300}
+COUNTS = {"frames": 1_000_000, "recordings": 10_000, "rigs": 10_000, "kills": 300, "schedules": 300}
 
 
 def main() -> int:
@@ -33,6 +35,8 @@ def main() -> int:
         "--count", type=int, help="how many; default: " + ", ".join(f"{k} {n}" for k, n in COUNTS.items())
     )
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="number of the first schedule")
+    parser.add_argument("--only", nargs="*", default=[], help="kinds of faults of the schedules; default: all")
     parser.add_argument("--processes", type=int, default=1)
     chosen = parser.parse_args()
     count = chosen.count or COUNTS[chosen.kind]
@@ -43,11 +47,27 @@ def main() -> int:
         elif chosen.kind == "kills":
             outcome = kills.attack(count, chosen.seed, Path(folder), _say)
             held = not outcome.faults
+        elif chosen.kind == "schedules":
+            return _schedules(chosen, count, Path(folder))
         else:
             outcome = attack(chosen.kind, count, chosen.seed, Path(folder), _say, chosen.processes)
             held = not outcome.faults
     print(json.dumps(asdict(outcome), indent=1))
     return 0 if held else 1
+
+
+def _schedules(chosen: argparse.Namespace, count: int, folder: Path) -> int:
+    numbers = range(chosen.first, chosen.first + count)
+    done = schedules.attack(numbers, chosen.seed, folder, _say, chosen.processes, chosen.only)
+    wrong = [outcome for outcome in done if outcome.wrong]
+    faults = Counter(fault.kind for outcome in done for fault in outcome.schedule.faults)
+    survived = sum(outcome.schedule.survives for outcome in done)
+    summary = {
+        "schedules": len(done), "publisher_survived": survived, "wrong": len(wrong), "faults": dict(faults),
+        "restarts": sum(outcome.restarts for outcome in done),
+    }  # fmt: skip
+    print(json.dumps(summary | {"outcomes": [asdict(outcome) for outcome in wrong]}, indent=1))
+    return 1 if wrong else 0
 
 
 def _say(line: str) -> None:
