@@ -20,6 +20,7 @@ from service.access.roles import Role
 from service.configuration.plant import Log, Mqtt
 from service.configuration.sources import CONFIG, Environment, FileSource
 from service.configuration.tables import Table
+from service.transport.zenoh_links import ZenohLinks
 from twin.attention import StatusLimits
 
 _HOST_PORT = r"^(\[[0-9A-Fa-f:.]+\]|[^:\s]+):\d{1,5}$"
@@ -281,7 +282,48 @@ class Oidc(Table):
     )
 
 
-class Settings(Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission, Oidc, Mqtt, Log, BaseSettings):
+class Zenoh(Table):
+    """How the links of Zenoh are protected; the endpoints are in [stream], such as tls/0.0.0.0:7447."""
+
+    TABLE: ClassVar[str] = "zenoh"
+    PREFIX: ClassVar[str] = "zenoh_"
+
+    zenoh_config: Path | None = Field(
+        default=None,
+        description="a whole configuration of Zenoh (JSON5), such as one with access control; endpoints and what "
+        "else is set here are laid over it",
+        examples=["zenoh-access.json5"],
+    )
+    zenoh_authorities: Path | None = Field(
+        default=None, description="certificates (PEM) by which the other side is verified", examples=["plant-ca.pem"]
+    )
+    zenoh_certificate: Path | None = Field(
+        default=None, description="own certificate (PEM), of the embedded router or of a client", examples=["zenoh.pem"]
+    )
+    zenoh_private_key: Path | None = Field(
+        default=None, description="private key (PEM) of the certificate", examples=["zenoh.key"]
+    )
+    zenoh_client_certificates: bool = Field(
+        default=False,
+        description="whether the embedded router lets in only clients with a certificate of the authorities",
+    )
+    zenoh_verify_name: bool = Field(
+        default=True, description="whether a client demands that the router's certificate names its address"
+    )
+    zenoh_user: str | None = Field(default=None, description="name of this client", examples=["logger-7"])
+    zenoh_password: SecretStr | None = Field(default=None, description="its password", examples=["..."])
+    zenoh_users: Path | None = Field(
+        default=None,
+        description="file of the users that the embedded router lets in, a line `name:password` each",
+        examples=["zenoh-users"],
+    )
+    zenoh_open: bool = Field(
+        default=False,
+        description="permits the embedded router to listen where other computers reach it and to let everybody in",
+    )
+
+
+class Settings(Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission, Oidc, Mqtt, Log, Zenoh, BaseSettings):
     """Settings of `gear-twin serve`, `demo` and whatever else takes windows apart."""
 
     model_config = SettingsConfigDict(
@@ -334,11 +376,32 @@ class Settings(Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission,
     def _belong_together(self) -> Settings:
         if (self.http_certificate is None) is not (self.http_private_key is None):
             raise ValueError("http_certificate and http_private_key must both be given, or neither")
+        if (self.zenoh_certificate is None) is not (self.zenoh_private_key is None):
+            raise ValueError("zenoh_certificate and zenoh_private_key must both be given, or neither")
+        if (self.zenoh_user is None) is not (self.zenoh_password is None):
+            raise ValueError("zenoh_user and zenoh_password must both be given, or neither")
+        if self.zenoh_client_certificates and (self.zenoh_authorities is None or self.zenoh_certificate is None):
+            raise ValueError("zenoh_client_certificates needs zenoh_authorities and zenoh_certificate")
         if self.http_client_authorities is not None and self.http_certificate is None:
             raise ValueError("http_client_authorities needs http_certificate: clients show theirs over TLS alone")
         if self.http_certificate_roles and self.http_client_authorities is None:
             raise ValueError("http_certificate_roles needs http_client_authorities, by which certificates are verified")
         return self
+
+    @property
+    def zenoh_links(self) -> ZenohLinks:
+        """How the links of Zenoh are protected."""
+        return ZenohLinks(
+            config=self.zenoh_config,
+            authorities=self.zenoh_authorities,
+            certificate=self.zenoh_certificate,
+            key=self.zenoh_private_key,
+            demand=self.zenoh_client_certificates,
+            verify_name=self.zenoh_verify_name,
+            user=self.zenoh_user,
+            password=None if self.zenoh_password is None else self.zenoh_password.get_secret_value(),
+            users=self.zenoh_users,
+        )
 
     @property
     def status_limits(self) -> StatusLimits:

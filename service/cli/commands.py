@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -184,6 +185,7 @@ def replay(
     from service.cli.show import progress_bar
     from service.logs import logging_by
     from service.runtime.replay import replay as run
+    from service.transport.zenoh import open_publisher
 
     demand_finite("speed", speed)
     settings = settings_of(config=config, prefix=prefix)
@@ -199,6 +201,7 @@ def replay(
             progress=lambda share, frames: bar(share, f"{frames} frames"),
             on_fault=tell,
             asset=asset,
+            publish_to=partial(open_publisher, links=settings.zenoh_links),
         )
     seconds = time.monotonic() - begun
     if not wrote_json({"frames": delivered, "seconds": seconds}, json):
@@ -225,9 +228,9 @@ def record(
 
     settings = settings_of(config=config, prefix=prefix)
     with logging_by(settings):
-        done = record_live(
-            out, connect or ([] if listen else settings.connect), listen, duration, rig, description, settings.prefix
-        )
+        source = connect or ([] if listen else settings.connect)
+        links = settings.zenoh_links
+        done = record_live(out, source, listen, duration, rig, description, settings.prefix, links)
     if done.missed or done.left_out:
         tell(f"{done.missed} frames were lost on the way, and {done.left_out} came faster than they could be written")
     if not wrote_json({"recording": str(out), **done._asdict()}, json):

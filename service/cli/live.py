@@ -12,6 +12,7 @@ from service.errors import InputError
 from service.runtime.record import Recorded, record
 from service.stream.inbox import Inbox
 from service.transport.zenoh import open_zenoh
+from service.transport.zenoh_links import NONE, ZenohLinks
 
 
 def record_live(
@@ -22,6 +23,7 @@ def record_live(
     rig: Path | None,
     description: str,
     prefix: str,
+    links: ZenohLinks = NONE,
 ) -> Recorded:
     """Records; answers how many frames were written, and what became of the others."""
     if not connect and not listen:
@@ -35,7 +37,7 @@ def record_live(
     inbox = Inbox(prefix=prefix)
     try:
         with (
-            open_zenoh(listen or (), connect or (), prefix, wait=30.0) as transport,
+            open_zenoh(listen or (), connect or (), prefix, wait=30.0, links=links) as transport,
             progress_bar("recording") as bar,
         ):
             return record(

@@ -30,7 +30,22 @@ def access_of(settings: Settings) -> Access:
             f"(gear-twin keys add --name NAME --role administer --data {settings.data}), name an issuer of tokens "
             '([oidc] issuer), listen at 127.0.0.1, or permit everybody to read ([access] anonymous = "read")'
         )
+    _demand_protected_links(settings)
     return access
+
+
+def _demand_protected_links(settings: Settings) -> None:
+    """InputError where everybody could publish to the embedded router without that being meant."""
+    if settings.connect or settings.zenoh_open or settings.zenoh_links.admits_known_clients_only:
+        return
+    for endpoint in settings.listen:
+        address = endpoint.partition("/")[2].partition("#")[0].partition("?")[0]
+        if not is_loopback(address.rpartition(":")[0]) and not endpoint.startswith("unixsock-stream/"):
+            raise InputError(
+                f"listen = {endpoint}: other computers can reach this address, and everybody could publish frames; "
+                "demand certificates ([zenoh] client_certificates) or users ([zenoh] users), give access control "
+                "([zenoh] config), listen at 127.0.0.1, or permit everybody ([zenoh] open = true)"
+            )
 
 
 def limits_of(settings: Settings) -> Limits:

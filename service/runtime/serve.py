@@ -159,4 +159,5 @@ def _twin_of(settings: Settings) -> Twin:
 def _zenoh_of(settings: Settings) -> OpenTransport:
     from service.transport.zenoh import open_zenoh
 
-    return partial(open_zenoh, settings.listen, settings.connect, settings.prefix, CONNECT_WAIT)
+    links = settings.zenoh_links
+    return partial(open_zenoh, settings.listen, settings.connect, settings.prefix, CONNECT_WAIT, links)

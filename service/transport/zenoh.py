@@ -36,6 +36,7 @@ from service.transport.topics import (
     rig_topic,
     state_topic,
 )
+from service.transport.zenoh_links import NONE, ZenohLinks
 from service.transport.zenoh_session import open_session
 
 TopicOf = Callable[[str, str], str]  # (asset, prefix) → topic
@@ -52,10 +53,14 @@ _HEARTBEAT = 0.5  # [s]
 
 @contextmanager
 def open_zenoh(
-    listen: Sequence[str] = (), connect: Sequence[str] = (), prefix: str = PREFIX, wait: float | None = None
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    prefix: str = PREFIX,
+    wait: float | None = None,
+    links: ZenohLinks = NONE,
 ) -> Iterator[ZenohTransport]:
-    """The service's connection: a router at `listen`, or a client of `connect`."""
-    with open_session(listen, connect, wait) as session, ZenohTransport(session, prefix) as transport:
+    """The service's connection: a router at `listen`, or a client of `connect`; `links` says how it is protected."""
+    with open_session(listen, connect, wait, links) as session, ZenohTransport(session, prefix) as transport:
         yield transport
 
 
@@ -197,9 +202,11 @@ class ZenohTransport:
 
 
 @contextmanager
-def open_publisher(connect: Sequence[str], prefix: str = PREFIX, wait: float = 30.0) -> Iterator[ZenohPublisher]:
+def open_publisher(
+    connect: Sequence[str], prefix: str = PREFIX, wait: float = 30.0, links: ZenohLinks = NONE
+) -> Iterator[ZenohPublisher]:
     """The replay's connection, as a client of `connect`; subscribers are awaited for `wait` [s]."""
-    with open_session(connect=connect, wait=wait) as session, ZenohPublisher(session, prefix, wait) as publisher:
+    with open_session((), connect, wait, links) as session, ZenohPublisher(session, prefix, wait) as publisher:
         yield publisher
 
 

@@ -8,10 +8,12 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 import zenoh
 
 from service.errors import DeliveryError, InputError, NotReachable
+from service.transport.zenoh_links import NONE, ZenohLinks
 
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 _WAIT_BEFORE_CLOSE_US = (
@@ -19,9 +21,11 @@ _WAIT_BEFORE_CLOSE_US = (
 )
 
 
-def session_config(listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None) -> zenoh.Config:
+def session_config(
+    listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None, links: ZenohLinks = NONE
+) -> zenoh.Config:
     """A client of `connect` where given, waiting up to `wait` [s] for it, else a router at `listen`."""
-    config = zenoh.Config()
+    config = zenoh.Config() if links.config is None else _from_file(links.config)
     config.insert_json5("mode", json.dumps("client" if connect else "router"))
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("timestamping/enabled", "true")
@@ -33,20 +37,30 @@ def session_config(listen: Sequence[str] = (), connect: Sequence[str] = (), wait
         config.insert_json5("connect/retry", json.dumps(_RETRY))
     else:
         config.insert_json5("listen/endpoints", json.dumps(list(listen)))
+    for key, value in links.options(router=not connect).items():
+        config.insert_json5(key, json.dumps(value))
     return config
+
+
+def _from_file(path: Path) -> zenoh.Config:
+    try:
+        return zenoh.Config.from_file(str(path))
+    except zenoh.ZError as error:
+        raise InputError(f"zenoh_config = {path}: is no configuration of Zenoh: {str(error).splitlines()[0]}") from None
 
 
 @contextmanager
 def open_session(
-    listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None
+    listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None, links: ZenohLinks = NONE
 ) -> Iterator[zenoh.Session]:
     """An open session, closed in any case: an unclosed one would hang the process at its end.
 
     Raises NotReachable where no router answers at `connect`, DeliveryError where `listen` cannot be had.
     """
+    zenoh.try_init_log_from_env()  # RUST_LOG=warn makes Zenoh say why it refuses a connection
     where = ", ".join(connect or listen)
     try:
-        config = session_config(listen, connect, wait)
+        config = session_config(listen, connect, wait, links)
     except zenoh.ZError:
         raise InputError(f"endpoint {where} is not one; an endpoint reads like tcp/127.0.0.1:7447") from None
     try:
@@ -54,8 +68,18 @@ def open_session(
     except zenoh.ZError as error:
         if connect:
             raise NotReachable(
-                f"no router answers at {where} within {wait or 0:g} s; is the service running?"
+                f"no router answers at {where} within {wait or 0:g} s, or it does not let this client in; is the "
+                f"service running{_AND_THESE if _protected(connect, links) else ''}?"
             ) from None
-        raise DeliveryError(f"cannot listen at {where}: {str(error).splitlines()[0]}; is the port taken?") from None
+        hint = "are certificate, key and users right?" if _protected(listen, links) else "is the port taken?"
+        raise DeliveryError(f"cannot listen at {where}: {str(error).splitlines()[0]}; {hint}") from None
     with session:
         yield session
+
+
+_AND_THESE = ", and are authorities, certificate, user and password right"
+
+
+def _protected(endpoints: Sequence[str], links: ZenohLinks) -> bool:
+    """Whether certificates or users take part."""
+    return links != NONE or any(endpoint.startswith(("tls/", "quic/")) for endpoint in endpoints)
