@@ -1,6 +1,6 @@
 """Prints the tables of docs/reference from the code that they describe.
 
-    python -m benchmarks.reference commands | settings | rig | rest | json | answers | units | client | plant
+    python -m benchmarks.reference commands | settings | rig | rest | json | answers | units | client | plant | opcua
 
 `python -m benchmarks.figures reference` writes them into the pages.
 """
@@ -279,6 +279,17 @@ def plant() -> str:
     return _models(found)
 
 
+def opcua() -> str:
+    """Every variable that OPC UA clients read of an asset."""
+    from service.bridges.readings import UNITS, VARIABLES
+
+    kinds = {"number": "Double", "count": "UInt32", "yes": "Boolean", "text": "String", "lines": "String[]"}
+    rows = [
+        (f"`{name}`", kinds[v.kind], UNITS[v.unit][0] if v.unit else "", v.meaning) for name, v in VARIABLES.items()
+    ]
+    return table(("variable", "type", "unit", "meaning"), rows)
+
+
 def _models(schemas: Mapping[str, Any]) -> str:
     out = []
     for name, schema in schemas.items():
@@ -362,7 +373,7 @@ def _without_types(signature: Any, empty: Any) -> Any:
 
 TABLES = {
     "commands": commands, "settings": settings, "rig": rig, "rest": rest, "json": keys, "answers": answers,
-    "units": units, "client": client, "plant": plant,
+    "units": units, "client": client, "plant": plant, "opcua": opcua,
 }  # fmt: skip
 
 

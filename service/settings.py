@@ -17,7 +17,7 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 
 from service.access.addresses import is_loopback
 from service.access.roles import Role
-from service.configuration.plant import Log, Mqtt
+from service.configuration.plant import Log, Mqtt, OpcUa
 from service.configuration.sources import CONFIG, Environment, FileSource
 from service.configuration.tables import Table
 from service.transport.zenoh_links import ZenohLinks
@@ -323,7 +323,9 @@ class Zenoh(Table):
     )
 
 
-class Settings(Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission, Oidc, Mqtt, Log, Zenoh, BaseSettings):
+class Settings(
+    Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission, Oidc, Mqtt, OpcUa, Log, Zenoh, BaseSettings
+):
     """Settings of `gear-twin serve`, `demo` and whatever else takes windows apart."""
 
     model_config = SettingsConfigDict(

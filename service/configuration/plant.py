@@ -10,10 +10,12 @@ from pydantic import Field, SecretStr
 from service.configuration.tables import Table
 
 BROKER = r"^mqtts?://(\[[0-9A-Fa-f:.]+\]|[^:/@\s]+)(:\d{1,5})?/?$"
+OPC_TCP = r"^opc\.tcp://(\[[0-9A-Fa-f:.]+\]|[^:/@\s]+):\d{1,5}(/[A-Za-z0-9_.\-/]*)?$"
 TOPIC = r"^[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*$"
 
 # what a setting with a pattern must be like
 READ = {
+    "opcua": "must be opc.tcp://HOST:PORT, such as opc.tcp://127.0.0.1:4840/gear-twin",
     "mqtt": "must be mqtt://HOST[:PORT] or mqtts://HOST[:PORT], without user and password",
     "mqtt_prefix": "must be letters, digits, '_', '-' and '.', in parts separated by '/', such as gear-twin",
     "mqtt_client_id": "must be 1 to 64 letters, digits, '_', '-' or '.'",
@@ -63,6 +65,32 @@ class Mqtt(Table):
         default=None,
         description="file (TOML) of topics that hold slow values, such as an oil temperature",
         examples=["inputs.toml"],
+    )
+
+
+class OpcUa(Table):
+    """Results for OPC UA clients."""
+
+    TABLE: ClassVar[str] = "opcua"
+    PREFIX: ClassVar[str] = "opcua_"
+    KEYS: ClassVar[dict[str, str]] = {"opcua": "address"}
+
+    opcua: str | None = Field(
+        default=None,
+        pattern=OPC_TCP,
+        description="address that the OPC UA server listens at, opc.tcp://HOST:PORT; none: no OPC UA",
+        examples=["opc.tcp://127.0.0.1:4840/gear-twin"],
+    )
+    opcua_certificate: Path | None = Field(
+        default=None,
+        description="certificate of the server (PEM or DER); with it every connection is encrypted",
+        examples=["opcua.pem"],
+    )
+    opcua_key: Path | None = Field(default=None, description="its private key (PEM or DER)", examples=["opcua.key"])
+    opcua_clients: Path | None = Field(
+        default=None,
+        description="folder of certificates (DER) of clients, or of their authorities, that are trusted; none: all are",
+        examples=["opcua-clients"],
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from service.access.access import Access
 from service.bridges.bridge import Bridge, Bridges, Helper
 from service.bridges.kept import KeptNumbers
 from service.errors import InputError
@@ -14,10 +15,13 @@ from service.settings import Settings
 FOLDER = "bridges"  # in the data directory
 
 
-def bridges_of(settings: Settings, board: Board, store: ResultStore, offer: Callable[[str, bytes], bool]) -> Bridges:
+def bridges_of(
+    settings: Settings, board: Board, store: ResultStore, offer: Callable[[str, bytes], bool], access: Access
+) -> Bridges:
     """All bridges; InputError where a setting or a package is missing.
 
-    offer  takes a frame to the stream's inbox: topic, payload → whether there was room
+    offer   takes a frame to the stream's inbox: topic, payload → whether there was room
+    access  who may read where clients connect to the service
     """
     bridges: list[Bridge] = []
     helpers: list[Helper] = []
@@ -33,4 +37,8 @@ def bridges_of(settings: Settings, board: Board, store: ResultStore, offer: Call
         bridges.append(MqttBridge(settings, board, store, kept, inputs))
     elif settings.mqtt_inputs is not None:
         raise InputError("setting mqtt_inputs: slow values come from a broker; give it in the setting mqtt")
+    if settings.opcua is not None:
+        from service.bridges.opcua import OpcUaBridge
+
+        bridges.append(OpcUaBridge(settings, board, access))
     return Bridges(bridges, helpers)

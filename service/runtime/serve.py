@@ -91,7 +91,7 @@ def run(
             baselines=baselines,
         )
         worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer)
-        bridges = bridges_of(settings, board, store, worker.offer)
+        bridges = bridges_of(settings, board, store, worker.offer, access)
         app = create_app(
             board,
             store,

@@ -22,6 +22,7 @@ from pwdlib.hashers.argon2 import Argon2Hasher
 from service_streams import RIG, write_recording
 from test_other_parts import serving
 
+from service.access.access import Access
 from service.bridges import mqtt
 from service.bridges.bridge import BridgeThread
 from service.bridges.kept import KeptNumbers
@@ -297,7 +298,7 @@ def test_whole_state_is_published_where_it_is_set_and_prefix_and_retain_are_as_s
 def test_setting_that_cannot_be_used_is_named_at_the_start(tmp_path, store, board, given, said):
     settings = Settings(**{"mqtt": "mqtt://127.0.0.1:1", "data": tmp_path, **given})
     with pytest.raises(InputError, match=said):
-        bridges_of(settings, board, store, lambda topic, payload: True)
+        bridges_of(settings, board, store, lambda topic, payload: True, Access())
 
 
 @pytest.mark.parametrize("url", ["127.0.0.1:1883", "http://broker", "mqtt://user:secret@broker", "mqtt://"])
@@ -313,7 +314,7 @@ def test_package_is_loaded_only_where_it_is_set_and_its_absence_is_one_clear_lin
         "assert 'paho' not in sys.modules and 'asyncua' not in sys.modules\n"
         "sys.modules['paho'] = None\n"
         "from service.errors import InputError\n"
-        "try:\n    bridges_of(Settings(mqtt='mqtt://127.0.0.1:1', data=Path(sys.argv[1])), None, None, None)\n"
+        "try:\n    bridges_of(Settings(mqtt='mqtt://127.0.0.1:1', data=Path(sys.argv[1])), None, None, None, None)\n"
         "except InputError as error:\n    print(error)\n"
     )
     done = subprocess.run(

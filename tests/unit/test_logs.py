@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from service.configuration.load import load
+from service.errors import InputError
 from service.logs import MOST_CAUSES, PERIOD, LimitedLines, about, carry, formatter, logging_by
 from service.settings import Settings
 
@@ -202,13 +203,13 @@ def test_every_command_that_goes_on_for_long_logs_by_the_settings(command, monke
 
     def logged(*given, **named):
         log.warning("%s is said", "something")
-        return (0, 0) if command[0] == "record" else 0
+        raise InputError("that is all")
 
     for module, name in ((serve, "run"), (replay, "replay"), (live, "record_live")):
         monkeypatch.setattr(module, name, logged)
     monkeypatch.setenv("GEAR_TWIN_LOG_FORMAT", "json")
     monkeypatch.setenv("GEAR_TWIN_DATA", str(tmp_path))
-    assert run(command) == 0
+    assert run(command) == 2
     line = next(line for line in capsys.readouterr().err.splitlines() if line.startswith("{"))
     assert json.loads(line)["message"] == "something is said"
 

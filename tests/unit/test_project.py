@@ -28,6 +28,7 @@ PLANT = ("postgresql", "mqtt", "opcua", "telemetry")  # the extras that make up 
 LOADED_WHERE_SET = {
     "service/bridges/mqtt.py": "mqtt",
     "service/results/parquet_rows.py": "formats",
+    "service/bridges/opcua.py": "opcua",
 }  # files that alone know an extra's packages
 READERS = ROOT / "service" / "files" / "readers"
 COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
