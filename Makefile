@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 WORKERS ?= 2
 ARGS ?=
 
-.PHONY: help install install-dev install-formats install-plant demo serve test test-slow test-all chaos bench figures evaluate check format site lint-docker lock clean
+.PHONY: help install install-dev install-formats install-plant demo serve test test-slow test-all chaos bench figures evaluate check format site lint-docker sbom audit lock clean
 
 help:
 	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
@@ -23,6 +23,7 @@ help:
 	@echo 'make figures      writes the tables of figures in README and docs anew (ARGS=PART: one of them)'
 	@echo 'make check        ruff and mypy; format: put the code in form; lint-docker: the Dockerfile'
 	@echo 'make site         the documentation as a site, in build/site, with warnings as errors'
+	@echo 'make sbom         bill of materials and licences, in build/sbom; audit: known weaknesses of the packages'
 	@echo 'make lock         resolve the locked packages again (needs uv)'
 	@echo 'make clean        remove .venv and all that was made'
 
@@ -104,6 +105,12 @@ site: install-dev
 
 lint-docker: install-dev
 	$(BIN)/hadolint docker/Dockerfile
+
+sbom: install-dev
+	$(BIN)/python -m benchmarks.packages sbom
+
+audit: install-dev
+	$(BIN)/python -m benchmarks.packages audit
 
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
