@@ -100,6 +100,10 @@ class Intake:
         """The channels that the asset's windows wait for."""
         return self._reception.channels(asset)
 
+    def expect(self, asset: str, labels: Iterable[str]) -> None:
+        """Waits for these channels too."""
+        self._reception.expect(asset, labels)
+
     def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
         """Lets the asset's windows close without the channels that have fallen silent."""
         self._reception.wait_only_for(asset, labels)

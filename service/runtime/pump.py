@@ -121,6 +121,8 @@ class FrameConsumer(Protocol):
 
     def channels(self, asset: str) -> Collection[str]: ...
 
+    def expect(self, asset: str, labels: Iterable[str]) -> None: ...
+
     def wait_only_for(self, asset: str, labels: Iterable[str]) -> None: ...
 
 
@@ -182,8 +184,12 @@ class Pump:
         except FrameError as error:
             self._consumer.reject(arrival.channel, error)
             return
-        self._rhythm(frame.channel.asset).note(frame, arrival.received, self._now)
+        stream = frame.channel.asset
+        new = stream not in self._rhythms
+        self._rhythm(stream).note(frame, arrival.received, self._now)
         self._consumer.feed(frame)
+        if new:
+            self._consumer.expect(stream, self._inbox.announced(stream))
 
     def _rhythm(self, stream: str) -> _Rhythm:
         """A stream's rhythm; that of the one which has been silent longest is given up for a new one."""
@@ -198,6 +204,9 @@ class Pump:
         if not self._consumer.waiting(asset):
             return
         channels = self._consumer.channels(asset)
+        if new := set(self._inbox.announced(asset)) - set(channels):
+            self._consumer.expect(asset, new)
+            channels = self._consumer.channels(asset)
         late = rhythm.awaited(channels, self._now)
         if rhythm.is_over(late, self._now):
             self._consumer.flush(asset)

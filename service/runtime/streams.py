@@ -108,6 +108,12 @@ class Streams:
         """The channels that windows wait for."""
         return self._consumer.channels(self.asset_of(stream))
 
+    def expect(self, stream: str, labels: Iterable[str]) -> None:
+        """Waits for these channels too."""
+        asset = self.asset_of(stream)
+        if not self._retired(asset):
+            self._consumer.expect(asset, labels)
+
     def wait_only_for(self, stream: str, labels: Iterable[str]) -> None:
         """Lets windows close without the channels that have fallen silent."""
         self._consumer.wait_only_for(self.asset_of(stream), labels)

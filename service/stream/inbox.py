@@ -26,6 +26,7 @@ TURN_BYTES = 2**18  # of one stream before the next one's turn
 OVERHEAD_BYTES = 256  # of one frame in a queue, beside its payload
 MOST_STREAMS = 1024  # with a queue at one time
 MOST_MARKERS = 64  # of one stream
+MOST_CHANNELS = 256  # of one stream that are announced
 _SHARE = 0.5  # of all room that one stream may have
 _FREED = 0.25  # share of a stream's queue that is left out at once, at least
 _KNOWN_TOPICS = 8192  # whose channels need not be parsed again
@@ -145,6 +146,7 @@ class Inbox:
         self._frames = self._bytes = 0
         self._changed = threading.Condition()
         self._closed = self._woken = False
+        self._announced: dict[str, Counter[str]] = {}  # by stream: publishers by channel
         self.received = 0
         self.refused: Counter[str] = Counter()  # frames by cause
         self.errors = 0  # exceptions in callbacks
@@ -175,6 +177,30 @@ class Inbox:
                 return False
             self._add(stream, queue, Marker(stream, reached))
             return True
+
+    def announce(self, topic: str, *, there: bool) -> None:
+        """A publisher of a topic is there, or is so no longer."""
+        channel = _channel_of(topic, self._prefix)
+        if channel is None:
+            return
+        with self._changed:
+            labels = self._announced.get(channel.asset, Counter())
+            known = channel.asset in self._announced or len(self._announced) < MOST_STREAMS
+            if there and known and (channel.label in labels or len(labels) < MOST_CHANNELS):
+                labels[channel.label] += 1
+            elif not there and labels[channel.label] > 1:
+                labels[channel.label] -= 1
+            else:
+                del labels[channel.label]
+            if labels:
+                self._announced[channel.asset] = labels
+            else:
+                self._announced.pop(channel.asset, None)
+
+    def announced(self, stream: str) -> tuple[str, ...]:
+        """The channels of a stream that have a publisher which says so."""
+        with self._changed:
+            return tuple(self._announced.get(stream, ()))
 
     def guarded(self, topic: Callable[[], str], payload: Callable[[], bytes]) -> None:
         """As `offer`, for callbacks whose exceptions nobody would see: they are counted."""

@@ -88,6 +88,10 @@ class ZenohTransport:
             if sample.kind == zenoh.SampleKind.PUT:
                 inbox.guarded(lambda: str(sample.key_expr), sample.payload.to_bytes)
 
+        def publisher(sample: zenoh.Sample) -> None:
+            topic = str(sample.key_expr).partition("/@adv/")[0]
+            inbox.announce(topic, there=sample.kind == zenoh.SampleKind.PUT)
+
         def missed(miss: zenoh.ext.Miss) -> None:
             self._missed += miss.nb
 
@@ -101,6 +105,7 @@ class ZenohTransport:
                     recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
                 )
                 stack.callback(subscriber.undeclare)
+                subscriber.detect_publishers(self._guard(publisher), history=True)
                 listener = subscriber.sample_miss_listener(missed)
                 stack.callback(listener.undeclare)
             stack.callback(inbox.close)

@@ -114,6 +114,18 @@ def test_channels_of_a_publisher_that_comes_back_may_begin_one_after_the_other()
     assert content(driven.windows) == undisturbed(frames)
 
 
+def test_a_new_stream_waits_for_all_channels_that_its_publisher_has_announced():
+    driven, frames = Driven(), bursts(4, frames=8)
+    for channel in CHANNELS:
+        driven.inbox.announce(topic_of(channel), there=True)
+    driven.send([f for f in frames if f.channel == ACCEL])
+    driven.run(5.0)
+    assert driven.outcomes == []
+    driven.send([f for f in frames if f.channel != ACCEL])
+    driven.run(2.0)
+    assert content(driven.windows) == undisturbed(frames)
+
+
 def test_a_channel_that_has_died_holds_up_the_others_once():
     driven, frames = Driven(), [f for f in bursts(6, frames=8) if f.channel != TORQUE or f.sequence < 316]
     driven.send(frames[: 4 * 16])

@@ -22,11 +22,11 @@ from service.runtime.replay import paced, replay, shuffled, twice
 from service.runtime.twin_port import Twin
 from service.stream.assembly import Assembler
 from service.stream.inbox import BAD_KEY, Inbox
-from service.stream.sources.mcap import RawFrame, read_windows
+from service.stream.sources.mcap import RawFrame, Recording, read_windows
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode, encoding_of
 from service.stream.wire.topics import topic_of
-from service.transport.zenoh import ZenohTransport, open_session
+from service.transport.zenoh import ZenohTransport, open_publisher, open_session
 from twin.rig import Rig
 
 IDLE = 1.5  # [s]
@@ -149,6 +149,14 @@ def test_a_plain_publisher_is_understood(endpoint):
     assembler = Assembler()
     windows = [w for frame in bursts(2) for w in assembler.add(frame)] + assembler.flush()
     assert content([o.window for o in outcomes]) == content(windows)
+
+
+def test_channels_of_a_publisher_are_announced_while_it_is_there(recording, endpoint):
+    with receiving(endpoint, make_pipeline([])) as inbox:
+        with open_publisher([endpoint]) as publisher, Recording(recording) as source:
+            publisher.declare(source.channels.values())
+            until(lambda: len(inbox.announced(ASSET)) == 4)
+        until(lambda: inbox.announced(ASSET) == ())
 
 
 def test_frames_that_break_the_contract_are_counted_and_told(endpoint):

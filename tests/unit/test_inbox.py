@@ -77,6 +77,21 @@ def test_nothing_that_names_key_grows_with_the_names():
     assert len(taken(inbox)) == MOST_STREAMS and not inbox._queues and not inbox._turns
 
 
+def test_announced_channels_are_those_whose_publishers_are_there():
+    inbox = Inbox()
+    for there in (True, True, False):
+        inbox.announce("gearbox/a/accel/y6", there=there)
+    inbox.announce("gearbox/a/torque/motor", there=True)
+    inbox.announce("gearbox/b/torque/pinion", there=False)
+    assert (inbox.announced("a"), inbox.announced("b")) == (("accel/y6",), ())
+    inbox.announce("gearbox/a/accel/y6", there=False)
+    assert inbox.announced("a") == () and not inbox._announced
+    for n in range(3000):
+        inbox.announce(f"gearbox/a/accel/s{n}", there=True)
+        inbox.announce(f"gearbox/asset-{n}/accel/y6", there=True)
+    assert len(inbox._announced) == MOST_STREAMS and len(inbox.announced("a")) == 256
+
+
 def test_a_question_waits_behind_the_frames_of_its_stream_alone():
     inbox, frames = Inbox(frames=100_000), unbroken(400.0)
     for frame in frames:
