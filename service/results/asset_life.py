@@ -18,7 +18,7 @@ from sqlalchemy import Connection, Select, bindparam, delete, func, select, text
 
 from service.errors import StoreError
 from service.results.json_columns import dump, salvage
-from service.results.schema import ASSETS, CHANGES, METADATA, ROUTES, WAITING
+from service.results.schema import ASSETS, AUDIT, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
 from service.results.window_file import SUFFIX, read_window, write_window
 from twin.windows import Window
@@ -203,7 +203,7 @@ class AssetLife:
             late = "PRAGMA defer_foreign_keys = ON" if db.dialect.name == "sqlite" else "SET CONSTRAINTS ALL DEFERRED"
             db.execute(text(late))
             for table in METADATA.tables.values():
-                if "asset" in table.c:
+                if "asset" in table.c and table is not AUDIT:  # what was entered stays as it was
                     db.execute(update(table).where(table.c.asset == asset).values(asset=name))
             self._set_route(db, asset, name)
 

@@ -158,3 +158,10 @@ def test_log_keeps_the_newest_entries(store):
         log.enter(who, "change", what={"n": n})
     left = log.entries(0, 10_000)
     assert 150 <= len(left) <= 250 and left[-1]["what"] == {"n": 419}
+
+
+def test_entries_keep_the_name_that_an_asset_had_then(app, keys):
+    key = keys.add("ann", Role.administer)
+    ask(app, "POST", f"{BASE}/inspections", key, json=INSPECTION)
+    app.state.changes.life.rename("unsw", "press-7")
+    assert entries(app, key)[-1]["asset"] == "unsw"
