@@ -91,16 +91,14 @@ def _schedule(
             after = {a: {w["start_time"]: w for w in running.windows(a)} for a in ASSETS}
             wait_until(lambda: _waiting(data) == 0 or survives, 60.0)
             _demand_kept(running, before, after)
-        if survives:
-            for publisher in publishers:
-                assert publisher.wait(120) == 0, "the publisher that nobody killed did not deliver"
-        else:
-            for path in recordings.values():
-                assert _publisher(path, running).wait(120) == 0, "what was sent again was not delivered"
+        for publisher, path in zip(publishers, recordings.values(), strict=True):
+            if publisher.wait(120):  # killed, or it has said that it could not deliver all: sent again
+                assert _publisher(path, running).wait(120) == 0, f"{path.name} could not be delivered"
         for asset in ASSETS:
             wait_until(lambda asset=asset: len(running.windows(asset)) >= WINDOWS, 60.0)
             found = [_comparable(w) for w in running.windows(asset)]
-            assert found == [_comparable(w) for w in expected[asset]], f"{asset} ends otherwise than undisturbed"
+            wanted = [_comparable(w) for w in expected[asset]]
+            assert found == wanted, f"{asset} ends otherwise than undisturbed: {_difference(found, wanted)}"
             outcome.windows += len(found)
         wait_until(lambda: _decisions(data)[1] == 0, 60.0)
         done, _, noted = _decisions(data)
@@ -162,6 +160,19 @@ def _demand_kept(running: Service, before: dict[str, set[int]], after: dict[str,
         assert len(windows) == len(running.windows(asset)), f"{asset}: a window is counted twice"
         for start, window in after[asset].items():
             assert windows.get(start) == window, f"{asset}: the window of {start} has changed"
+
+
+def _difference(found: list[str], wanted: list[str]) -> str:
+    """The first window that differs."""
+    if len(found) != len(wanted):
+        return f"{len(found)} windows, not {len(wanted)}"
+    place = next(i for i, pair in enumerate(zip(found, wanted, strict=True)) if pair[0] != pair[1])
+    mine, other = json.loads(found[place]), json.loads(wanted[place])
+    return f"window {place}: " + ", ".join(
+        f"{key} = {mine.get(key)!r:.200}, not {other.get(key)!r:.200}"
+        for key in mine
+        if mine.get(key) != other.get(key)
+    )
 
 
 def _comparable(window: dict[str, Any]) -> str:
