@@ -145,7 +145,8 @@ def _decisions(data: Path) -> tuple[int, int, int]:
     """Decisions that are done, those that wait, and the events that tell of them."""
     with sqlite3.connect(data / DATABASE) as db:
         done, waits = (
-            db.execute("SELECT COUNT(*) FROM decisions WHERE done = ?", (flag,)).fetchone()[0] for flag in (True, False)
+            db.execute("SELECT COUNT(*) FROM decisions WHERE done = ? AND refused IS NULL", (flag,)).fetchone()[0]
+            for flag in (True, False)
         )
         noted = db.execute("SELECT COUNT(*) FROM events WHERE kind = 'effect'").fetchone()[0]
     db.close()
@@ -156,8 +157,9 @@ def _demand_kept(running: Service, before: dict[str, set[int]], after: dict[str,
     """What had been acknowledged is there, in the end, and what had been shown is what it was."""
     for asset, starts in before.items():
         wait_until(lambda asset=asset, starts=starts: len(running.windows(asset)) >= len(starts), 60.0)
-        windows = {w["start_time"]: w for w in running.windows(asset)}
-        assert len(windows) == len(running.windows(asset)), f"{asset}: a window is counted twice"
+        found = running.windows(asset)
+        windows = {w["start_time"]: w for w in found}
+        assert len(windows) == len(found), f"{asset}: a window is counted twice"
         for start, window in after[asset].items():
             assert windows.get(start) == window, f"{asset}: the window of {start} has changed"
 
