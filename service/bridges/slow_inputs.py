@@ -251,7 +251,7 @@ class SlowInputs(threading.Thread):
         prefix: str,
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        """offer  of the stream's inbox: topic, payload → whether there was room; it may wait"""
+        """offer  of the stream's inbox: topic, payload → whether there was room"""
         super().__init__(name="slow inputs", daemon=True)
         self._offer, self._kept, self._prefix, self._clock = offer, kept, prefix, clock
         self._by_topic: dict[str, list[Input]] = {}

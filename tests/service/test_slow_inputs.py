@@ -50,7 +50,7 @@ def clock():
 
 @pytest.fixture
 def inbox():
-    return Inbox(frames=100, wait=0.0)
+    return Inbox(frames=100)
 
 
 @pytest.fixture
@@ -202,7 +202,7 @@ def test_sequence_numbers_go_on_after_a_restart_and_a_value_kept_by_the_broker_i
 
 
 def test_two_inputs_of_one_topic_and_the_prefix_of_the_keys(tmp_path, clock):
-    inbox = Inbox(prefix="plant/gears", wait=0.0)
+    inbox = Inbox(prefix="plant/gears")
     rows = [{**OIL, "value": "oil"}, {**OIL, "channel": "temperature/housing", "value": "housing"}]
     inputs = SlowInputs(
         load_inputs(written(tmp_path, *rows)), inbox.offer, KeptNumbers(tmp_path / "k.json"), "plant/gears", clock
@@ -211,7 +211,7 @@ def test_two_inputs_of_one_topic_and_the_prefix_of_the_keys(tmp_path, clock):
     send(inputs, clock, {"oil": 60.0, "housing": 50.0})
     send(inputs, clock, {"oil": 60.0})
     assert [f.channel.name for f in frames(inbox)] == ["oil", "housing", "oil"]
-    assert left_out(inputs) == {"malformed": 1} and inbox.dropped == {}
+    assert left_out(inputs) == {"malformed": 1} and inbox.refused_frames == 0
 
 
 def test_messages_wait_in_a_bounded_queue_that_never_waits_for_the_inbox(inputs_of):
