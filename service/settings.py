@@ -174,6 +174,14 @@ class Results(Table):
         description="URL of a PostgreSQL database for the results; otherwise SQLite in the data directory is used",
         examples=["postgresql://twin@127.0.0.1/gear_twin"],
     )
+    keep_whole_days: float = Field(
+        default=365.0, ge=0, le=1e5, description="age up to which all windows are kept, by an asset's newest [days]"
+    )
+    keep_every: int = Field(
+        default=10, ge=1, le=10_000, description="of older windows one in so many is kept, and each that updated"
+    )
+    keep_days: float = Field(default=3650.0, ge=0, le=1e5, description="age beyond which no window is kept [days]")
+    keep_events: int = Field(default=100_000, ge=1000, le=10**9, description="newest events that are kept of an asset")
     signal_bytes: int = Field(
         default=256 * 2**20, ge=0, le=2**50, description="raw signals kept for viewing, an asset [bytes]; 0: none"
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0003"
+REVISION = "0004"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -57,6 +57,7 @@ WINDOWS = Table(
     _number("number", "0"),
     _number("epoch", "0"),
     _number("seal", nullable=True),
+    _number("notable", "0"),
     Index("windows_by_number", "asset", "number"),
     Index("windows_by_epoch", "asset", "epoch", "number"),
     sqlite_with_rowid=False,

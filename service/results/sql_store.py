@@ -21,6 +21,7 @@ from service.errors import DamageError, StorageUnavailable
 from service.json_text import plain
 from service.results.database import Database
 from service.results.json_columns import dump, load, load_text, salvage, say_damage, seal
+from service.results.retention import END_OF_EPOCH, NOTABLE
 from service.results.schema import ASSETS, DECISIONS, EVENTS, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
 from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of
 
@@ -39,22 +40,29 @@ _OF_EPOCH = and_(
     WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == func.coalesce(bindparam("epoch", type_=NUMBER), _EPOCH_OF)
 )
 _NEWEST = select(func.max(WINDOWS.c.number)).where(_OF_EPOCH).scalar_subquery()
-_WINDOWS = (
-    _WINDOW.where(_OF_EPOCH, WINDOWS.c.number > bindparam("after"))
-    .where(or_(WINDOWS.c.number % bindparam("every", type_=NUMBER) == 0, WINDOWS.c.number == _NEWEST))
-    .order_by(WINDOWS.c.number)
-    .limit(bindparam("most"))
+_ALL_WINDOWS = (
+    _WINDOW.where(_OF_EPOCH, WINDOWS.c.number > bindparam("after")).order_by(WINDOWS.c.number).limit(bindparam("most"))
 )
+_FIRST_OF_EACH = (  # so many numbers; a multiple of it where the history has not been thinned
+    select(func.min(WINDOWS.c.number))
+    .where(_OF_EPOCH, WINDOWS.c.number >= bindparam("since", type_=NUMBER))
+    .group_by(WINDOWS.c.number - WINDOWS.c.number % bindparam("every", type_=NUMBER))
+)
+_SOME_WINDOWS = _ALL_WINDOWS.where(or_(WINDOWS.c.number.in_(_FIRST_OF_EACH), WINDOWS.c.number == _NEWEST))
 _LATEST = (
     _WINDOW.where(WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == _EPOCH_OF)
     .order_by(WINDOWS.c.number.desc())
     .limit(bindparam("most"))
 )
+_NEWEST_OF_ALL = select(func.max(WINDOWS.c.number)).where(WINDOWS.c.asset == NAMED).scalar_subquery()
+_KEEP_LAST = (
+    update(WINDOWS).where(WINDOWS.c.asset == NAMED, WINDOWS.c.number == _NEWEST_OF_ALL).values(notable=END_OF_EPOCH)
+)
 _NEXT = select(func.coalesce(func.max(WINDOWS.c.number) + 1, 0)).where(WINDOWS.c.asset == NAMED)
 _EPOCHS = (
     select(
         WINDOWS.c.epoch,
-        func.count().label("windows"),
+        (func.max(WINDOWS.c.number) - func.min(WINDOWS.c.number) + 1).label("windows"),  # also of a thinned epoch
         func.min(WINDOWS.c.number).label("first"),
         func.max(WINDOWS.c.number).label("last"),
     )
@@ -95,6 +103,14 @@ _END_DECISION = (
 def _update_asset(columns: tuple[str, ...]) -> Update:
     """Writes these columns of one asset."""
     return update(ASSETS).where(ASSETS.c.asset == NAMED).values({name: bindparam(name) for name in columns})
+
+
+def _notable(record: Mapping[str, Any], events: Iterable[tuple[str, Any]], first: bool) -> int:
+    """Whether a window stays when its history is thinned."""
+    if first:
+        return END_OF_EPOCH
+    found = any(kind == "effect" for kind, _ in events)
+    return NOTABLE if found or record.get("updated") or record.get("quality") == "refused" else 0
 
 
 def _sealed(counts: Mapping[str, Any]) -> dict[str, Any]:
@@ -163,11 +179,12 @@ class SqlStore:
         shown = {} if report is None or refused else plain(figures(report))
         with self._transaction() as db:
             self._refuse_damaged(asset)
-            counts = self._counts(db, asset)
+            counts, events = self._counts(db, asset), list(events)
             number, epoch = record["index"], counts["epoch"]
             row = {
                 "asset": asset, "start_ns": start_ns, "record": dump(record), "figures": dump(shown),
                 "number": number, "epoch": epoch, "seal": seal(start_ns, number, epoch),
+                "notable": _notable(record, events, counts["windows"] == 0),
             }  # fmt: skip
             if db.execute(self._insert_window, row).first() is None:
                 return None
@@ -205,6 +222,7 @@ class SqlStore:
             if (begun := parts.pop("epoch", None)) is not None:
                 counts = self._counts(db, asset)
                 if begun > counts["epoch"]:
+                    db.execute(_KEEP_LAST, {"of": asset})
                     others |= _sealed({**counts, "epoch": begun, "windows": 0, "updates": 0})
             self._keep(db, asset, parts, others)
 
@@ -308,8 +326,11 @@ class SqlStore:
         self, asset: str, after: int = -1, limit: int = 1000, every: int = 1, epoch: int | None = None
     ) -> tuple[StoredWindow, ...]:
         """Windows of one epoch with an index above `after`, oldest first; every so many, and the newest."""
-        given = {"of": asset, "after": after, "every": every, "most": limit, "epoch": epoch}
-        return self._windows(_WINDOWS, given)
+        given = {"of": asset, "after": after, "most": limit, "epoch": epoch}
+        if every == 1:
+            return self._windows(_ALL_WINDOWS, given)
+        since = max(after, 0) - max(after, 0) % every
+        return self._windows(_SOME_WINDOWS, {**given, "every": every, "since": since})
 
     def next_index(self, asset: str) -> int:
         """Index of the asset's next window."""

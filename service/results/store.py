@@ -202,7 +202,7 @@ class ResultStore(Protocol):
     ) -> tuple[StoredWindow, ...]:
         """At most `limit` windows with an index above `after`, oldest first; of the present epoch where None is given.
 
-        Those whose index is a multiple of `every`, and the newest in any case.
+        Of each `every` indices the first that is kept, and the newest in any case.
         """
         ...
 

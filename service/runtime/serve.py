@@ -24,6 +24,7 @@ from service.results.board import Board
 from service.results.change_queue import ChangeQueue
 from service.results.data_folder import BASELINES, SIGNALS, WAITING, database_of, only_service_of
 from service.results.decision_queue import DecisionQueue
+from service.results.retention import Retention
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 from service.results.store import ResultStore
@@ -31,6 +32,7 @@ from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
 from service.runtime.bridging import bridges_of
 from service.runtime.http_server import HttpServer, address_of, listening_at
+from service.runtime.retention_job import RetentionJob
 from service.runtime.rigs import Rigs
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.twin_port import Twin, gear_twin
@@ -81,23 +83,18 @@ def run(
         changes = ChangeQueue(life := AssetLife(store.database, settings.data / WAITING))
         baselines = BaselineStore(store.database, settings.data / BASELINES)
         kept = Kept(
-            store=store,
-            board=board,
-            decisions=queue,
-            life=life,
-            changes=changes,
-            signals=signals,
-            alarms=alarms,
+            store=store, board=board, decisions=queue, life=life, changes=changes, signals=signals, alarms=alarms,
             baselines=baselines,
-        )
+        )  # fmt: skip
         worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer)
         bridges = bridges_of(settings, board, store, worker.offer, access)
+        parts = (worker, webhooks, bridges, RetentionJob(store, retention_of(settings)))
         app = create_app(
             board,
             store,
             queue,
             not_ready=worker.not_ready,
-            gauges=lambda: {**worker.gauges(), **webhooks.gauges(), **bridges.gauges(), **front.gauges()},
+            gauges=lambda: {key: value for part in (*parts, front) for key, value in part.gauges().items()},
             signals=signals,
             alarms=alarms,
             changes=changes,
@@ -114,12 +111,12 @@ def run(
         address = partial(address_of, listening, front)
         server = HttpServer(app, started=lambda: announce(address()), ending=ending, stop=stop, front=front)
         worker.on_end = server.end
-        for part in (worker, webhooks, bridges):
+        for part in parts:
             part.start()
         try:
             server.run(sockets=[listening])
         finally:
-            for ended in (worker, writer, webhooks, bridges):
+            for ended in (*parts, writer):
                 ended.end()
     if worker.failure is not None:
         raise worker.failure
@@ -129,6 +126,16 @@ def run(
 def rules_of(settings: Settings) -> tuple[Rule, ...]:
     """The alarm rules of assets that have none of their own."""
     return DEFAULT_RULES if settings.alarm_rules is None else load_rules(settings.alarm_rules)
+
+
+def retention_of(settings: Settings) -> Retention:
+    """How long what is kept."""
+    return Retention(
+        whole_days=settings.keep_whole_days,
+        every=settings.keep_every,
+        days=settings.keep_days,
+        events=settings.keep_events,
+    )
 
 
 def _twin_of(settings: Settings) -> Twin:

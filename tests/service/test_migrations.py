@@ -15,6 +15,7 @@ import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
+from sqlalchemy import select
 
 from service.errors import StoreError
 from service.results import migrate
@@ -23,7 +24,7 @@ from service.results.asset_life import AssetLife
 from service.results.backends import backend_of
 from service.results.baseline_store import BaselineStore
 from service.results.migrations.release_scripts import SCRIPTS
-from service.results.schema import METADATA, REVISION
+from service.results.schema import METADATA, REVISION, WINDOWS
 from service.results.sql_store import SqlStore
 
 ROOT = Path(__file__).parents[2]
@@ -77,6 +78,13 @@ def test_database_of_the_last_release_answers_as_before(path, tmp_path):
         assert [change.done for change in life.changes("made")] == [True, False]
         assert life.routes() == {"old-name": "made"} and life.waiting_total("made")[0] == 1
         assert BaselineStore(store.database, tmp_path / "baselines").about("made") == {"by": "Anna"}
+
+
+def test_windows_of_earlier_releases_know_whether_they_are_kept_when_a_history_is_thinned(path):
+    with SqlStore(path) as store:
+        rows = store.database.rows(select(WINDOWS.c.number, WINDOWS.c.notable).where(WINDOWS.c.asset == "made"))
+        notable = dict(map(tuple, rows))
+    assert notable == {**dict.fromkeys(range(14), 0), 0: 2, 5: 1, 13: 2, 20: 2}
 
 
 def test_windows_follow_in_a_database_that_was_taken_over(path):

@@ -131,7 +131,7 @@ def imported(file: Path) -> set[str]:
     ("package", "homes"),
     [
         ("zenoh", {"transport/zenoh.py", "transport/zenoh_session.py"}),
-        ("sqlite3", {"results/migrate.py"}),
+        ("sqlite3", {"results/archive.py", "results/migrate.py"}),
         ("psycopg", set()),
     ],
 )

@@ -1,0 +1,113 @@
+"""What of a history is kept for how long: whole, then thinned, then not at all.
+
+An asset's windows are aged by the start of its newest one, so that neither a clock nor a machine that stands still
+deletes anything. Thinned histories keep every window that updated the twin, found an effect or was refused; the first
+and the last window of each epoch stay for ever. Inspections, decisions, changes and alarms are never deleted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sqlalchemy import bindparam, delete, func, or_, select
+
+from service.results.alarm_store import MOST_HISTORY
+from service.results.schema import ALARM_HISTORY, ALARMS, EVENTS, NUMBER, WINDOWS
+from service.results.store import Tables
+
+DAY_NS = 86_400 * 10**9
+BATCH = 200  # rows that one transaction deletes: a window waits for it for some milliseconds
+NOTABLE = 1  # a window that stays when a history is thinned ...
+END_OF_EPOCH = 2  # ... and one that is never deleted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Retention:
+    """How long what is kept."""
+
+    whole_days: float  # windows are all kept
+    every: int  # of older windows one in so many
+    days: float  # and none that are older than this
+    events: int  # newest events of an asset
+    history: int = MOST_HISTORY  # newest entries of one alarm
+
+
+_NEWEST = select(func.max(WINDOWS.c.start_ns)).where(WINDOWS.c.asset == bindparam("of"))
+_WINDOWS = (
+    select(WINDOWS.c.start_ns)
+    .where(WINDOWS.c.asset == bindparam("of"), WINDOWS.c.start_ns < bindparam("thinned_before"))
+    .where(WINDOWS.c.notable < END_OF_EPOCH)
+    .where(
+        or_(
+            WINDOWS.c.start_ns < bindparam("dropped_before"),
+            (WINDOWS.c.notable < NOTABLE) & (WINDOWS.c.number % bindparam("every", type_=NUMBER) != 0),
+        )
+    )
+    .order_by(WINDOWS.c.start_ns)
+    .limit(BATCH)
+)
+_OLDEST_KEPT_EVENT = (
+    select(EVENTS.c.id)
+    .where(EVENTS.c.asset == bindparam("of"))
+    .order_by(EVENTS.c.id.desc())
+    .limit(1)
+    .offset(bindparam("kept"))
+)
+_EVENTS = (
+    select(EVENTS.c.id)
+    .where(EVENTS.c.asset == bindparam("of"), EVENTS.c.id <= bindparam("until"))
+    .order_by(EVENTS.c.id)
+    .limit(BATCH)
+)
+_LONG_HISTORIES = (
+    select(ALARM_HISTORY.c.alarm)
+    .join(ALARMS, ALARMS.c.id == ALARM_HISTORY.c.alarm)
+    .where(ALARMS.c.asset == bindparam("of"))
+    .group_by(ALARM_HISTORY.c.alarm)
+    .having(func.count() > bindparam("kept"))
+)
+
+
+def delete_old(database: Tables, asset: str, retention: Retention) -> int:
+    """Deletes at most one batch of each kind of what an asset has beyond its retention; how many rows."""
+    return (
+        _delete_windows(database, asset, retention)
+        + _delete_events(database, asset, retention)
+        + _delete_history(database, asset, retention)
+    )
+
+
+def _delete_windows(database: Tables, asset: str, retention: Retention) -> int:
+    newest = database.rows(_NEWEST, {"of": asset})[0][0]
+    if newest is None:
+        return 0
+    given = {
+        "of": asset, "every": retention.every, "thinned_before": newest - int(retention.whole_days * DAY_NS),
+        "dropped_before": newest - int(max(retention.days, retention.whole_days) * DAY_NS),
+    }  # fmt: skip
+    old = [row[0] for row in database.rows(_WINDOWS, given)]
+    if old:
+        with database.transaction() as db:
+            db.execute(delete(WINDOWS).where(WINDOWS.c.asset == asset, WINDOWS.c.start_ns.in_(old)))
+    return len(old)
+
+
+def _delete_events(database: Tables, asset: str, retention: Retention) -> int:
+    until = database.rows(_OLDEST_KEPT_EVENT, {"of": asset, "kept": retention.events})
+    if not until:
+        return 0
+    old = [row[0] for row in database.rows(_EVENTS, {"of": asset, "until": until[0][0]})]
+    with database.transaction() as db:
+        db.execute(delete(EVENTS).where(EVENTS.c.id.in_(old)))
+    return len(old)
+
+
+def _delete_history(database: Tables, asset: str, retention: Retention) -> int:
+    count = 0
+    for (alarm,) in database.rows(_LONG_HISTORIES, {"of": asset, "kept": retention.history}):
+        own = select(ALARM_HISTORY.c.id).where(ALARM_HISTORY.c.alarm == alarm)
+        old = [row[0] for row in database.rows(own.order_by(ALARM_HISTORY.c.id.desc()).offset(retention.history))]
+        with database.transaction() as db:
+            db.execute(delete(ALARM_HISTORY).where(ALARM_HISTORY.c.id.in_(old[-BATCH:])))
+        count += len(old[-BATCH:])
+    return count

@@ -1,0 +1,161 @@
+"""Histories are kept whole, then thinned, then deleted; what is told of them stays right."""
+
+from __future__ import annotations
+
+import time
+from itertools import count
+
+import pytest
+
+from service.alarms.engine import Change
+from service.results.alarm_store import AlarmStore
+from service.results.retention import BATCH, DAY_NS, Retention, delete_old
+from service.results.sql_store import SqlStore
+from service.runtime.retention_job import RetentionJob
+
+HOUR_NS = 3600 * 10**9
+COUNT = 400  # windows, one an hour
+RETENTION = Retention(whole_days=2, every=10, days=10, events=1000, history=5)
+UPDATED, FOUND, REFUSED = 203, 211, 217  # between 2 and 10 days before the newest
+
+
+def commit(store, index, asset="unsw", **record):
+    events = [("window", {"index": index})] + ([("effect", {"name": "tooth_crack"})] if index == FOUND else [])
+    given = {"state": {"n": index}, "report": {"n": index}, "assembly": {}, "quality": {}, "received_ns": 1}
+    whole = {"index": index, "start_time": f"hour {index}", **record}
+    assert store.commit(asset, index * HOUR_NS, record=whole, events=events, **given)
+
+
+def clear(store, retention=RETENTION):
+    rounds = 0
+    while delete_old(store.database, "unsw", retention):
+        rounds += 1
+    return rounds
+
+
+@pytest.fixture
+def long(each_store):
+    with each_store.database.transaction():
+        for index in range(COUNT):
+            commit(each_store, index, updated=index == UPDATED, quality="refused" if index == REFUSED else "good")
+    return each_store
+
+
+def kept(store, **given):
+    return [w.record["index"] for w in store.windows("unsw", **given)]
+
+
+def expected():
+    newest = COUNT - 1
+    whole = [i for i in range(COUNT) if newest - i <= 48]
+    thinned = [i for i in range(COUNT) if 48 < newest - i <= 240 and (i % 10 == 0 or i in (UPDATED, FOUND, REFUSED))]
+    return [0, *thinned, *whole]
+
+
+def test_windows_are_whole_then_thinned_then_gone_and_what_was_notable_stays(long):
+    before = long.asset("unsw"), long.next_index("unsw"), long.epochs("unsw"), long.latest_windows("unsw", 20)
+    assert clear(long) > 1  # in small transactions
+    assert kept(long) == expected()
+    assert before == (long.asset("unsw"), long.next_index("unsw"), long.epochs("unsw"), long.latest_windows("unsw", 20))
+    assert long.epochs("unsw")[0] == {"epoch": 0, "windows": COUNT, "first": 0, "last": 399, "since": "hour 0"}
+    assert clear(long) == 0
+    commit(long, COUNT)
+    assert long.asset("unsw").windows == COUNT + 1
+
+
+@pytest.mark.parametrize("every", [1, 7, 10, 25, 1000])
+@pytest.mark.parametrize("limit", [3, 1000])
+def test_pages_of_a_thinned_history_are_those_of_the_whole(long, every, limit):
+    clear(long)
+    whole, pages, after = kept(long, every=every), [], -1
+    while page := kept(long, every=every, limit=limit, after=after):
+        pages += page
+        after = page[-1]
+    assert pages == whole
+    first = {i // every: i for i in reversed(expected())}
+    assert whole == sorted({*first.values(), COUNT - 1})
+
+
+def test_whole_history_is_thinned_for_an_answer_at_multiples_as_ever(long):
+    assert kept(long, every=100) == [0, 100, 200, 300, 399]
+    assert kept(long, every=100, after=100) == [200, 300, 399]
+    assert kept(long, every=100, after=150) == [200, 300, 399]
+
+
+def test_ends_of_epochs_stay_for_ever(each_store):
+    store = each_store
+    for epoch, indices in ((0, range(5)), (1, range(5, 9)), (2, range(9, 12))):
+        store.keep("unsw", epoch=epoch)
+        for index in indices:
+            commit(store, index * 1000)
+    before = store.epochs("unsw")
+    clear(store)
+    assert store.epochs("unsw") == before and [e["first"] for e in before] == [0, 5000, 9000]
+    assert kept(store, epoch=0) == [0, 4000] and kept(store, epoch=1) == [5000, 8000]
+    assert kept(store) == [9000, 11000]
+
+
+def test_newest_events_stay_and_their_numbers_go_on(long):
+    with long.database.transaction():
+        for number in range(1500):
+            if number % 500 == 0:
+                long.note("other", [("status", {})])
+            long.note("unsw", [("status", {"number": number})])
+    last = long.last_event_id("unsw")
+    clear(long)
+    events = long.events("unsw", 0, 10_000)
+    assert len(events) == 1000 and events[-1].id == last and events[-1].data == {"number": 1499}
+    assert len(long.events("other", 0)) == 3
+    long.note("unsw", [("status", {})])
+    assert long.last_event_id("unsw") > last
+
+
+def test_history_of_an_alarm_is_bounded(each_store):
+    alarms = AlarmStore(each_store.database)
+    commit(each_store, 0)
+    given = {
+        "key": "rms", "rule": "rms", "quantity": "rms", "place": "y6", "value": 3.0, "limit": 2.0, "unit": "m/s²",
+        "reason": "it is high", "action": "look",
+    }  # fmt: skip
+    for number in range(20):
+        verb, level = ("raised", "watch") if number == 0 else ("escalated", "alarm")
+        alarms.apply("unsw", Change(verb=verb, level=level, **given), f"at {number}", number)
+    clear(each_store)
+    (alarm,) = alarms.listed("unsw")
+    assert [entry["at"] for entry in alarm["history"]] == [f"at {number}" for number in range(15, 20)]
+
+
+def test_file_does_not_grow_with_the_history(tmp_path):
+    """Pages of deleted rows are used again."""
+    retention = Retention(whole_days=100 / 24, every=10, days=200 / 24, events=1000)
+    sizes = []
+    with SqlStore(tmp_path / "twin.sqlite") as store:
+        for part in range(8):
+            with store.database.transaction():
+                for index in range(part * 250, part * 250 + 250):
+                    commit(store, index, text=str(hash((index, "x"))) * 40)
+            clear(store, retention)
+            sizes.append((tmp_path / "twin.sqlite").stat().st_size)
+    assert sizes[-1] <= 1.1 * sizes[2]
+
+
+def test_job_deletes_what_is_old_and_ends(long):
+    job = RetentionJob(long, RETENTION, pause=0.05)
+    job.start()
+    end = time.monotonic() + 30
+    try:
+        for index in count():
+            if job.deleted >= COUNT - len(expected()) or time.monotonic() > end:
+                break
+            commit(long, index, asset="other")  # windows are committed meanwhile
+            time.sleep(0.02)
+    finally:
+        job.end()
+    assert not job.is_alive() and kept(long) == expected()
+    assert job.gauges() == {"old_rows_deleted": COUNT - len(expected())}
+
+
+def test_nothing_is_deleted_of_a_machine_that_stands_still(long):
+    assert BATCH < COUNT
+    forever = Retention(whole_days=COUNT * HOUR_NS / DAY_NS, every=10, days=1, events=1000)
+    assert clear(long, forever) == 0 and len(kept(long)) == COUNT
