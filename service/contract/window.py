@@ -102,6 +102,9 @@ class WindowRecord(ContractModel):
     mesh_frequency_hz: float | None = None
     mesh_bands: list[float | None] | None = Field(default=None, description="RMS of the mesh harmonics' bands [m/s²]")
     temperatures: dict[str, SlowValue] | None = Field(default=None, description="slow channels, by place")
+    loads: dict[str, SlowValue] | None = Field(
+        default=None, description="slow channels of load, by place, in % of the rated load; shown, and not used"
+    )
     indicators: dict[str, SensorIndicators] | None = Field(default=None, description="by accelerometer")
     notes: list[str] | None = None
     not_available: dict[str, str] | None = Field(default=None, description="what the window does not have, and why")

@@ -106,6 +106,11 @@ CHANNEL_KINDS = {
             import_units={"degC": AS_IT_IS, "K": Conversion(offset=-273.15),
                           "degF": Conversion(factor=5 / 9, offset=-160 / 9), "V": VOLTS},
         ),
+        ChannelKind(
+            segment="load", layout=Layout.SLOW, quantity="load", unit="%", named_by="place",
+            rate=(0.0, 1e5), values=(-1000.0, 1000.0), summary=np.mean, record_key="loads",
+            import_units={"percent": AS_IT_IS, "fraction": Conversion(factor=100.0), "V": VOLTS},
+        ),
     )
 }  # fmt: skip
 """By segment. Limits of rate and of values are not derived: they are chosen to lie beyond every sensor on sale, so that

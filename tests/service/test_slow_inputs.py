@@ -99,6 +99,7 @@ def test_plain_number_becomes_a_frame_of_the_slow_channel_at_the_time_of_receipt
     [
         ({"unit": "degF"}, 212.0, 100.0),
         ({"unit": "K"}, 300.0, 26.85),
+        ({"channel": "load/motor", "unit": "fraction"}, 0.75, 75.0),
         ({"factor": 0.1, "offset": -40.0}, 1000, 60.0),
         ({"factor": 0.1, "unit": "K"}, 3000, 26.85),
         ({"value": "sensors.1.oil"}, {"sensors": [{}, {"oil": 55.5}]}, 55.5),
