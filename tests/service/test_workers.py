@@ -14,7 +14,7 @@ import worker_twins
 from service_streams import HERE, Service, wait_until, write_recording
 
 from service.json_text import JsonText, plain
-from service.results.json_columns import dump, load
+from service.results.json_columns import dump, load, load_text
 from service.results.window_file import write_window
 from service.runtime.assess import assess
 from service.runtime.computing import Ask, Call, WindowToUse
@@ -154,7 +154,8 @@ def test_what_is_logged_and_warned_of_in_a_worker_is_in_the_log_of_the_service(p
 
 def test_state_text_passes_from_the_worker_to_the_database_as_it_is():
     state = PackedState.of({"n": 1.5, "list": [1, None]})
-    assert isinstance(state.to_dict(), JsonText) and dump(state.to_dict()) == '{"n":1.5,"list":[1,null]}'
+    assert isinstance(state.to_dict(), JsonText)
+    assert load_text(dump(state.to_dict())).text == state.to_dict().text == '{"n":1.5,"list":[1,null]}'
     assert load(dump(state.to_dict())) == {"n": 1.5, "list": [1, None]} == dict(state.to_dict())
     assert PackedState.of(state.to_dict()) == state
     assert StoredState(lambda: None).pack() == NEW and StoredState(lambda: {"n": 1}).pack().to_dict() == {"n": 1}
