@@ -46,7 +46,6 @@ class KeptFrames:
             encoding=f"application/protobuf;gearbox.v1.{message}",
             reliability=zenoh.Reliability.RELIABLE,
             congestion_control=zenoh.CongestionControl.BLOCK,
-            cache=zenoh.ext.CacheConfig(max_samples=64),
             sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=0.5, sporadic_heartbeat=None),
             publisher_detection=True,
         )

@@ -44,7 +44,6 @@ TopicOf = Callable[[str, str], str]  # (asset, prefix) → topic
 JSON = zenoh.Encoding.APPLICATION_JSON
 TOML = "application/toml"
 _HISTORY = 4096  # frames a key that a late subscriber asks a publisher's cache for
-_CACHE = 512  # frames a key kept for subscribers that join late or were away
 _HEARTBEAT = 0.5  # [s]
 
 
@@ -236,13 +235,14 @@ class ZenohPublisher:
         """Announces keys and waits until each has a subscriber."""
         for channel in channels:
             topic = topic_of(channel, self._prefix)
+            # Without a cache: what is not stored is sent again from the first frame on. A cache would give a service
+            # that comes back its newest frames before those, and the older ones would then come too late.
             publisher = zenoh.ext.declare_advanced_publisher(
                 self._session,
                 topic,
                 encoding=encoding_of(channel),
                 reliability=zenoh.Reliability.RELIABLE,
                 congestion_control=zenoh.CongestionControl.BLOCK,
-                cache=zenoh.ext.CacheConfig(max_samples=_CACHE),
                 sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=_HEARTBEAT, sporadic_heartbeat=None),
                 publisher_detection=True,
             )

@@ -6,6 +6,7 @@ import os
 
 import pytest
 
+from tests.chaos import kills
 from tests.chaos.schedules import KINDS, Run, draw
 
 SEED = 20_261_122
@@ -26,3 +27,10 @@ def test_a_schedule_is_the_same_in_any_run_and_half_of_them_leave_the_publisher_
     schedules = [draw(SEED, number) for number in range(200)]
     assert sum(schedule.survives for schedule in schedules) == 100
     assert {fault.kind for schedule in schedules for fault in schedule.faults} == {*KINDS, "replay_kill"}
+
+
+@pytest.mark.slow
+def test_frames_that_are_sent_again_to_a_service_that_came_back_are_not_too_late(tmp_path):
+    """The cache of the publisher once gave it newer frames first, and a window lost a whole channel."""
+    tally = kills.attack(1, 2, tmp_path, lambda line: None)
+    assert tally.faults == []
