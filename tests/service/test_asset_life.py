@@ -132,6 +132,7 @@ def test_a_counter_that_was_reset_goes_on_from_the_sum(running, network, first, 
     assert running.get(UNSW)["epoch"] == 0
 
 
+@pytest.mark.slow
 def test_another_machine_is_an_asset_of_its_own_with_the_stream_from_then_on(running, network, first, second, tmp_path):
     asked(running, network, first, second)
     assert change(running, "other_machine", name="bench-2", by="me")[0] == 201
@@ -153,6 +154,7 @@ def test_windows_that_are_ignored_are_listed_as_refused_and_nobody_is_asked_agai
     assert running.get(UNSW)["question"] is None
 
 
+@pytest.mark.slow
 def test_one_disturbed_count_closes_its_question_itself(running, network, first, tmp_path):
     send(network, first)
     running.wait_for_windows(WINDOWS)
@@ -216,6 +218,7 @@ def _rig_text(recording):
         yield source.rig_text
 
 
+@pytest.mark.slow
 def test_a_rig_file_of_the_settings_that_differs_is_asked_about_and_the_service_starts(tmp_path, network, first):
     """The service refused to start."""
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
@@ -291,6 +294,7 @@ def test_a_renamed_asset_keeps_its_history_and_the_frames_of_its_old_name(runnin
     assert status == 409 and "called so" in answer["detail"]
 
 
+@pytest.mark.slow
 def test_a_restart_knows_the_new_name_and_the_old_one(tmp_path, network, first):
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
         send(network, first)

@@ -235,6 +235,7 @@ def test_decision_and_what_it_changes_are_one_transaction(each_store):
     assert store.asset("unsw").state == {"x": 1}
 
 
+@pytest.mark.slow
 def test_effects_command_lists_and_decides(tmp_path, recording):
     with service(tmp_path) as running:
         replay(recording, [running.endpoint], 0)

@@ -47,6 +47,7 @@ def test_demo_replays_sums_up_and_ends_with_status_0(tmp_path, said):
         assert words in text
 
 
+@pytest.mark.slow
 def test_demo_waits_for_the_windows_that_its_settings_make(tmp_path, said):
     recording = write_recording(tmp_path / "short.mcap", 2)
     chosen = here(window_length=0.5)
@@ -75,6 +76,7 @@ def test_demo_without_its_recording_names_it(tmp_path):
         run(here(), exit_after=True, recordings=[tmp_path / "absent.mcap"])
 
 
+@pytest.mark.slow
 def test_demo_at_an_address_in_use_fails_and_does_not_show_the_other_service_as_its_own(tmp_path, said):
     recording = write_recording(tmp_path / "short.mcap", 1)
     with service(tmp_path / "other") as other:
@@ -98,6 +100,7 @@ leave(run(Settings(http=http), recordings=[Path(recording)], console=console, co
 """
 
 
+@pytest.mark.slow
 def test_terminated_demo_takes_its_service_with_it(tmp_path, said):
     recording, http = write_recording(tmp_path / "short.mcap", 2), f"127.0.0.1:{free_port()}"
     command = [sys.executable, "-c", DEMO, str(recording), FAKE[1], http]

@@ -51,6 +51,7 @@ def test_answer_says_what_the_inspection_changed_and_the_state_shows_it(tmp_path
         assert [e.kind for e in store.events("unsw", 0)].count("rul") == WINDOWS + 2
 
 
+@pytest.mark.slow
 def test_inspection_that_meets_an_internal_error_is_kept_and_changes_nothing(tmp_path, recording):
     with service(tmp_path) as running:
         replay(recording, [running.endpoint], 0)

@@ -39,7 +39,11 @@ def assessed(recording):
 
 @pytest.mark.parametrize(
     "disturb",
-    [lambda frames: frames, twice, partial(shuffled, horizon=24)],
+    [
+        lambda frames: frames,
+        pytest.param(twice, marks=pytest.mark.slow),
+        pytest.param(partial(shuffled, horizon=24), marks=pytest.mark.slow),
+    ],
     ids=["once", "twice", "shuffled"],
 )
 def test_replayed_campaign_gives_the_same_state_as_assess(tmp_path, recording, assessed, disturb):
@@ -52,6 +56,7 @@ def test_replayed_campaign_gives_the_same_state_as_assess(tmp_path, recording, a
         assert running.get("/v1/assets/unsw/rig")["name"] == "unsw"  # the recording's own, offered on Zenoh
 
 
+@pytest.mark.slow
 def test_killed_service_goes_on_where_it_was_and_counts_nothing_twice(tmp_path, recording, assessed):
     running = Service(tmp_path, slow=0.3).start()
     sending = threading.Thread(target=lambda: _ignoring(replay, recording, [running.endpoint], 0), daemon=True)
@@ -70,6 +75,7 @@ def test_killed_service_goes_on_where_it_was_and_counts_nothing_twice(tmp_path, 
         running.end(signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_replay_goes_on_through_a_kill_of_the_service_and_nothing_is_missing(tmp_path, recording, assessed):
     running, delivered = Service(tmp_path).start(), []
     pace = {"speed": 4.0, "max_pause": 1.5}

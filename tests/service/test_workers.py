@@ -125,6 +125,7 @@ def test_a_call_that_takes_too_long_is_given_up(pool):
     assert pool.wait(1)[-1].refused == "internal error: took longer than 1 s, 2 times"
 
 
+@pytest.mark.slow
 def test_an_asset_moves_where_its_worker_is_busy_for_long_and_another_is_idle(pool):
     for asset in ("first", "second"):  # one on each worker
         pool.window(asset)
