@@ -1,8 +1,9 @@
-"""Leaves of an environment what a service needs:   python3 slim.py ENVIRONMENT RECORDING
+"""Leaves of an environment what a service needs:   python3 slim.py ENVIRONMENT RECORDING FOUND
 
 Packages' own tests, stubs, static libraries and debugging symbols are removed, and the installer with them. Byte code
 is kept of those modules alone that a service imports: a recording is assessed, a report is written, and the service's
-modules are imported, which also shows that nothing is missing.
+modules are imported, which also shows that nothing is missing. The standard library's byte code that was in use is
+listed in the file FOUND.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 INSTALLER = (
@@ -29,19 +31,19 @@ import sys, pathlib
 sys.dont_write_bytecode = False
 from service.cli import run
 assert run(["--help"]) == 0
-assert run(["assess", sys.argv[1], "--json", "/tmp/answer.json"]) == 0
-assert run(["report", "/tmp/answer.json", "--out", "/tmp/report.pdf"]) == 0
+assert run(["assess", sys.argv[1], "--json", "answer.json"]) == 0
+assert run(["report", "answer.json", "--out", "report.pdf"]) == 0
 import service.runtime.serve, service.transport.zenoh, service.cli.live, service.runtime.replay
 import psycopg, paho.mqtt.client
 import uvicorn.protocols.http.h11_impl, uvicorn.lifespan.on, uvicorn.loops.auto, anyio._backends._asyncio
 from importlib.util import find_spec
 assert all(map(find_spec, ("asyncua", "opentelemetry.sdk")))
 used = (getattr(m, "__cached__", None) for m in list(sys.modules.values()))
-pathlib.Path("/tmp/byte-code").write_text("\\n".join(sorted({c for c in used if c and c.startswith("/usr/lib/")})))
+pathlib.Path(sys.argv[2]).write_text("\\n".join(sorted({c for c in used if c and c.startswith("/usr/lib/")})))
 """
 
 
-def main(environment: Path, recording: Path) -> None:
+def main(environment: Path, recording: Path, found: Path) -> None:
     packages = next((environment / "lib").glob("python*")) / "site-packages"
     for pattern in (*INSTALLER, *AVIF):
         for path in packages.glob(pattern):
@@ -55,8 +57,10 @@ def main(environment: Path, recording: Path) -> None:
         subprocess.run(["strip", "--strip-unneeded", str(library)], check=False, stderr=subprocess.DEVNULL)
     for script in (environment / "bin").glob("pip*"):
         script.unlink()
-    subprocess.run([str(environment / "bin" / "python3"), "-c", PROOF, str(recording)], check=True, cwd="/tmp")
+    with tempfile.TemporaryDirectory() as folder:
+        command = [str(environment / "bin" / "python3"), "-c", PROOF, str(recording), str(found)]
+        subprocess.run(command, check=True, cwd=folder)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]).resolve())
+    main(Path(sys.argv[1]), Path(sys.argv[2]).resolve(), Path(sys.argv[3]).resolve())

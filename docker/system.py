@@ -1,7 +1,7 @@
-"""Puts Debian's Python and the libraries that it needs into a folder:   python3 system.py FOLDER
+"""Puts Debian's Python and the libraries that it needs into a folder:   python3 system.py FOLDER BYTE-CODE
 
-The folder is to be the root of an image. The files are those of Debian's packages; the list of installed packages goes
-along, for scanners of known faults.
+The folder is to be the root of an image. The files are those of Debian's packages, and the byte code that the file
+BYTE-CODE names; the list of installed packages goes along, for scanners of known faults.
 """
 
 from __future__ import annotations
@@ -17,18 +17,17 @@ PACKAGES = (
     "libuuid1", "media-types", "python3", "python3-minimal", "python3.11", "python3.11-minimal",
     "zlib1g",
 )  # fmt: skip
-BYTE_CODE = Path("/tmp/byte-code")  # names of the standard library's files that slim.py has found in use
 LEFT_OUT = ("/usr/share/doc/", "/usr/share/man/", "/usr/share/lintian/", "/usr/share/locale/", "/usr/share/info/")
 USER = "gear-twin:x:10001:10001::/data:/usr/sbin/nologin\n"
 GROUP = "gear-twin:x:10001:\n"
 
 
-def main(root: Path) -> None:
+def main(root: Path, byte_code: Path) -> None:
     files: list[str] = []
     for package in PACKAGES:
         listed = subprocess.run(["dpkg", "-L", package], check=True, capture_output=True, text=True).stdout
         files += [name for name in listed.splitlines() if not name.startswith(LEFT_OUT)]
-    files += BYTE_CODE.read_text().splitlines()
+    files += byte_code.read_text().splitlines()
     root.mkdir()
     for link in ("bin", "lib", "lib64", "sbin"):
         (root / link).symlink_to(f"usr/{link}")
@@ -58,4 +57,4 @@ def main(root: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
