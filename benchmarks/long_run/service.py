@@ -29,6 +29,10 @@ ROUTES = (
     "/v1/assets/{asset}",
     "/v1/assets/{asset}/wear",
     "/v1/assets/{asset}/windows?resolution=100",
+    "/v1/assets/{asset}/windows?resolution=1000",
+    "/v1/assets/{asset}/windows?limit=100",
+    "/v1/assets/{asset}/epochs",
+    "/v1/assets/{asset}/alarms?state=all",
     "/v1/assets/{asset}/trend?resolution=100",
     "/v1/assets/{asset}/quality",
 )

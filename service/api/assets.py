@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 from typing import Annotated, Any
 
@@ -31,7 +32,9 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
 ERRORS = responses(404, 422)
 LARGEST = 2**53  # of a window's or an inspection's number
 WAITS = "kept; it becomes part of the estimate after the window that is being processed"
-PAGE = 2000  # windows read from the store at once
+PAGE = 500  # windows read from the store at once
+FEW = 10
+AROUND = 100  # windows that are read before, at and behind a number of revolutions
 
 
 def snapshot_of(request: Request, asset: str) -> Snapshot:
@@ -170,7 +173,7 @@ async def add_inspection(request: Request, asset: str, inspection: models.Inspec
     """A measured wear depth becomes part of the estimate; answers with the twin's own figure and what it changed."""
     snapshot_of(request, asset)
     queue, store, given = request.app.state.queue, request.app.state.store, inspection.model_dump()
-    twin = compare(given, await run_in_threadpool(trend_of, store, asset))
+    twin = compare(given, await run_in_threadpool(trend_around, store, asset, inspection.revolutions))
 
     def submitted() -> int:
         submit = partial(queue.submit_inspection, asset, given, {**twin, **refusal(WAITS)})
@@ -184,11 +187,35 @@ async def add_inspection(request: Request, asset: str, inspection: models.Inspec
     return JSONResponse(kept.to_dict(), 201)
 
 
-def trend_of(store: ResultStore, asset: str) -> list[dict[str, Any]]:
-    """Every point of an asset's trend, read page by page."""
-    points: list[dict[str, Any]] = []
-    page = store.windows(asset, limit=PAGE)
-    while page:
-        points += [trend_point(window) for window in page if has_point(window)]
-        page = store.windows(asset, page[-1].record["index"], PAGE)
-    return points
+def trend_around(store: ResultStore, asset: str, revolutions: float) -> list[dict[str, Any]]:
+    """The points of an asset's trend that say its depth at a number of revolutions: its first, its newest, and those on
+    both sides. Windows follow each other in revolutions, so that a long history is not read whole.
+    """
+    newest = _points(store.latest_windows(asset, AROUND))
+    if not newest:
+        return newest
+    first: list[dict[str, Any]] = []
+    after = -1
+    while not any("depth_um" in p for p in first) and (page := store.windows(asset, after, PAGE)):
+        first, after = [*first, *_points(page)], page[-1].record["index"]
+    low, high = first[0]["index"] - 1 if first else -1, newest[-1]["index"]  # what is behind `low` comes before
+    while high - low > AROUND:
+        middle = (low + high) // 2
+        reached = _next_revolutions(store, asset, middle)
+        low, high = (low, middle) if reached is None or reached > revolutions else (middle, high)
+    between = _points(store.windows(asset, max(low - AROUND, -1), 3 * AROUND))
+    return [*{p["index"]: p for p in (*first, *between, *newest)}.values()]
+
+
+def _next_revolutions(store: ResultStore, asset: str, after: int) -> float | None:
+    """Revolutions of the first window above an index that has them."""
+    while page := store.windows(asset, after, FEW):
+        found = next((p["revolutions"] for p in _points(page) if p.get("revolutions") is not None), None)
+        if found is not None:
+            return found
+        after = page[-1].record["index"]
+    return None
+
+
+def _points(windows: Iterable[StoredWindow]) -> list[dict[str, Any]]:
+    return [trend_point(window) for window in windows if has_point(window)]

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import BindParameter, Connection, Select, Update, and_, bindparam, func, or_, select, update
+from sqlalchemy import BindParameter, Connection, Select, Update, and_, bindparam, func, select, update
 
 from service.contract.trend import figures
 from service.contract.version_1 import current_record, current_report
@@ -23,6 +23,7 @@ from service.results.database import Database
 from service.results.json_columns import dump, load, load_text, salvage, say_damage, seal
 from service.results.retention import END_OF_EPOCH, NOTABLE
 from service.results.schema import ASSETS, DECISIONS, EVENTS, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
+from service.results.sparse_reading import epochs_of, spread_numbers
 from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of
 
 VITAL = {"state", "assembly", "quality", "counts"}  # without which an asset cannot go on
@@ -39,38 +40,27 @@ _WINDOW = select(*(WINDOWS.c[n] for n in ("start_ns", "number", "epoch", "seal",
 _OF_EPOCH = and_(
     WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == func.coalesce(bindparam("epoch", type_=NUMBER), _EPOCH_OF)
 )
-_NEWEST = select(func.max(WINDOWS.c.number)).where(_OF_EPOCH).scalar_subquery()
 _ALL_WINDOWS = (
     _WINDOW.where(_OF_EPOCH, WINDOWS.c.number > bindparam("after")).order_by(WINDOWS.c.number).limit(bindparam("most"))
 )
-_FIRST_OF_EACH = (  # so many numbers; a multiple of it where the history has not been thinned
-    select(func.min(WINDOWS.c.number))
-    .where(_OF_EPOCH, WINDOWS.c.number >= bindparam("since", type_=NUMBER))
-    .group_by(WINDOWS.c.number - WINDOWS.c.number % bindparam("every", type_=NUMBER))
+_SOME_WINDOWS = (
+    _WINDOW.where(_OF_EPOCH, WINDOWS.c.number.in_(spread_numbers(_OF_EPOCH)))  # no range: it would be walked along
+    .order_by(WINDOWS.c.number)
+    .limit(bindparam("most"))
 )
-_SOME_WINDOWS = _ALL_WINDOWS.where(or_(WINDOWS.c.number.in_(_FIRST_OF_EACH), WINDOWS.c.number == _NEWEST))
 _LATEST = (
     _WINDOW.where(WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == _EPOCH_OF)
     .order_by(WINDOWS.c.number.desc())
     .limit(bindparam("most"))
 )
-_NEWEST_OF_ALL = select(func.max(WINDOWS.c.number)).where(WINDOWS.c.asset == NAMED).scalar_subquery()
-_KEEP_LAST = (
-    update(WINDOWS).where(WINDOWS.c.asset == NAMED, WINDOWS.c.number == _NEWEST_OF_ALL).values(notable=END_OF_EPOCH)
-)
+_OF_PRESENT = and_(WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == _EPOCH_OF)
+_NEWEST = select(func.max(WINDOWS.c.number)).where(_OF_PRESENT).scalar_subquery()
+_KEEP_LAST = update(WINDOWS).where(_OF_PRESENT, WINDOWS.c.number == _NEWEST).values(notable=END_OF_EPOCH)
 _NEXT = select(func.coalesce(func.max(WINDOWS.c.number) + 1, 0)).where(WINDOWS.c.asset == NAMED)
-_EPOCHS = (
-    select(
-        WINDOWS.c.epoch,
-        (func.max(WINDOWS.c.number) - func.min(WINDOWS.c.number) + 1).label("windows"),  # also of a thinned epoch
-        func.min(WINDOWS.c.number).label("first"),
-        func.max(WINDOWS.c.number).label("last"),
-    )
-    .where(WINDOWS.c.asset == NAMED)
-    .group_by(WINDOWS.c.epoch)
-    .order_by(WINDOWS.c.epoch)
+_EPOCHS = epochs_of(NAMED)
+_FROM = (  # with a range and a limit: SQLite walks along the asset's windows where it is given one number
+    select(WINDOWS.c.record).where(_OF_EPOCH, WINDOWS.c.number >= bindparam("at")).order_by(WINDOWS.c.number).limit(1)
 )
-_NUMBERED = select(WINDOWS.c.record).where(WINDOWS.c.asset == NAMED, WINDOWS.c.number == bindparam("at"))
 _EVENTS = (
     select(EVENTS.c.id, EVENTS.c.kind, EVENTS.c.data)
     .where(EVENTS.c.asset == NAMED, EVENTS.c.id > bindparam("after"))
@@ -341,7 +331,7 @@ class SqlStore:
         names = ("epoch", "windows", "first", "last")
         found = [dict(zip(names, row, strict=True)) for row in self._rows(_EPOCHS, {"of": asset})]
         for epoch in found:
-            ((record,),) = self._rows(_NUMBERED, {"of": asset, "at": epoch["first"]})
+            ((record,),) = self._rows(_FROM, {"of": asset, "epoch": epoch["epoch"], "at": epoch["first"]})
             epoch["since"] = (salvage(record, f"window {epoch['first']} of {asset}") or {}).get("start_time")
         return tuple(found)
 

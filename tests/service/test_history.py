@@ -9,8 +9,9 @@ import service_fakes as fakes
 from sqlalchemy import Engine, event
 from test_api import Client
 
-from service.api import create_app
-from service.results.board import TAIL, Board
+from service.api import assets, create_app
+from service.results.board import TAIL, Board, has_point, trend_point
+from service.results.inspections import compare
 from service.results.sparkline import POINTS
 from service.results.store import StoredWindow
 from service.runtime.pipeline import Pipeline
@@ -143,3 +144,13 @@ def test_an_inspection_of_an_early_window_is_compared_with_the_twin_of_that_time
     expected = (fakes.depth_um(100.0) + fakes.depth_um(110.0)) / 2
     assert twin["max_depth_um"]["median"] == pytest.approx(expected)
     assert (twin["from_revolutions"], twin["to_revolutions"]) == (0.0, 10.0 * (LONG - 1))
+
+
+@pytest.mark.parametrize("revolutions", [0.0, 35.0, 1234.0, 1300.0, 2555.0, 3489.0, 3490.0, 5000.0])
+def test_an_inspection_needs_few_points_of_the_trend_and_leads_to_what_all_would(store, long, monkeypatch, revolutions):
+    monkeypatch.setattr(assets, "AROUND", 20)
+    monkeypatch.setattr(assets, "PAGE", 10)
+    given = {"revolutions": revolutions, "max_depth_um": 150.0, "flank": "combined", "std_um": 4.0}
+    every = [trend_point(w) for w in store.windows("unsw") if has_point(w)]
+    few = assets.trend_around(store, "unsw", revolutions)
+    assert compare(given, few) == compare(given, every) and len(few) < len(every)

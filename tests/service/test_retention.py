@@ -6,10 +6,13 @@ import time
 from itertools import count
 
 import pytest
+from sqlalchemy import event, insert
 
 from service.alarms.engine import Change
 from service.results.alarm_store import AlarmStore
+from service.results.json_columns import dump, seal
 from service.results.retention import BATCH, DAY_NS, Retention, delete_old
+from service.results.schema import WINDOWS
 from service.results.sql_store import SqlStore
 from service.runtime.retention_job import RetentionJob
 
@@ -159,3 +162,45 @@ def test_nothing_is_deleted_of_a_machine_that_stands_still(long):
     assert BATCH < COUNT
     forever = Retention(whole_days=COUNT * HOUR_NS / DAY_NS, every=10, days=1, events=1000)
     assert clear(long, forever) == 0 and len(kept(long)) == COUNT
+
+
+def test_a_thinned_answer_costs_the_database_as_much_after_forty_thousand_windows_as_after_two_thousand(tmp_path):
+    few, many = _steps(tmp_path / "few.sqlite", 2_000), _steps(tmp_path / "many.sqlite", 40_000)
+    assert {name: steps <= 1.5 * few[name] for name, steps in many.items()} == dict.fromkeys(many, True), (few, many)
+
+
+def _steps(path, count):
+    """Steps of SQLite's machine that each reading takes, with so many windows of an asset."""
+    with SqlStore(path) as store:
+        store.note("unsw", [])
+        kept = {n: dump({"index": n}) for n in range(10)}
+        rows = [
+            {"asset": "unsw", "start_ns": n, "number": n, "epoch": 0, "seal": seal(n, n, 0), "record": kept[n % 10],
+             "figures": kept[0]}
+            for n in range(count)
+        ]  # fmt: skip
+        with store.database.transaction() as db:
+            db.execute(insert(WINDOWS), rows)
+        readings = {
+            "epochs": lambda: store.epochs("unsw"),
+            "thinned": lambda: store.windows("unsw", -1, 101, -(-count // 100)),
+            "end of thinned": lambda: store.windows("unsw", count - 300, 101, 3),
+            "page": lambda: store.windows("unsw", count // 2, 100),
+            "latest": lambda: store.latest_windows("unsw", 100),
+            "next": lambda: store.next_index("unsw"),
+        }
+        return {name: _steps_of(store, reading) for name, reading in readings.items()}
+
+
+def _steps_of(store, reading):
+    steps = [0]
+
+    def counted(connection, *_):
+        connection.set_progress_handler(lambda: steps.__setitem__(0, steps[0] + 1), 10)
+
+    event.listen(store.database._reader, "checkout", counted)
+    try:
+        assert reading()
+    finally:
+        event.remove(store.database._reader, "checkout", counted)
+    return steps[0]
