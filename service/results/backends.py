@@ -188,7 +188,9 @@ class Postgresql:
 
     def _engine(self, wait: float, **pool: Any) -> Engine:
         options = f"-c statement_timeout={int(1000 * wait)} -c lock_timeout={int(1000 * LOCK_WAIT)}"
-        arguments = {"connect_timeout": CONNECT_WAIT, "application_name": "gear-twin", **SILENT_AFTER}
+        arguments: dict[str, Any] = {"connect_timeout": CONNECT_WAIT, **SILENT_AFTER}
+        # A server that was set up without a locale hands out bytes otherwise, which SQLAlchemy ends with a traceback.
+        arguments |= {"application_name": "gear-twin", "client_encoding": "utf8"}
         arguments["options"] = " ".join(filter(None, (options, self.url.query.get("options"))))  # type: ignore[arg-type]
         return sa.create_engine(self.url, connect_args=arguments, pool_pre_ping=True, **pool)
 

@@ -71,6 +71,14 @@ def test_totals_of_faults_add_up(each_store):
 # -- a server that goes away ------------------------------------------------------------------------------
 
 
+def test_server_that_was_set_up_without_a_locale_keeps_names_as_they_are(postgresql_server):
+    with postgresql_server.new_database("SQL_ASCII") as url, SqlStore(url) as store:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        store.add_decision("unsw", "misalignment", "pin", "Zoë Łącka", "measured: 3 µm")
+        (decision,) = store.decisions("unsw")
+        assert (decision.by, decision.note) == ("Zoë Łącka", "measured: 3 µm")
+
+
 def test_connections_that_the_server_dropped_are_replaced(postgresql, postgresql_server):
     with SqlStore(postgresql) as store:
         fakes.take(store, None, "unsw", 0, 100.0)
