@@ -94,6 +94,7 @@ def create_app(
     problems.install(app)
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_FROM, compresslevel=COMPRESSION)
     app.add_middleware(Bounds, limits=limits or Limits(), counts=counts)
+    app.add_middleware(problems.Faults)
     app.add_middleware(SafeHeaders)
     for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports, what_if_routes):
         app.include_router(module.router, max_body_size=BODY)

@@ -1,4 +1,4 @@
-"""Errors as `application/problem+json` (RFC 9457): one shape for every status."""
+"""Errors as `application/problem+json` (RFC 9457): one shape for every status, faults of the program included."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import FAULT, StorageUnavailable
 
@@ -79,7 +80,31 @@ def install(app: FastAPI) -> None:
     async def storage(request: Request, error: StorageUnavailable) -> JSONResponse:
         return problem(request, 503, f"{error}; nothing was kept, try again later")
 
-    @app.exception_handler(Exception)
-    async def fault(request: Request, error: Exception) -> JSONResponse:
-        log.error("%s %s failed", request.method, request.url.path, exc_info=error)
-        return problem(request, 500, f"{FAULT}; the log of the service has the details")
+
+class Faults:
+    """The middleware that answers a fault of the program: its details are in the log, once, and nowhere else.
+
+    It belongs within what adds headers to every answer. An answer that has begun is cut off.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        begun = False
+
+        async def noted(message: Message) -> None:
+            nonlocal begun
+            begun = begun or message["type"] == "http.response.start"
+            await send(message)
+
+        try:
+            await self._app(scope, receive, noted)
+        except Exception as error:
+            log.error("%s %s failed", scope["method"], scope["path"], exc_info=error)
+            if not begun:
+                detail = f"{FAULT}; the log of the service has the details"
+                await problem(Request(scope), 500, detail)(scope, receive, send)

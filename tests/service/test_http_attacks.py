@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import datetime
+import itertools
 import json
 import os
 import socket
@@ -214,6 +215,65 @@ def test_compressed_body_is_refused(app):
             f"http://127.0.0.1:{port}{WRITE}", content=b"\x1f\x8b", headers={"Content-Encoding": "gzip"}
         )
     assert answer.status_code == 415
+
+
+class Failing:
+    """A store whose every call is a fault of the program."""
+
+    def __getattr__(self, name):
+        raise ZeroDivisionError("the inside of the program")
+
+
+def test_fault_of_the_program_is_an_answer_like_the_others_and_one_entry_of_the_log(store, board, caplog):
+    fakes.campaign(store, board)
+    app = create_app(board, store)
+    app.state.store = Failing()
+    with front(app) as (port, _):
+        for method, path in (("GET", "/v1/assets/unsw/inspections"), ("POST", WRITE)):
+            caplog.clear()
+            body = {"revolutions": 1, "max_depth_um": 1, "flank": "combined", "std_um": 1}
+            answer = httpx.request(method, f"http://127.0.0.1:{port}{path}", json=body if method == "POST" else None)
+            assert answer.status_code == 500 and answer.headers["content-type"] == "application/problem+json"
+            assert "inside" not in answer.text and "Traceback" not in answer.text and "store" not in answer.text
+            assert answer.headers["x-frame-options"] == "DENY" and answer.headers["x-content-type-options"] == "nosniff"
+            assert "content-security-policy" in answer.headers and answer.headers["cache-control"].startswith("private")
+            (entry,) = caplog.records
+            assert entry.exc_info is not None and entry.getMessage() == f"{method} {path} failed"
+        assert healthy(port)
+
+
+MALFORMED = (
+    "[" * 30_000, '{"a":' * 10_000, "[" * 30_000 + "]" * 30_000, '"' + "\\u0000" * 9000 + '"', "9" * 60_000,
+    '{"revolutions": ' + "9" * 5000 + "}", '{"revolutions": 1e999}', '{"revolutions": NaN}', "nul",
+    '{"revolutions": "\\ud800"}', '{"\\ud800": 1}',
+)  # fmt: skip
+
+
+def test_body_that_is_deep_long_or_none_is_refused_as_a_problem(app):
+    paths = (WRITE, "/v1/assets/unsw/what-if", "/v1/assets", "/v1/session", "/v1/assets/unsw/changes")
+    with front(app, times=Times()) as (port, _), httpx.Client(base_url=f"http://127.0.0.1:{port}") as client:
+        for path, body in itertools.product(paths, MALFORMED):
+            answer = client.post(path, content=body.encode(), headers={"Content-Type": "application/json"})
+            assert answer.status_code in (400, 422), (path, body[:30], answer.text[:300])
+            assert answer.headers["content-type"] == "application/problem+json" and len(answer.content) < 10_000
+        assert healthy(port)
+
+
+EXCESSIVE = (
+    "windows?limit=10001", "windows?limit=99999999999999999999", "windows?after=99999999999999999999999",
+    "windows?after=-99999999999999999999999", "trend?resolution=1000000000", "windows?limit=1e400",
+    "events?after=99999999999999999999999", "signals?limit=1000000000", "waterfall?points=1000000000",
+    "windows/99999999999999999999999/signals/spectrum", "windows/0/signals/spectrum?points=999999999999",
+    "alarms?limit=1000000000", "indicators?limit=1000000000",
+)  # fmt: skip
+
+
+def test_query_for_more_than_may_be_asked_is_bounded(app):
+    with front(app, times=Times()) as (port, _), httpx.Client(base_url=f"http://127.0.0.1:{port}") as client:
+        for query in EXCESSIVE:
+            answer = client.get(f"/v1/assets/unsw/{query}")
+            assert answer.status_code in (200, 404, 422) and len(answer.content) < 2**20, (query, answer.text[:300])
+        assert healthy(port)
 
 
 # -- slow clients --------------------------------------------------------------------------------------------
