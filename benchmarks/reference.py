@@ -254,11 +254,13 @@ def _openapi() -> dict[str, Any]:
 
 def rest() -> str:
     """Every call of the REST interface."""
+    from service.api.guard import REFUSALS
+
     rows = []
     for path, methods in _openapi()["paths"].items():
         for method, call in methods.items():
             about = " ".join(call.get("description", call.get("summary", "")).split())
-            codes = ", ".join(sorted(set(call.get("responses", {})) - {"401", "403", "429"}))
+            codes = ", ".join(sorted(set(call.get("responses", {})) - {"401", *REFUSALS}))
             rows.append((f"`{method.upper()} {path}`", call.get("x-role", ""), about, codes))
     return table(("call", "role", "answer", "status"), rows)
 

@@ -34,6 +34,15 @@ COOKIE = "gear-twin-key"
 HEADER = "x-api-key"
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 PUBLIC = "public"
+REFUSALS = {  # that each operation may be answered with, whoever asks
+    "403": "Forbidden",
+    "413": "Content Too Large",
+    "414": "URI Too Long",
+    "415": "Unsupported Media Type",
+    "421": "Misdirected Request",
+    "429": "Too Many Requests",
+    "431": "Request Header Fields Too Large",
+}
 _AT_ONCE = 4  # threads that wait for an issuer's keys: other requests have the others
 
 
@@ -160,7 +169,7 @@ def described(schema: dict[str, Any], app: FastAPI) -> None:
         operation = schema["paths"].get(path, {}).get(method.lower())
         if operation is None:
             continue
-        refusals = {"403": "Forbidden", "429": "Too Many Requests"}
+        refusals = REFUSALS
         if isinstance(role, Role):
             operation["security"] = [
                 {"bearer": []},
@@ -168,7 +177,7 @@ def described(schema: dict[str, Any], app: FastAPI) -> None:
                 {},
             ]  # none: this computer's clients, where there are no credentials
             operation["x-role"] = role.value
-            refusals = {"401": "Unauthorized", **refusals}
+            refusals = {"401": "Unauthorized", **REFUSALS}
         for status, said in refusals.items():
             operation["responses"].setdefault(status, {"description": said, "content": answer})
 

@@ -3,6 +3,7 @@
     python -m tests.chaos frames      malformed frames into a whole service
     python -m tests.chaos recordings  damaged recordings
     python -m tests.chaos rigs        damaged rig files
+    python -m tests.chaos http        requests made up from the OpenAPI description, by callers with each credential
     python -m tests.chaos kills       kills of the service while windows are received and processed
     python -m tests.chaos schedules   processes killed, stopped and stalled, disks full, databases locked
 
@@ -21,11 +22,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))  # the fakes of the service's tests
 
-from tests.chaos import kills, schedules
+from tests.chaos import api, kills, schedules
 from tests.chaos.files import attack
 from tests.chaos.frames import Attack
 
-COUNTS = {"frames": 1_000_000, "recordings": 10_000, "rigs": 10_000, "kills": 300, "schedules": 300}
+COUNTS = {"frames": 1_000_000, "recordings": 10_000, "rigs": 10_000, "http": 50, "kills": 300, "schedules": 300}
 
 
 def main() -> int:
@@ -46,6 +47,9 @@ def main() -> int:
             held = outcome.sound and outcome.failure is None
         elif chosen.kind == "kills":
             outcome = kills.attack(count, chosen.seed, Path(folder), _say)
+            held = not outcome.faults
+        elif chosen.kind == "http":
+            outcome = api.attack(count, chosen.seed, Path(folder), _say)
             held = not outcome.faults
         elif chosen.kind == "schedules":
             return _schedules(chosen, count, Path(folder))

@@ -3,98 +3,83 @@
 from __future__ import annotations
 
 import pytest
-import schemathesis
-import service_fakes as fakes
-from gear_signals import meshing_window
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from schemathesis.generation import GenerationMode
 
-from service.api import create_app
-from service.results.baseline_store import BaselineStore
-from service.results.board import Board
-from service.results.signal_store import SignalStore
-from service.results.sql_store import SqlStore
+from tests.chaos.api import ASSET, CALLERS, EVENTS, OWN, attack, call, interface, operations
 
 EXAMPLES = 20
-BASE = "/v1/assets/{asset}"
 PARTS = (
     "wear", "rul", "residual", "effects", "tracing", "decisions", "rig", "windows", "trend", "quality", "inspections",
     "alarms", "alarm-rules", "signals", "waterfall", "indicators", "windows/{index}/signals/{view}",
     "changes", "epochs", "baseline",
 )  # fmt: skip
-# The stream of events never ends by itself: test_api_events.py reads it.
 OPERATIONS = [
-    *(("GET", route) for route in ("/v1/assets", "/v1/alarms", BASE, "/healthz", "/readyz", "/metrics")),
-    *(("GET", f"{BASE}/{part}") for part in PARTS),
-    ("POST", f"{BASE}/inspections"),
-    ("POST", f"{BASE}/effects/{{name}}"),
-    ("POST", f"{BASE}/alarms/{{number}}/{{verb}}"),
-    ("PUT", f"{BASE}/alarm-rules"),
-    ("POST", f"{BASE}/changes"),
-    ("PUT", f"{BASE}/baseline"),
-    ("DELETE", f"{BASE}/baseline"),
-    ("POST", f"{BASE}/baseline/learn"),
+    *(("GET", route) for route in ("/v1/assets", "/v1/alarms", ASSET, "/healthz", "/readyz", "/metrics")),
+    *(("GET", f"{ASSET}/{part}") for part in PARTS),
+    ("POST", f"{ASSET}/inspections"),
+    ("POST", f"{ASSET}/effects/{{name}}"),
+    ("POST", f"{ASSET}/alarms/{{number}}/{{verb}}"),
+    ("PUT", f"{ASSET}/alarm-rules"),
+    ("POST", f"{ASSET}/changes"),
+    ("PUT", f"{ASSET}/baseline"),
+    ("DELETE", f"{ASSET}/baseline"),
+    ("POST", f"{ASSET}/baseline/learn"),
+    ("POST", f"{ASSET}/what-if"),
     ("POST", "/v1/assets"),
     ("GET", "/v1/audit"),
     ("GET", "/v1/session"),
     ("POST", "/v1/session"),
     ("DELETE", "/v1/session"),
 ]
-# The fields of a duty depend on one another, which the description cannot say: see test_what_if_answers.py.
-DEPENDENT = [("POST", f"{BASE}/what-if")]
-LONGER = [("GET", f"{BASE}/report")]
+LONGER = [("GET", f"{ASSET}/report")]
 
 
 @pytest.fixture(scope="module")
-def described(tmp_path_factory):
-    board, store = Board(), SqlStore(tmp_path_factory.mktemp("schema") / "twin.sqlite")
-    fakes.campaign(store, board, asset="unsw", windows=6)
-    fakes.take(store, board, "0", 0, 1.0, report=fakes.little_known_report())
-    signals = SignalStore(tmp_path_factory.mktemp("signals"), 2**30)
-    for index in range(3):
-        signals.keep("unsw", index, meshing_window(index), revolutions=100.0 * index)
-    baselines = BaselineStore(store.database, tmp_path_factory.mktemp("baselines"))
-    app = create_app(board, store, signals=signals, baselines=baselines)
-    yield schemathesis.openapi.from_asgi("/openapi.json", app)
-    store.close()
+def target(tmp_path_factory):
+    with interface(tmp_path_factory.mktemp("schema")) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def described(target):
+    return target.described(OWN)
 
 
 def test_every_operation_of_the_description_is_called_here(described):
-    found = {(o.ok().method.upper(), o.ok().path) for o in described.get_all_operations()}
-    assert found == {*OPERATIONS, *LONGER, *DEPENDENT, ("GET", f"{BASE}/events")}
-
-
-def answers_as_described(operation, mode):
-    @settings(
-        max_examples=EXAMPLES, deadline=None, derandomize=True, database=None,
-        suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
-    @given(case=operation.as_strategy(generation_mode=mode), known=st.booleans())
-    def answered(case, known):
-        if known and mode is GenerationMode.POSITIVE and "asset" in case.path_parameters:
-            case.path_parameters["asset"] = "unsw"
-        case.call_and_validate()
-
-    answered()
+    assert set(operations(described)) == {*OPERATIONS, *LONGER, EVENTS}
 
 
 @pytest.mark.parametrize(
     ("method", "path"), [*OPERATIONS, *(pytest.param(*operation, marks=pytest.mark.slow) for operation in LONGER)]
 )
-def test_request_by_the_description_is_answered_by_it(described, method, path):
-    answers_as_described(described[path][method], GenerationMode.POSITIVE)
+def test_request_by_the_description_is_answered_by_it(target, described, method, path):
+    statuses = []
+    call(target, OWN, described, method, path, GenerationMode.POSITIVE, EXAMPLES, answered=statuses.append)
+    signs_in = (method, path) == ("POST", "/v1/session")  # with keys that nobody made
+    assert signs_in or not {401, 403} & set(statuses), "the role was not enough"
 
 
 @pytest.mark.parametrize(
     ("method", "path"),
     [
-        ("GET", f"{BASE}/windows"),
-        ("POST", f"{BASE}/inspections"),
-        ("POST", f"{BASE}/effects/{{name}}"),
-        ("POST", f"{BASE}/alarms/{{number}}/{{verb}}"),
-        ("PUT", f"{BASE}/alarm-rules"),
+        ("GET", f"{ASSET}/windows"),
+        ("POST", f"{ASSET}/inspections"),
+        ("POST", f"{ASSET}/effects/{{name}}"),
+        ("POST", f"{ASSET}/alarms/{{number}}/{{verb}}"),
+        ("PUT", f"{ASSET}/alarm-rules"),
     ],
 )
-def test_request_against_the_description_is_refused_by_it(described, method, path):
-    answers_as_described(described[path][method], GenerationMode.NEGATIVE)
+def test_request_against_the_description_is_refused_by_it(target, described, method, path):
+    call(target, OWN, described, method, path, GenerationMode.NEGATIVE, EXAMPLES)
+
+
+@pytest.mark.parametrize("caller", CALLERS[1:], ids=lambda caller: caller.name)
+@pytest.mark.parametrize(("method", "path"), [("GET", ASSET), ("POST", f"{ASSET}/inspections"), ("GET", "/v1/audit")])
+def test_callers_with_each_credential_are_answered_by_the_description(target, caller, method, path):
+    call(target, caller, target.described(caller), method, path, GenerationMode.POSITIVE, 3)
+
+
+@pytest.mark.slow
+def test_every_operation_is_answered_by_the_description_whoever_calls(tmp_path):
+    tally = attack(2, 1, tmp_path, lambda line: None)
+    assert tally.faults == [] and tally.requests > 1000
