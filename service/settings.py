@@ -17,6 +17,7 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 
 from service.access.addresses import is_loopback
 from service.access.roles import Role
+from service.configuration.new_assets import NewAssets, Rule, rule_of
 from service.configuration.plant import Log, Mqtt, OpcUa
 from service.configuration.sources import CONFIG, Environment, FileSource
 from service.configuration.tables import Table
@@ -332,7 +333,21 @@ class Zenoh(Table):
 
 
 class Settings(
-    Stream, Windows, Twin, Workers, Alarms, Results, Http, Admission, Oidc, Mqtt, OpcUa, Log, Zenoh, BaseSettings
+    Stream,
+    NewAssets,
+    Windows,
+    Twin,
+    Workers,
+    Alarms,
+    Results,
+    Http,
+    Admission,
+    Oidc,
+    Mqtt,
+    OpcUa,
+    Log,
+    Zenoh,
+    BaseSettings,
 ):
     """Settings of `gear-twin serve`, `demo` and whatever else takes windows apart."""
 
@@ -412,6 +427,15 @@ class Settings(
             password=None if self.zenoh_password is None else self.zenoh_password.get_secret_value(),
             users=self.zenoh_users,
         )
+
+    @property
+    def rule_of_new_assets(self) -> tuple[Rule, str | None]:
+        """What becomes of an asset that is not known, and why where that is not set."""
+        return rule_of(self.new_assets, self.http_host, self.listen, self.connect)
+
+    def effective(self, name: str) -> tuple[Any, str | None]:
+        """A setting's value, and why it holds where it follows from others."""
+        return self.rule_of_new_assets if name == "new_assets" else (getattr(self, name), None)
 
     @property
     def status_limits(self) -> StatusLimits:

@@ -17,6 +17,13 @@ def is_loopback(address: str | None) -> bool:
     return (mapped or found).is_loopback
 
 
+def is_local_endpoint(endpoint: str) -> bool:
+    """Whether an endpoint of Zenoh, such as tcp/127.0.0.1:7447, is of this computer alone."""
+    protocol, _, address = endpoint.partition("/")
+    host = address.partition("#")[0].partition("?")[0].rpartition(":")[0]
+    return protocol == "unixsock-stream" or is_loopback(host)
+
+
 def network(address: str | None) -> str:
     """An address, or of version 6 the network that one subscriber usually has."""
     try:

@@ -17,6 +17,7 @@ from service.api import asset_life as life_routes
 from service.api import assets, effects, events, guard, metrics, models, pages, problems, reports, sessions
 from service.api import audit as audit_routes
 from service.api import baselines as baseline_routes
+from service.api import incoming as incoming_routes
 from service.api import signals as signal_routes
 from service.api import what_if as what_if_routes
 from service.api.headers import SafeHeaders
@@ -51,6 +52,7 @@ def create_app(
     access: Access | None = None,
     limits: Limits | None = None,
     audit: AuditLog | None = None,
+    incoming: incoming_routes.Incoming | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
@@ -64,6 +66,7 @@ def create_app(
     access     whom it lets in; None for clients of this computer alone
     limits     what one client may ask of it; None for the usual ones, under any name
     audit      where changes are entered; None for the store's database
+    incoming   what is known of the network's side; None for a service that adopts every asset
     """
     app = FastAPI(
         title="gear-twin",
@@ -78,6 +81,7 @@ def create_app(
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
     app.state.changes = changes or _changes_in(store)
     app.state.baselines = baselines
+    app.state.incoming = incoming or incoming_routes.Incoming()
     app.state.queue = queue or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.access = admitted = access or Access()
@@ -98,9 +102,7 @@ def create_app(
     app.add_middleware(SafeHeaders)
     for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports, what_if_routes):
         app.include_router(module.router, max_body_size=BODY)
-    app.include_router(life_routes.router, max_body_size=BODY)
-    app.include_router(baseline_routes.router, max_body_size=BODY)
-    for module in (sessions, audit_routes):
+    for module in (life_routes, baseline_routes, sessions, audit_routes, incoming_routes):
         app.include_router(module.router, max_body_size=BODY)
     pages.mount_static(app)
     guard.install(app, audit_routes.refused)

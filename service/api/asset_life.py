@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -33,23 +34,30 @@ KEPT: dict[int | str, dict[str, Any]] = {202: {"model": models.AssetChange}}
 @needs(Role.administer)
 def create(request: Request, given: models.AssetIn) -> Any:
     """Creates an asset before its first frame, with its rig file."""
-    board, store = request.app.state.board, request.app.state.store
-    if given.asset in store.assets() or given.asset in request.app.state.changes.life.routes():
-        return problem(request, 409, f"there is an asset {given.asset!r} already, or one that was called so")
     if given.rig is not None:
         try:
             checked_rig(given.rig, "rig")
         except InputError as error:
             return problem(request, 409, f"the rig file cannot be used: {error}")
-    by = signer(request, given.by)
+    return begin_asset(request, "created", given.asset, given.rig, given.by, given.note)
+
+
+def begin_asset(
+    request: Request, kind: str, asset: str, rig: Mapping[str, Any] | None, by: str | None, note: str | None
+) -> JSONResponse:
+    """An asset is created, or an unknown one is adopted; 409 where there is one of that name."""
+    board, store = request.app.state.board, request.app.state.store
+    if asset in store.assets() or asset in request.app.state.changes.life.routes():
+        return problem(request, 409, f"there is an asset {asset!r} already, or one that was called so")
+    signed = signer(request, by)
 
     def kept() -> None:
-        store.note(given.asset, [("change", {"kind": "created", "by": by, "note": given.note})])
-        if given.rig is not None:
-            store.keep_rig(given.asset, given.rig)
+        store.note(asset, [("change", {"kind": kind, "by": signed, "note": note})])
+        if rig is not None:
+            store.keep_rig(asset, rig)
 
-    audited(request, "asset created", given.asset, kept, note=given.note, what={"rig": given.rig is not None})
-    shown = board.update(given.asset, rig=given.rig, last_event_id=store.last_event_id(given.asset))
+    audited(request, f"asset {kind}", asset, kept, note=note, what={"rig": rig is not None})
+    shown = board.update(asset, rig=rig, last_event_id=store.last_event_id(asset))
     return JSONResponse(shown.summary(), 201)
 
 

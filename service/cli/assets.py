@@ -69,6 +69,31 @@ def create(
 
 @app.command()
 @asking
+def unknown(url: Url = LOCAL, json: JsonFile = None) -> None:
+    """Show the assets that send frames and are not known: they are left out until somebody adopts them."""
+    from service.json_text import wrote_json
+
+    found = call(url, "/v1/unknown-assets")
+    if not wrote_json(found, json):
+        print("\n".join(unknown_lines(found)))
+
+
+@app.command()
+@asking
+def adopt(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
+    """Make an unknown asset one of the service's: its frames are used from now on. Needs the role administer."""
+    _decide(url, asset, "adopt", "adopted: its frames are used from now on", by, note, json)
+
+
+@app.command()
+@asking
+def dismiss(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
+    """Take an unknown asset off the list; its frames stay unused. Needs the role administer."""
+    _decide(url, asset, "dismiss", "dismissed: its frames stay unused", by, note, json)
+
+
+@app.command()
+@asking
 def change(
     asset: AssetName,
     kind: Annotated[Kind, typer.Argument(metavar="KIND", help="What was changed, or the answer to the open question.")],
@@ -215,6 +240,23 @@ def asset_lines(found: Sequence[Mapping[str, Any]], asked: Mapping[str, Any], wi
     return lines
 
 
+def unknown_lines(found: Mapping[str, Any]) -> list[str]:
+    """A line for each unknown asset, and what can be done."""
+    if not found["asks"]:
+        return ["every asset is adopted with its first frame (setting new_assets)"]
+    listed = found["assets"]
+    if not listed:
+        return ["no unknown asset sends frames"]
+    longest = max(len(a["asset"]) for a in listed)
+    lines = []
+    for a in listed:
+        channels = ", ".join(a["channels"]) or "no channel"
+        seen = f"{a['first_seen'][:16]} to {a['last_seen'][:16]}".replace("T", " ")
+        rig = "; a rig file is offered" if a["rig"] else ""
+        lines.append(f"{a['asset']:<{longest}}  {a['frames']:>8} frames  {seen}  {channels}{rig}")
+    return [*lines, "gear-twin assets adopt NAME makes one known; gear-twin assets dismiss NAME takes it off this list"]
+
+
 def change_line(change: Mapping[str, Any]) -> str:
     """One change in one line."""
     named = ("by", "at", "sensor", "revolutions", "count", "name", "note")
@@ -229,6 +271,15 @@ def change_line(change: Mapping[str, Any]) -> str:
 
 def _path(asset: str) -> str:
     return f"/v1/assets/{quote(asset, safe='')}"
+
+
+def _decide(url: str, asset: str, action: str, done: str, by: str | None, note: str | None, json: Path | None) -> None:
+    from service.json_text import wrote_json
+
+    body = {name: value for name, value in (("by", by), ("note", note)) if value is not None}
+    answer = call(url, f"/v1/unknown-assets/{quote(asset, safe='')}/{action}", body)
+    if not wrote_json(answer, json):
+        print(f"{asset} {done}")
 
 
 def _change(url: str, asset: str, kind: str, given: Mapping[str, Any], json: Path | None) -> None:

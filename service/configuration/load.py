@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_settings import SettingsError
 
-from service.configuration import plant
+from service.configuration import new_assets, plant
 from service.configuration.sources import CONFIG, Environment, FileSource
 from service.configuration.tables import Place, is_secret, places
 from service.errors import InputErrors
@@ -24,6 +24,7 @@ READ = {
     "http": "must be HOST:PORT, such as 127.0.0.1:8080",
     "prefix": "must be letters, digits, '_', '-' and '.', in parts separated by '/', such as gearbox",
     **plant.READ,
+    **new_assets.READ,
 }
 _FIELD = re.compile(r'field "(\w+)"')
 

@@ -20,11 +20,13 @@ WIDTH = 110
 
 
 def effective(settings: Settings, origins: Mapping[str, str]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Table, key, then `value` (secrets masked) and `from`."""
+    """Table, key, then `value` (secrets masked) and `from`; `follows` where it is not set and follows from others."""
     found: dict[str, dict[str, dict[str, Any]]] = {}
     for name, place in places(Settings).items():
-        value = shown(getattr(settings, name))
-        found.setdefault(place.table, {})[place.key] = {"value": value, "from": origins[name]}
+        value, why = settings.effective(name)
+        origin = origins[name] if why is None else f"{origins[name]}: {why}"
+        said = {"value": shown(value), "from": origin} | ({} if why is None else {"follows": True})
+        found.setdefault(place.table, {})[place.key] = said
     return found
 
 
@@ -35,6 +37,7 @@ def effective_text(settings: Settings, origins: Mapping[str, str]) -> str:
         lines += ["", f"[{table}]"]
         for key, said in keys.items():
             text = f"# {key} is not set" if said["value"] is None else f"{key} = {toml(said['value'])}"
+            text = f"# {text}" if said.get("follows") else text
             lines.append(f"{text:<50}  # {said['from']}")
     return "\n".join(lines[1:])
 
@@ -56,7 +59,7 @@ def example_text() -> str:
 def _commented(place: Place) -> list[str]:
     field = Settings.model_fields[place.setting]
     value = shown(field.get_default(call_default_factory=True))
-    if value is None or (value == [] and field.examples):
+    if value is None or (value in ([], {}) and field.examples):
         value = field.examples[0] if field.examples else f"{place.key}.toml"
     about = textwrap.wrap(field.description or "", WIDTH, initial_indent="# ", subsequent_indent="# ")
     return [*about, f"#{place.key} = {toml(value)}"]

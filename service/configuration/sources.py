@@ -96,4 +96,6 @@ def _meant(name: str, known: Iterable[str]) -> str:
 def _beside(path: Path, value: Any) -> Any:
     if isinstance(value, list):
         return [_beside(path, each) for each in value]
+    if isinstance(value, dict):
+        return {name: _beside(path, each) for name, each in value.items()}
     return path.parent / value if isinstance(value, str) else value

@@ -23,7 +23,7 @@ class PositionModel(ContractModel):
     """What a publisher may forget, and what it should keep or send again."""
 
     asset: str
-    instance: str = Field(description="another one after each start of the service")
+    instance: str = Field(description="another one after each start of the service, and after an adoption")
     accepting: bool = Field(description="whether frames of the asset are used")
     reason: str | None = Field(default=None, description="why they are not")
     behind: bool = Field(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from service.access.access import Access
-from service.access.addresses import is_loopback
+from service.access.addresses import is_local_endpoint, is_loopback
 from service.access.keys import KeyStore
 from service.access.roles import Role
 from service.access.tokens import Issuer, Tokens
@@ -39,8 +39,7 @@ def _demand_protected_links(settings: Settings) -> None:
     if settings.connect or settings.zenoh_open or settings.zenoh_links.admits_known_clients_only:
         return
     for endpoint in settings.listen:
-        address = endpoint.partition("/")[2].partition("#")[0].partition("?")[0]
-        if not is_loopback(address.rpartition(":")[0]) and not endpoint.startswith("unixsock-stream/"):
+        if not is_local_endpoint(endpoint):
             raise InputError(
                 f"listen = {endpoint}: other computers can reach this address, and everybody could publish frames; "
                 "demand certificates ([zenoh] client_certificates) or users ([zenoh] users), give access control "

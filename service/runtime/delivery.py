@@ -98,6 +98,8 @@ class Delivery:
         self._left_out: dict[str, tuple[Counter[str], Counter[str]]] = {}  # by service: at first, and by now
         self._reason: str | None = None
         self._noted = False
+        self._noted_reason: str | None = None
+        self._resent = clock()  # when all that is kept was sent again last
         self.invalid = 0  # frames that no service can read
         self.settled = 0
 
@@ -144,6 +146,7 @@ class Delivery:
                 self._send_again()
                 answered = arrived = self._clock()
             come, said = self._ask()
+            self._note_reason()
             now = self._clock()
             if said:
                 answered = now
@@ -157,7 +160,7 @@ class Delivery:
                     return
             if now - answered > self._wait or (self._reason and now - moved > self._wait) or now - moved > STORED_WAIT:
                 self._give_up(answered=now - answered <= self._wait)
-            if now - max(arrived, moved) > ON_THE_WAY and not come and said:
+            if now - max(arrived, moved, self._resent) > ON_THE_WAY and said and not (come or self._reason):
                 sent_again += 1
                 if sent_again > SENT_AGAIN:
                     self._give_up(answered=True)
@@ -168,6 +171,12 @@ class Delivery:
                 self._note(f"waiting for the service to store {len(self._kept)} frames")
             self._sleep(pause)
             pause = min(2 * pause, _ASK_AGAIN[1])
+
+    def _note_reason(self) -> None:
+        """Says at once why frames are not used, where that is new."""
+        if self._reason is not None and self._reason != self._noted_reason:
+            self._note(f"{self._reason}; the frames are kept for {self._wait:g} s")
+        self._noted_reason = self._reason
 
     def _ask(self) -> tuple[bool, bool]:
         """Whether all frames sent have come, by everyone who answers; and whether anyone does."""
@@ -294,6 +303,7 @@ class Delivery:
                 f"{self._most_bytes / 2**20:g} MiB of frames waited to be stored; repeat the replay"
             )
         self._put_again(self._kept)
+        self._resent = self._clock()
 
     def _put_again(self, frames: Iterable[_Kept]) -> None:
         for each in list(frames):

@@ -15,6 +15,7 @@ from typing import Protocol
 from uuid import uuid4
 
 from service.contract.position import ChannelPositionModel, PositionModel, position_text
+from service.results.unknown_assets import UnknownAssets
 from service.stream.frames import LENGTH_LIMITS, NS
 from service.stream.inbox import Inbox
 from service.stream.position import Position, earliest
@@ -57,6 +58,7 @@ class Positions:
     network    on which positions are published
     source     who knows them
     pending    start of the earliest closed window that is not stored yet, and how many windows wait, by stream
+    unknown    the streams that are not used, which have no queue
     """
 
     def __init__(
@@ -66,9 +68,11 @@ class Positions:
         source: PositionSource,
         *,
         pending: Callable[[str], tuple[int | None, int]] = lambda stream: (None, 0),
+        unknown: UnknownAssets | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._inbox, self._network, self._source = inbox, network, source
+        self._unknown = unknown or UnknownAssets()
         self._pending, self._clock = pending, clock
         self._instance = uuid4().hex
         self._lock = threading.Lock()
@@ -98,6 +102,9 @@ class Positions:
 
     def ask(self, stream: str, reply: Reply) -> None:
         """Takes a question of a network's callback; `reply` is given the answer, from any thread."""
+        if not self._unknown.asked(stream):
+            reply(position_text(self.latest(stream)))
+            return
         with self._lock:
             self._asked += 1
             number = self._asked
@@ -148,11 +155,21 @@ class Positions:
     def _text(self, stream: str) -> str:
         return position_text(self._model(stream))
 
-    def _behind(self, stream: str) -> str:
-        """What was known last: frames that came since are not in it."""
+    def latest(self, stream: str) -> PositionModel:
+        """What was published last, and whether frames are used now: frames that came since are not in it."""
         _, known = self._published.get(stream, (0.0, None))
         known = known or PositionModel(asset=stream, instance=self._instance, accepting=True)
+        refusal = self._source.refusal(stream)
+        now = {"accepting": refusal is None, "reason": refusal, "instance": self._instance_of(stream)}
+        return known.model_copy(update=now)
+
+    def _behind(self, stream: str) -> str:
+        known = self.latest(stream)
         return position_text(known.model_copy(update={"behind": True, "backlog": self._pending(stream)[1]}))
+
+    def _instance_of(self, stream: str) -> str:
+        """Another one where earlier frames must be sent again: after a start, and where the asset has been adopted."""
+        return f"{self._instance}-adopted" if self._unknown.renewed(stream) else self._instance
 
     def _model(self, stream: str) -> PositionModel:
         found = self._source.position(stream) or Position()
@@ -164,7 +181,7 @@ class Positions:
         refusal = self._source.refusal(stream)
         return PositionModel(
             asset=stream,
-            instance=self._instance,
+            instance=self._instance_of(stream),
             accepting=refusal is None,
             reason=refusal,
             unsettled_from_ns=earliest([found.unsettled_from_ns, closed_from]),

@@ -38,11 +38,12 @@ class RigQuestions:
         for asset in self._store.assets():
             question = self._lanes.question(asset)
             asked = question is not None and question["kind"] == GEARS_DIFFER and question.get("settings")
-            differs = self._rigs.given is not None and self._rigs.named_differences(asset, self._rigs.given)
+            given = self._rigs.given.of(asset)
+            differs = given is not None and self._rigs.named_differences(asset, given)
             if asked and not differs:
                 self._lanes.ask(asset, None)
-            elif self._rigs.given is not None:
-                self._compare(asset, self._rigs.given, f"rig file {self._rigs.where}", settings=True)
+            elif given is not None:
+                self._compare(asset, given, f"rig file {self._rigs.given.where(asset)}", settings=True)
 
     def __call__(self) -> None:
         """Asks about rig files that have been offered since."""

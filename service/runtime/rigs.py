@@ -11,12 +11,13 @@ import logging
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from service.errors import InputError
 from service.files.documents import parsed_document
-from service.files.rig import checked_rig
+from service.files.rig import checked_rig, load_mapping
 from service.results.board import Board
 from service.results.store import ResultStore, StoredAsset
 from service.transport.protocol import Transport
@@ -58,22 +59,45 @@ def other_gears(stored: StoredAsset, rig: Mapping[str, Any]) -> tuple[str, ...]:
     return rig_change(stored.rig, rig).identity
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GivenRigs:
+    """The rig files of the settings: each with what it is called in messages."""
+
+    all: tuple[Mapping[str, Any], str] | None = None  # of every asset that has none of its own
+    own: Mapping[str, tuple[Mapping[str, Any], str]] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, of_all: Path | None, own: Mapping[str, Path]) -> GivenRigs:
+        """Reads the files; InputError where one cannot be used."""
+        return cls(
+            all=None if of_all is None else _read(of_all), own={asset: _read(path) for asset, path in own.items()}
+        )
+
+    def of(self, asset: str) -> Mapping[str, Any] | None:
+        """The rig file that the settings give for an asset."""
+        found = self.own.get(asset) or self.all
+        return None if found is None else found[0]
+
+    def where(self, asset: str) -> str:
+        """What it is called."""
+        found = self.own.get(asset) or self.all
+        return "rig" if found is None else found[1]
+
+
+def _read(path: Path) -> tuple[Mapping[str, Any], str]:
+    rig = load_mapping(path)
+    checked_rig(rig, str(path))
+    return rig, str(path)
+
+
 class Rigs:
-    """The rig files of all assets."""
+    """The rig files of all assets.
 
-    def __init__(self, store: ResultStore, board: Board, given: Mapping[str, Any] | None, where: str = "rig") -> None:
-        """given  the rig file of the settings, read from `where`"""
-        self._store, self._board, self._given, self._where = store, board, given, where
+    given  those of the settings
+    """
 
-    @property
-    def given(self) -> Mapping[str, Any] | None:
-        """The rig file of the settings."""
-        return self._given
-
-    @property
-    def where(self) -> str:
-        """What the rig file of the settings is called in messages."""
-        return self._where
+    def __init__(self, store: ResultStore, board: Board, given: GivenRigs) -> None:
+        self._store, self._board, self.given = store, board, given
 
     def named_differences(self, asset: str, rig: Mapping[str, Any]) -> list[str]:
         """How a rig file describes other gears than those of an asset so far, teeth first, absent values last."""
@@ -86,8 +110,9 @@ class Rigs:
     def of(self, asset: str, offered: OfferedRigs) -> Rig:
         """The rig of an asset; one of which nothing is known where there is none."""
         stored = self._store.asset(asset)
-        differs = self._given is not None and other_gears(stored, self._given)
-        rig = (None if differs else self._given) or stored.rig or offered.find(asset)
+        given = self.given.of(asset)
+        differs = given is not None and other_gears(stored, given)
+        rig = (None if differs else given) or stored.rig or offered.find(asset)
         if rig is None:
             log.warning(
                 "no rig file is known for %s: only what needs none will be available", asset, extra={"asset": asset}

@@ -7,6 +7,7 @@ committed stays, and what was in progress is taken up from the store by the next
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
@@ -15,7 +16,7 @@ from functools import partial
 from service.alarms.keeper import AlarmKeeper
 from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.api import create_app
-from service.files.rig import checked_rig, load_mapping
+from service.api.incoming import Incoming
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.audit_log import AuditLog
@@ -28,18 +29,21 @@ from service.results.retention import Retention
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 from service.results.store import ResultStore
+from service.results.unknown_assets import UnknownAssets
 from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
 from service.runtime.bridging import bridges_of
 from service.runtime.http_server import HttpServer, address_of, listening_at
 from service.runtime.retention_job import RetentionJob
-from service.runtime.rigs import Rigs
+from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.twin_port import Twin, gear_twin
 from service.runtime.webhooks import WebhookSender
 from service.runtime.worker import Kept, Worker
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
+
+log = logging.getLogger(__name__)
 
 CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
 
@@ -62,16 +66,14 @@ def run(
     open_store      where results are kept; None for the database of the settings
     announce        called once with the page's address, when HTTP is served
     """
-    rig = load_mapping(settings.rig) if settings.rig else None
-    if rig is not None:
-        checked_rig(rig, str(settings.rig))
+    given_rigs = GivenRigs.read(settings.rig, settings.asset_rigs)
     twin = twin or _twin_of(settings)
     with ExitStack() as stack:
         access, front = access_of(settings), front_of(settings)
         stack.enter_context(only_service_of(settings.data))
         store = stack.enter_context((open_store or partial(SqlStore, database_of(settings.data, settings.database)))())
         board = Board.from_store(store)
-        rigs = Rigs(store, board, rig, str(settings.rig))
+        rigs = Rigs(store, board, given_rigs)
         listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
         queue = DecisionQueue(store)
         signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
@@ -81,10 +83,11 @@ def run(
             board.update(asset, alarms=alarms.open(asset))
         webhooks = WebhookSender(alarms.store, alarms.waiting)
         changes = ChangeQueue(life := AssetLife(store.database, settings.data / WAITING))
+        unknown = unknown_of(settings, board, life)
         baselines = BaselineStore(store.database, settings.data / BASELINES)
         kept = Kept(
             store=store, board=board, decisions=queue, life=life, changes=changes, signals=signals, alarms=alarms,
-            baselines=baselines,
+            baselines=baselines, unknown=unknown,
         )  # fmt: skip
         worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer)
         bridges = bridges_of(settings, board, store, worker.offer, access)
@@ -102,6 +105,7 @@ def run(
             access=access,
             limits=limits_of(settings),
             audit=AuditLog(store.database, settings.audit_entries),
+            incoming=Incoming(unknown=unknown, position=worker.position),
         )
 
         def ending() -> None:
@@ -121,6 +125,17 @@ def run(
     if worker.failure is not None:
         raise worker.failure
     return 0
+
+
+def unknown_of(settings: Settings, board: Board, life: AssetLife) -> UnknownAssets:
+    """The list of unknown assets, by the settings; assets that are declared are shown from now on."""
+    renamed = life.routes()
+    for asset in (*settings.assets, *settings.asset_rigs):
+        if board.get(asset) is None and asset not in renamed:
+            board.update(asset)
+    rule, why = settings.rule_of_new_assets
+    log.info("new assets: %s%s", rule, "" if why is None else f" ({why})")
+    return UnknownAssets(asks=rule == "ask", most=settings.unknown_assets, expire=settings.unknown_expire)
 
 
 def rules_of(settings: Settings) -> tuple[Rule, ...]:

@@ -13,6 +13,7 @@ from typing import Protocol
 
 from service.errors import FrameError
 from service.results.asset_life import AssetLife
+from service.results.unknown_assets import UnknownAssets
 from service.runtime.pump import FrameConsumer
 from service.stream.frames import Frame
 from service.stream.position import Position
@@ -32,6 +33,7 @@ class Streams:
 
     retired      whether an asset is retired
     unavailable  why nothing can be stored at present, or None
+    unknown      the assets that are not known, and whether they are let in
     """
 
     def __init__(
@@ -40,8 +42,9 @@ class Streams:
         consumer: AssetConsumer,
         retired: Callable[[str], bool],
         unavailable: Callable[[], str | None] = lambda: None,
+        unknown: UnknownAssets | None = None,
     ) -> None:
-        self._unavailable = unavailable
+        self._unavailable, self._unknown = unavailable, unknown or UnknownAssets()
         self._life, self._consumer, self._retired = life, consumer, retired
         self.moved: Callable[[str], None] = lambda stream: None  # called with a stream of which something has come
         self._routes = life.routes()
@@ -59,6 +62,11 @@ class Streams:
         """The streams that belong to an asset."""
         own = [asset] if self.asset_of(asset) == asset else []
         return own + [stream for stream, of in self._routes.items() if of == asset and stream != asset]
+
+    @property
+    def routed(self) -> tuple[str, ...]:
+        """The streams whose asset has another name."""
+        return tuple(self._routes)
 
     def feed(self, frame: Frame) -> None:
         """Hands one frame on to its asset."""
@@ -95,8 +103,10 @@ class Streams:
         return self._consumer.position(self.asset_of(stream))
 
     def refusal(self, stream: str) -> str | None:
-        """Why no frames of a stream are used, or None."""
-        asset = self.asset_of(stream)
+        """Why no frames of a stream are used at present, or None."""
+        unknown, asset = self._unknown.refusal(stream), self.asset_of(stream)
+        if unknown is not None:
+            return unknown
         return f"asset {asset} is retired: its frames are left out" if self._retired(asset) else self._unavailable()
 
     def waiting(self, stream: str) -> bool:

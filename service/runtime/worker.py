@@ -6,11 +6,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
+from service.contract.position import PositionModel
 from service.errors import NotReachable
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
@@ -19,6 +20,7 @@ from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore
+from service.results.unknown_assets import UnknownAssets
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.changes import ChangeWorker
 from service.runtime.computing import Computing
@@ -64,6 +66,7 @@ class Kept:
     baselines: BaselineStore
     signals: SignalStore | None = None
     alarms: AlarmKeeper | None = None
+    unknown: UnknownAssets = field(default_factory=UnknownAssets)
 
     def close(self) -> None:
         """Releases everyone who waits for a decision or a change."""
@@ -99,6 +102,7 @@ class Worker(threading.Thread):
             frames=settings.queue_frames,
             max_bytes=settings.queue_bytes,
             prefix=settings.prefix,
+            admits=kept.unknown.admits,
         )
         self._stopping = threading.Event()
         self._reason: str | None = "not yet subscribed to the stream"
@@ -106,6 +110,7 @@ class Worker(threading.Thread):
         self._computing = self._computing_of(settings)
         self._lanes: Lanes | None = None
         self._spool: Spool | None = None
+        self._positions: Positions | None = None
         self._storage = StorageWatch(str(settings.data))
         self.on_end: Callable[[], None] = lambda: None
         self.failure: Exception | None = None
@@ -148,6 +153,10 @@ class Worker(threading.Thread):
         """Why no frames are accepted, or None."""
         return self._reason or self._storage.reason
 
+    def position(self, stream: str) -> PositionModel | None:
+        """How far a stream is stored, as it was published last; None while there is no connection."""
+        return None if self._positions is None else self._positions.latest(stream)
+
     def gauges(self) -> dict[str, float]:
         """Figures of the process for /metrics."""
         network = self._transport.counters() if self._transport else {}
@@ -165,6 +174,7 @@ class Worker(threading.Thread):
             "windows_waiting_bytes": 0 if self._lanes is None else self._lanes.total_bytes,
             "windows_shed": 0 if self._lanes is None else self._lanes.total_shed,
             "windows_in_memory_bytes": 0 if self._spool is None else self._spool.held_bytes,
+            **self._kept.unknown.gauges(),
             **self._computing.gauges(),
             **(self._signals.gauges() if self._signals else {}),
         }
@@ -226,9 +236,16 @@ class Worker(threading.Thread):
         intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
         )
-        streams = Streams(life, intake, self._is_retired, lambda: storage.reason)
-        positions = Positions(
-            self._inbox, transport, streams, pending=lambda stream: _pending(spool, lanes, streams.asset_of(stream))
+        streams = Streams(life, intake, self._is_retired, lambda: storage.reason, kept.unknown)
+        kept.unknown.begin(
+            lambda stream: board.get(streams.asset_of(stream)) is not None, (*board.assets(), *streams.routed)
+        )
+        positions = self._positions = Positions(
+            self._inbox,
+            transport,
+            streams,
+            pending=lambda stream: _pending(spool, lanes, streams.asset_of(stream)),
+            unknown=kept.unknown,
         )
         streams.moved = positions.moved
 

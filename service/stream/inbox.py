@@ -32,6 +32,7 @@ _FREED = 0.25  # share of a stream's queue that is left out at once, at least
 _KNOWN_TOPICS = 8192  # whose channels need not be parsed again
 
 NO_ROOM, BAD_KEY, MANY_STREAMS, CLOSED = "no_room", "bad_key", "too_many_streams", "closed"
+UNKNOWN = "unknown_asset"
 
 
 class Arrival(NamedTuple):
@@ -137,9 +138,17 @@ class Inbox:
     """The queues of all streams, bounded in frames and bytes, filled by callbacks and emptied by one loop.
 
     frames, max_bytes  of all streams together; one stream may have half of it
+    admits             whether frames of a stream are used, asked with the channel of each; called in callbacks
     """
 
-    def __init__(self, frames: int = 4096, max_bytes: int = 256 * 2**20, prefix: str = "gearbox"):
+    def __init__(
+        self,
+        frames: int = 4096,
+        max_bytes: int = 256 * 2**20,
+        prefix: str = "gearbox",
+        admits: Callable[[str, str | None], bool] = lambda stream, channel: True,
+    ):
+        self._admits = admits
         self._most_frames, self._most_bytes, self._prefix = frames, max_bytes, prefix
         self._queues: dict[str, _Queue] = {}
         self._turns: deque[str] = deque()  # streams of which something waits, in the order of their turns
@@ -154,10 +163,11 @@ class Inbox:
     def offer(self, topic: str, payload: bytes) -> bool:
         """Puts one payload in; False where it had to be left out."""
         channel = _channel_of(topic, self._prefix)
+        admitted = channel is None or self._admits(channel.asset, channel.label)
         with self._changed:
             self.received += 1
-            if channel is None or self._closed:
-                self.refused[BAD_KEY if channel is None else CLOSED] += 1
+            if channel is None or self._closed or not admitted:
+                self.refused[BAD_KEY if channel is None else CLOSED if self._closed else UNKNOWN] += 1
                 return False
             arrival = Arrival(channel, payload, time.monotonic())
             queue = self._queue(channel.asset)

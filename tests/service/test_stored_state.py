@@ -18,7 +18,7 @@ from service.results.schema import REVISION
 from service.results.sql_store import SqlStore
 from service.runtime.lane import Entry
 from service.runtime.pipeline import Pipeline
-from service.runtime.rigs import Rigs, rig_change
+from service.runtime.rigs import GivenRigs, Rigs, rig_change
 from service.runtime.twin_port import gear_twin
 from service.runtime.worker import restore
 from service.stream.sources.mcap import Recording
@@ -147,8 +147,8 @@ class Nobody:
 
 
 def test_rig_file_of_other_gears_is_not_used_until_people_have_answered(learned, board):
-    rigs = Rigs(learned, board, changed(gears__face_width=0.025), "mine.toml")
-    assert rigs.named_differences("unsw", rigs.given) == ["gears.face_width = 0.025 (was 0.02)"]
+    rigs = Rigs(learned, board, GivenRigs(all=(changed(gears__face_width=0.025), "mine.toml")))
+    assert rigs.named_differences("unsw", rigs.given.of("unsw")) == ["gears.face_width = 0.025 (was 0.02)"]
     assert rigs.of("unsw", Nobody()).get("gears.face_width") == 0.02
     assert learned.asset("unsw").rig == GIVEN and learned.last_event_id("unsw") == 0
 
@@ -156,14 +156,14 @@ def test_rig_file_of_other_gears_is_not_used_until_people_have_answered(learned,
 def test_question_about_other_gears_names_their_teeth_first(learned, board):
     """A rig file of tooth counts alone was said to lack an addendum, a backlash, "and 15 more"."""
     given = {"gears": {"pinion": {"teeth": 23}, "gear": {"teeth": 57}}}
-    named = Rigs(learned, board, given, "mine.toml").named_differences("unsw", given)
+    named = Rigs(learned, board, GivenRigs(all=(given, "mine.toml"))).named_differences("unsw", given)
     assert named[:2] == ["gears.gear.teeth = 57 (was 52)", "gears.pinion.teeth = 23 (was 19)"]
     assert all("= absent" in line for line in named[2:-1]) and named[-1].endswith("more")
 
 
 def test_rig_file_that_differs_elsewhere_is_adopted_with_an_event(learned, board):
     rig = changed(name="after the overhaul", end_of_life__max_depth=4e-4)
-    rigs = Rigs(learned, board, rig, "mine.toml")
+    rigs = Rigs(learned, board, GivenRigs(all=(rig, "mine.toml")))
     rigs.of("unsw", Nobody())
     assert learned.asset("unsw").rig == rig
     (event,) = learned.events("unsw", 0)
@@ -176,14 +176,14 @@ def test_rig_file_that_differs_elsewhere_is_adopted_with_an_event(learned, board
 
 
 def test_the_same_rig_file_says_nothing(learned, board):
-    rigs = Rigs(learned, board, copy.deepcopy(GIVEN), "mine.toml")
+    rigs = Rigs(learned, board, GivenRigs(all=(copy.deepcopy(GIVEN), "mine.toml")))
     rigs.of("unsw", Nobody())
     assert learned.last_event_id("unsw") == 0
 
 
 def test_asset_without_a_state_accepts_any_rig_file(store, board):
     store.keep_rig("unsw", GIVEN)
-    Rigs(store, board, changed(gears__face_width=0.025), "mine.toml").of("unsw", Nobody())
+    Rigs(store, board, GivenRigs(all=(changed(gears__face_width=0.025), "mine.toml"))).of("unsw", Nobody())
     assert store.asset("unsw").rig["gears"]["face_width"] == 0.025
 
 

@@ -1,0 +1,147 @@
+"""REST: what comes in from the network: unknown assets that wait for a person, and how far a stream is stored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from service.access.roles import Role
+from service.api.asset_life import begin_asset
+from service.api.audit import audited
+from service.api.guard import Guarded, needs
+from service.api.models import AssetSummary
+from service.api.problems import problem, responses
+from service.contract.base import iso_time
+from service.contract.position import PositionModel
+from service.results.unknown_assets import Unknown, UnknownAssets
+
+router = APIRouter(prefix="/v1", tags=["unknown assets"], route_class=Guarded)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Incoming:
+    """What the app knows of the network's side.
+
+    position  how far a stream is stored, as it was published last; None while that is not known
+    """
+
+    unknown: UnknownAssets = field(default_factory=UnknownAssets)
+    position: Callable[[str], PositionModel | None] = lambda stream: None
+
+
+class UnknownAsset(BaseModel):
+    """An asset whose frames come and are left out, because nobody has adopted it."""
+
+    asset: str
+    first_seen: str = Field(description="ISO 8601, by the service's clock")
+    last_seen: str
+    frames: int = Field(description="that were left out")
+    channels: list[str] = Field(description="that it has sent, the first 32")
+    rig: bool = Field(description="whether a rig file has been offered for it")
+
+
+class Unknowns(BaseModel):
+    """The unknown assets."""
+
+    asks: bool = Field(description="whether an unknown asset waits for a person; else its first frame makes it one")
+    frames: int = Field(description="frames of unknown assets that were left out since the start")
+    forgotten: int = Field(description="unknown assets that were not listed any more for want of room")
+    assets: list[UnknownAsset] = Field(description="the busiest first; kept in memory, not over a restart")
+
+
+class Reason(BaseModel):
+    """Who does something, and why."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    by: str | None = Field(None, max_length=200, description="who does it")
+    note: str | None = Field(None, max_length=2000, description="why")
+
+
+class Dismissed(BaseModel):
+    """An asset that was taken off the list."""
+
+    asset: str
+
+
+@router.get("/unknown-assets", response_model=Unknowns)
+@needs(Role.read)
+async def unknown_assets(request: Request) -> Any:
+    """The assets that are not known, and wait to be adopted."""
+    unknown = _unknown(request)
+    found = [_shown(each) for each in unknown.listed()]
+    return JSONResponse(
+        {"asks": unknown.asks, "frames": unknown.frames, "forgotten": unknown.forgotten, "assets": found}
+    )
+
+
+@router.post(
+    "/unknown-assets/{asset}/adopt",
+    status_code=201,
+    response_model=AssetSummary,
+    responses=responses(400, 404, 409, 422),
+)
+@needs(Role.administer)
+def adopt(request: Request, asset: str, given: Reason) -> Any:
+    """Makes an unknown asset one of this service's: its frames are used from now on."""
+    if request.app.state.board.get(asset) is None and _unknown(request).find(asset) is None:
+        return _not_listed(request, asset)
+    return begin_asset(request, "adopted", asset, None, given.by, given.note)
+
+
+@router.post("/unknown-assets/{asset}/dismiss", response_model=Dismissed, responses=responses(400, 404, 422))
+@needs(Role.administer)
+def dismiss(request: Request, asset: str, given: Reason) -> Any:
+    """Takes an unknown asset off the list; it is not listed again for the time that the list keeps an entry."""
+    unknown = _unknown(request)
+    found = unknown.find(asset)
+    if found is None:
+        return _not_listed(request, asset)
+    what = {"frames": found.frames}
+    audited(request, "unknown asset dismissed", asset, lambda: unknown.dismiss(asset), note=given.note, what=what)
+    return JSONResponse({"asset": asset})
+
+
+@router.get("/assets/{asset}/position", response_model=PositionModel, responses=responses(404, 422, 503))
+@needs(Role.read)
+def position(request: Request, asset: str) -> Any:
+    """How far a stream is stored, and whether and why its frames are left out; the same JSON as on Zenoh."""
+    incoming: Incoming = request.app.state.incoming
+    known = request.app.state.board.get(asset) is not None
+    if not known and incoming.unknown.find(asset) is None and asset not in request.app.state.changes.life.routes():
+        return _not_listed(request, asset)
+    found = incoming.position(asset)
+    if found is None:
+        return problem(request, 503, "the service is not connected to the network yet")
+    return JSONResponse(found.model_dump(mode="json"))
+
+
+def _unknown(request: Request) -> UnknownAssets:
+    unknown: UnknownAssets = request.app.state.incoming.unknown
+    return unknown
+
+
+def _not_listed(request: Request, asset: str) -> JSONResponse:
+    names = [each.asset for each in _unknown(request).listed()]
+    listed = ", ".join(names) or "none"
+    detail = (
+        f"no frame of {asset!r} has come: unknown assets are {listed}; "
+        "POST /v1/assets (gear-twin assets create) makes an asset before its first frame"
+    )
+    return problem(request, 404, detail, known=names)
+
+
+def _shown(each: Unknown) -> dict[str, Any]:
+    return {
+        "asset": each.asset,
+        "first_seen": iso_time(each.first_ns),
+        "last_seen": iso_time(each.last_ns),
+        "frames": each.frames,
+        "channels": sorted(each.channels),
+        "rig": each.rig is not None,
+    }

@@ -1,0 +1,364 @@
+"""Unknown assets: where people are to be asked, nothing of them is used or kept until somebody adopts them."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import json
+import logging
+import threading
+import tracemalloc
+
+import httpx
+import pytest
+from memory_transport import MemoryNetwork
+from service_streams import Service, wait_until, write_recording
+from test_asset_life import SqliteFile, revolutions
+from test_decisions import post
+from test_other_parts import serving
+
+from service.access.access import Access
+from service.access.keys import KeyStore
+from service.access.roles import Role
+from service.api import create_app
+from service.api.incoming import Incoming
+from service.cli import run
+from service.errors import DeliveryError
+from service.results.data_folder import DATABASE
+from service.results.sql_store import SqlStore
+from service.results.unknown_assets import ASKED_WITHIN, NEXT_QUESTION, UnknownAssets
+from service.runtime.replay import replay
+from service.settings import Settings
+from service.stream.inbox import Inbox
+
+WINDOWS = 3
+FIRST = [10, 610, 1210]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("recording") / "unsw.mcap", WINDOWS)
+
+
+class Clock:
+    def __init__(self):
+        self.now = 1000.0
+
+    def __call__(self):
+        return self.now
+
+
+def asking(known=(), clock=None, **given):
+    found = UnknownAssets(asks=True, clock=clock or Clock(), **given)
+    found.begin(lambda stream: stream in known, ())
+    return found
+
+
+# -- the list --------------------------------------------------------------------------------------------
+
+
+def test_an_unknown_asset_is_listed_with_what_is_known_of_it_and_has_no_queue():
+    unknown = asking({"press"})
+    inbox = Inbox(admits=unknown.admits)
+    assert inbox.offer("gearbox/press/accel/y6", b"..")
+    for name in ("y6", "y6", "x6"):
+        assert not inbox.offer(f"gearbox/new/accel/{name}", b"..")
+    (entry,) = unknown.listed()
+    assert (entry.asset, entry.frames, entry.channels) == ("new", 3, {"accel/y6", "accel/x6"})
+    assert not inbox.waits("new") and inbox.waits("press") and inbox.refused["unknown_asset"] == 3
+
+
+def test_twenty_thousand_names_leave_a_short_list_and_nothing_else(caplog):
+    unknown = asking(most=100)
+    inbox = Inbox(admits=unknown.admits)
+    for _ in range(3):
+        inbox.offer("gearbox/press-1/accel/y6", b"..")  # a machine that does send
+
+    def flood(numbers):
+        for number in numbers:
+            inbox.offer(f"gearbox/asset-{number:05d}/accel/y6", b"..")
+
+    with caplog.at_level(logging.INFO):
+        tracemalloc.start()
+        flood(range(10_000))
+        gc.collect()
+        before = tracemalloc.take_snapshot()
+        flood(range(10_000, 20_000))
+        gc.collect()
+        grown = tracemalloc.take_snapshot().compare_to(before, "filename")
+        tracemalloc.stop()
+    assert sum(s.size_diff for s in grown if "/service/" in str(s.traceback)) < 500_000, grown[
+        :5
+    ]  # the cache of topics is bounded
+    assert len(unknown.listed()) == 100 and unknown.listed()[0].asset == "press-1"  # the quietest go first
+    assert unknown.gauges() == {
+        "unknown_assets": 100, "unknown_asset_frames": 20_003, "unknown_assets_forgotten": 19_901,
+    }  # fmt: skip
+    assert inbox.depth == inbox.bytes == 0 and inbox.empty
+    assert len(caplog.records) == 1
+
+
+def test_one_that_is_silent_for_long_leaves_the_list_and_a_dismissed_one_does_not_come_back_before():
+    clock = Clock()
+    unknown = asking(clock=clock, expire=60.0)
+    unknown.admits("a", "accel/y6")
+    unknown.admits("b", "accel/y6")
+    unknown.dismiss("b")
+    clock.now += 50
+    unknown.admits("a", "accel/y6")
+    unknown.admits("b", "accel/y6")
+    assert [u.asset for u in unknown.listed()] == ["a"] and unknown.frames == 4
+    clock.now += 59
+    assert [u.asset for u in unknown.listed()] == ["a"]
+    clock.now += 2
+    unknown.admits("b", "accel/y6")
+    assert [u.asset for u in unknown.listed()] == ["b"]
+
+
+def test_rig_files_for_unknown_assets_are_bounded_in_all():
+    unknown = asking(most=1000)
+    for number in range(300):
+        unknown.offered(f"a{number}", bytes(60_000))
+    kept = [u for u in unknown.listed() if u.rig is not None]
+    assert sum(len(u.rig) for u in kept) <= 2**23 and "a299" in {u.asset for u in kept}
+
+
+def test_a_publisher_that_keeps_its_frames_is_let_in_with_its_next_question_and_sends_all_of_them():
+    """Frames from the middle of a burst would be acknowledged with all before them."""
+    clock, known = Clock(), set()
+    unknown = asking(known, clock)
+    assert not unknown.asked("new") and not unknown.admits("new", "accel/y6")
+    known.add("new")
+    assert not unknown.admits("new", "accel/y6") and not unknown.renewed("new")
+    assert unknown.asked("new") and unknown.renewed("new") and unknown.admits("new", "accel/y6")
+    assert unknown.listed() == []
+
+
+def test_a_plain_publisher_is_let_in_at_once_and_one_that_asks_no_more_is_waited_for_a_while():
+    clock, known = Clock(), set()
+    unknown = asking(known, clock)
+    for name in ("plain", "gone", "left"):
+        assert not unknown.admits(name)
+    unknown.asked("left")
+    clock.now += ASKED_WITHIN
+    unknown.asked("gone")
+    known |= {"plain", "gone", "left"}
+    assert unknown.admits("plain") and unknown.admits("left") and not unknown.admits("gone")
+    clock.now += NEXT_QUESTION + 0.1
+    assert unknown.admits("gone")
+
+
+# -- settings --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "rule", "reason"),
+    [({}, "adopt", "only this computer"), ({"http": "0.0.0.0:8080"}, "ask", "http = 0.0.0.0"),
+     ({"listen": ["tcp/127.0.0.1:7447", "tls/0.0.0.0:7447"]}, "ask", "listen = tls/0.0.0.0:7447"),
+     ({"listen": ["unixsock-stream//tmp/a", "tcp/[::1]:7447"]}, "adopt", "only"),
+     ({"listen": ["tcp/0.0.0.0:7447"], "connect": ["tcp/127.0.0.1:1"]}, "adopt", "only"),
+     ({"connect": ["tcp/router:7447"]}, "ask", "connect = tcp/router:7447"),
+     ({"new_assets": "ask"}, "ask", None), ({"http": "0.0.0.0:8080", "new_assets": "adopt"}, "adopt", None)],
+)  # fmt: skip
+def test_assets_are_adopted_only_where_nobody_else_can_reach_the_service(given, rule, reason):
+    found, why = Settings(**given).rule_of_new_assets
+    assert found == rule and (why is None) is (reason is None) and (reason is None or reason in why)
+
+
+def test_config_prints_the_rule_that_holds_and_why(tmp_path, capsys):
+    file = tmp_path / "plant.toml"
+    file.write_text('[http]\naddress = "0.0.0.0:8080"\n[assets]\ndeclared = ["press-1"]\nrigs = {press-2 = "p.toml"}\n')
+    assert run(["config", "--config", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert 'new = "ask"' in said and "other computers can reach http = 0.0.0.0" in said
+    assert f'rigs = {{ "press-2" = "{tmp_path / "p.toml"}" }}' in said  # beside the file
+
+
+# -- the service -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def network():
+    return MemoryNetwork()
+
+
+@pytest.fixture
+def running(tmp_path, network):
+    with serving(tmp_path / "data", network, SqliteFile(tmp_path / "data"), new_assets="ask") as running:
+        yield running
+
+
+def unknown_of(running):
+    return {each["asset"]: each for each in running.get("/v1/unknown-assets")["assets"]}
+
+
+class Replaying:
+    """A replay in a thread."""
+
+    def __init__(self, network, recording, **given):
+        self.lines, self.failed = [], None
+        self.thread = threading.Thread(target=self._run, args=(network, recording), kwargs=given)
+        self.thread.start()
+
+    def _run(self, network, recording, **given):
+        try:
+            replay(recording, (), 0, publish_to=network.open_publisher, on_fault=self.lines.append, **given)
+        except DeliveryError as error:
+            self.failed = error
+
+    def end(self):
+        self.thread.join(60)
+        assert not self.thread.is_alive()
+        return self.failed
+
+
+def tables(folder):
+    with SqlStore(folder / DATABASE) as store:
+        return store.assets()
+
+
+def test_a_replay_into_a_service_that_asks_says_why_it_fails_and_leaves_nothing(running, network, recording, tmp_path):
+    sent = Replaying(network, recording, wait=2.0)
+    error = sent.end()
+    assert "asset unsw is unknown to the service: adopt it on the page, or with gear-twin assets adopt unsw" in str(
+        error
+    )
+    assert any("is unknown to the service" in line for line in sent.lines)
+    entry = unknown_of(running)["unsw"]
+    assert entry["frames"] > 0 and "accel/y6" in entry["channels"]
+    assert running.get("/v1/assets") == [] and tables(tmp_path / "data") == ()
+    position = running.get("/v1/assets/unsw/position")
+    assert position["accepting"] is False and "unknown to the service" in position["reason"]
+
+
+def test_adopted_while_its_frames_come_nothing_is_lost(running, network, recording, tmp_path):
+    sent = Replaying(network, recording, wait=30.0)
+    wait_until(lambda: unknown_of(running).get("unsw", {}).get("frames", 0) > 8)
+    status, answer = post(running, "/v1/unknown-assets/unsw/adopt", {"by": "Ann", "note": "new press"})
+    assert (status, answer["asset"]) == (201, "unsw")
+    assert sent.end() is None
+    windows = running.wait_for_windows(WINDOWS)
+    assert revolutions(windows) == FIRST and all(w["quality"] == "good" for w in windows)
+    assert unknown_of(running) == {} and running.get("/v1/assets/unsw/position")["accepting"] is True
+    with SqlStore(tmp_path / "data" / DATABASE) as store:
+        adopted = store.events("unsw", 0)[0].data
+    assert (adopted["kind"], adopted["by"], adopted["note"]) == ("adopted", "Ann", "new press")
+    assert [e["action"] for e in running.get("/v1/audit")] == ["asset adopted"]
+
+
+def test_a_declared_asset_needs_nobody_and_one_with_a_rig_file_of_its_own_has_that(tmp_path, network, recording):
+    rig = tmp_path / "own.toml"
+    rig.write_text('name = "own"\n[gears.pinion]\nteeth = 19\n[gears.gear]\nteeth = 52\n')
+    given = {"new_assets": "ask", "assets": ["other"], "asset_rigs": {"unsw": rig}}
+    with serving(tmp_path / "data", network, SqliteFile(tmp_path / "data"), **given) as running:
+        assert [a["asset"] for a in running.get("/v1/assets")] == ["other", "unsw"]
+        assert tables(tmp_path / "data") == ()  # nothing is written before the first frame
+        replay(recording, (), 0, publish_to=network.open_publisher)
+        assert revolutions(running.wait_for_windows(WINDOWS)) == FIRST
+        assert running.get("/v1/assets/unsw/rig")["name"] == "own"
+
+
+def test_renamed_assets_are_known_under_their_earlier_name(tmp_path, network, recording):
+    data = tmp_path / "data"
+    given = {"new_assets": "ask", "assets": ["unsw"]}
+    with serving(data, network, SqliteFile(data), **given) as running:
+        assert post(running, "/v1/assets/unsw/changes", {"kind": "renamed", "name": "press-7"})[0] == 201
+        replay(recording, (), 0, publish_to=network.open_publisher)
+        assert revolutions(running.wait_for_windows(WINDOWS, "press-7")) == FIRST
+    with serving(data, network, SqliteFile(data), **given) as running:
+        assert [a["asset"] for a in running.get("/v1/assets")] == ["press-7"]
+        assert running.get("/v1/assets/unsw/position")["accepting"] is True
+
+
+def test_in_a_service_that_adopts_the_first_frame_makes_an_asset(tmp_path, network, recording):
+    with serving(tmp_path / "data", network, SqliteFile(tmp_path / "data")) as running:
+        replay(recording, (), 0, publish_to=network.open_publisher)
+        running.wait_for_windows(WINDOWS)
+        assert running.get("/v1/unknown-assets")["asks"] is False and unknown_of(running) == {}
+
+
+def test_dismissed_on_the_command_line(running, network, recording, capsys):
+    Replaying(network, recording, wait=1.0).end()
+    url = f"http://{running.http}"
+    assert run(["assets", "unknown", "--url", url]) == 0
+    said = capsys.readouterr().out
+    assert "unsw" in said and "accel/y6" in said and "gear-twin assets adopt NAME" in said
+    assert run(["assets", "dismiss", "unsw", "--by", "me", "--url", url]) == 0
+    capsys.readouterr()
+    assert run(["assets", "unknown", "--url", url, "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["assets"] == []
+    assert run(["assets", "adopt", "unsw", "--url", url]) == 2
+    assert "no frame of 'unsw' has come" in capsys.readouterr().err
+    assert [e["action"] for e in running.get("/v1/audit")] == ["unknown asset dismissed"]
+
+
+# -- who may ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("action", ["adopt", "dismiss"])
+@pytest.mark.parametrize(
+    ("role", "status"), [(None, 401), (Role.read, 403), (Role.operate, 403), (Role.administer, None)]
+)
+def test_only_who_administers_adopts_and_dismisses(store, board, tmp_path, action, role, status):
+    keys = KeyStore(tmp_path / "keys")
+    admin = keys.add("admin", Role.administer)
+    key = None if role is None else keys.add("anna", role)
+    unknown = asking()
+    unknown.admits("new", "accel/y6")
+    app = create_app(board, store, access=Access(keys), incoming=Incoming(unknown=unknown))
+
+    async def ask(method, path, credential, **given):
+        transport = httpx.ASGITransport(app=app, client=("192.0.2.9", 4711))
+        headers = {"Authorization": f"Bearer {credential}"} if credential else {}
+        async with httpx.AsyncClient(transport=transport, base_url="http://twin") as caller:
+            return await caller.request(method, path, headers=headers, **given)
+
+    answer = asyncio.run(ask("POST", f"/v1/unknown-assets/new/{action}", key, json={"by": "Bob"}))
+    assert answer.status_code == (status or {"adopt": 201, "dismiss": 200}[action])
+    assert ("new" in store.assets()) is (status is None and action == "adopt")
+    assert (unknown.find("new") is None) is (status is None and action == "dismiss")  # adopted: with its next frame
+    (entry,) = [e for e in asyncio.run(ask("GET", "/v1/audit", admin)).json() if e["action"] != "key"]
+    assert (entry["outcome"] == "done") if status is None else (entry["action"] == "refused")
+
+
+# -- real processes --------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_killed_between_the_adoption_and_the_first_window(tmp_path, recording):
+    running = Service(tmp_path, NEW_ASSETS="ask").start()
+    try:
+        with pytest.raises(DeliveryError, match="unknown to the service"):
+            replay(recording, [running.endpoint], 0, wait=2.0)
+        assert post(running, "/v1/unknown-assets/unsw/adopt", {})[0] == 201
+        running.end(9)
+        running.start()
+        assert [a["asset"] for a in running.get("/v1/assets")] == ["unsw"] and unknown_of(running) == {}
+        replay(recording, [running.endpoint], 0)
+        assert revolutions(running.wait_for_windows(WINDOWS)) == FIRST
+    finally:
+        running.end()
+
+
+@pytest.mark.slow
+def test_adopted_while_a_replay_over_zenoh_waits(tmp_path, recording):
+    running = Service(tmp_path, NEW_ASSETS="ask").start()
+    try:
+        failed = []
+
+        def send():
+            try:
+                replay(recording, [running.endpoint], 0, wait=30.0)
+            except DeliveryError as error:
+                failed.append(error)
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        wait_until(lambda: "unsw" in unknown_of(running))
+        assert post(running, "/v1/unknown-assets/unsw/adopt", {})[0] == 201
+        thread.join(40)
+        assert not failed and not thread.is_alive()
+        windows = running.wait_for_windows(WINDOWS)
+        assert revolutions(windows) == FIRST and all(w["quality"] == "good" for w in windows)
+    finally:
+        running.end()
