@@ -17,7 +17,7 @@ from service.api.guard import Guarded, needs
 from service.api.models import AssetSummary
 from service.api.problems import problem, responses
 from service.contract.base import iso_time
-from service.contract.position import PositionModel
+from service.contract.position import PositionModel, not_connected
 from service.results.unknown_assets import Unknown, UnknownAssets
 
 router = APIRouter(prefix="/v1", tags=["unknown assets"], route_class=Guarded)
@@ -27,11 +27,11 @@ router = APIRouter(prefix="/v1", tags=["unknown assets"], route_class=Guarded)
 class Incoming:
     """What the app knows of the network's side.
 
-    position  how far a stream is stored, as it was published last; None while that is not known
+    position  how far a stream is stored, as it was published last
     """
 
     unknown: UnknownAssets = field(default_factory=UnknownAssets)
-    position: Callable[[str], PositionModel | None] = lambda stream: None
+    position: Callable[[str], PositionModel] = not_connected
 
 
 class UnknownAsset(BaseModel):
@@ -107,7 +107,7 @@ def dismiss(request: Request, asset: str, given: Reason) -> Any:
     return JSONResponse({"asset": asset})
 
 
-@router.get("/assets/{asset}/position", response_model=PositionModel, responses=responses(404, 422, 503))
+@router.get("/assets/{asset}/position", response_model=PositionModel, responses=responses(404, 422))
 @needs(Role.read)
 def position(request: Request, asset: str) -> Any:
     """How far a stream is stored, and whether and why its frames are left out; the same JSON as on Zenoh."""
@@ -115,10 +115,7 @@ def position(request: Request, asset: str) -> Any:
     known = request.app.state.board.get(asset) is not None
     if not known and incoming.unknown.find(asset) is None and asset not in request.app.state.changes.life.routes():
         return _not_listed(request, asset)
-    found = incoming.position(asset)
-    if found is None:
-        return problem(request, 503, "the service is not connected to the network yet")
-    return JSONResponse(found.model_dump(mode="json"))
+    return JSONResponse(incoming.position(asset).model_dump(mode="json"))
 
 
 def _unknown(request: Request) -> UnknownAssets:

@@ -42,6 +42,12 @@ class PositionModel(ContractModel):
     shed: int = Field(default=0, description="windows left out for want of room since the service was started")
 
 
+def not_connected(stream: str, reason: str | None = None) -> PositionModel:
+    """The position of a stream while there is no connection to the network."""
+    reason = reason or "the service is not connected to the network"
+    return PositionModel(asset=stream, instance="", accepting=False, reason=reason)
+
+
 def position_text(model: PositionModel) -> str:
     """As it is published."""
     return json.dumps(model.model_dump(mode="json"), allow_nan=False)

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
-from service.contract.position import PositionModel
+from service.contract.position import PositionModel, not_connected
 from service.errors import NotReachable
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
@@ -153,9 +153,11 @@ class Worker(threading.Thread):
         """Why no frames are accepted, or None."""
         return self._reason or self._storage.reason
 
-    def position(self, stream: str) -> PositionModel | None:
-        """How far a stream is stored, as it was published last; None while there is no connection."""
-        return None if self._positions is None else self._positions.latest(stream)
+    def position(self, stream: str) -> PositionModel:
+        """How far a stream is stored, as it was published last, and whether its frames are used now."""
+        if self._positions is None:
+            return not_connected(stream, self._reason)
+        return self._positions.latest(stream)
 
     def gauges(self) -> dict[str, float]:
         """Figures of the process for /metrics."""
