@@ -1,6 +1,7 @@
 """Prints the tables of docs/reference from the code that they describe.
 
     python -m benchmarks.reference commands | settings | rig | rest | json | answers | units | client | plant | opcua
+        | metrics | loops
 
 `python -m benchmarks.figures reference` writes them into the pages.
 """
@@ -375,9 +376,23 @@ def _without_types(signature: Any, empty: Any) -> Any:
     return signature.replace(parameters=parameters, return_annotation=empty)
 
 
+def metrics() -> str:
+    """Every metric of /metrics, in groups."""
+    from benchmarks import reference_operations
+
+    return "\n\n".join(f"### {title}\n\n{table(heads, rows)}" for title, heads, rows in reference_operations.metrics())
+
+
+def loops() -> str:
+    """The loops that /healthz looks at."""
+    from service.operation.health import LOOPS
+
+    return table(("loop", "what it does"), [(name, what) for name, what in LOOPS.items()])
+
+
 TABLES = {
     "commands": commands, "settings": settings, "rig": rig, "rest": rest, "json": keys, "answers": answers,
-    "units": units, "client": client, "plant": plant, "opcua": opcua,
+    "units": units, "client": client, "plant": plant, "opcua": opcua, "metrics": metrics, "loops": loops,
 }  # fmt: skip
 
 

@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 import warnings
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator, MutableMapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -29,6 +29,7 @@ PERIOD = 60.0  # within which the lines of a cause are counted [s]
 MOST_CAUSES = 500  # that are counted one by one; all others are one cause together
 SHOWN = ("asset", "window", "left_out")  # that a line may carry besides its message
 VARIES = re.compile(r"%[-+#0-9.]*[a-zA-Z]")  # what a message puts in
+LEVELS = ("debug", "info", "warning", "error", "critical")
 LONGEST = 4000  # of a message [characters]
 
 Format = Literal["text", "json"]
@@ -64,6 +65,13 @@ def logging_by(settings: LogSettings) -> Iterator[None]:
         handler.close()
         for logger, was in before:
             logger.setLevel(was)
+
+
+def figures() -> dict[str, Any]:
+    """Figures for /metrics: lines written by level, and lines left out."""
+    found = next((h for h in logging.getLogger().handlers if isinstance(h, LimitedLines)), None)
+    lines = dict.fromkeys(LEVELS, 0) | ({} if found is None else dict(found.lines))
+    return {"log_lines": lines, "log_lines_left_out": 0 if found is None else found.left_out}
 
 
 def about(**bound: Any) -> AbstractContextManager[Any]:
@@ -117,6 +125,8 @@ class LimitedLines(logging.Handler):
         self._most, self._clock, self._stream = most, clock, stream
         self._causes: OrderedDict[tuple[str, int, str], _Cause] = OrderedDict()  # by the end of their periods
         self._timer: threading.Timer | None = None
+        self.lines: Counter[str] = Counter()  # written, by level
+        self.left_out = 0
 
     def emit(self, record: logging.LogRecord) -> None:
         """Writes a record, or counts it."""
@@ -125,6 +135,7 @@ class LimitedLines(logging.Handler):
         cause = self._cause(record, now)
         if self._most and cause.written >= self._most:
             cause.left_out += 1
+            self.left_out += 1
             self._look_again(cause.until - now)
             return
         cause.written += 1
@@ -176,6 +187,7 @@ class LimitedLines(logging.Handler):
             stream = self._stream or sys.stderr
             stream.write(self.format(record) + "\n")
             stream.flush()
+            self.lines[record.levelname.lower()] += 1
         except Exception:  # nobody reads it, or an argument does not fit its message: no reason to fail
             return
 

@@ -110,7 +110,7 @@ class Access:
         """Whether a refusal is entered in the audit log: a few a minute are, and all are counted."""
         return self._limiter.hit(ENTERED, "entered")
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, float]:
         """Counts for the metrics."""
         return {"refused_requests": self.refused, "wrong_credentials": self.failed}
 

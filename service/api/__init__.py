@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -14,7 +14,7 @@ from service.access.access import Access
 from service.alarms.keeper import AlarmKeeper
 from service.api import alarms as alarm_routes
 from service.api import asset_life as life_routes
-from service.api import assets, effects, events, guard, metrics, models, pages, problems, reports, sessions
+from service.api import assets, collector, effects, events, guard, metrics, models, pages, problems, reports, sessions
 from service.api import audit as audit_routes
 from service.api import baselines as baseline_routes
 from service.api import incoming as incoming_routes
@@ -22,6 +22,7 @@ from service.api import signals as signal_routes
 from service.api import what_if as what_if_routes
 from service.api.headers import SafeHeaders
 from service.api.limits import BODY, Bounds, Limits
+from service.operation.health import Health
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.audit_log import DONE, AuditLog
@@ -35,6 +36,7 @@ from service.signals.library import Library
 
 COMPRESSED_FROM = 1000  # size from which an answer is compressed [bytes]; event streams never are
 COMPRESSION = 5  # of gzip, 1 … 9: nearly as small as 9 in a third of its time
+LABELLED_ASSETS = 500  # with metrics of their own
 DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered as waiting [s]
 
 
@@ -44,7 +46,7 @@ def create_app(
     queue: DecisionQueue | None = None,
     *,
     not_ready: Callable[[], str | None] = lambda: None,
-    gauges: Callable[[], Mapping[str, float]] = dict,
+    figures: Callable[[], collector.Figures] = dict,
     signals: SignalStore | None = None,
     alarms: AlarmKeeper | None = None,
     changes: ChangeQueue | None = None,
@@ -53,12 +55,14 @@ def create_app(
     limits: Limits | None = None,
     audit: AuditLog | None = None,
     incoming: incoming_routes.Incoming | None = None,
+    labelled_assets: int = LABELLED_ASSETS,
+    health: Health | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
     queue      where decisions on effects are submitted; None where nobody carries them out: they are kept
     not_ready  why the service takes no frames yet, or None
-    gauges     figures of the process for /metrics, by name: `queue_frames`, …
+    figures    of the process for /metrics, by their names in the catalogue: `queue_frames`, …
     signals    raw signals of windows; None where none are kept
     alarms     whoever keeps alarms; None for one over the store, with the default rules
     changes    where changes of assets are submitted; None where nobody carries them out: they are kept
@@ -67,6 +71,8 @@ def create_app(
     limits     what one client may ask of it; None for the usual ones, under any name
     audit      where changes are entered; None for the store's database
     incoming   what is known of the network's side; None for a service that adopts every asset
+    labelled_assets  so many have metrics of their own
+    health     the loops of the process; None where there are none
     """
     app = FastAPI(
         title="gear-twin",
@@ -77,6 +83,7 @@ def create_app(
     )
     app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
     app.state.signals = signals
+    app.state.health = health or Health()
     app.state.library = None if signals is None else Library(signals, store, board)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
     app.state.changes = changes or _changes_in(store)
@@ -86,14 +93,13 @@ def create_app(
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.access = admitted = access or Access()
     app.state.audit = log = audit or AuditLog(store.database)
-    log.outcomes = {
-        "decision": lambda number: _outcome(store.decision(number)),
-        "inspection": lambda number: _outcome(store.inspection(number)),
-        "change": lambda number: _outcome(app.state.changes.life.change(number)),
-    }
+    _find_outcomes(log, store, app.state.changes)
     counts: Counter[str] = Counter()
-    app.state.registry = metrics.registry(
-        board, store, lambda: {**gauges(), **admitted.gauges(), "requests_beyond_limits": counts.total()}
+    app.state.registry = collector.registry(
+        board,
+        store,
+        lambda: {**figures(), **admitted.figures(), **log.figures(), "http_refused": dict(counts)},
+        labelled_assets,
     )
     problems.install(app)
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_FROM, compresslevel=COMPRESSION)
@@ -122,6 +128,15 @@ def create_app(
 def _changes_in(store: ResultStore) -> ChangeQueue:
     """A queue in the store's own database, whose windows nobody keeps."""
     return ChangeQueue(AssetLife(store.database))
+
+
+def _find_outcomes(log: AuditLog, store: ResultStore, changes: ChangeQueue) -> None:
+    """Entries of changes that are queued have the outcome that these have by then."""
+    log.outcomes = {
+        "decision": lambda number: _outcome(store.decision(number)),
+        "inspection": lambda number: _outcome(store.inspection(number)),
+        "change": lambda number: _outcome(changes.life.change(number)),
+    }
 
 
 def _outcome(change: Any) -> str | None:

@@ -70,7 +70,7 @@ class Bounds:
         refusal = self._refusal(scope, headers) or self._too_many(scope)
         if refusal is not None:
             status, detail = refusal
-            self._counts[f"refused_{status}"] += 1
+            self._counts[str(status)] += 1
             retry = {"Retry-After": str(RETRY)} if status in (429, 503) else {}
             await problem(Request(scope), status, detail, {"Connection": "close", **retry})(scope, receive, send)
             return

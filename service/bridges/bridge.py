@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ class Bridge(Protocol):
         """Works until `stopping` is set, and calls `up` once it is connected. BridgeDown where it cannot go on."""
         ...
 
-    def gauges(self) -> Mapping[str, float]:
+    def figures(self) -> Mapping[str, Any]:
         """Figures for /metrics, by name."""
         ...
 
@@ -82,11 +82,11 @@ class BridgeThread(threading.Thread):
         if self.is_alive():
             self.join(STOP_WAIT)
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, Any]:
         """Figures for /metrics."""
         name = self._bridge.name
         own = {"connected": float(self._connected_at is not None), "failures": float(self._failures)}
-        return {f"{name}_{key}": value for key, value in (own | dict(self._bridge.gauges())).items()}
+        return {f"{name}_{key}": value for key, value in (own | dict(self._bridge.figures())).items()}
 
     def _up(self) -> None:
         self._connected_at = self._clock()
@@ -128,6 +128,6 @@ class Bridges:
         for thread in (*self._threads, *self._helpers):
             thread.end()
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, Any]:
         """Figures of all of them for /metrics."""
-        return {key: value for thread in self._threads for key, value in thread.gauges().items()}
+        return {key: value for thread in self._threads for key, value in thread.figures().items()}

@@ -111,9 +111,9 @@ class MqttBridge:
                 self._publish(link, changes.take(LOOK_EVERY))
                 link.demand_connection()
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, Any]:
         """Figures for /metrics."""
-        return {"messages": float(self._messages), **(self._inputs.gauges() if self._inputs else {})}
+        return {"messages": float(self._messages), **(self._inputs.figures() if self._inputs else {})}
 
     # -- publishing ----------------------------------------------------------------------------------
 

@@ -100,7 +100,7 @@ class OpcUaBridge:
         """Serves clients until `stopping` is set."""
         asyncio.run(self._serve(stopping, up))
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, float]:
         """Figures for /metrics."""
         return {"values": float(self._writes), "refused": float(self._clients.refused if self._clients else 0)}
 

@@ -316,10 +316,10 @@ class SlowInputs(threading.Thread):
             else:
                 self._dropped += 1
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, Any]:
         """Figures for /metrics."""
-        counts = {f"inputs_{cause}": float(count) for cause, count in self._left_out.items()}
-        return {"inputs_values": float(self._values), "inputs_dropped": float(self._dropped), **counts}
+        values, dropped = float(self._values), float(self._dropped)
+        return {"inputs_values": values, "inputs_dropped": dropped, "inputs_left_out": dict(self._left_out)}
 
     def _frames(self, message: _Message) -> list[SampleFrame]:
         found = []

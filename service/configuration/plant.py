@@ -94,6 +94,25 @@ class OpcUa(Table):
     )
 
 
+class Monitoring(Table):
+    """How the service is watched."""
+
+    TABLE: ClassVar[str] = "monitoring"
+
+    metrics_assets: int = Field(
+        default=500,
+        ge=0,
+        le=100_000,
+        description="assets with metrics of their own; all others are counted together as `(others)`",
+    )
+    loop_limit: float = Field(
+        default=120.0,
+        ge=5.0,
+        le=3600.0,
+        description="time without a turn after which a loop of the service counts as hung: `/healthz`, watchdog [s]",
+    )
+
+
 class Log(Table):
     """Log lines on standard error."""
 

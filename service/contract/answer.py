@@ -16,7 +16,7 @@ from service.contract.encoder_pair import EncoderPair
 from service.contract.modulation import Modulation
 from service.contract.question import Question, Retired, asked, shown_question
 from service.contract.rig import RigSummary
-from service.contract.status import Added, DataStatus, Status, data_of, none_yet, shown
+from service.contract.status import Added, DataStatus, Status, Unstored, data_of, none_yet, shown
 from service.contract.wear import Rul, Wear, part_of
 from service.contract.window import WindowRecord
 from twin import assessment
@@ -38,6 +38,7 @@ class Asset(ContractModel):
     question: Question | None = Field(default=None, description="that people have to answer; windows may wait for it")
     epoch: int = Field(default=0, description="number of the present gears: from 0, up by one when they are replaced")
     retired: Retired | None = Field(default=None, description="null while the asset is in use")
+    storage: Unstored | None = Field(default=None, description="null while results can be stored")
     windows: list[WindowRecord] = Field(description="the service carries the latest 100; `assess` all of them")
     windows_total: int
     wear: Wear | NotAvailable

@@ -29,6 +29,7 @@ NORMAL_REASON = "The twin explains the vibration, and wear is far from its limit
 NO_ACTION = "No action needed."
 WAIT = "Send the first measurement window: nothing can be said of the machine before."
 RENEW = "Send a new measurement window: it renews the figures."
+REPAIR = "Free space, repair the disk, or start the database server: what has been received is kept meanwhile."
 CHECK = "Check the data before the machine is judged"
 
 
@@ -55,6 +56,13 @@ class DataStatus(ContractModel):
     level: DataLevel
     reason: str
     since: str | None = Field(default=None, description="when it became degraded or stale, ISO 8601")
+
+
+class Unstored(ContractModel):
+    """Why results cannot be stored at present; windows that are received wait."""
+
+    reason: str
+    since: str = Field(description="ISO 8601, by the service's clock")
 
 
 class Added(ContractModel):
@@ -143,6 +151,15 @@ def shown(status: Mapping[str, Any], data: DataStatus, added: Sequence[Added] = 
     """A report's status as it is shown: with the quality of the data, and with what the service found besides."""
     bad = [_data_finding(data)] if data.level in ("degraded", "stale") else []
     return _with(status, [*bad, *added])
+
+
+def not_stored(unstored: tuple[str, str] | None) -> tuple[Added, ...]:
+    """The finding that the storage cannot be used, from reason and time; nothing is `normal` until it can."""
+    if unstored is None:
+        return ()
+    reason, since = unstored
+    text = sentence(f"Results cannot be stored: {reason}")
+    return (Added(finding=Finding(subject="storage", level="no_verdict", reason=text, action=REPAIR), since=since),)
 
 
 def _with(status: Mapping[str, Any], added: Sequence[Added]) -> dict[str, Any]:

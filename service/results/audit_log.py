@@ -55,6 +55,7 @@ class AuditLog:
     def __init__(self, database: Tables, keep: int = 100_000) -> None:
         self._database, self._keep = database, keep
         self.outcomes: dict[str, Outcome] = {}
+        self.entered = 0  # entries since the start
         self.keys_seen: object = None  # version of the list of keys that is entered
 
     def transaction(self) -> AbstractContextManager[Any]:
@@ -94,7 +95,12 @@ class AuditLog:
             number = self._database.add(db, AUDIT, row)
             if number % PRUNE_EVERY == 0:
                 db.execute(delete(AUDIT).where(AUDIT.c.id <= number - self._keep))
+        self.entered += 1
         return number
+
+    def figures(self) -> dict[str, float]:
+        """Figures for /metrics."""
+        return {"audit_entries": self.entered}
 
     def entries(self, after: int = 0, limit: int = 1000) -> list[dict[str, Any]]:
         """Entries behind a number, oldest first."""

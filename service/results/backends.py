@@ -58,6 +58,10 @@ class Backend(Protocol):
         """StoreError where the database is seen to be damaged at the first look."""
         ...
 
+    def size(self, engine: Engine) -> int:
+        """What the database takes [bytes]."""
+        ...
+
     def insert(self, table: sa.Table) -> Any: ...
 
     def verify(self) -> None:
@@ -141,6 +145,11 @@ class SqliteFile:
                 if found != "ok":
                     raise StoreError(f"it is damaged: {' '.join(found.split())}")
 
+    def size(self, engine: Engine) -> int:
+        """File and write-ahead log."""
+        files = (self.path, self.path.with_name(f"{self.path.name}-wal"))
+        return sum(file.stat().st_size for file in files if file.exists())
+
     def insert(self, table: sa.Table) -> Any:
         return sqlite.insert(table)
 
@@ -198,6 +207,11 @@ class Postgresql:
         """The server looks after its pages; a connection that fails does so here, not at the first window."""
         with engine.connect():
             pass
+
+    def size(self, engine: Engine) -> int:
+        """By the server's own account."""
+        with engine.connect() as db:
+            return int(db.exec_driver_sql("SELECT pg_database_size(current_database())").scalar_one())
 
     def insert(self, table: sa.Table) -> Any:
         return postgresql.insert(table)

@@ -18,7 +18,7 @@ from service.contract.answer import NO_WHOLE_WINDOW, assemble, health_of
 from service.contract.base import iso_time
 from service.contract.overview import overview
 from service.contract.question import asked
-from service.contract.status import none_yet
+from service.contract.status import none_yet, not_stored
 from service.results.asset_changes import AssetChanges
 from service.results.change_signal import ChangeSignal
 from service.results.sparkline import REFUSED, Sparkline
@@ -54,6 +54,7 @@ class Snapshot:
     last_frame_ns: int | None = None  # when the newest frame came, Unix time of this machine [ns]
     stale: Stale | None = None
     sparkline: Sparkline = field(default_factory=Sparkline)
+    unstored: tuple[str, str] | None = None  # why results cannot be stored now, and since when (ISO 8601)
     question: Mapping[str, Any] | None = None  # that waits for an answer by people
     epoch: int = 0  # number of the present gears
     retired: Mapping[str, Any] | None = None  # since when, by whom; None while the asset is in use
@@ -97,7 +98,7 @@ class Snapshot:
 
     def health(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """`status` and `data` as they are shown with this snapshot's records, report, alarms and open question."""
-        added = (*added_of(self.alarms), *asked(self.question))
+        added = (*added_of(self.alarms), *not_stored(self.unstored), *asked(self.question))
         return health_of(self.report, self.records, self.stale_text, added)
 
     @property
@@ -224,11 +225,16 @@ class Board:
             snapshot.quality,
             windows_total=snapshot.windows_total,
             stale=snapshot.stale_text,
-            added=added_of(snapshot.alarms),
+            added=(*added_of(snapshot.alarms), *not_stored(snapshot.unstored)),
             question=snapshot.question,
             epoch=snapshot.epoch,
             retired=snapshot.retired,
-        ) | {"alarms": counted(snapshot.alarms)}
+        )
+        reason, since = snapshot.unstored or (None, None)
+        whole |= {
+            "alarms": counted(snapshot.alarms),
+            "storage": None if snapshot.unstored is None else {"reason": reason, "since": since},
+        }
         snapshot = replace(snapshot, whole=whole)
         self._snapshots[snapshot.asset] = snapshot
         return snapshot

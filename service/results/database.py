@@ -10,7 +10,8 @@ connections of its own and waits for no writer. A committed transaction outlives
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -27,11 +28,15 @@ from service.results.storage_faults import storage_error
 
 
 class Database:
-    """One database, for several threads of one process."""
+    """One database, for several threads of one process.
+
+    took  called with `commit` or `read` and how long a transaction or a query has taken [s]
+    """
 
     def __init__(self, where: Path | str) -> None:
         """where  file of an SQLite database, or the URL of a PostgreSQL database"""
         self.backend: Backend = backend_of(where)
+        self.took: Callable[[str, float], object] = lambda what, seconds: None
         self._write = threading.RLock()
         self._current: Connection | None = None  # of the present transaction ...
         self._owner: int | None = None  # ... and the thread that it is of
@@ -79,6 +84,7 @@ class Database:
             if self._current is not None:
                 yield self._current
                 return
+            began = time.monotonic()
             with self._faults():
                 self.backend.verify()
                 with self._writer.connect() as db:
@@ -86,6 +92,7 @@ class Database:
                         yield db
                         number = self.backend.transaction_number(db)
                     self._commit(db, number)
+            self.took("commit", time.monotonic() - began)
 
     @contextmanager
     def _begun(self, db: Connection) -> Iterator[None]:
@@ -118,8 +125,16 @@ class Database:
         with self._faults():
             if self._current is not None and self._owner == threading.get_ident():
                 return list(self._current.execute(query, values).all())
+            began = time.monotonic()
             with self._reader.connect() as db:
-                return list(db.execute(query, values).all())
+                found = list(db.execute(query, values).all())
+            self.took("read", time.monotonic() - began)
+            return found
+
+    def size(self) -> int:
+        """What the database takes, with its write-ahead log [bytes]."""
+        with self._faults():
+            return self.backend.size(self._reader)
 
     @contextmanager
     def _faults(self) -> Iterator[None]:

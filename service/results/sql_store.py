@@ -73,9 +73,9 @@ _INSPECTION = select(
 ).order_by(INSPECTIONS.c.id)
 _DECISION = select(DECISIONS).order_by(DECISIONS.c.id)
 _DECISION_COUNTS = (
-    select(DECISIONS.c.verb, func.count())
-    .where(DECISIONS.c.asset == NAMED, DECISIONS.c.done == 1, DECISIONS.c.refused.is_(None))
-    .group_by(DECISIONS.c.verb)
+    select(DECISIONS.c.asset, DECISIONS.c.verb, func.count())
+    .where(DECISIONS.c.done == 1, DECISIONS.c.refused.is_(None))
+    .group_by(DECISIONS.c.asset, DECISIONS.c.verb)
 )
 _END_INSPECTION = (
     update(INSPECTIONS)
@@ -368,9 +368,12 @@ class SqlStore:
         """All decisions on the asset's effects, oldest first."""
         return self._decisions(_DECISION.where(DECISIONS.c.asset == asset))
 
-    def decision_counts(self, asset: str) -> dict[str, int]:
-        """How many decisions on the asset's effects were carried out, by verb."""
-        return {verb: count for verb, count in self._rows(_DECISION_COUNTS, {"of": asset})}
+    def decision_counts(self) -> dict[str, dict[str, int]]:
+        """How many decisions on effects were carried out, by asset and verb; one query for all assets."""
+        counts: dict[str, dict[str, int]] = {}
+        for asset, verb, count in self._rows(_DECISION_COUNTS):
+            counts.setdefault(asset, {})[verb] = count
+        return counts
 
     def pending_decisions(self) -> tuple[StoredDecision, ...]:
         """Those that wait to be carried out, oldest first."""

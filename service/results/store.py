@@ -5,7 +5,7 @@ A store is added by one file in this folder that implements `ResultStore`, and i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -95,6 +95,10 @@ def faults_of(record: Mapping[str, Any]) -> dict[tuple[str, str, str], int]:
 
 class Tables(Protocol):
     """A database that several stores keep their tables in: service/results/database.py."""
+
+    took: Callable[[str, float], object]
+
+    def size(self) -> int: ...
 
     def transaction(self) -> AbstractContextManager[Any]: ...
 
@@ -240,8 +244,8 @@ class ResultStore(Protocol):
         """All decisions on the asset's effects, oldest first."""
         ...
 
-    def decision_counts(self, asset: str) -> dict[str, int]:
-        """How many decisions on the asset's effects were carried out, by verb."""
+    def decision_counts(self) -> Mapping[str, Mapping[str, int]]:
+        """How many decisions on effects were carried out, by asset and verb."""
         ...
 
     def pending_decisions(self) -> tuple[StoredDecision, ...]:

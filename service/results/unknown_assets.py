@@ -161,7 +161,7 @@ class UnknownAssets:
             if len(self._dismissed) > self._most:
                 self._dismissed.popitem(last=False)
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, float]:
         """Figures for /metrics."""
         return {
             "unknown_assets": len(self.listed()),

@@ -7,20 +7,24 @@ A window that cannot be used, and a decision that cannot be followed, are result
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from service.contract.base import iso_time
 from service.files.rig import window_of_rig
 from service.logs import about
+from service.operation.timing import TOTAL
 from service.results.window_file import read_window
 from service.runtime.outcomes import Raw
 from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Answer, Twin
 from twin.errors import TwinError
 from twin.fallen_count import CountFellError
+from twin.observed import observed_by
 from twin.rig import Rig
 from twin.windows import Fault, Window
 
@@ -78,6 +82,7 @@ class Made:
     window   the window as it was used; without its signals where it was read from a file
     raw      what that file holds of the window's signals
     unreadable  why the state could not be read, so that nothing was made
+    parts    how long it took: `total`, and the parts of the step that the twin names [s]
     """
 
     state: Any = None
@@ -87,6 +92,7 @@ class Made:
     window: Window | None = None
     raw: Raw = "same"
     unreadable: str | None = None
+    parts: Mapping[str, float] = field(default_factory=dict)
 
 
 class Computing(Protocol):
@@ -104,7 +110,11 @@ class Computing(Protocol):
         """Begins nothing more, and waits for nothing."""
         ...
 
-    def gauges(self) -> Mapping[str, float]:
+    def unusable(self) -> str | None:
+        """Why nothing can be computed, or None."""
+        ...
+
+    def figures(self) -> Mapping[str, float]:
         """Figures for /metrics."""
         ...
 
@@ -121,7 +131,12 @@ class Inline:
     def close(self) -> None:
         """Nothing is under way."""
 
-    def gauges(self) -> Mapping[str, float]:
+    def unusable(self) -> str | None:
+        """The thread that calls computes."""
+        return None
+
+    def figures(self) -> Mapping[str, float]:
+        """Nothing waits."""
         return {}
 
 
@@ -136,8 +151,20 @@ def carry_out(call: Call) -> Made:
         call = replace(call, state=state)
     given = call.ask.about
     window = {"window": iso_time(given.start_ns)} if isinstance(given, WindowToUse) else {}
-    with about(asset=call.asset, **window):
-        return _VERBS[call.ask.verb](call)
+    parts: dict[str, float] = {}
+    with about(asset=call.asset, **window), observed_by(lambda name: _timed(parts, name)), _timed(parts, TOTAL):
+        made = _VERBS[call.ask.verb](call)
+    return replace(made, parts=parts)
+
+
+@contextmanager
+def _timed(parts: dict[str, float], name: str) -> Iterator[None]:
+    """Adds up how long a part takes [s]."""
+    began = time.monotonic()
+    try:
+        yield
+    finally:
+        parts[name] = parts.get(name, 0.0) + time.monotonic() - began
 
 
 def _window(call: Call) -> Made:

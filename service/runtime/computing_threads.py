@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable, Mapping
 
 from service.runtime.computing import Call, Made, carry_out
@@ -24,6 +25,7 @@ class Threads:
         self._calls: queue.SimpleQueue[tuple[Call, Callable[[Made], None]]] = queue.SimpleQueue()
         self._made: queue.SimpleQueue[tuple[Callable[[Made], None], Made | BaseException]] = queue.SimpleQueue()
         self._ended = False
+        self._began: dict[int, float] = {}  # of calls under way, by thread, on the monotonic clock [s]
 
     def start(self, call: Call, done: Callable[[Made], None]) -> None:
         """Has a call carried out; `done` is called by `collect`."""
@@ -49,9 +51,20 @@ class Threads:
         """Begins nothing more; what is being carried out is left to itself."""
         self._ended = True
 
-    def gauges(self) -> Mapping[str, float]:
+    def unusable(self) -> str | None:
+        """Threads do not end by themselves."""
+        return None
+
+    def figures(self) -> Mapping[str, float]:
         """Figures for /metrics."""
-        return {"twin_calls_waiting": self._calls.qsize()}
+        began = list(self._began.values())
+        return {
+            "workers": 0,
+            "workers_busy": 0,
+            "worker_deaths": 0,
+            "twin_calls_waiting": self._calls.qsize(),
+            "twin_call_seconds": max((time.monotonic() - since for since in began), default=0.0),
+        }
 
     def _work(self) -> None:
         while not self._ended:
@@ -61,9 +74,11 @@ class Threads:
                 except queue.Empty:
                     self._free += 1
                     return
+            self._began[threading.get_ident()] = time.monotonic()
             try:
                 made: Made | BaseException = carry_out(call)
             except BaseException as error:
                 made = error
+            del self._began[threading.get_ident()]
             self._made.put((done, made))
             self._wake()

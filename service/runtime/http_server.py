@@ -43,7 +43,7 @@ class Front:
         else:
             log.warning("certificate and key were read again: %s", self.tls.certificate)
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, float]:
         """Figures for the metrics."""
         gate = self.gate
         counted = {} if gate is None else {"http_connections": gate.open, "http_connections_refused": gate.refused}
@@ -57,6 +57,7 @@ class HttpServer(uvicorn.Server):
     ending   called at the end, before open requests are waited for
     stop     ends the server when set; None where only signals end it
     front    how HTTP is served
+    tick     called ten times a second
     """
 
     def __init__(
@@ -67,8 +68,9 @@ class HttpServer(uvicorn.Server):
         ending: Callable[[], None],
         stop: threading.Event | None = None,
         front: Front | None = None,
+        tick: Callable[[], None] = lambda: None,
     ) -> None:
-        self.front = front or Front()
+        self.front, self._tick = front or Front(), tick
         config = uvicorn.Config(
             app,
             log_level="warning",
@@ -98,6 +100,7 @@ class HttpServer(uvicorn.Server):
 
     async def on_tick(self, counter: int) -> bool:
         """Whether the server should end."""
+        self._tick()
         if self._stop is not None and self._stop.is_set():
             self.should_exit = True
         return await super().on_tick(counter)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from service.contract.status import with_status_since
+from service.operation.journey import Journey
 from service.runtime.computing import Ask, Made
 from service.runtime.outcomes import DecisionOutcome
 from service.runtime.questions import ALL_WAIT
@@ -28,6 +29,7 @@ class Entry:
     window: Window | None = None  # where it is in memory
     refuse: str | None = None  # why it is not to be used; None where it is
     again: bool = False  # whether it has waited for an answer before
+    journey: Journey = field(default_factory=Journey)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +75,13 @@ class Lane:
     @property
     def bytes(self) -> int:
         """What the windows that wait take on disk."""
-        return sum(entry.bytes for entry in self.entries)
+        return sum(entry.bytes for entry in self.entries.copy())
+
+    @property
+    def lag(self) -> float:
+        """How long the oldest window that has not been processed has waited; 0 where none waits [s]."""
+        entries, held = self.entries.copy(), self.held
+        return entries[held].journey.waited if held < len(entries) else 0.0
 
     def next_entry(self) -> Entry | None:
         """The window whose turn it is."""

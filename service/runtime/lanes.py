@@ -11,11 +11,13 @@ window only once that window has been committed.
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 from service.errors import FAULT, InputError, StoreError
+from service.operation.journey import Arrived, nobody
 from service.runtime.computing import Ask, Call, Computing, Made, WindowToUse
 from service.runtime.lane import Entry, Job, Lane
 from service.runtime.outcomes import Checkpoint, HeldWindow, ResultSink, WaitingPlace
@@ -33,6 +35,7 @@ from twin.windows import Window
 log = logging.getLogger(__name__)
 
 SHED = "shed"  # kind of the fault of a window that was left out because too much waited
+LEFT_OUT = (SHED, "all")  # kind and channel of that fault where the window had been received whole
 ONE_DISTURBED = (
     "the revolution count of this window alone lies far below that of the windows before and after it: it is taken for "
     "a disturbance of the counter"
@@ -44,6 +47,8 @@ class Lanes:
 
     waiting  where it is kept that windows wait for an answer by people; None where nobody answers: they are refused
     storage  that is waited for where it cannot be used; None where that ends the program
+    arrived  called with each window that has been shown
+    timed    called with what was asked of a twin and how long its parts took [s]
     """
 
     def __init__(
@@ -56,8 +61,10 @@ class Lanes:
         new_state: Callable[[], Any],
         waiting: WaitingPlace | None = None,
         storage: StorageWatch | None = None,
+        arrived: Arrived = nobody,
+        timed: Callable[[str, Mapping[str, float]], object] = lambda verb, parts: None,
     ) -> None:
-        self._storage = storage
+        self._storage, self._arrived, self._timed = storage, arrived, timed
         self._reception, self._sink, self._computing, self._waiting = reception, sink, computing, waiting
         self._twin_of, self._new_state = twin_of, new_state
         self._lanes: dict[str, Lane] = {}
@@ -100,6 +107,10 @@ class Lanes:
         lane = self._lanes.get(asset)
         return 0 if lane is None else max(len(lane.entries) - lane.held, 0)
 
+    def all(self) -> list[Lane]:
+        """All lanes as of now, for any thread."""
+        return list(self._lanes.values())
+
     def find(self, asset: str) -> Lane | None:
         """An asset's lane, where it has one."""
         return self._lanes.get(asset)
@@ -134,17 +145,17 @@ class Lanes:
     @property
     def total_backlog(self) -> int:
         """How many windows of all assets wait."""
-        return sum(len(lane.entries) for lane in self._lanes.values())
+        return sum(len(lane.entries) for lane in self.all())
 
     @property
     def total_bytes(self) -> int:
         """What the windows of all assets that wait take on disk."""
-        return sum(lane.bytes for lane in self._lanes.values())
+        return sum(lane.bytes for lane in self.all())
 
     @property
     def total_shed(self) -> int:
         """How many windows of all assets were left out."""
-        return sum(lane.shed for lane in self._lanes.values())
+        return sum(lane.shed for lane in self.all())
 
     def most_waiting(self) -> str:
         """The asset whose windows that wait take most."""
@@ -192,6 +203,7 @@ class Lanes:
     def _ask(self, lane: Lane, ask: Ask, done: Callable[[Made], None]) -> None:
         def noted(made: Made) -> None:
             self.faults += (made.refused or "").startswith(FAULT)
+            self._timed(ask.verb, made.parts)
             done(made)
 
         lane.busy = True
@@ -242,12 +254,13 @@ class Lanes:
     # -- windows -------------------------------------------------------------------------------------
 
     def _start_window(self, lane: Lane, entry: Entry) -> None:
-        lane.current = entry
+        lane.current, entry.journey.started_ns = entry, time.time_ns()
         given = WindowToUse(start_ns=entry.start_ns, window=entry.window, file=entry.file, refuse=entry.refuse)
         self._ask(lane, Ask("window", given), partial(self._end_window, lane, entry))
 
     def _end_window(self, lane: Lane, entry: Entry, made: Made) -> None:
         """One window to the sink, or to where it waits for an answer by people."""
+        entry.journey.made_ns, entry.journey.parts = time.time_ns(), made.parts
         if made.unreadable is not None:
             lane.stopped = _unreadable(lane, made.unreadable)
             log.error("%s", lane.stopped, extra={"asset": lane.asset})
@@ -274,13 +287,16 @@ class Lanes:
         lane.remove(entry)
         if not committed:
             return
+        entry.journey.stored_ns = time.time_ns()
         lane.state, lane.report, lane.question = outcome.state, outcome.report, outcome.question
         lane.index += 1
-        lane.shed += any(fault.kind == SHED for fault in outcome.window.faults)
+        lane.shed += any((fault.kind, fault.channel) == LEFT_OUT for fault in outcome.window.faults)
         self._reception.keep_counts(lane.asset, counts)
         if ends:
             lane.release(refuse=ONE_DISTURBED)
         self._sink.publish(outcome)
+        entry.journey.published_ns = time.time_ns()
+        self._arrived(lane.asset, outcome.index, outcome.record["quality"], entry.journey)
 
     # -- questions -----------------------------------------------------------------------------------
 

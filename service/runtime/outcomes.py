@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol
 
+from service.operation.journey import Journey
 from service.runtime.twin_port import Events
 from twin.windows import Window
 
@@ -20,6 +21,7 @@ class ClosedWindow:
     asset: str
     window: Window
     assembly: Mapping[str, Any]  # Assembler.to_dict() as of this window
+    journey: Journey = field(default_factory=Journey)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -139,6 +139,10 @@ class Reception:
         """How far an asset's stream has come; None where nothing is known of it."""
         return self._assets[asset].assembler.position if asset in self._assets else None
 
+    def shed(self) -> dict[str, int]:
+        """Windows by asset that were left out for want of room, since the service was started; for any thread."""
+        return {asset: received.assembler.shed for asset, received in list(self._assets.items())}
+
     def freshness(self, asset: str) -> Freshness:
         """When the newest frame of an asset came, and when its newest window ended."""
         assembler = self._of(asset).assembler

@@ -48,6 +48,6 @@ class RetentionJob(threading.Thread):
         if self.is_alive():
             self.join()
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, float]:
         """What `/metrics` says of it."""
         return {"old_rows_deleted": self.deleted}

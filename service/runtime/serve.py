@@ -17,6 +17,12 @@ from service.alarms.keeper import AlarmKeeper
 from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.api import create_app
 from service.api.incoming import Incoming
+from service.errors import StoreError
+from service.logs import figures as log_figures
+from service.operation.health import HTTP, RETENTION, WEBHOOKS, Health
+from service.operation.health import SIGNALS as RAW_SIGNALS
+from service.operation.systemd import READY, STOPPING, Watchdog, notify
+from service.operation.timing import Timing
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.audit_log import AuditLog
@@ -72,51 +78,60 @@ def run(
         access, front = access_of(settings), front_of(settings)
         stack.enter_context(only_service_of(settings.data))
         store = stack.enter_context((open_store or partial(SqlStore, database_of(settings.data, settings.database)))())
+        timing = Timing()
+        store.database.took = timing.stored
         board = Board.from_store(store)
         rigs = Rigs(store, board, given_rigs)
         listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
-        queue = DecisionQueue(store)
         signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
+        kept, alarms = _kept_in(settings, store, board, signals)
         writer = SignalWriter(signals)
-        alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
-        for asset in board.assets():
-            board.update(asset, alarms=alarms.open(asset))
-        webhooks = WebhookSender(alarms.store, alarms.waiting)
-        changes = ChangeQueue(life := AssetLife(store.database, settings.data / WAITING))
-        unknown = unknown_of(settings, board, life)
-        baselines = BaselineStore(store.database, settings.data / BASELINES)
-        kept = Kept(
-            store=store, board=board, decisions=queue, life=life, changes=changes, signals=signals, alarms=alarms,
-            baselines=baselines, unknown=unknown,
-        )  # fmt: skip
-        worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer)
+        health = Health(settings.loop_limit)
+        worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer, health)
+        worker.arrived, worker.timed = timing.arrived, timing.computed
         bridges = bridges_of(settings, board, store, worker.offer, access)
-        parts = (worker, webhooks, bridges, RetentionJob(store, retention_of(settings)))
+        webhooks = WebhookSender(alarms.store, alarms.waiting)
+        retention = RetentionJob(store, retention_of(settings))
+        parts = (worker, webhooks, bridges, retention)
+        measured = (
+            *(part.figures for part in (*parts, front, timing)),
+            partial(database_figures, store),
+            log_figures,
+        )
         app = create_app(
             board,
             store,
-            queue,
+            kept.decisions,
             not_ready=worker.not_ready,
-            gauges=lambda: {key: value for part in (*parts, front) for key, value in part.gauges().items()},
+            figures=lambda: {key: value for figures in measured for key, value in figures().items()},
             signals=signals,
             alarms=alarms,
-            changes=changes,
-            baselines=baselines,
+            changes=kept.changes,
+            baselines=kept.baselines,
             access=access,
             limits=limits_of(settings),
             audit=AuditLog(store.database, settings.audit_entries),
-            incoming=Incoming(unknown=unknown, position=worker.position),
+            incoming=Incoming(unknown=kept.unknown, position=worker.position),
+            labelled_assets=settings.metrics_assets,
+            health=health,
         )
 
+        def started() -> None:
+            announce(address_of(listening, front))
+            notify(READY)
+
         def ending() -> None:
+            notify(STOPPING)
             worker.stop()
             board.close()
 
-        address = partial(address_of, listening, front)
-        server = HttpServer(app, started=lambda: announce(address()), ending=ending, stop=stop, front=front)
+        tick = turns_of(health)
+        server = HttpServer(app, started=started, ending=ending, stop=stop, front=front, tick=tick)
         worker.on_end = server.end
         for part in parts:
             part.start()
+        for name, thread in ((WEBHOOKS, webhooks), (RETENTION, retention), (RAW_SIGNALS, writer.thread)):
+            health.thread(name, thread)
         try:
             server.run(sockets=[listening])
         finally:
@@ -136,6 +151,45 @@ def unknown_of(settings: Settings, board: Board, life: AssetLife) -> UnknownAsse
     rule, why = settings.rule_of_new_assets
     log.info("new assets: %s%s", rule, "" if why is None else f" ({why})")
     return UnknownAssets(asks=rule == "ask", most=settings.unknown_assets, expire=settings.unknown_expire)
+
+
+def turns_of(health: Health) -> Callable[[], None]:
+    """What the loop of HTTP does with each turn: it says that it is alive, and to systemd that all loops are."""
+    beat, watchdog = health.loop(HTTP), Watchdog(health)
+
+    def turn() -> None:
+        beat()
+        watchdog()
+
+    return turn
+
+
+def _kept_in(settings: Settings, store: ResultStore, board: Board, signals: SignalStore) -> tuple[Kept, AlarmKeeper]:
+    """Where results are kept and shown, with the alarms that are open."""
+    life = AssetLife(store.database, settings.data / WAITING)
+    alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
+    for asset in board.assets():
+        board.update(asset, alarms=alarms.open(asset))
+    kept = Kept(
+        store=store,
+        board=board,
+        decisions=DecisionQueue(store),
+        life=life,
+        changes=ChangeQueue(life),
+        unknown=unknown_of(settings, board, life),
+        baselines=BaselineStore(store.database, settings.data / BASELINES),
+        signals=signals,
+        alarms=alarms,
+    )
+    return kept, alarms
+
+
+def database_figures(store: ResultStore) -> dict[str, float]:
+    """Figures of the database for /metrics; none while it cannot be used."""
+    try:
+        return {"store_bytes": store.database.size()}
+    except (StoreError, OSError):
+        return {}
 
 
 def rules_of(settings: Settings) -> tuple[Rule, ...]:

@@ -96,9 +96,11 @@ class ServiceSink:
         """The alarms that the window raises or ends, and the event where the status changes; in its transaction."""
         asset = outcome.asset
         before = self._board.get(asset)
+        before = before and replace(before, unstored=None)  # it can be stored now
         records = (*(before.records if before else ()), outcome.record)[-TAIL:]
         shown = replace(
             before or Snapshot(asset=asset),
+            unstored=None,
             report=outcome.report,
             records=records,
             stale=None,

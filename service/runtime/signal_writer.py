@@ -35,8 +35,8 @@ class SignalWriter:
         self._lock = threading.Lock()
         self._waiting = self._windows = 0  # bytes and windows in the queue
         self._left_out = 0
-        self._thread = threading.Thread(target=self._write, name="signals", daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._write, name="signals", daemon=True)
+        self.thread.start()
 
     def offer(self, outcome: WindowOutcome, file: Path | None = None) -> None:
         """Hands a committed window over, with the file in which it was kept until then; never waits."""
@@ -56,9 +56,9 @@ class SignalWriter:
     def end(self) -> None:
         """Writes what waits, as far as that takes no more than a few seconds."""
         self._queue.put(None)
-        self._thread.join(END_WAIT)
+        self.thread.join(END_WAIT)
 
-    def gauges(self) -> Mapping[str, float]:
+    def figures(self) -> Mapping[str, float]:
         """Figures of the process for /metrics."""
         return {"signal_windows_waiting": self._windows, "signal_windows_left_out": self._left_out}
 

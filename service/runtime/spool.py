@@ -12,6 +12,7 @@ within a bound of their own; one that is left out there keeps its place, without
 from __future__ import annotations
 
 import logging
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -123,6 +124,7 @@ class Spool:
                 self._life.delete_file(kept.number)  # of no window now
             raise
         entry = kept or Entry(start_ns=start_ns, window=_left_out(window, TOO_MANY))
+        closed.journey.kept_ns, entry.journey = time.time_ns(), closed.journey
         self._lanes.put(asset, entry, closed.assembly)
 
     def _newest(self, asset: str, start_ns: int) -> Entry | None:

@@ -11,11 +11,12 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 import httpx
 from tenacity import RetryError, Retrying, retry_if_exception_type, stop_after_attempt, wait_exponential
 
-from service.errors import StorageUnavailable
+from service.errors import StorageUnavailable, StoreError
 from service.results.alarm_store import AlarmStore
 
 log = logging.getLogger(__name__)
@@ -82,10 +83,14 @@ class WebhookSender(threading.Thread):
                 self._later(number, url, created_ns, attempts)
         return delivered
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, Any]:
         """Figures for /metrics."""
+        try:
+            waiting = {"webhooks_waiting": self._store.waiting()}
+        except StoreError:
+            waiting = {}
         return {
-            "webhooks_waiting": self._store.waiting(),
+            **waiting,
             "webhooks_delivered": self._delivered,
             "webhook_failures": self._failures,
             "webhooks_given_up": self._given_up,

@@ -13,6 +13,8 @@ from typing import Any
 from service.alarms.keeper import AlarmKeeper
 from service.contract.position import PositionModel, not_connected
 from service.errors import NotReachable
+from service.operation.health import RECEPTION, WORKERS, Health
+from service.operation.journey import Arrived, nobody
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
@@ -28,7 +30,7 @@ from service.runtime.computing_threads import Threads
 from service.runtime.decisions import DecisionWorker
 from service.runtime.intake import Intake
 from service.runtime.lane import Lane
-from service.runtime.lanes import SHED, Lanes
+from service.runtime.lanes import LEFT_OUT, Lanes
 from service.runtime.outcomes import Checkpoint, ClosedWindow
 from service.runtime.packed_state import NEW, StoredState
 from service.runtime.positions import Positions
@@ -41,10 +43,12 @@ from service.runtime.signal_writer import SignalWriter
 from service.runtime.spool import BacklogLimits, Spool, waiting_on_disk
 from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, StalenessWatch
 from service.runtime.state_publication import StatePublication
+from service.runtime.storage_status import StorageStatus
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Twin, guarded
 from service.runtime.waiting_windows import WaitingWindows
+from service.runtime.worker_figures import lane_figures, storage_figures, stream_figures
 from service.runtime.worker_processes import Processes, usable_cores
 from service.settings import Settings
 from service.stream.inbox import Inbox
@@ -82,6 +86,8 @@ class Worker(threading.Thread):
     """From the connection to the results, until stopped.
 
     on_end   called when the thread ends, for whatever reason
+    arrived  called with each window that has been shown, and its way through the service
+    timed    called with what was asked of a twin and how long its parts took [s]
     failure  the exception that ended it; None where it was stopped
     """
 
@@ -93,8 +99,9 @@ class Worker(threading.Thread):
         twin: Twin,
         open_transport: OpenTransport,
         signals: SignalWriter | None = None,
+        health: Health | None = None,
     ) -> None:
-        self._signals = signals
+        self._signals, self._health = signals, health or Health()
         super().__init__(name="twin", daemon=True)
         self._settings, self._kept = settings, kept
         self._rigs, self._twin, self._open_transport = rigs, guarded(twin), open_transport
@@ -111,12 +118,18 @@ class Worker(threading.Thread):
         self._lanes: Lanes | None = None
         self._spool: Spool | None = None
         self._positions: Positions | None = None
+        self._reception: Reception | None = None
+        self._intake: Intake | None = None
+        self._streams: Streams | None = None
         self._storage = StorageWatch(str(settings.data))
         self.on_end: Callable[[], None] = lambda: None
+        self.arrived: Arrived = nobody
+        self.timed: Callable[[str, Mapping[str, float]], object] = lambda verb, parts: None
         self.failure: Exception | None = None
 
     def run(self) -> None:
         """Works until stopped."""
+        self._beat, self._supervised = self._health.loop(RECEPTION), self._health.loop(WORKERS)
         try:
             with self._connection() as transport:
                 self._transport = transport
@@ -151,7 +164,7 @@ class Worker(threading.Thread):
 
     def not_ready(self) -> str | None:
         """Why no frames are accepted, or None."""
-        return self._reason or self._storage.reason
+        return self._reason or self._storage.reason or self._computing.unusable()
 
     def position(self, stream: str) -> PositionModel:
         """How far a stream is stored, as it was published last, and whether its frames are used now."""
@@ -159,26 +172,16 @@ class Worker(threading.Thread):
             return not_connected(stream, self._reason)
         return self._positions.latest(stream)
 
-    def gauges(self) -> dict[str, float]:
+    def figures(self) -> dict[str, Any]:
         """Figures of the process for /metrics."""
         network = self._transport.counters() if self._transport else {}
         return {
-            "queue_frames": self._inbox.depth,
-            "queue_bytes": self._inbox.bytes,
-            "received_frames": self._inbox.received,
-            "dropped_frames": self._inbox.refused_frames,
-            "missed_frames": network.get("missed_frames", 0),
-            "callback_errors": self._inbox.errors + network.get("callback_errors", 0),
-            "program_faults": 0 if self._lanes is None else self._lanes.faults,
-            "storage_unavailable": float(self._storage.reason is not None),
-            "storage_failures": self._storage.failures,
-            "windows_waiting": 0 if self._lanes is None else self._lanes.total_backlog,
-            "windows_waiting_bytes": 0 if self._lanes is None else self._lanes.total_bytes,
-            "windows_shed": 0 if self._lanes is None else self._lanes.total_shed,
-            "windows_in_memory_bytes": 0 if self._spool is None else self._spool.held_bytes,
-            **self._kept.unknown.gauges(),
-            **self._computing.gauges(),
-            **(self._signals.gauges() if self._signals else {}),
+            **stream_figures(self._inbox, network, self._streams, self._intake),
+            **storage_figures(self._storage, self._settings.data, self._spool),
+            **lane_figures(self._lanes, self._reception),
+            **self._kept.unknown.figures(),
+            **self._computing.figures(),
+            **(self._signals.figures() if self._signals else {}),
         }
 
     @contextmanager
@@ -186,6 +189,8 @@ class Worker(threading.Thread):
         """An open connection; one that is not reachable yet is tried again as long as it takes."""
         with ExitStack() as stack:
             while True:
+                self._beat()
+                self._supervised()  # nothing is computed yet
                 try:
                     transport = stack.enter_context(self._open_transport())
                     break
@@ -211,12 +216,13 @@ class Worker(threading.Thread):
         storage = self._storage
 
         def close(closed: ClosedWindow) -> None:
+            closed.journey.received_ns = reception.freshness(closed.asset).last_arrival_ns or 0
             spool.add(closed)
 
         def noticed(asset: str, repeats: Repeats) -> None:
             storage.attempt(lambda: lanes.look_for_repeats(asset, repeats))
 
-        reception = Reception(
+        reception = self._reception = Reception(
             lambda asset: self._rigs.of(asset, offered),
             close,
             noticed=noticed,
@@ -231,14 +237,16 @@ class Worker(threading.Thread):
             new_state=lambda: NEW,
             waiting=WaitingWindows(store, life, board, publication),
             storage=storage,
+            arrived=self.arrived,
+            timed=self.timed,
         )
         spool = self._spool = Spool(life, store, reception, lanes, storage, backlog_limits(self._settings))
         restore(lanes, store, life)
         watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
-        intake = Intake(
+        intake = self._intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
         )
-        streams = Streams(life, intake, self._is_retired, lambda: storage.reason, kept.unknown)
+        streams = self._streams = Streams(life, intake, self._is_retired, lambda: storage.reason, kept.unknown)
         kept.unknown.begin(
             lambda stream: board.get(streams.asset_of(stream)) is not None, (*board.assets(), *streams.routed)
         )
@@ -265,10 +273,15 @@ class Worker(threading.Thread):
         questions = RigQuestions(reception, lanes, store, life, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
 
+        storage_status = StorageStatus(storage, board, publication)
+
         def between() -> None:
+            self._beat()
             computing.collect()
+            self._supervised()
             if storage.reason is not None and not storage.pausing:
                 self._try_again(storage, spool, lanes)
+            storage_status()
             positions()
             for part in (questions, decisions, changes, watch):
                 storage.attempt(part)
@@ -351,7 +364,7 @@ def restore(lanes: Lanes, store: ResultStore, life: AssetLife | None = None) -> 
             assembly=stored.assembly,
             quality=stored.quality,
             question=stored.question,
-            shed=stored.fault_totals.get((SHED, "all", "refused"), (0, 0))[1],
+            shed=stored.fault_totals.get((*LEFT_OUT, "refused"), (0, 0))[1],
         )
         lanes.restore(asset, checkpoint, entries)
 

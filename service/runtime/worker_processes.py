@@ -36,6 +36,7 @@ from twin.windows import Window
 log = logging.getLogger(__name__)
 
 TRIES = 2  # how often a call is tried that ends its worker
+MOST_DEATHS = 10  # in a row, after which the service does not call itself ready
 MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while another is idle [s]
 NUMBERS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
 
@@ -78,6 +79,7 @@ class Processes:
         self._context = _context()
         self._closed = False
         self.deaths = 0
+        self._in_a_row = 0  # deaths since a call was answered
 
     def start(self, call: Call, done: Callable[[Made], None]) -> None:
         """Has a call carried out; `done` is called by `collect`."""
@@ -102,7 +104,13 @@ class Processes:
         for worker in self._workers:
             self._discard(worker)
 
-    def gauges(self) -> Mapping[str, float]:
+    def unusable(self) -> str | None:
+        """Why nothing can be computed: workers that end with whatever they are asked."""
+        if self._in_a_row < MOST_DEATHS:
+            return None
+        return f"the last {self._in_a_row} calls to the twin ended their worker processes; is there enough memory?"
+
+    def figures(self) -> Mapping[str, float]:
         """Figures for /metrics."""
         now = time.monotonic()
         began = [w.began for w in self._workers if w.job is not None]
@@ -140,6 +148,7 @@ class Processes:
         worker.job = None
         error = None if future.cancelled() else future.exception()
         if error is None and not future.cancelled():
+            self._in_a_row = 0
             reply = future.result()
             for record in reply.records:
                 record.asset = job.call.asset
@@ -156,6 +165,7 @@ class Processes:
     def _died(self, worker: _Worker, job: _Job) -> None:
         """A worker has died with a call: it is replaced, and the call tried once more."""
         self.deaths += 1
+        self._in_a_row += 1
         job.tries += 1
         why = f"took longer than {self._limit:g} s" if worker.late else "ended its worker process"
         self._discard(worker)

@@ -12,7 +12,6 @@ import os
 import pickle
 import signal
 import threading
-import time
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
@@ -51,7 +50,6 @@ class Reply:
 
     made: Made
     records: tuple[logging.LogRecord, ...]
-    seconds: float  # that the call took
 
 
 class _Recent(OrderedDict[Hashable, Any]):
@@ -111,7 +109,6 @@ def _end_with_parent() -> None:
 
 def perform(task: Task) -> Reply:
     """Carries a call out."""
-    began = time.monotonic()
     twin, rig = _machines.get_or(task.machine, lambda: _machine(task.machine))
     version, state = _states.get(task.asset, (None, None))
     if task.state.version != version:
@@ -121,7 +118,7 @@ def perform(task: Task) -> Reply:
         packed = PackedState.of(made.state.to_dict())
         _states.keep(task.asset, (packed.version, made.state))
         made = replace(made, state=packed)
-    return Reply(made=made, records=_records.take(), seconds=time.monotonic() - began)
+    return Reply(made=made, records=_records.take())
 
 
 def _machine(pickled: bytes) -> tuple[Twin, Rig]:

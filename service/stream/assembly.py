@@ -227,8 +227,13 @@ class Assembler:
                 for label, (sequence, start) in newest.items()
             },
             left_out=dict(self.left_out),
-            shed=self._left_out.windows,
+            shed=self.shed,
         )
+
+    @property
+    def shed(self) -> int:
+        """Windows that were left out for want of room, since the service was started."""
+        return self._left_out.windows
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -185,11 +185,12 @@ class MemoryStore:
     def decisions(self, asset):
         return tuple(d for d in self._decisions if d.asset == asset)
 
-    def decision_counts(self, asset):
+    def decision_counts(self):
         counts = {}
-        for decision in self.decisions(asset):
+        for decision in self._decisions:
             if decision.done and decision.refused is None:
-                counts[decision.verb] = counts.get(decision.verb, 0) + 1
+                of = counts.setdefault(decision.asset, {})
+                of[decision.verb] = of.get(decision.verb, 0) + 1
         return counts
 
     def pending_decisions(self):

@@ -350,7 +350,7 @@ def test_every_change_is_sent_to_every_address_in_order(tmp_path, receiver):
     assert told[1]["alarm"]["action"].startswith("Stop the machine") and told[0]["asset"] == "unsw"
     assert len({t["id"] for t in told}) == 3 and bench.keeper.store.waiting() == 0
     assert receiver.log[0][0].headers["Idempotency-Key"] == told[0]["id"]
-    assert sender.gauges()["webhooks_delivered"] == 3
+    assert sender.figures()["webhooks_delivered"] == 3
     bench.store.close()
 
 
@@ -361,7 +361,7 @@ def test_message_waits_for_an_address_that_is_down_and_is_sent_by_the_next_start
     sender = WebhookSender(bench.keeper.store, bench.keeper.waiting, first_pause=0.0)
     with httpx.Client() as client:
         assert not sender.turn(client)
-    assert sender.gauges()["webhook_failures"] == 1 and bench.keeper.store.waiting() == 1
+    assert sender.figures()["webhook_failures"] == 1 and bench.keeper.store.waiting() == 1
     tried = {t["id"] for t in received(receiver)}
     bench.store.close()
     receiver.clear()
@@ -400,7 +400,7 @@ def test_message_that_cannot_be_delivered_for_days_is_given_up_and_counted(tmp_p
         assert bench.keeper.store.due(now[0]) == [], "not again at once"
         now[0] += 4 * 86_400 * 10**9
         sender.turn(client)
-    assert sender.gauges()["webhooks_given_up"] == 1 and bench.keeper.store.waiting() == 0
+    assert sender.figures()["webhooks_given_up"] == 1 and bench.keeper.store.waiting() == 0
     bench.store.close()
 
 

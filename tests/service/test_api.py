@@ -62,7 +62,7 @@ def client(store, board):
     fakes.campaign(store, board)
     for index in range(3):
         fakes.take(store, board, "spectraquest", index, 100.0 * index, report=fakes.little_known_report())
-    return Client(create_app(board, store, gauges=lambda: {"queue_frames": 7}))
+    return Client(create_app(board, store, figures=lambda: {"queue_frames": 7}))
 
 
 def test_assets_are_listed_with_their_status(client):
@@ -298,7 +298,7 @@ def test_metrics_count_effects_in_the_twin_and_decisions_that_were_carried_out(c
 
 
 def test_two_apps_do_not_share_their_metrics(store, board):
-    apps = [Client(create_app(board, store, gauges=lambda n=n: {"queue_frames": n})) for n in (1, 2)]
+    apps = [Client(create_app(board, store, figures=lambda n=n: {"queue_frames": n})) for n in (1, 2)]
     assert ["gear_twin_queue_frames 1.0" in a.get("/metrics").text for a in apps] == [True, False]
 
 

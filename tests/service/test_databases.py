@@ -36,7 +36,7 @@ def test_decisions_are_counted_by_what_became_of_them(each_store):
     second = each_store.add_decision("unsw", "tooth_crack", "reject")
     assert each_store.carry_out(each_store.decision(first), state={"n": 2}, report={"wear": {}}, events=[])
     each_store.refuse(each_store.decision(second), "there is no such effect")
-    assert each_store.decision_counts("unsw") == {"pin": 1} and each_store.pending_decisions() == ()
+    assert each_store.decision_counts() == {"unsw": {"pin": 1}} and each_store.pending_decisions() == ()
     assert [(d.by, d.refused) for d in each_store.decisions("unsw")] == [
         ("Anna", None), (None, "there is no such effect"),
     ]  # fmt: skip

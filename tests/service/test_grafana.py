@@ -11,12 +11,14 @@ import service_fakes as fakes
 import yaml
 from test_health import MACHINES, get, report_of
 
+from service.operation.metric_catalogue import METRICS, OF_ASSETS
+
 ROOT = Path(__file__).parents[2]
 DASHBOARD = json.loads((ROOT / "docker/grafana/dashboards/gear-twin.json").read_text(encoding="utf-8"))
 COMPOSE = yaml.safe_load((ROOT / "docker/compose.yml").read_text(encoding="utf-8"))
 EXPRESSIONS = [target["expr"] for panel in DASHBOARD["panels"] for target in panel["targets"]]
 EXPRESSIONS += [variable["definition"] for variable in DASHBOARD["templating"]["list"]]
-OF_THE_PROCESS = {"gear_twin_webhooks_waiting"}  # gauges of the running service: service/runtime/webhooks.py
+OF_THE_PROCESS = {e.shown: set(e.labels) for e in METRICS.values() if e not in OF_ASSETS}  # of a running service
 
 
 @pytest.fixture
@@ -25,7 +27,7 @@ def exported(store, board):
     fakes.campaign(store, board)
     for index, (name, (found, _)) in enumerate(MACHINES.items()):
         fakes.take(store, board, name, index, 100.0, report=report_of(found), faults=(fakes.FAULT,))
-    found: dict[str, set[str]] = {}
+    found: dict[str, set[str]] = dict(OF_THE_PROCESS)
     for line in get(board, store, "/metrics").text.splitlines():
         match = re.fullmatch(r"(\w+)(?:\{(.*)\})? \S+", line)
         if match:
@@ -38,12 +40,10 @@ def test_every_metric_of_the_dashboard_is_exported_with_the_labels_asked_for(exp
     named = re.findall(r"(gear_twin_\w+)(?:\{([^}]*)\})?", expression)
     assert named
     for metric, labels in named:
-        if metric in OF_THE_PROCESS:
-            continue
         assert metric in exported, metric
         assert set(re.findall(r"(\w+)=", labels)) <= exported[metric]
     grouped = {label for part in re.findall(r"by \(([^)]*)\)", expression) for label in re.split(r",\s*", part)}
-    assert all(grouped <= exported[metric] for metric, _ in named if metric not in OF_THE_PROCESS)
+    assert all(grouped <= exported[metric] for metric, _ in named)
 
 
 def test_levels_of_status_and_data_are_those_of_the_contract():
@@ -54,14 +54,6 @@ def test_levels_of_status_and_data_are_those_of_the_contract():
     for metric, levels in (("gear_twin_status", SEVERITY), ("gear_twin_data", DATA_LEVELS)):
         asked = set(re.findall(metric + r'\{[^}]*level="(\w+)"', text))
         assert asked == set(levels)
-
-
-def test_gauges_of_the_process_are_those_of_the_webhook_sender():
-    from service.runtime.webhooks import WebhookSender
-
-    source = Path(WebhookSender.__module__.replace(".", "/") + ".py")
-    written = (ROOT / source).read_text(encoding="utf-8")
-    assert all(f'"{name.removeprefix("gear_twin_")}"' in written for name in OF_THE_PROCESS)
 
 
 def test_provisioned_files_are_where_the_compose_file_mounts_them_and_name_one_another():

@@ -69,7 +69,7 @@ def test_database_of_the_last_release_answers_as_before(path, tmp_path):
             for part in ("rig", "state", "report", "assembly", "quality", "question", "retired"):
                 assert [getattr(stored, part)] == column(before, f"SELECT {part} FROM assets WHERE asset = '{asset}'")
         assert len(store.windows("real")) == store.asset("real").windows == 8
-        assert store.decision_counts("made") == {"pin": 1} and len(store.pending_decisions()) == 1
+        assert store.decision_counts() == {"made": {"pin": 1}} and len(store.pending_decisions()) == 1
         assert len(store.inspections("made")) == 2 and len(store.pending_inspections()) == 1
         alarms = AlarmStore(store.database)
         (alarm,) = alarms.open("made")

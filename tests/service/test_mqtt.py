@@ -95,7 +95,7 @@ def test_result_alarms_and_changes_are_published_and_a_reader_who_comes_later_ge
             with reading(broker.port) as late:
                 wait_until(lambda: late.latest("gear-twin/unsw/result") and late.latest("gear-twin/unsw/alarms"))
                 assert late.payloads("gear-twin/unsw/alarm") == []
-            assert bridge.gauges()["mqtt_connected"] == 1.0 and bridge.gauges()["mqtt_messages"] >= 4
+            assert bridge.figures()["mqtt_connected"] == 1.0 and bridge.figures()["mqtt_messages"] >= 4
             assert not [m for m in reader.messages if m.topic.endswith("/state")]
         wait_until(lambda: reader.latest("gear-twin/service")["state"] == "offline")
 
@@ -151,17 +151,17 @@ def test_broker_that_is_away_at_start_and_again_later_gets_the_latest_state_and_
     reader_is_there.set()
     monkeypatch.setattr(mqtt._Link, "open", lambda link, to: reader_is_there.wait(60) and connect(link, to))
     with bridged(settings_for(broker.url, tmp_path), board, store) as bridge:
-        wait_until(lambda: bridge.gauges()["mqtt_failures"] >= 2)
-        assert bridge.gauges()["mqtt_connected"] == 0.0
+        wait_until(lambda: bridge.figures()["mqtt_failures"] >= 2)
+        assert bridge.figures()["mqtt_connected"] == 0.0
         raise_alarm(store, board)
         try:
             broker.start()
-            wait_until(lambda: bridge.gauges()["mqtt_connected"] == 1.0)
+            wait_until(lambda: bridge.figures()["mqtt_connected"] == 1.0)
             with reading(broker.port) as reader:
                 wait_until(lambda: reader.latest("gear-twin/unsw/alarms"))
             reader_is_there.clear()
             broker.stop()
-            wait_until(lambda: bridge.gauges()["mqtt_connected"] == 0.0)
+            wait_until(lambda: bridge.figures()["mqtt_connected"] == 0.0)
             raise_alarm(store, board, verb="acknowledged")
             raise_alarm(store, board, verb="cleared")
             begun = time.monotonic()
@@ -186,7 +186,7 @@ def test_kept_position_publishes_changes_that_a_killed_service_left(tmp_path, st
     with broker_at_work() as broker:
         settings = settings_for(broker.url, tmp_path)
         with bridged(settings, board, store) as bridge:
-            wait_until(lambda: bridge.gauges()["mqtt_messages"] > 0)
+            wait_until(lambda: bridge.figures()["mqtt_messages"] > 0)
         wait_until(lambda: KeptNumbers(tmp_path / "bridges" / "mqtt.json").section("events"))
         raise_alarm(store, board)
         with reading(broker.port) as reader, bridged(settings, Board.from_store(store), store):
@@ -242,11 +242,11 @@ def test_right_password_is_accepted_and_a_wrong_one_is_named(tmp_path, store, bo
     with broker_at_work(passwords=file) as broker:
         settings = settings_for(broker.url, tmp_path, mqtt_user="twin", mqtt_password_file=secret)
         with bridged(settings, board, store) as bridge:
-            wait_until(lambda: bridge.gauges()["mqtt_failures"] >= 3)
+            wait_until(lambda: bridge.figures()["mqtt_failures"] >= 3)
             refused = [r.getMessage() for r in caplog.records if "refuses the connection" in r.getMessage()]
             assert len(refused) == 1 and "wrong" not in refused[0]
             secret.write_text("right\n")  # read at each attempt
-            wait_until(lambda: bridge.gauges()["mqtt_connected"] == 1.0)
+            wait_until(lambda: bridge.figures()["mqtt_connected"] == 1.0)
 
 
 @pytest.mark.filterwarnings("ignore:Exception ignored in. <ssl.SSLSocket")  # paho leaves it to the collector
@@ -260,8 +260,8 @@ def test_tls_with_the_right_authority_connects_and_with_another_does_not(tmp_pat
         authority.cert_pem.write_to_path(tmp_path / name)
     with broker_at_work(tls=(tmp_path / "cert.pem", tmp_path / "key.pem")) as broker:
         with bridged(settings_for(broker.url, tmp_path, mqtt_ca=tmp_path / "other.pem"), board, store) as bridge:
-            wait_until(lambda: bridge.gauges()["mqtt_failures"] >= 1)
-            assert bridge.gauges()["mqtt_messages"] == 0
+            wait_until(lambda: bridge.figures()["mqtt_failures"] >= 1)
+            assert bridge.figures()["mqtt_messages"] == 0
         assert any("certificate" in r.getMessage().lower() for r in caplog.records)
         with (
             reading(broker.port, ca=tmp_path / "own.pem") as reader,
@@ -336,14 +336,14 @@ def test_thread_of_a_bridge_says_each_cause_once_and_counts_all(caplog):
                 raise ZeroDivisionError("a fault")
             raise mqtt.BridgeDown(cause)
 
-        def gauges(self):
+        def figures(self):
             return {}
 
     thread = BridgeThread(Down(), first_pause=0.001)
     thread.run()
     said = [r.getMessage() for r in caplog.records]
     assert len(said) == 2 and "one" in said[0] and "two" in said[1]
-    assert thread.gauges() == {"test_connected": 0.0, "test_failures": 6.0}
+    assert thread.figures() == {"test_connected": 0.0, "test_failures": 6.0}
 
 
 def test_changes_of_assets_are_held_once_each_and_never_wait():

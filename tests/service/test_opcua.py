@@ -42,7 +42,7 @@ def serving(board, data, access=None, **given):
     thread = BridgeThread(OpcUaBridge(settings, board, access or Access()), first_pause=0.05)
     thread.start()
     try:
-        wait_until(lambda: thread.gauges()["opcua_connected"] == 1.0)
+        wait_until(lambda: thread.figures()["opcua_connected"] == 1.0)
         yield settings.opcua, thread
     finally:
         thread.end()
@@ -130,7 +130,7 @@ def test_values_have_the_time_of_their_window_an_engineering_unit_and_a_range(pl
         assert found == set(VARIABLES)
 
     asked(url, question)
-    assert thread.gauges()["opcua_values"] >= len(VARIABLES)
+    assert thread.figures()["opcua_values"] >= len(VARIABLES)
 
 
 def test_what_is_not_established_or_not_available_is_no_good_value(plant):
@@ -252,9 +252,9 @@ def test_port_that_is_taken_is_said_and_tried_again(plant, tmp_path, caplog):
     settings = Settings(opcua=url, data=tmp_path)
     thread = BridgeThread(OpcUaBridge(settings, Board(), Access()), first_pause=0.05)
     thread.start()
-    wait_until(lambda: thread.gauges()["opcua_failures"] >= 1)
+    wait_until(lambda: thread.figures()["opcua_failures"] >= 1)
     thread.end()
-    assert "cannot be listened at: " in caplog.text and thread.gauges()["opcua_connected"] == 0.0
+    assert "cannot be listened at: " in caplog.text and thread.figures()["opcua_connected"] == 0.0
 
 
 def certificate(folder, name, use):
@@ -294,7 +294,7 @@ def test_encrypted_server_lets_in_trusted_clients_with_a_key_and_nobody_else(tmp
         ):
             with pytest.raises((ua.UaError, ConnectionError, asyncio.TimeoutError)):
                 asked(url, level, **wrong)
-        assert thread.gauges()["opcua_refused"] == 3.0 and access.failed == 2
+        assert thread.figures()["opcua_refused"] == 3.0 and access.failed == 2
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ def test_service_runs_over_a_network_and_a_store_in_memory_and_goes_on_after_a_r
         assert (status, answer["done"]) == (200, True)
         given = {"revolutions": 1200.0, "max_depth_um": 30.0, "flank": "combined", "std_um": 1.0}
         assert post(running, "/v1/assets/unsw/inspections", given)[0] == 201
-        assert "gear_twin_dropped_frames 0.0" in running.text("/metrics")
+        assert 'gear_twin_frames_left_out_total{cause="no_room"} 0.0' in running.text("/metrics")
         before = running.get("/v1/assets/unsw")
     assert network.announced == set()
     with serving(tmp_path, network, store) as again:

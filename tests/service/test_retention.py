@@ -155,7 +155,7 @@ def test_job_deletes_what_is_old_and_ends(long):
     finally:
         job.end()
     assert not job.is_alive() and kept(long) == expected()
-    assert job.gauges() == {"old_rows_deleted": COUNT - len(expected())}
+    assert job.figures() == {"old_rows_deleted": COUNT - len(expected())}
 
 
 def test_nothing_is_deleted_of_a_machine_that_stands_still(long):

@@ -188,7 +188,7 @@ def test_the_writer_keeps_what_was_committed_and_marks_windows_at_which_an_effec
     writer.end()
     assert store.indices("unsw") == (0, 1, 2, 3, 4)
     assert [w.number for w in store.kept("unsw") if w.found] == [3]
-    assert writer.gauges() == {"signal_windows_waiting": 0, "signal_windows_left_out": 0}
+    assert writer.figures() == {"signal_windows_waiting": 0, "signal_windows_left_out": 0}
 
 
 class Blocked(SignalStore):
@@ -212,7 +212,7 @@ def test_a_slow_disk_holds_nobody_up_and_what_is_left_out_is_counted(tmp_path):
     for n in range(20):
         writer.offer(outcome(n))
     assert time.monotonic() - begun < 1
-    left_out = writer.gauges()["signal_windows_left_out"]
+    left_out = writer.figures()["signal_windows_left_out"]
     assert 0 < left_out < 20
     store.go.set()
     writer.end()
@@ -224,7 +224,7 @@ def test_a_full_disk_is_counted_and_ends_nothing(tmp_path):
     for n in range(3):
         writer.offer(outcome(n))
     writer.end()
-    assert writer.gauges() == {"signal_windows_waiting": 0, "signal_windows_left_out": 3}
+    assert writer.figures() == {"signal_windows_waiting": 0, "signal_windows_left_out": 3}
 
 
 WRITES = """

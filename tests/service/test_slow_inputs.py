@@ -78,8 +78,9 @@ def frames(inbox):
 
 def left_out(inputs):
     """The causes for which values were left out, with their counts."""
-    gauges = inputs.gauges()
-    return {cause: gauges[f"inputs_{cause}"] for cause in CAUSES if gauges[f"inputs_{cause}"]}
+    counts = inputs.figures()["inputs_left_out"]
+    assert set(counts) == set(CAUSES)
+    return {cause: count for cause, count in counts.items() if count}
 
 
 def test_plain_number_becomes_a_frame_of_the_slow_channel_at_the_time_of_receipt(inputs_of, inbox, clock):
@@ -91,7 +92,7 @@ def test_plain_number_becomes_a_frame_of_the_slow_channel_at_the_time_of_receipt
     assert first.values.tolist() == [61.5] and second.values.tolist() == [62.0]
     assert (first.start_time_ns, second.start_time_ns) == (NOW + 10 * NS, NOW + 20 * NS)
     assert (first.sequence, second.sequence) == (0, 1)
-    assert left_out(inputs) == {} and inputs.gauges()["inputs_values"] == 2
+    assert left_out(inputs) == {} and inputs.figures()["inputs_values"] == 2
 
 
 @pytest.mark.parametrize(
@@ -278,7 +279,7 @@ def test_values_of_a_broker_reach_the_inbox_also_after_the_broker_was_away(
     fakes.campaign(store, board, windows=3)
     inputs = inputs_of(OIL)
     with broker_at_work() as broker, connected(broker, tmp_path, store, board, inputs) as bridge:
-        wait_until(lambda: bridge.gauges()["mqtt_connected"])
+        wait_until(lambda: bridge.figures()["mqtt_connected"])
         for degrees in (60.0, 70.0):
             with reading(broker.port) as sender:
                 clock.now += 10 * NS
@@ -291,10 +292,10 @@ def test_values_of_a_broker_reach_the_inbox_also_after_the_broker_was_away(
                 wait_until(received)
             if degrees == 60.0:
                 broker.stop()
-                wait_until(lambda: not bridge.gauges()["mqtt_connected"])
+                wait_until(lambda: not bridge.figures()["mqtt_connected"])
                 broker.start()
-                wait_until(lambda: bridge.gauges()["mqtt_connected"])
-        assert bridge.gauges()["mqtt_inputs_values"] >= 2
+                wait_until(lambda: bridge.figures()["mqtt_connected"])
+        assert bridge.figures()["mqtt_inputs_values"] >= 2
 
 
 def test_example_of_the_documentation_can_be_used():

@@ -91,7 +91,7 @@ def test_twenty_thousand_names_leave_a_short_list_and_nothing_else(caplog):
         :5
     ]  # the cache of topics is bounded
     assert len(unknown.listed()) == 100 and unknown.listed()[0].asset == "press-1"  # the quietest go first
-    assert unknown.gauges() == {
+    assert unknown.figures() == {
         "unknown_assets": 100, "unknown_asset_frames": 20_003, "unknown_assets_forgotten": 19_901,
     }  # fmt: skip
     assert inbox.depth == inbox.bytes == 0 and inbox.empty

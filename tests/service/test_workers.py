@@ -114,7 +114,7 @@ def test_a_call_that_ends_its_worker_is_tried_once_more_and_costs_no_other_anyth
     assert made["kills"].refused == "internal error: ended its worker process, 2 times"
     assert made["kills"].window.start_time_ns == 10**18
     assert made["unlucky"].refused is None and made["bystander"].refused is None
-    assert pool.processes.gauges()["worker_deaths"] == 3
+    assert pool.processes.figures()["worker_deaths"] == 3
     pool.window("kills")
     assert pool.wait(6)[-1].refused is None
 
@@ -253,7 +253,7 @@ def test_a_window_that_ends_its_worker_is_refused_and_the_others_are_not(tmp_pat
         assert [w["quality"] for w in windows] == ["refused"] * 2
         assert all(w["reason"] == "internal error: ended its worker process, 2 times" for w in windows)
         assert [w["quality"] for w in running.wait_for_windows(WINDOWS, "other")] == ["good"] * WINDOWS
-        assert "gear_twin_program_faults 2.0" in running.text("/metrics")
+        assert "gear_twin_program_faults_total 2.0" in running.text("/metrics")
         wait_until(lambda: len(list((tmp_path / "data" / SIGNALS / "unsw").iterdir())) == 2)  # to be looked into
     finally:
         running.end(signal.SIGKILL)

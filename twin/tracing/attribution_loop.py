@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from twin.assessment import EffectEvent
 from twin.errors import NotAvailable, NotConverged
+from twin.observed import TRACING, part
 from twin.rig import Rig
 from twin.scales import Scales
 from twin.tracing.attribution import AttributedEffect
@@ -55,16 +56,17 @@ def attribute_window(
     search = search_due(tracing)
     tracing = replace(after_trace(tracing), signs=widened(tracing.signs, shown))
     kept = [f for f in tracing.found if not search or tracing.decisions.get(f.name) in STAYING]
-    try:
-        tracing, traced = trace_over_remounts(
-            rig, tracing, outcome.memory, kept, tolerated_misfit(tracing, search)
-        )  # fmt: skip
-    except (NotAvailable, NotConverged) as reason:
-        tracing = replace(tracing, latest=replace(tracing.latest, reason=str(reason)))
-        return LoopResult(tracing=tracing, outcome=outcome)
-    if traced.waiting or search:
-        tracing = after_search(tracing, traced.waiting)
-    return joined(rig, tracing, traced, outcome, options)
+    with part(TRACING):
+        try:
+            tracing, traced = trace_over_remounts(
+                rig, tracing, outcome.memory, kept, tolerated_misfit(tracing, search)
+            )  # fmt: skip
+        except (NotAvailable, NotConverged) as reason:
+            tracing = replace(tracing, latest=replace(tracing.latest, reason=str(reason)))
+            return LoopResult(tracing=tracing, outcome=outcome)
+        if traced.waiting or search:
+            tracing = after_search(tracing, traced.waiting)
+        return joined(rig, tracing, traced, outcome, options)
 
 
 def attribute_non_gear_content(

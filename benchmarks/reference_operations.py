@@ -1,0 +1,27 @@
+"""The tables of docs/reference/operations.md, each from the single place in the code that it describes."""
+
+from __future__ import annotations
+
+Group = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
+"""Title, heads and rows of a table."""
+
+
+def metrics() -> list[Group]:
+    """Every metric, in groups."""
+    from service.operation.metric_catalogue import GROUPS
+
+    found: list[Group] = []
+    for title, entries in GROUPS.items():
+        rows: list[tuple[str, ...]] = [
+            (
+                f"`{e.shown}`",
+                ", ".join(f"`{label}`" for label in e.labels),
+                e.type,
+                e.unit,
+                e.meaning + (f"; {e.only}" if e.only else ""),
+                e.action,
+            )
+            for e in entries
+        ]
+        found.append((title, ("metric", "labels", "type", "unit", "meaning", "what to do"), rows))
+    return found

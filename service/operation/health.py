@@ -1,0 +1,82 @@
+"""Whether the loops of the process are alive: each says so with every turn, and one that has not for long has hung.
+
+    beat = health.loop("reception")
+    while True: ...; beat()
+
+`/healthz` and the watchdog of systemd read it. Whether frames can be accepted and stored is what `/readyz` says.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+LIMIT = 120.0  # above the longest wait of a loop for a lock, a server or a disk [s]
+
+HTTP = "HTTP"
+RECEPTION = "reception and storage"
+WORKERS = "supervision of the worker processes"
+SIGNALS = "raw signals"
+WEBHOOKS = "webhooks"
+RETENTION = "retention"
+
+LOOPS = {
+    HTTP: "answers requests, and tells systemd that the service is alive",
+    RECEPTION: "assembles frames to windows, makes them durable, commits and publishes results",
+    WORKERS: "hands windows to worker processes and replaces those that end; a part of the loop above",
+    SIGNALS: "the thread that keeps raw windows for viewing",
+    WEBHOOKS: "the thread that sends messages about alarms",
+    RETENTION: "the thread that deletes what is older than it is kept",
+}
+"""Every loop, and what it does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Late:
+    """A loop that has hung or ended."""
+
+    name: str
+    since_ns: int  # Unix time of its last turn [ns]
+
+
+@dataclass(slots=True)
+class _Loop:
+    beaten: float  # on the monotonic clock [s]
+    thread: threading.Thread | None = field(default=None)
+
+
+class Health:
+    """The loops of one process.
+
+    limit  time without a turn after which a loop is late [s]
+    clock  the monotonic clock [s]
+    """
+
+    def __init__(self, limit: float = LIMIT, clock: Callable[[], float] = time.monotonic) -> None:
+        self._limit, self._clock = limit, clock
+        self._loops: dict[str, _Loop] = {}
+
+    def loop(self, name: str) -> Callable[[], None]:
+        """Expects turns of a loop from now on; what it calls with each."""
+        known = self._loops[name] = _Loop(self._clock())
+
+        def beat() -> None:
+            known.beaten = self._clock()
+
+        return beat
+
+    def thread(self, name: str, thread: threading.Thread) -> None:
+        """Expects a thread to live from now on; how long it waits for its work does not matter."""
+        self._loops[name] = _Loop(self._clock(), thread)
+
+    def late(self) -> list[Late]:
+        """The loops that have hung or ended."""
+        now, found = self._clock(), []
+        for name, known in list(self._loops.items()):
+            if known.thread is not None and known.thread.is_alive():
+                known.beaten = now
+            elif known.thread is not None or now - known.beaten > self._limit:
+                found.append(Late(name, time.time_ns() - round((now - known.beaten) * 1e9)))
+        return found

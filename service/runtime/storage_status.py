@@ -1,0 +1,29 @@
+"""Storage that cannot be used is shown in the status of every asset, until it can be used again."""
+
+from __future__ import annotations
+
+import time
+
+from service.contract.base import iso_time
+from service.results.board import Board
+from service.runtime.state_publication import StatePublication
+from service.runtime.storage_watch import StorageWatch
+
+
+class StorageStatus:
+    """Called between frames: shows when the storage fails and when it is back."""
+
+    def __init__(self, storage: StorageWatch, board: Board, publication: StatePublication) -> None:
+        self._storage, self._board, self._publication = storage, board, publication
+        self._shown = False
+
+    def __call__(self) -> None:
+        """Publishes all assets where the storage has failed or is back."""
+        reason = self._storage.reason
+        if (reason is not None) is self._shown:
+            return
+        self._shown = reason is not None
+        unstored = None if reason is None else (reason, iso_time(time.time_ns()))
+        for asset in self._board.assets():
+            self._board.update(asset, unstored=unstored)
+            self._publication.publish(asset)

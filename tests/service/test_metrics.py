@@ -1,0 +1,146 @@
+"""Metrics: all of the catalogue and nothing else is exported, bounded, and whatever the storage does."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+
+import pytest
+import service_fakes as fakes
+from prometheus_client.parser import text_string_to_metric_families
+from service_streams import RIG, free_port, service, wait_until, write_recording
+from test_health import get
+
+from service.api.collector import AssetCollector
+from service.errors import StorageUnavailable
+from service.files.rig import load_rig
+from service.operation.metric_catalogue import METRICS, OTHERS
+from service.operation.timing import Timing
+from service.runtime.computing import Ask, Call, WindowToUse, carry_out
+from service.runtime.replay import replay
+from twin.observed import TRACING, observed_by, part
+from twin.windows import Window
+
+INPUTS = """schema = "gear-inputs/1"
+
+[[inputs]]
+unit = "degC"
+topic = "plant/oil"
+asset = "unsw"
+channel = "temperature/oil"
+"""
+
+
+def families(text):
+    """Type, and labels of all samples, by the name that the catalogue exports."""
+    found = {}
+    for family in text_string_to_metric_families(text):
+        name = f"{family.name}_total" if family.type == "counter" else family.name
+        found[name] = family.type, [s.labels for s in family.samples]
+    return found
+
+
+@pytest.mark.slow
+def test_service_that_has_run_exports_all_of_the_catalogue_and_nothing_else(tmp_path):
+    inputs = tmp_path / "inputs.toml"
+    inputs.write_text(INPUTS, encoding="utf-8")
+    opcua = f"opc.tcp://127.0.0.1:{free_port()}/gear-twin"
+    recording = write_recording(tmp_path / "short.mcap", 4)
+    given = {"MQTT": "mqtt://127.0.0.1:1", "MQTT_INPUTS": str(inputs), "OPCUA": opcua}
+    with service(tmp_path / "data", **given) as running:
+        replay(recording, [running.endpoint], 0)
+        wait_until(lambda: len(running.windows()) == 4, 20.0)
+        exported = families(running.text("/metrics"))
+    assert {name: kind for name, (kind, _) in exported.items()} == {e.shown: e.type for e in METRICS.values()}
+    for entry in METRICS.values():
+        for labels in exported[entry.shown][1]:
+            assert set(labels) - {"le"} == set(entry.labels), entry.name
+    (lag,) = [labels for labels in exported["gear_twin_lag_seconds"][1] if labels]
+    assert lag == {"asset": "unsw"}
+
+
+def test_figure_that_is_not_in_the_catalogue_cannot_be_exported(store, board):
+    collector = AssetCollector(board, store, lambda: {"invented": 1.0}, 10)
+    with pytest.raises(KeyError, match="invented"):
+        list(collector.collect())
+
+
+def test_names_types_and_units_of_the_catalogue_follow_the_rules_of_prometheus():
+    for entry in METRICS.values():
+        assert re.fullmatch(r"[a-z][a-z0-9_]*", entry.name) and not entry.name.endswith("_total")
+        assert entry.shown.endswith("_total") is (entry.type == "counter")
+        assert entry.unit == "s" or not entry.name.endswith("_seconds")
+        assert entry.unit == "byte" or not entry.name.endswith("_bytes")
+
+
+def test_assets_beyond_the_bound_are_counted_together_and_those_within_it_keep_their_series(store, board):
+    for number in range(5):
+        fakes.take(store, board, f"m{number}", 0, 100.0)
+    lag = {f"m{number}": float(number) for number in range(5)}
+    collector = AssetCollector(board, store, lambda: {"lag_seconds": lag}, 2)
+
+    def samples():
+        return {(s.name, *s.labels.values()): s.value for family in collector.collect() for s in family.samples}
+
+    found = samples()
+    assert {name for _, name, *_ in (key for key in found if len(key) > 1)} == {"m0", "m1", OTHERS}
+    graded = {key[2]: value for key, value in found.items() if key[:2] == ("gear_twin_windows_total", OTHERS)}
+    assert sum(graded.values()) == 3.0
+    assert found["gear_twin_lag_seconds", OTHERS] == 4.0  # the largest
+    assert ("gear_twin_last_window_seconds", OTHERS) not in found
+    assert found[("gear_twin_assets",)] == 5.0
+    fakes.take(store, board, "a", 0, 100.0)  # sorted before those that have series
+    assert ("gear_twin_updates_total", "m1") in samples() and ("gear_twin_updates_total", "a") not in samples()
+
+
+def test_scrape_is_one_query_however_many_assets_there_are(store, board):
+    for number in range(7):
+        fakes.take(store, board, f"m{number}", 0, 100.0)
+    asked = []
+    store.database.took = lambda what, seconds: asked.append(what)
+    list(AssetCollector(board, store, dict, 10).collect())
+    assert asked == ["read"]
+
+
+def test_scrape_is_answered_while_the_storage_cannot_be_used(store, board, monkeypatch):
+    fakes.take(store, board, "unsw", 0, 100.0)
+    store.add_decision("unsw", "misalignment", "pin")
+    store.carry_out(store.pending_decisions()[0], state={}, report=board.get("unsw").report, events=[])
+    collector = AssetCollector(board, store, dict, 10)
+    before = [family.samples for family in collector.collect()]
+
+    def unavailable():
+        raise StorageUnavailable("locked", reason="locked") from sqlite3.OperationalError("locked")
+
+    monkeypatch.setattr(store, "decision_counts", unavailable)
+    assert [family.samples for family in collector.collect()] == before
+    assert get(board, store, "/metrics").status_code == 200
+
+
+def test_computation_and_tracing_are_timed_where_they_happen():
+    class Tracing:
+        def process(self, rig, state, window):
+            with part(TRACING):
+                pass
+            return state, None
+
+    made = carry_out(
+        Call(
+            asset="m",
+            twin=Tracing(),
+            rig=load_rig(RIG),
+            state=object(),
+            ask=Ask("window", WindowToUse(start_ns=0, window=Window(start_time_ns=0))),
+        )
+    )
+    assert set(made.parts) == {"total", TRACING} and made.parts["total"] >= made.parts[TRACING] > 0
+    timing = Timing()
+    timing.computed("window", made.parts)
+    sums = {
+        s.name: s.value for f in timing.figures().values() for m in f.collect() for s in m.samples if "count" in s.name
+    }
+    assert sums["gear_twin_trace_seconds_count"] == sums["gear_twin_processing_seconds_count"] == 1.0
+    with observed_by(lambda name: pytest.fail(name)):
+        pass
+    with part("outside"):
+        pass

@@ -1,0 +1,155 @@
+"""What a plant watches the service by: liveness, readiness, the watchdog of systemd, storage trouble in the status."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import threading
+import time
+
+import pytest
+import service_fakes as fakes
+from service_streams import service, wait_until
+from test_api import Client
+from test_health import get
+
+from service.api import create_app
+from service.operation.health import HTTP, LOOPS, RECEPTION, RETENTION, Health
+from service.operation.systemd import ALIVE, READY, STOPPING, Watchdog, notify, watchdog_pause
+from service.runtime.storage_status import StorageStatus
+from service.runtime.storage_watch import StorageWatch
+from service.runtime.worker_processes import MOST_DEATHS, Processes
+
+
+@pytest.fixture
+def clock():
+    class Clock:
+        now = 100.0
+
+        def __call__(self):
+            return self.now
+
+    return Clock()
+
+
+@pytest.fixture
+def told(tmp_path, monkeypatch):
+    """What systemd is told, line by line."""
+    address = tmp_path / "notify"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as received:
+        received.bind(str(address))
+        received.settimeout(20.0)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(address))
+        yield lambda: received.recv(4096).decode()
+
+
+def test_loop_that_does_not_turn_makes_the_service_not_alive_with_name_and_time(store, board, clock):
+    health = Health(30.0, clock)
+    turn, _ = health.loop(RECEPTION), health.loop(HTTP)
+    client = Client(create_app(board, store, health=health))
+    clock.now += 29.0
+    turn()
+    assert client.get("/healthz").json() == {"status": "ok"}
+    clock.now += 29.0
+    answer = client.get("/healthz")
+    assert answer.status_code == 503 and answer.headers["content-type"] == "application/problem+json"
+    (loop,) = answer.json()["loops"]
+    assert loop["loop"] == HTTP and loop["since"] in answer.json()["detail"]
+    assert set(LOOPS) >= {RECEPTION, HTTP}
+
+
+def test_thread_that_has_ended_makes_the_service_not_alive_and_one_that_waits_for_work_does_not(clock):
+    health, over = Health(30.0, clock), threading.Event()
+    thread = threading.Thread(target=over.wait)
+    thread.start()
+    health.thread(RETENTION, thread)
+    clock.now += 1000.0
+    assert health.late() == []
+    over.set()
+    thread.join()
+    assert [late.name for late in health.late()] == [RETENTION]
+
+
+def test_watchdog_is_told_a_third_of_its_time_before_it_bites_and_not_while_a_loop_hangs(told, monkeypatch, clock):
+    monkeypatch.setenv("WATCHDOG_USEC", "60000000")
+    assert watchdog_pause() == pytest.approx(20.0)
+    health = Health(30.0, clock)
+    health.loop(RECEPTION)
+    watchdog = Watchdog(health, clock)
+    watchdog()
+    assert told() == ALIVE
+    watchdog()
+    notify("STATUS=nothing more was told")
+    assert told() == "STATUS=nothing more was told"
+    clock.now += 31.0
+    watchdog()
+    notify("STATUS=nor this time")
+    assert told() == "STATUS=nor this time"
+
+
+def test_nothing_is_told_outside_of_systemd_or_where_the_watchdog_is_of_another_process(monkeypatch):
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    assert not notify(READY)
+    monkeypatch.setenv("NOTIFY_SOCKET", "/nowhere/at/all")
+    assert not notify(READY)
+    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+    monkeypatch.setenv("WATCHDOG_PID", str(os.getpid() + 1))
+    assert watchdog_pause() is None
+
+
+def test_systemd_is_told_of_readiness_life_and_the_end_which_takes_less_than_ten_seconds(tmp_path, told, monkeypatch):
+    monkeypatch.setenv("WATCHDOG_USEC", "600000")
+    with service(tmp_path / "data") as running:
+        assert told() == READY
+        assert [told(), told(), told()] == [ALIVE] * 3
+        began = time.monotonic()
+        status, _, complained = running.end(signal.SIGTERM)
+    assert status == 0 and not complained and time.monotonic() - began < 10.0
+    while (line := told()) == ALIVE:
+        pass
+    assert line == STOPPING
+
+
+def test_storage_that_cannot_be_used_is_in_the_status_of_every_asset_until_it_is_back(store, board):
+    class Published(list):
+        publish = list.append
+
+    for asset in ("one", "two"):
+        fakes.take(store, board, asset, 0, 100.0)
+    before, published, storage = board.get("one").whole, Published(), StorageWatch("/data")
+    show = StorageStatus(storage, board, published)
+    show()
+    assert before["storage"] is None and published == []
+    storage.failed(OSError(28, "No space left on device"))
+    show()
+    show()
+    assert published == ["one", "two"]
+    answer = get(board, store, "/v1/assets/one").json()
+    assert "No space left" in answer["storage"]["reason"] and answer["storage"]["since"].endswith("Z")
+    (found,) = [f for f in answer["status"]["findings"] if f["subject"] == "storage"]
+    assert found["level"] == "no_verdict" and answer["status"]["level"] != "normal"
+    assert answer["data"] == before["data"]
+    storage.worked()
+    show()
+    assert board.get("one").whole == before and published == ["one", "two"] * 2
+
+
+def test_workers_that_die_of_everything_make_the_service_not_ready():
+    processes = Processes(1, task_limit=1.0, cache_bytes=1, wake=lambda: None)
+    try:
+        assert processes.unusable() is None
+        processes._in_a_row = MOST_DEATHS
+        assert "ended their worker processes" in processes.unusable()
+    finally:
+        processes.close()
+
+
+@pytest.mark.slow
+def test_service_that_was_suspended_is_alive_again_at_once(tmp_path):
+    with service(tmp_path / "data", LOOP_LIMIT="5") as running:
+        assert running.get("/healthz") == {"status": "ok"}
+        os.kill(running.process.pid, signal.SIGSTOP)
+        time.sleep(7.0)
+        os.kill(running.process.pid, signal.SIGCONT)
+        wait_until(lambda: running.get("/healthz") == {"status": "ok"})

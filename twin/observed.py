@@ -1,0 +1,33 @@
+"""Long parts of a step, for whoever wants to know when they begin and end: the core itself has no clock.
+
+with part("tracing"): ...              in the core
+with observed_by(watch): step(...)     around it; watch(name) is a context manager that encloses each part
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
+
+Watch = Callable[[str], AbstractContextManager[object]]
+
+TRACING = "tracing"  # the search for effects besides wear, and their fit
+
+_WATCH: ContextVar[Watch | None] = ContextVar("watch", default=None)
+
+
+def part(name: str) -> AbstractContextManager[object]:
+    """A long part of a step."""
+    watch = _WATCH.get()
+    return nullcontext() if watch is None else watch(name)
+
+
+@contextmanager
+def observed_by(watch: Watch) -> Iterator[None]:
+    """Parts of steps made inside, in this thread, are enclosed by what `watch` answers."""
+    token = _WATCH.set(watch)
+    try:
+        yield
+    finally:
+        _WATCH.reset(token)
