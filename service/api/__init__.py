@@ -112,6 +112,12 @@ def create_app(
         app.include_router(module.router, max_body_size=BODY)
     pages.mount_static(app)
     guard.install(app, audit_routes.refused)
+    _describe(app)
+    return app
+
+
+def _describe(app: FastAPI) -> None:
+    """Adds problems, credentials and roles to the description of the interface."""
     generate = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -122,7 +128,6 @@ def create_app(
         return schema
 
     app.openapi = openapi  # type: ignore[method-assign]
-    return app
 
 
 def _changes_in(store: ResultStore) -> ChangeQueue:

@@ -16,6 +16,7 @@ from functools import partial
 from service.alarms.keeper import AlarmKeeper
 from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.api import create_app
+from service.api.collector import Figures
 from service.api.incoming import Incoming
 from service.errors import StoreError
 from service.logs import figures as log_figures
@@ -93,17 +94,13 @@ def run(
         webhooks = WebhookSender(alarms.store, alarms.waiting)
         retention = RetentionJob(store, retention_of(settings))
         parts = (worker, webhooks, bridges, retention)
-        measured = (
-            *(part.figures for part in (*parts, front, timing)),
-            partial(database_figures, store),
-            log_figures,
-        )
+        figures = figures_of(*(part.figures for part in (*parts, front, timing)), partial(database_figures, store))
         app = create_app(
             board,
             store,
             kept.decisions,
             not_ready=worker.not_ready,
-            figures=lambda: {key: value for figures in measured for key, value in figures().items()},
+            figures=figures,
             signals=signals,
             alarms=alarms,
             changes=kept.changes,
@@ -182,6 +179,11 @@ def _kept_in(settings: Settings, store: ResultStore, board: Board, signals: Sign
         alarms=alarms,
     )
     return kept, alarms
+
+
+def figures_of(*parts: Callable[[], Figures]) -> Callable[[], Figures]:
+    """The figures of some parts and of the log together, for /metrics."""
+    return lambda: {key: value for figures in (*parts, log_figures) for key, value in figures().items()}
 
 
 def database_figures(store: ResultStore) -> dict[str, float]:

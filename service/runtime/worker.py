@@ -272,16 +272,10 @@ class Worker(threading.Thread):
         )  # fmt: skip
         questions = RigQuestions(reception, lanes, store, life, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
-
         storage_status = StorageStatus(storage, board, publication)
 
         def between() -> None:
-            self._beat()
-            computing.collect()
-            self._supervised()
-            if storage.reason is not None and not storage.pausing:
-                self._try_again(storage, spool, lanes)
-            storage_status()
+            self._look_after(spool, lanes, storage_status)
             positions()
             for part in (questions, decisions, changes, watch):
                 storage.attempt(part)
@@ -295,6 +289,15 @@ class Worker(threading.Thread):
                 self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
                 channel_wait=self._settings.channel_wait,
             )  # fmt: skip
+
+    def _look_after(self, spool: Spool, lanes: Lanes, storage_status: StorageStatus) -> None:
+        """Takes what the twins have made, and tries the storage again where that is due."""
+        self._beat()
+        self._computing.collect()
+        self._supervised()
+        if self._storage.reason is not None and not self._storage.pausing:
+            self._try_again(self._storage, spool, lanes)
+        storage_status()
 
     def _try_again(self, storage: StorageWatch, spool: Spool, lanes: Lanes) -> None:
         """Keeps what has waited for the storage; a window's file is the last thing to fit on a disk that was full."""
