@@ -301,12 +301,20 @@ def _models(schemas: Mapping[str, Any]) -> str:
         if not schema.get("properties") or name in ("HTTPValidationError", "ValidationError"):
             continue
         rows = [
-            (f"`{key}`", _kind(field), " ".join(field.get("description", "").split()))
+            (f"`{key}`", _kind(_resolved(field, schemas)), " ".join(field.get("description", "").split()))
             for key, field in schema["properties"].items()
         ]
         out.append(f"### {name}\n\n{' '.join(schema.get('description', '').split())}")
         out.append(table(("key", "type", "meaning"), rows))
     return "\n\n".join(out)
+
+
+def _resolved(field: Mapping[str, Any], schemas: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A field whose type has no table of its own with the values of that type, such as a role."""
+    if "anyOf" in field:
+        return {**field, "anyOf": [_resolved(each, schemas) for each in field["anyOf"]]}
+    found = schemas.get(field.get("$ref", "").rpartition("/")[2], {})
+    return found if "enum" in found else field
 
 
 def _kind(field: Mapping[str, Any]) -> str:
