@@ -47,4 +47,4 @@ def test_unit_starts_a_command_with_settings_that_exist_and_ends_it_in_time():
     assert set(re.findall(r"GEAR_TWIN_[A-Z_]+", text)) <= known
     for line in ("NoNewPrivileges=yes", "ProtectSystem=strict", "StateDirectory=gear-twin", "TimeoutStopSec=15"):
         assert f"\n{line}\n" in text
-    assert "Type=notify" not in text  # the service does not notify
+    assert "\nType=notify\nWatchdogSec=180\n" in text and Settings.model_fields["loop_limit"].default < 180  # [s]
