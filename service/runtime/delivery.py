@@ -30,6 +30,7 @@ SENT_AGAIN = 5  # times, without anything being stored meanwhile
 STORED_WAIT = 600.0  # how long a service that answers may store nothing [s]
 _NOTE_AFTER = 10.0  # waiting is said [s]
 _ASK_AGAIN = (0.05, 1.0)  # shortest and longest pause between two questions [s]
+_ASK_REFUSED = 0.25  # of a service that accepts none now: a window in progress goes on as soon as it does [s]
 ASK_EVERY = 2.0  # a service is asked so often at least while frames are sent [s]
 
 
@@ -153,6 +154,8 @@ class Delivery:
             if (self.settled, self._received) != progress:
                 progress, moved, pause = (self.settled, self._received), now, _ASK_AGAIN[0]
                 sent_again = sent_again if come else 0
+            if self._reason:  # the service has them, or will use those that are sent once it accepts frames again
+                arrived, sent_again = now, 0
             if come:
                 arrived = now
                 if enough():
@@ -170,7 +173,7 @@ class Delivery:
                 self._noted = True
                 self._note(f"waiting for the service to store {len(self._kept)} frames")
             self._sleep(pause)
-            pause = min(2 * pause, _ASK_AGAIN[1])
+            pause = min(2 * pause, _ASK_AGAIN[1] if self._reason is None else _ASK_REFUSED)
 
     def _note_reason(self) -> None:
         """Says at once why frames are not used, where that is new."""

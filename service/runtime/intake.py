@@ -101,8 +101,9 @@ class Intake:
         return self._reception.channels(asset)
 
     def expect(self, asset: str, labels: Iterable[str]) -> None:
-        """Waits for these channels too."""
-        self._reception.expect(asset, labels)
+        """Waits for these channels too; not for those of an asset that is unknown yet, whose frames are left out."""
+        if asset in self._known:
+            self._reception.expect(asset, labels)
 
     def wait_only_for(self, asset: str, labels: Iterable[str]) -> None:
         """Lets the asset's windows close without the channels that have fallen silent."""

@@ -131,6 +131,7 @@ class Pump:
 
     idle_timeout  silence that ends a window [s]
     channel_wait  how long a channel is waited for that the others have gone on without [s]
+    holding       whether publishers are asked to wait: their silence ends no window then
     between       called between frames, at least every tenth of a second while no window is being processed
     clock         the monotonic clock [s]
     """
@@ -143,12 +144,13 @@ class Pump:
         between: Callable[[], None] = lambda: None,
         *,
         channel_wait: float = CHANNEL_WAIT,
+        holding: Callable[[], bool] = lambda: False,
         clock: Callable[[], float] = time.monotonic,
     ):
         self._inbox, self._consumer, self._idle_timeout, self._between = inbox, consumer, idle_timeout, between
-        self._channel_wait, self._clock = channel_wait, clock
+        self._channel_wait, self._holding, self._clock = channel_wait, holding, clock
         self._rhythms: dict[str, _Rhythm] = {}
-        self._now = 0.0  # stands still while the process does [s]
+        self._now = 0.0  # stands still while the process does, and while publishers wait [s]
         self._turned = clock()
         self._looked = 0.0
 
@@ -164,7 +166,8 @@ class Pump:
     def turn(self, item: Item | None) -> None:
         """One turn of the loop: what has arrived, if anything has, and from time to time a look for silence."""
         turned = self._clock()
-        self._now += min(turned - self._turned, _STARVED)
+        if not self._holding():
+            self._now += min(turned - self._turned, _STARVED)
         self._turned = turned
         if isinstance(item, Arrival):
             self._take(item)
@@ -222,6 +225,7 @@ def pump(
     between: Callable[[], None] = lambda: None,
     *,
     channel_wait: float = CHANNEL_WAIT,
+    holding: Callable[[], bool] = lambda: False,
 ) -> None:
     """Takes arrivals to a consumer until `stop` is set."""
-    Pump(inbox, consumer, idle_timeout, between, channel_wait=channel_wait).run(stop)
+    Pump(inbox, consumer, idle_timeout, between, channel_wait=channel_wait, holding=holding).run(stop)

@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-FIRST_PAUSE, LONGEST_PAUSE = 0.5, 30.0  # between two attempts [s]
+FIRST_PAUSE, LONGEST_PAUSE = 0.5, 10.0  # between two attempts [s]; publishers wait longer than that
 
 
 class StorageWatch:

@@ -287,7 +287,7 @@ class Worker(threading.Thread):
             lanes.go()
             pump(
                 self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
-                channel_wait=self._settings.channel_wait,
+                channel_wait=self._settings.channel_wait, holding=lambda: storage.reason is not None,
             )  # fmt: skip
 
     def _look_after(self, spool: Spool, lanes: Lanes, storage_status: StorageStatus) -> None:

@@ -56,7 +56,10 @@ class Stand:
         self.positions = Positions(
             self.inbox, self, self.pipeline, pending=lambda stream: (None, self.backlog), clock=lambda: self.now
         )
-        self.pump = Pump(self.inbox, self.pipeline, 0.7, self.positions, clock=lambda: self.now)
+        self.pump = Pump(
+            self.inbox, self.pipeline, 0.7, self.positions, clock=lambda: self.now,
+            holding=lambda: self.refused is not None,
+        )  # fmt: skip
         self.broken = False
 
     def run(self, seconds=0.1):
@@ -204,6 +207,22 @@ def test_why_frames_are_not_stored_is_the_reason_of_the_service():
     stand.refused = "asset rig-1 is retired: its frames are left out"
     with pytest.raises(DeliveryError, match="32 frames are not stored: asset rig-1 is retired"):
         sent(stand, bursts(1, frames=8))
+
+
+def test_a_service_that_cannot_store_for_a_while_is_waited_for_and_not_sent_all_again():
+    """Frames were once sent five times while the disk was full, and then given up after nine seconds."""
+    stand, published, frames = Stand(), [], bursts(4, frames=20)
+    publish, run = stand.publish, stand.run
+
+    def full_for_a_while(seconds=0.1):
+        stand.refused = "no space" if 102.0 < stand.now < 127.0 else None
+        run(seconds)
+
+    stand.run = full_for_a_while
+    stand.publish = lambda frame: published.append(frame) or publish(frame)
+    sent(stand, frames)
+    assert stored(stand) == undisturbed(frames) and stand.now > 127.0
+    assert len(published) <= 2 * len(frames)
 
 
 def test_a_service_that_never_answers_is_given_up_in_time():

@@ -5,10 +5,11 @@ from __future__ import annotations
 from service_streams import Sink
 from streams import ACCEL, ASSET, CHANNELS, bursts
 
-from service.errors import FrameError
+from service.errors import FrameError, StorageUnavailable
 from service.runtime.intake import Intake
 from service.runtime.learning_phase import LearningPhase
 from service.runtime.pipeline import Pipeline
+from service.runtime.storage_watch import StorageWatch
 from service.runtime.twin_port import Answer, Twin
 from twin.rig import Rig
 
@@ -73,3 +74,28 @@ def test_counters_are_shown_once_a_second_while_frames_come_and_once_more_in_sil
     assert len(shown) == 4
     intake.reject(ACCEL, FrameError("values = nothing"))
     assert len(shown) == 5
+
+
+def test_channels_announced_for_a_new_asset_while_the_storage_cannot_be_used_end_nothing():
+    """Once the service ended: the rig file of the new asset could not be kept, and was asked for again."""
+    outcomes, full = [], [True]
+
+    def rig_of(asset):
+        if full[0]:
+            raise StorageUnavailable("the database cannot be used now (no space)", reason="no space")
+        return Rig.from_mapping({})
+
+    twin, now = Twin(step=numbered, new_state=dict, load_state=dict), [0.0]
+    storage = StorageWatch("the database", clock=lambda: now[0])
+    reception = Pipeline(rig_of, twin, Sink(outcomes))
+    intake = Intake(reception, lambda asset: None, storage=storage, clock=lambda: now[0])
+    frames = bursts(2)
+    intake.feed(frames[0])
+    intake.expect(ASSET, [channel.label for channel in CHANNELS])
+    assert intake.left_out == 1 and storage.reason is not None and not intake.waiting(ASSET)
+    full[0], now[0] = False, 60.0
+    for frame in frames:
+        intake.feed(frame)
+    intake.expect(ASSET, [channel.label for channel in CHANNELS])
+    intake.flush(ASSET)
+    assert len(outcomes) == 2
