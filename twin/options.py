@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
+from typing import TYPE_CHECKING
 
 from twin.attention import STATUS_LIMITS, StatusLimits
-from twin.baseline.learned import Baseline
 from twin.errors import ParameterError
-from twin.levels.relation import Relation
-from twin.updating.history import UpdateOptions
+
+if TYPE_CHECKING:  # options are made by programs that compute nothing
+    from twin.baseline.learned import Baseline
+    from twin.levels.relation import Relation
+    from twin.updating.history import UpdateOptions
 
 UPDATES = ("fused", "rms")
 
@@ -37,6 +40,8 @@ class Options:
     @property
     def updating(self) -> UpdateOptions:
         """The part of the options that the update of the model reads."""
+        from twin.updating.history import UpdateOptions
+
         return UpdateOptions(
             threshold=self.error_threshold, update=self.update, update_until=self.update_until
         )  # fmt: skip

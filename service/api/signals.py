@@ -18,7 +18,7 @@ from service.api.problems import problem, responses
 from service.contract.base import iso_time
 from service.errors import NotKept
 from service.results.signal_thinning import KeptWindow
-from service.signals import pictures, tables
+from service.signals import tables
 from service.signals.library import Library
 from service.signals.subject import UnknownChannel
 from service.signals.trends import Trends, trends_of
@@ -154,6 +154,8 @@ def view(request: Request, asset: str, index: Index, view: ViewName, query: Anno
     if query.format == "png":
         kinds = tuple(query.markers.split(","))
         heading = f"{asset}, window {index}, {started}"
+        from service.signals import pictures  # matplotlib, which few services ever draw with
+
         return _png(pictures.as_png(found, heading, query.theme, query.log, kinds), name)
     content = as_json(found, query.points, query.x_from, query.x_to)
     return JSONResponse({"asset": asset, "window": index, "start_time": started, **content})
@@ -185,6 +187,8 @@ def waterfall(request: Request, asset: str, query: Annotated[WaterfallQuery, Que
         if all(w.revolutions is None for w in found.windows):
             labels = (labels[0], "window", labels[2])
         title = f"Waterfall of {found.channel}"
+        from service.signals import pictures  # matplotlib, which few services ever draw with
+
         return _png(
             pictures.heat_map(found.values, found.x, rows, labels, title, asset, query.theme, found.notes), name
         )
@@ -212,6 +216,8 @@ def indicators(request: Request, asset: str, query: Annotated[IndicatorQuery, Qu
             return problem(request, 409, "no window has a figure to draw")
         curves = [(t.label, t.unit, c) for t, c in zip(shown[:12], columns, strict=False)]
         x, label = _axis(found, query.axis)
+        from service.signals import pictures  # matplotlib, which few services ever draw with
+
         return _png(pictures.trends(curves, x, label, "Condition indicators", asset, query.theme), name)
     return JSONResponse(
         {

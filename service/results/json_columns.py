@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import zstandard
+from pydantic_core import from_json
 
 from service.errors import DamageError
 from service.json_text import JsonText, plain
@@ -52,7 +53,7 @@ def load(kept: bytes | None, what: str = "a row of the database") -> Any:
     """
     text = load_text(kept, what)
     try:
-        return None if text is None else json.loads(text.text)
+        return None if text is None else from_json(text.text, cache_strings="keys")
     except ValueError as error:
         raise DamageError(f"{what} is damaged ({error})") from None
 

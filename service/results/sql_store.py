@@ -389,7 +389,8 @@ class SqlStore:
                 what = f"window {number} of {values['of']}"
                 if sealed != seal(start_ns, number, epoch):
                     raise DamageError(f"{what} is damaged (its numbers are not those that were written)")
-                kept, figures_ = load(record, what), load(shown, what)
+                kept, figures_ = load(record, what), load_text(shown, what)
+                assert figures_ is not None  # the column is never empty
             except DamageError as error:
                 say_damage(error)
                 continue

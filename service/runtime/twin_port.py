@@ -9,6 +9,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from importlib import import_module
+from operator import attrgetter
 from typing import Any
 
 from service.errors import FAULT
@@ -76,22 +78,30 @@ class Twin:
         return state, _answer(estimate)
 
 
+@dataclass(frozen=True, slots=True)
+class _Later:
+    """A function of a module that is imported at the first call."""
+
+    module: str
+    name: str
+
+    def __call__(self, *given: Any) -> Any:
+        return attrgetter(self.name)(import_module(self.module))(*given)
+
+
 def gear_twin(options: Any = None) -> Twin:
-    """The twin itself, imported where it is first needed."""
-    from service.contract.estimate import change, decide, inspect, step
-    from twin.fallen_count import with_fallen_forgotten, with_fallen_ignored
+    """The twin itself, imported where it is first called: the service's own process never does that."""
     from twin.options import Options
-    from twin.state import State
 
     return Twin(
-        step=step,
-        new_state=State,
-        load_state=State.from_dict,
-        decide=decide,
-        inspect=inspect,
-        change=change,
-        ignore=with_fallen_ignored,
-        forget=with_fallen_forgotten,
+        step=_Later("service.contract.estimate", "step"),
+        new_state=_Later("twin.state", "State"),
+        load_state=_Later("twin.state", "State.from_dict"),
+        decide=_Later("service.contract.estimate", "decide"),
+        inspect=_Later("service.contract.estimate", "inspect"),
+        change=_Later("service.contract.estimate", "change"),
+        ignore=_Later("twin.fallen_count", "with_fallen_ignored"),
+        forget=_Later("twin.fallen_count", "with_fallen_forgotten"),
         options=options or Options(),
         at_once=1,  # wear curves grow as they are used
         make=gear_twin,
