@@ -15,6 +15,7 @@ from service.stream.frames import Frame
 from service.stream.position import Position, earliest
 from service.stream.wire.topics import Channel
 
+HELD_BYTES = 64 * 2**20  # frames of new assets that wait for storage, together [bytes]
 SHOW_EVERY = 1.0  # how often counters are shown while frames come [s]
 
 
@@ -33,11 +34,14 @@ class Intake:
         heard: Callable[[str], None] = lambda asset: None,
         storage: StorageWatch | None = None,
         learning: LearningPhase | None = None,
+        held_bytes: int = HELD_BYTES,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._reception, self._show_quality, self._clock = reception, show_quality, clock
         self._heard, self._storage = heard, storage
-        self.left_out = 0  # frames of assets of which nothing is known while the storage cannot be used
+        self.left_out = 0  # frames of new assets for which there was no room while the storage could not be used
+        self._unopened: dict[str, list[Frame]] = {}  # the first frames of new assets that wait for storage
+        self._unopened_bytes, self._held_bytes = 0, held_bytes
         self._learning = learning or LearningPhase()
         self._known = set(reception.assets)
         self._shown: dict[str, float] = {}  # when an asset's counters were shown; absent where they are up to date
@@ -48,15 +52,33 @@ class Intake:
         self._note(frame.channel)
         if asset not in self._known:
             if not self._open(asset):
+                self._hold(frame)
                 return
             self._known.add(asset)
             self._learning.begin(asset, now)
-        if not self._learning.holds(asset):
-            self._reception.feed(frame)
-        elif not self._feed_learned(asset, self._learning.add(frame, now)):
-            return
-        if self._clock() - self._shown.get(asset, float("-inf")) > SHOW_EVERY:
+            for held in self._unopened.pop(asset, ()):
+                self._unopened_bytes -= held.nbytes
+                self._hand_on(held, now)
+        if self._hand_on(frame, now) and self._clock() - self._shown.get(asset, float("-inf")) > SHOW_EVERY:
             self._show(asset)
+
+    def _hold(self, frame: Frame) -> None:
+        """Keeps a frame of a new asset until the storage can be used; later ones are left out where there is no room.
+
+        The first ones are kept, so that what was left out is a gap that the publisher is asked to fill.
+        """
+        if self._unopened_bytes + frame.nbytes > self._held_bytes:
+            self.left_out += 1
+            return
+        self._unopened_bytes += frame.nbytes
+        self._unopened.setdefault(frame.channel.asset, []).append(frame)
+
+    def _hand_on(self, frame: Frame, now: float) -> bool:
+        """Hands a frame to the reception; False where it is held to learn the asset's channels."""
+        if not self._learning.holds(frame.channel.asset):
+            self._reception.feed(frame)
+            return True
+        return self._feed_learned(frame.channel.asset, self._learning.add(frame, now))
 
     def reject(self, channel: Channel, error: FrameError) -> None:
         """Counts a frame that breaks the contract."""
@@ -127,9 +149,7 @@ class Intake:
         if self._storage is None:
             self._reception.open(asset)
             return True
-        opened = asset in self._known or self._storage.attempt(lambda: self._reception.open(asset))[0]
-        self.left_out += not opened
-        return opened
+        return asset in self._known or self._storage.attempt(lambda: self._reception.open(asset))[0]
 
     def _note(self, channel: Channel) -> None:
         if not CHANNEL_KINDS[channel.kind].slow:  # slow values go on between windows

@@ -90,12 +90,32 @@ def test_channels_announced_for_a_new_asset_while_the_storage_cannot_be_used_end
     reception = Pipeline(rig_of, twin, Sink(outcomes))
     intake = Intake(reception, lambda asset: None, storage=storage, clock=lambda: now[0])
     frames = bursts(2)
-    intake.feed(frames[0])
+    for frame in frames[:5]:
+        intake.feed(frame)
     intake.expect(ASSET, [channel.label for channel in CHANNELS])
-    assert intake.left_out == 1 and storage.reason is not None and not intake.waiting(ASSET)
+    assert storage.reason is not None and not intake.waiting(ASSET) and intake.position(ASSET) is None
     full[0], now[0] = False, 60.0
-    for frame in frames:
+    for frame in frames[5:]:
         intake.feed(frame)
     intake.expect(ASSET, [channel.label for channel in CHANNELS])
     intake.flush(ASSET)
-    assert len(outcomes) == 2
+    assert len(outcomes) == 2 and intake.left_out == 0
+    first = next(f for f in frames if f.channel == ACCEL)  # a window without its first frames was once committed
+    assert outcomes[0].window.start_time_ns == first.start_time_ns
+    assert [len(o.window.accelerations["y6"].values) for o in outcomes[:1]] == [
+        len(o.window.accelerations["y6"].values) for o in outcomes[1:]
+    ]
+
+
+def test_first_frames_of_a_new_asset_are_held_within_a_bound_while_the_storage_cannot_be_used():
+    def rig_of(asset):
+        raise StorageUnavailable("the database cannot be used now (no space)", reason="no space")
+
+    storage = StorageWatch("the database", clock=lambda: 0.0)
+    reception = Pipeline(rig_of, Twin(step=numbered, new_state=dict, load_state=dict), Sink([]))
+    intake = Intake(reception, lambda asset: None, storage=storage, held_bytes=20_000)
+    frames = bursts(8)
+    for frame in frames:
+        intake.feed(frame)
+    kept = len(frames) - intake.left_out
+    assert 0 < kept < len(frames) and kept * min(frame.nbytes for frame in frames) <= 20_000
