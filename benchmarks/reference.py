@@ -1,7 +1,7 @@
 """Prints the tables of docs/reference from the code that they describe.
 
     python -m benchmarks.reference commands | settings | rig | rest | json | answers | units | client | plant | opcua
-        | metrics | loops
+        | metrics | loops | states | log
 
 `python -m benchmarks.figures reference` writes them into the pages.
 """
@@ -388,7 +388,7 @@ def metrics() -> str:
     """Every metric of /metrics, in groups."""
     from benchmarks import reference_operations
 
-    return "\n\n".join(f"### {title}\n\n{table(heads, rows)}" for title, heads, rows in reference_operations.metrics())
+    return _groups(reference_operations.metrics())
 
 
 def loops() -> str:
@@ -398,9 +398,30 @@ def loops() -> str:
     return table(("loop", "what it does"), [(name, what) for name, what in LOOPS.items()])
 
 
+def states() -> str:
+    """Every status, grade, fault and cause."""
+    from benchmarks import reference_operations
+
+    return _groups(reference_operations.states())
+
+
+def log_lines() -> str:
+    """Every log line."""
+    from benchmarks import reference_operations
+
+    return _groups(reference_operations.log_lines())
+
+
+def _groups(groups: Sequence[tuple[str, tuple[str, ...], Sequence[tuple[str, ...]]]]) -> str:
+    """Tables, each below its title."""
+    shown = ((f"### {title}\n\n" if title else "") + table(heads, rows) for title, heads, rows in groups)
+    return "\n\n".join(shown)
+
+
 TABLES = {
     "commands": commands, "settings": settings, "rig": rig, "rest": rest, "json": keys, "answers": answers,
-    "units": units, "client": client, "plant": plant, "opcua": opcua, "metrics": metrics, "loops": loops,
+    "units": units, "client": client, "plant": plant, "opcua": opcua, "metrics": metrics,
+    "loops": loops, "states": states, "log": log_lines,
 }  # fmt: skip
 
 

@@ -1,0 +1,240 @@
+"""Every log line of the service: what it means and what to do.
+
+A line is known by where it is written and by its constant text, in which `%s` and its like are filled in. The
+operations page is made from this list; a test finds every line of the code in it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Line(NamedTuple):
+    """One log line.
+
+    place    the module that writes it
+    text     its constant text
+    meaning  what has happened; where the text is filled in as a whole, what it says then
+    """
+
+    place: str
+    text: str
+    meaning: str
+    action: str = ""
+
+
+_NONE = "None."
+_REPORT = "Report it, with the lines of the log: it is an internal error."
+_STORAGE = "Free space, repair the disk or start the database server; it goes on by itself."
+
+LINES: tuple[Line, ...] = (
+    Line(
+        "service.runtime.storage_watch",
+        "%s, and it is tried again",
+        "The database or the disk cannot be used; received windows wait in memory.",
+        _STORAGE,
+    ),
+    Line(
+        "service.runtime.storage_watch",
+        "%s can be used again: what waited has been kept",
+        "The storage is back.",
+        _NONE,
+    ),
+    Line(
+        "service.runtime.spool",
+        "%s: %s",
+        "A window was left out, because more windows waited in memory than are kept there while the storage "
+        "cannot be used.",
+        _STORAGE,
+    ),
+    Line(
+        "service.runtime.retention_job",
+        "nothing old could be deleted: %s",
+        "The storage cannot be used; it is tried again after minutes.",
+        _STORAGE,
+    ),
+    Line(
+        "service.results.json_columns",
+        "%s; it is left out, and a backup would have it",
+        "Something stored is damaged; everything else is read.",
+        "`gear-twin check`; restore a backup where it matters.",
+    ),
+    Line(
+        "service.runtime.service_sink",
+        "%s: window %s had been committed before",
+        "A window was processed twice and is counted once: two services may use one database.",
+        "Is a second service running? Otherwise report it.",
+    ),
+    Line(
+        "service.runtime.lanes",
+        "%s",
+        "The stored state of an asset cannot be read: it is of another version, or damaged. Its windows wait.",
+        "Use the version named, or restore a backup.",
+    ),
+    Line(
+        "service.runtime.streams",
+        "%s: %d frames left out: they come faster than they can be used",
+        "The queue of a stream was full; whole windows of it are refused.",
+        "Look for a publisher that floods; see `gear_twin_windows_shed_total`.",
+    ),
+    Line(
+        "service.runtime.staleness",
+        "%s: %s",
+        "No whole window of an asset for longer than the service allows.",
+        "Check data acquisition, cable and clock.",
+    ),
+    Line(
+        "service.runtime.waiting_windows",
+        "%s: %s",
+        "A question about an asset is open; its windows may wait for the answer.",
+        "Answer it on the page, or by `gear-twin assets change`.",
+    ),
+    Line(
+        "service.runtime.asset_twins",
+        "%s: its baseline cannot be used: %s",
+        "The healthy baseline of an asset is damaged; it is assessed without.",
+        "Learn it again, or put the file back.",
+    ),
+    Line(
+        "service.runtime.rigs",
+        "no rig file is known for %s: only what needs none will be available",
+        "A new asset came without a rig file.",
+        "Give it one: settings, page, or `gear-twin assets create`.",
+    ),
+    Line(
+        "service.runtime.rigs",
+        "%s: %s",
+        "The rig file of an asset is another one than its stored state was learned with.",
+        "Correct the rig file, or enter the change.",
+    ),
+    Line(
+        "service.runtime.rigs",
+        "the rig file offered for %s cannot be used: %s",
+        "A rig file from the network is not one, or contradicts itself.",
+        "Correct the file that the publisher offers.",
+    ),
+    Line(
+        "service.results.unknown_assets",
+        "asset %s is unknown: its frames are left out until a person adopts it (gear-twin assets unknown)",
+        "Frames of an asset that nobody has declared.",
+        "Adopt it, dismiss it, or stop the publisher.",
+    ),
+    Line(
+        "service.runtime.serve",
+        "new assets: %s%s",
+        "Whether assets that nobody has declared are adopted or asked for, and why.",
+        _NONE,
+    ),
+    Line(
+        "service.runtime.worker_processes",
+        "%s: what the twin was asked (%s) %s",
+        "A worker process ended or took too long; the window is tried once more, then refused.",
+        "Look for lack of memory; otherwise report it.",
+    ),
+    Line(
+        "service.runtime.twin_port",
+        "a window or decision was refused because of an internal error",
+        "The traceback follows; the window is recorded as refused.",
+        _REPORT,
+    ),
+    Line(
+        "service.runtime.signal_writer",
+        "%s: the raw signals of window %d are not kept: %s",
+        "The window's results are stored, its signals cannot be viewed.",
+        "Free space; a faster disk.",
+    ),
+    Line(
+        "service.runtime.signal_writer",
+        "%s cannot be deleted: %s",
+        "A file that is not needed any more stays until the next start.",
+        "Check the owner of the data directory.",
+    ),
+    Line(
+        "service.runtime.webhooks",
+        "webhooks wait: %s",
+        "Messages wait because the storage cannot be used.",
+        _STORAGE,
+    ),
+    Line(
+        "service.runtime.webhooks",
+        "webhook %s: %s",
+        "A message about an alarm could not be delivered; it is tried again.",
+        "Check the receiver.",
+    ),
+    Line(
+        "service.runtime.webhooks",
+        "webhook %s: a message was given up after %d attempts",
+        "It was three days old.",
+        "Inform those concerned; repair the receiver.",
+    ),
+    Line(
+        "service.runtime.http_server",
+        "the certificate stays as it was: %s",
+        "After SIGHUP: the new files cannot be used.",
+        "Correct the files and send SIGHUP again.",
+    ),
+    Line("service.runtime.http_server", "certificate and key were read again: %s", "After SIGHUP.", _NONE),
+    Line(
+        "service.access.access",
+        "a request from %s was refused: %s",
+        "A wrong credential, a role that does not suffice, or a page of another origin.",
+        "See `/v1/audit`.",
+    ),
+    Line(
+        "service.access.keys",
+        "%s: no API key is accepted any more: %s",
+        "The file of keys is damaged or gone.",
+        "Restore it, or make keys anew: `gear-twin keys`.",
+    ),
+    Line(
+        "service.access.tokens",
+        "the keys of the issuer %s cannot be fetched: %s",
+        "Tokens are checked by the keys that are known for a time, then refused.",
+        "Check the issuer and the network.",
+    ),
+    Line("service.api.problems", "%s %s failed", "A request was answered by 500; the traceback follows.", _REPORT),
+    Line(
+        "service.transport.guard",
+        "a callback of the network failed",
+        "What it was about is left out; the traceback follows.",
+        _REPORT,
+    ),
+    Line(
+        "service.threads",
+        "the thread %s ended with an internal error",
+        "`/healthz` says what no longer works; the traceback follows.",
+        "Restart the service; report it with the log lines.",
+    ),
+    Line("service.bridges.bridge", "%s: %s is connected%s", "A bridge (MQTT, OPC UA) works.", _NONE),
+    Line(
+        "service.bridges.bridge",
+        "%s: %s: %s; it is tried again with growing pauses",
+        "A bridge does not work; everything else does.",
+        "The cause is in the line: broker, certificate, password, port.",
+    ),
+    Line(
+        "service.bridges.slow_inputs",
+        "slow values: %s: a value was left out (%s): %s",
+        "The first value of a topic that could not be used, by its cause.",
+        "Compare the topic with the file of inputs.",
+    ),
+    Line(
+        "service.bridges.kept",
+        "%s cannot be written: %s",
+        "Numbers of a bridge are kept in memory only: after a restart some messages are sent again.",
+        "Free space; check the owner of the data directory.",
+    ),
+    Line("service.bridges.kept", "%s cannot be read and is begun again: %s", "As above, after a damage.", _NONE),
+    Line(
+        "warnings",
+        "…: … (…, line …)",
+        "A warning of a library.",
+        "None; report it if it comes often.",
+    ),
+    Line(
+        "service.logs",
+        "… more lines within … s were left out: …",
+        "Lines of one cause beyond `[log] lines` a minute.",
+        "As for the line named.",
+    ),
+)
