@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import ssl
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
@@ -15,6 +14,7 @@ from urllib.parse import quote
 import httpx
 
 from gear_twin.result import Result
+from service.access.client_tls import client_context
 from service.api.asset_life_models import AssetChange
 from service.api.baselines import AssetBaseline
 from service.api.models import AssetSummary, DecisionAnswer, InspectionAnswer
@@ -60,17 +60,30 @@ class Client:
     timeout  how long an answer is waited for [s]
     key      API key or token, where the service needs one; default: GEAR_TWIN_KEY
     ca       file of certificates (PEM) that the service's is verified by; default: GEAR_TWIN_CA, else the system's
+    certificate, private_key  files of the certificate (PEM) to show the service, and of its key; default:
+        GEAR_TWIN_CERTIFICATE and GEAR_TWIN_PRIVATE_KEY, else none is shown
+
+    InputError names the file that cannot be used.
     """
 
     def __init__(
-        self, url: str, timeout: float = 30.0, *, key: str | None = None, ca: str | Path | None = None
+        self,
+        url: str,
+        timeout: float = 30.0,
+        *,
+        key: str | None = None,
+        ca: str | Path | None = None,
+        certificate: str | Path | None = None,
+        private_key: str | Path | None = None,
     ) -> None:
-        key, ca = key or os.environ.get("GEAR_TWIN_KEY"), ca or os.environ.get("GEAR_TWIN_CA")
+        key = key or os.environ.get("GEAR_TWIN_KEY")
+        given = (("CA", ca), ("CERTIFICATE", certificate), ("PRIVATE_KEY", private_key))
+        files = [str(file) if file else os.environ.get(f"GEAR_TWIN_{name}") or None for name, file in given]
         self._http = httpx.Client(
             base_url=url.rstrip("/"),
             timeout=timeout,
             headers={"Authorization": f"Bearer {key}"} if key else None,
-            verify=ssl.create_default_context(cafile=ca) if ca else True,
+            verify=client_context(*files) if any(files) else True,
         )
         self._long = max(timeout, LONG)
 

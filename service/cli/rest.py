@@ -9,7 +9,6 @@ from __future__ import annotations
 import inspect
 import json
 import os
-import ssl
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,6 +24,7 @@ JsonFile = Annotated[
 LOCAL = "http://127.0.0.1:8080"
 WAIT = 120.0  # [s]; a wear curve under a new condition takes seconds of a core
 KEY, CA = "GEAR_TWIN_KEY", "GEAR_TWIN_CA"
+CERTIFICATE, PRIVATE_KEY = "GEAR_TWIN_CERTIFICATE", "GEAR_TWIN_PRIVATE_KEY"
 
 
 _given: dict[str, str] = {}  # by the options of the command that is running
@@ -39,17 +39,34 @@ Authorities = Annotated[
     typer.Option("--ca", help="File of certificates (PEM) that the service's is verified by; default: the system's."),
 ]
 
+Certificate = Annotated[
+    str | None,
+    typer.Option("--certificate", help=f"File of the certificate (PEM) to show the service; default: {CERTIFICATE}."),
+]
+PrivateKey = Annotated[
+    str | None,
+    typer.Option("--private-key", help=f"File of its private key (PEM); default: {PRIVATE_KEY}."),
+]
+OPTIONS = {  # of every command that asks a service, with the variable that does the same
+    "key": (Key, KEY),
+    "ca": (Authorities, CA),
+    "certificate": (Certificate, CERTIFICATE),
+    "private_key": (PrivateKey, PRIVATE_KEY),
+}
+
 
 def asking(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Gives a command that talks to a service the options --key and --ca, which `call` uses."""
+    """Gives a command that talks to a service the options of credentials, which `call` uses."""
     signature = inspect.signature(command, eval_str=True)
     added = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind, default=None)
-        for name, kind in (("key", Key), ("ca", Authorities))
+        for name, (kind, _) in OPTIONS.items()
     ]
 
-    def asked(*, key: str | None = None, ca: str | None = None, **given: Any) -> Any:
-        _given.update({name: value for name, value in ((KEY, key), (CA, ca)) if value})
+    def asked(**given: Any) -> Any:
+        for name, (_, variable) in OPTIONS.items():
+            if value := given.pop(name, None):
+                _given[variable] = value
         try:
             return command(**given)
         finally:
@@ -78,6 +95,7 @@ def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, met
 
     body  JSON data, or a file as it is
     """
+    from service.access.client_tls import client_context
     from service.errors import InputError
 
     data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
@@ -85,7 +103,9 @@ def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, met
     if key := _known(KEY):
         headers["Authorization"] = f"Bearer {key}"
     try:
-        opener = build_opener(_NoRedirects, HTTPSHandler(context=_trust()))
+        opener = build_opener(
+            _NoRedirects, HTTPSHandler(context=client_context(*map(_known, (CA, CERTIFICATE, PRIVATE_KEY))))
+        )
         request = Request(url.rstrip("/") + path, data, headers, method=method)
         with opener.open(request, timeout=WAIT) as response:
             return json.load(response)
@@ -101,14 +121,3 @@ def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, met
         raise InputError(
             f"{url}: no service answers at this address: {str(why).lower()}; --url sets its address"
         ) from None
-
-
-def _trust() -> ssl.SSLContext:
-    """By which authorities a service is verified."""
-    from service.errors import InputError
-
-    file = _known(CA)
-    try:
-        return ssl.create_default_context(cafile=file)
-    except (OSError, ssl.SSLError):
-        raise InputError(f"{file}: cannot be read as certificates (PEM)") from None

@@ -15,7 +15,7 @@ from service.errors import InputErrors
 from service.files.documents import load_document
 
 CONFIG = VARIABLE + "CONFIG"
-COMMANDS = ("URL", "NAME", "KEY", "CA")  # read by commands that ask a service
+COMMANDS = ("URL", "NAME", "KEY", "CA", "CERTIFICATE", "PRIVATE_KEY")  # read by commands that ask a service
 COMPOSE = ("HTTP_PORT", "ZENOH_PORT", "GRAFANA_PORT", "GRAFANA_PASSWORD")  # read by docker/compose.yml
 TOOLS = ("SHARED", "CHROMIUM")  # read by tests and benchmarks, as all that begin with TESTS
 OTHERS = frozenset(VARIABLE + name for name in (*COMMANDS, *COMPOSE, *TOOLS))

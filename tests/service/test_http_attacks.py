@@ -22,11 +22,13 @@ import service_fakes as fakes
 import trustme
 from service_streams import ROOT
 
+import gear_twin
 from service.access.access import Access
 from service.access.keys import KeyStore
 from service.access.roles import Role
 from service.api import create_app
 from service.api.limits import Limits
+from service.cli import run
 from service.errors import InputError
 from service.results.board import Board
 from service.results.sql_store import SqlStore
@@ -509,6 +511,48 @@ def test_clients_are_known_by_their_certificates(store, board, tmp_path, authori
         pytest.raises(httpx.HTTPError),
     ):
         bare.get(f"https://127.0.0.1:{port}/healthz")
+
+
+def test_commands_and_the_python_client_show_their_certificate(store, board, tmp_path, authority, capsys, monkeypatch):
+    fakes.campaign(store, board)
+    app = create_app(board, store, access=Access(KeyStore(tmp_path / "keys"), certificates={"historian": Role.read}))
+    certificate, key = pair(authority.issue_cert("127.0.0.1"), tmp_path)
+    right, wrong = tmp_path / "right.pem", tmp_path / "wrong.pem"
+    authority.cert_pem.write_to_path(str(right))
+    stranger = trustme.CA()
+    stranger.cert_pem.write_to_path(str(wrong))
+    own = pair(authority.issue_cert("h.example", common_name="historian"), tmp_path, "own")
+    forged = pair(stranger.issue_cert("h.example", common_name="historian"), tmp_path, "forged")
+    tls = Tls(certificate=certificate, key=key, clients=right, required=True)
+    with front(app, times=Times(), tls=tls) as (port, _):
+        url = f"https://127.0.0.1:{port}"
+        for authorities, shown, status in ((right, own, 0), (wrong, own, 2), (right, forged, 2), (right, None, 2)):
+            options = [] if shown is None else ["--certificate", str(shown[0]), "--private-key", str(shown[1])]
+            assert run(["assets", "list", "--url", url, "--ca", str(authorities), *options]) == status, (shown, status)
+            said = capsys.readouterr()
+            assert "unsw" in said.out if status == 0 else said.err.count("\n") == 1
+        for files, what in (
+            ((own[0], forged[1]), "the private key is not that of the certificate"),
+            ((own[0], own[0]), "cannot be read as a certificate and its private key"),
+            ((tmp_path / "absent", own[1]), "cannot be read as a certificate and its private key"),
+        ):
+            options = ["--certificate", str(files[0]), "--private-key", str(files[1])]
+            assert run(["assets", "list", "--url", url, "--ca", str(right), *options]) == 2
+            assert what in capsys.readouterr().err
+        with gear_twin.Client(url, ca=right, certificate=own[0], private_key=own[1]) as client:
+            assert [machine.asset for machine in client.assets()] == ["unsw"]
+        with gear_twin.Client(url, ca=right) as client, pytest.raises(httpx.HTTPError):
+            client.assets()
+        for name, file in (("CA", right), ("CERTIFICATE", own[0]), ("PRIVATE_KEY", own[1])):
+            monkeypatch.setenv(f"GEAR_TWIN_{name}", str(file))
+        assert run(["assets", "list", "--url", url]) == 0
+        with gear_twin.Client(url) as client:
+            assert len(client.assets()) == 1
+            with pytest.raises(gear_twin.ServiceError, match="historian has read"):
+                client.inspect("unsw", revolutions=1.0, max_depth_um=1.0, std_um=1.0)
+    with pytest.raises(InputError, match="of use only with its certificate"):
+        monkeypatch.delenv("GEAR_TWIN_CERTIFICATE")
+        gear_twin.Client(url)
 
 
 def test_certificate_is_read_again_on_demand_and_stays_where_the_new_one_is_wrong(app, tmp_path, authority):
