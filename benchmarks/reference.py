@@ -241,15 +241,28 @@ def _rig_rows(schema: Mapping[str, Any], path: str) -> Iterator[tuple[str, str, 
 def _openapi() -> dict[str, Any]:
     from fastapi import FastAPI
 
-    from service.api import alarms, assets, audit, effects, events, guard, incoming, metrics, sessions, signals, what_if
+    from service.api import (
+        alarms,
+        assets,
+        audit,
+        effects,
+        events,
+        guard,
+        incoming,
+        metrics,
+        rig_proposals,
+        sessions,
+        signals,
+        what_if,
+    )
     from service.api import asset_life as life_routes
     from service.api import baselines as baseline_routes
 
     app = FastAPI()
-    for module in (metrics, assets, incoming, effects, alarms, events, signals, what_if, sessions, audit):
+    for module in (metrics, assets, incoming, rig_proposals, effects, alarms, events, signals, what_if):
         app.include_router(module.router)
-    app.include_router(life_routes.router)
-    app.include_router(baseline_routes.router)
+    for module in (life_routes, baseline_routes, sessions, audit):
+        app.include_router(module.router)
     schema = app.openapi()
     guard.described(schema, app)
     return schema

@@ -18,6 +18,7 @@ from service.api import assets, collector, effects, events, guard, metrics, mode
 from service.api import audit as audit_routes
 from service.api import baselines as baseline_routes
 from service.api import incoming as incoming_routes
+from service.api import rig_proposals as proposal_routes
 from service.api import signals as signal_routes
 from service.api import what_if as what_if_routes
 from service.api.headers import SafeHeaders
@@ -108,7 +109,7 @@ def create_app(
     app.add_middleware(SafeHeaders)
     for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports, what_if_routes):
         app.include_router(module.router, max_body_size=BODY)
-    for module in (life_routes, baseline_routes, sessions, audit_routes, incoming_routes):
+    for module in (life_routes, baseline_routes, sessions, audit_routes, incoming_routes, proposal_routes):
         app.include_router(module.router, max_body_size=BODY)
     pages.mount_static(app)
     guard.install(app, audit_routes.refused)

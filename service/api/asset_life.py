@@ -89,7 +89,17 @@ async def change(request: Request, asset: str, given: models.ChangeIn) -> Any:
         queue.asked.set()  # the transaction is committed now
         return number
 
-    number = await run_in_threadpool(kept)
+    return await answer_change(request, await run_in_threadpool(kept))
+
+
+def signed(request: Request, by: str | None, note: str | None) -> dict[str, str]:
+    """Who makes a change, and why, where that is known."""
+    return {name: value for name, value in (("by", signer(request, by)), ("note", note)) if value is not None}
+
+
+async def answer_change(request: Request, number: int) -> JSONResponse:
+    """The answer once a change has been carried out or refused, or as long as it is queued."""
+    queue = request.app.state.changes
     done = await queue.wait(number, request.app.state.decision_wait)
     if done is None:
         return JSONResponse(_answer(await run_in_threadpool(queue.life.change, number)), 202)

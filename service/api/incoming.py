@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,6 +18,8 @@ from service.api.models import AssetSummary
 from service.api.problems import problem, responses
 from service.contract.base import iso_time
 from service.contract.position import PositionModel, not_connected
+from service.files.rig_difference import digest_of
+from service.results.rig_proposals import RigProposals
 from service.results.unknown_assets import Unknown, UnknownAssets
 
 router = APIRouter(prefix="/v1", tags=["unknown assets"], route_class=Guarded)
@@ -28,10 +30,13 @@ class Incoming:
     """What the app knows of the network's side.
 
     position  how far a stream is stored, as it was published last
+    propose   makes a rig file that was offered for an asset a proposal, where it is another one
     """
 
     unknown: UnknownAssets = field(default_factory=UnknownAssets)
+    proposals: RigProposals = field(default_factory=RigProposals)
     position: Callable[[str], PositionModel] = not_connected
+    propose: Callable[[str, Mapping[str, Any]], None] = lambda asset, rig: None
 
 
 class UnknownAsset(BaseModel):
@@ -43,6 +48,8 @@ class UnknownAsset(BaseModel):
     frames: int = Field(description="that were left out")
     channels: list[str] = Field(description="that it has sent, the first 32")
     rig: bool = Field(description="whether a rig file has been offered for it")
+    rig_digest: str | None = Field(description="of its contents; an adoption with it names it")
+    rig_name: str | None = Field(description="that it gives the machine")
 
 
 class Unknowns(BaseModel):
@@ -61,6 +68,14 @@ class Reason(BaseModel):
 
     by: str | None = Field(None, max_length=200, description="who does it")
     note: str | None = Field(None, max_length=2000, description="why")
+
+
+class Adoption(Reason):
+    """Who adopts an asset, and with which rig file."""
+
+    rig: str | None = Field(
+        None, max_length=64, description="digest of the rig file offered for it, to use that; else it is a proposal"
+    )
 
 
 class Dismissed(BaseModel):
@@ -87,11 +102,19 @@ async def unknown_assets(request: Request) -> Any:
     responses=responses(400, 404, 409, 422),
 )
 @needs(Role.administer)
-def adopt(request: Request, asset: str, given: Reason) -> Any:
+def adopt(request: Request, asset: str, given: Adoption) -> Any:
     """Makes an unknown asset one of this service's: its frames are used from now on."""
-    if request.app.state.board.get(asset) is None and _unknown(request).find(asset) is None:
+    found = _unknown(request).find(asset)
+    if request.app.state.board.get(asset) is None and found is None:
         return _not_listed(request, asset)
-    return begin_asset(request, "adopted", asset, None, given.by, given.note)
+    offered = None if found is None else found.rig
+    if given.rig is not None and (offered is None or digest_of(offered) != given.rig):
+        now = "none is" if offered is None else f"{digest_of(offered)} is now"
+        return problem(request, 409, f"the rig file {given.rig} is not offered for {asset}: {now}")
+    answer = begin_asset(request, "adopted", asset, offered if given.rig else None, given.by, given.note)
+    if answer.status_code == 201 and offered is not None and given.rig is None:
+        request.app.state.incoming.propose(asset, offered)
+    return answer
 
 
 @router.post("/unknown-assets/{asset}/dismiss", response_model=Dismissed, responses=responses(400, 404, 422))
@@ -141,4 +164,6 @@ def _shown(each: Unknown) -> dict[str, Any]:
         "frames": each.frames,
         "channels": sorted(each.channels),
         "rig": each.rig is not None,
+        "rig_digest": None if each.rig is None else digest_of(each.rig),
+        "rig_name": None if each.rig is None or each.rig.get("name") is None else str(each.rig["name"]),
     }

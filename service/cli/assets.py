@@ -80,16 +80,58 @@ def unknown(url: Url = LOCAL, json: JsonFile = None) -> None:
 
 @app.command()
 @asking
-def adopt(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
+def adopt(
+    asset: AssetName,
+    rig: Annotated[
+        str | None, typer.Option(metavar="DIGEST", help="Use the rig file that is offered for it, by its digest.")
+    ] = None,
+    by: By = None,
+    note: Note = None,
+    url: Url = LOCAL,
+    json: JsonFile = None,
+) -> None:
     """Make an unknown asset one of the service's: its frames are used from now on. Needs the role administer."""
-    _decide(url, asset, "adopt", "adopted: its frames are used from now on", by, note, json)
+    _decide(url, asset, "adopt", "adopted: its frames are used from now on", {"by": by, "note": note, "rig": rig}, json)
 
 
 @app.command()
 @asking
 def dismiss(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
     """Take an unknown asset off the list; its frames stay unused. Needs the role administer."""
-    _decide(url, asset, "dismiss", "dismissed: its frames stay unused", by, note, json)
+    _decide(url, asset, "dismiss", "dismissed: its frames stay unused", {"by": by, "note": note}, json)
+
+
+@app.command()
+@asking
+def rig(
+    asset: Annotated[str | None, typer.Argument(metavar="[ASSET]", help="The asset; default: all.")] = None,
+    accept: Annotated[str | None, typer.Option(metavar="DIGEST", help="Use this proposed rig file.")] = None,
+    reject: Annotated[str | None, typer.Option(metavar="DIGEST", help="Keep the present one.")] = None,
+    by: By = None,
+    note: Note = None,
+    url: Url = LOCAL,
+    json: JsonFile = None,
+) -> None:
+    """Show rig files that came on the stream, with what differs; accept or reject one (role administer)."""
+    from service.errors import InputError
+    from service.json_text import wrote_json
+
+    if accept is None and reject is None:
+        found = [p for p in call(url, "/v1/rig-proposals") if asset in (None, p["asset"])]
+        if not wrote_json(found, json):
+            print("\n".join(proposal_lines(found)))
+        return
+    if asset is None or (accept is not None and reject is not None):
+        raise InputError("give the asset, and one of --accept and --reject")
+    decision = "accept" if accept is not None else "reject"
+    given = {"decision": decision, "digest": accept or reject, "by": by, "note": note}
+    body = {name: value for name, value in given.items() if value is not None}
+    answer = call(url, f"{_path(asset)}/rig-proposal", body)
+    if wrote_json(answer, json):
+        return
+    asked = (answer["effect"] or {}).get("question")
+    then = "; it is of other gears: answer the open question (gear-twin assets list)" if asked else ""
+    print(f"rig file {decision}ed for {asset}: {DONE if answer['done'] else QUEUED}{then}")
 
 
 @app.command()
@@ -252,9 +294,28 @@ def unknown_lines(found: Mapping[str, Any]) -> list[str]:
     for a in listed:
         channels = ", ".join(a["channels"]) or "no channel"
         seen = f"{a['first_seen'][:16]} to {a['last_seen'][:16]}".replace("T", " ")
-        rig = "; a rig file is offered" if a["rig"] else ""
+        rig = f"; offers the rig file {a['rig_digest']} ({a['rig_name'] or 'without a name'})" if a["rig"] else ""
         lines.append(f"{a['asset']:<{longest}}  {a['frames']:>8} frames  {seen}  {channels}{rig}")
     return [*lines, "gear-twin assets adopt NAME makes one known; gear-twin assets dismiss NAME takes it off this list"]
+
+
+def proposal_lines(found: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The proposed rig files, each with a line for every value that differs."""
+    if not found:
+        return ["no rig file waits for a decision"]
+    lines = []
+    for p in found:
+        named = f' "{p["name"]}"' if p["name"] else ""
+        lines.append(f"{p['asset']}: rig file {p['digest']}{named}, received {p['received'][:16].replace('T', ' ')}")
+        longest = max((len(d["key"]) for d in p["differences"]), default=0)
+        for d in p["differences"]:
+            present, proposed = (_absent(d[name]) for name in ("present", "proposed"))
+            lines.append(f"  {d['key']:<{longest}}  {present} -> {proposed}")
+    return [*lines, "gear-twin assets rig ASSET --accept DIGEST uses one; --reject DIGEST keeps the present one"]
+
+
+def _absent(value: str | None) -> str:
+    return "absent" if value is None else value
 
 
 def change_line(change: Mapping[str, Any]) -> str:
@@ -273,10 +334,10 @@ def _path(asset: str) -> str:
     return f"/v1/assets/{quote(asset, safe='')}"
 
 
-def _decide(url: str, asset: str, action: str, done: str, by: str | None, note: str | None, json: Path | None) -> None:
+def _decide(url: str, asset: str, action: str, done: str, given: Mapping[str, str | None], json: Path | None) -> None:
     from service.json_text import wrote_json
 
-    body = {name: value for name, value in (("by", by), ("note", note)) if value is not None}
+    body = {name: value for name, value in given.items() if value is not None}
     answer = call(url, f"/v1/unknown-assets/{quote(asset, safe='')}/{action}", body)
     if not wrote_json(answer, json):
         print(f"{asset} {done}")

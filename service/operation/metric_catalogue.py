@@ -207,6 +207,12 @@ OF_STREAMS = (
     _counter("unknown_asset_frames", "frames of such assets, which were left out"),
     _counter("unknown_assets_forgotten", "entries of the list that ended without a decision, or had no room"),
     _gauge(
+        "rig_proposals",
+        "rig files that came on the stream and wait for a decision",
+        "Accept or reject them: `gear-twin assets rig`, or the page. One that nobody has sent on purpose is a wrong or "
+        "hostile publisher.",
+    ),
+    _gauge(
         "queue_frames",
         "frames received that have not been assembled yet",
         "Rising for minutes: one core cannot assemble all streams; give fewer machines to this service.",
@@ -216,7 +222,8 @@ OF_STREAMS = (
     _counter(
         "frames_left_out",
         "frames that were not used, by cause: `no_room` (the queue is full), `bad_key`, "
-        "`too_many_streams`, `closed` (the service ends), `retired` (the asset is out of use), `unopened` (a new asset "
+        "`too_many_streams`, `closed` (the service ends), `unknown_asset` (nobody has adopted it), "
+        "`retired` (the asset is out of use), `unopened` (a new asset "
         "while the storage cannot be used)",
         "`no_room`: compare with `windows_shed`. `bad_key`, `too_many_streams`: look for a publisher that uses wrong "
         "keys. `retired`: switch the logger off, or take the asset into use again.",

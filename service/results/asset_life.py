@@ -18,6 +18,7 @@ from sqlalchemy import Connection, Select, bindparam, delete, func, select, text
 
 from service.errors import StoreError
 from service.results.json_columns import dump, salvage
+from service.results.rig_proposals import REJECTED
 from service.results.schema import ASSETS, AUDIT, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
 from service.results.window_file import SUFFIX, read_window, write_window
@@ -111,6 +112,10 @@ class AssetLife:
     def pending_changes(self) -> tuple[StoredChange, ...]:
         """Those that wait to be carried out, oldest first."""
         return self._changes(_CHANGE.where(CHANGES.c.done == 0))
+
+    def rejected_rigs(self, asset: str) -> list[str]:
+        """Digests of the rig files that people have rejected for an asset."""
+        return [c.given["digest"] for c in self.changes(asset) if c.kind == REJECTED and c.refused is None]
 
     def _changes(self, query: Select) -> tuple[StoredChange, ...]:
         names = ("id", "asset", "received_ns", "kind", "refused")

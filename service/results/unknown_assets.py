@@ -14,13 +14,14 @@ import logging
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 log = logging.getLogger(__name__)
 
 MOST_CHANNELS = 32  # of one unknown asset that are named
-RIGS_BYTES = 2**23  # of all rig files that are offered for unknown assets
+RIGS_BYTES = 2**21  # of all rig files that are offered for unknown assets, as text
 ASKED_WITHIN = 30.0  # a publisher that has asked within this time is going to ask again [s] ...
 NEXT_QUESTION = 15.0  # ... and is waited for so long [s]
 MOST_ASKING = 1024  # publishers that are known to ask
@@ -36,7 +37,8 @@ class Unknown:
     last_ns: int
     frames: int = 0
     channels: set[str] = field(default_factory=set)
-    rig: bytes | None = None  # the newest rig file that was offered for it, which can be used
+    rig: Mapping[str, Any] | None = None  # the newest rig file that was offered for it, which can be used
+    rig_bytes: int = 0  # what its text takes
     seen: float = 0.0  # when it was received last, on the monotonic clock [s]
 
 
@@ -108,18 +110,22 @@ class UnknownAssets:
                 self._asking.popitem(last=False)
             return False
 
-    def offered(self, stream: str, rig: bytes) -> None:
-        """A rig file that can be used has come for an unknown asset; the newest is kept."""
+    def offered(self, stream: str, rig: Mapping[str, Any], size: int) -> None:
+        """A rig file that can be used has come for an unknown asset; the newest is kept.
+
+        size  of its text [bytes]
+        """
         with self._lock:
             if self._is_dismissed(stream):
                 return
             entry = self._listed.get(stream) or self._list(stream)
-            entry.rig, entry.seen, entry.last_ns = rig, self._clock(), self._now_ns()
-            taken = sum(len(each.rig or b"") for each in self._listed.values())
+            entry.rig, entry.rig_bytes = rig, size
+            entry.seen, entry.last_ns = self._clock(), self._now_ns()
+            taken = sum(each.rig_bytes for each in self._listed.values())
             for each in sorted(self._listed.values(), key=lambda each: (each.frames, each.seen)):
                 if taken > RIGS_BYTES and each is not entry:
-                    taken -= len(each.rig or b"")
-                    each.rig = None
+                    taken -= each.rig_bytes
+                    each.rig, each.rig_bytes = None, 0
 
     def is_known(self, stream: str) -> bool:
         """Whether a stream's asset is known, or everything is let in."""

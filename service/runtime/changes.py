@@ -22,10 +22,13 @@ from typing import Any, NamedTuple
 from service.alarms.keeper import AlarmKeeper
 from service.contract.base import iso_time
 from service.errors import InputError, StoreError
+from service.files.rig import checked_rig
+from service.files.rig_difference import differences
 from service.results.asset_life import AssetLife, StoredChange
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
+from service.results.rig_proposals import ACCEPTED, REJECTED, RigProposals
 from service.results.signal_store import SignalStore
 from service.results.sparkline import Sparkline
 from service.results.status_events import status_events
@@ -34,8 +37,9 @@ from service.runtime.computing import Ask, Made
 from service.runtime.intake import Intake
 from service.runtime.lane import Job, Lane
 from service.runtime.lanes import Lanes
-from service.runtime.questions import GEARS_DIFFER, REPEATED
+from service.runtime.questions import GEARS_DIFFER, REPEATED, gears_differ
 from service.runtime.reception import Reception
+from service.runtime.rigs import MOST_NAMED, other_gears
 from service.runtime.spool import Spool
 from service.runtime.state_publication import StatePublication
 from service.runtime.streams import Streams
@@ -76,7 +80,9 @@ class ChangeWorker:
         signals: SignalStore | None,
         alarms: AlarmKeeper | None,
         baselines: BaselineStore,
+        proposals: RigProposals,
     ) -> None:
+        self._proposals = proposals
         self._queue, self._reception, self._lanes = queue, reception, lanes
         self._store, self._life = store, life
         self._board, self._publication = board, publication
@@ -91,6 +97,8 @@ class ChangeWorker:
             "reinstated": _Kind(_nothing, self._retire),
             "baseline_given": _Kind(_nothing, self._baseline),
             "baseline_removed": _Kind(_nothing, self._baseline),
+            ACCEPTED: _Kind(_nothing, self._accept_rig),
+            REJECTED: _Kind(_nothing, self._reject_rig),
         }
 
     def __call__(self) -> None:
@@ -239,6 +247,7 @@ class ChangeWorker:
         self._lanes.rename(old, name)
         self._spool.rename(old, name)
         self._intake.rename(old, name)
+        self._proposals.rename(old, name)
         if self._signals is not None:
             self._signals.rename(old, name)
         self._board.rename(old, name)
@@ -275,6 +284,49 @@ class ChangeWorker:
             self._store.note(asset, [("change", {"id": change.id, "kind": change.kind, **about})])
         self._lanes.reopen(asset)
         self._baselines.delete(before)
+        self._show(asset)
+
+    def _accept_rig(self, lane: Lane, change: StoredChange, made: Made) -> None:
+        """A person accepts a rig file that came on the stream; whose gears others are is asked as before."""
+        asset, rig, digest = change.asset, change.given["rig"], change.given["digest"]
+        checked_rig(rig, f"rig of {asset}")
+        stored = self._store.asset(asset)
+        identity = other_gears(stored, rig)
+        if identity:
+            self._ask_about_gears(asset, rig, identity)
+        changed = len(differences(stored.rig or {}, rig))
+        effect = {"digest": digest, "values": changed, "question": GEARS_DIFFER if identity else None}
+        with self._life.transaction():
+            if not self._life.change_done(change.id, effect):
+                return
+            if not identity:
+                self._store.keep_rig(asset, rig)
+            self._store.note(asset, [_event(change, effect)])
+        self._proposals.drop(asset, digest)
+        if identity:
+            self._show(asset)
+            return
+        self._reception.reopen(asset)
+        self._lanes.reopen(asset)
+        self._show(asset, rig=rig)
+
+    def _ask_about_gears(self, asset: str, rig: Mapping[str, Any], identity: tuple[str, ...]) -> None:
+        """Opens the question, unless that has been done before the service was killed."""
+        question = self._lanes.question(asset)
+        if question is not None and question.get("rig") != rig:
+            raise InputError(f"the open question of {asset} must be answered first")
+        if question is None:
+            found = gears_differ(asset, identity[:MOST_NAMED], "accepted rig file", self._reception.ended_ns(asset))
+            self._lanes.ask(asset, {**found, "rig": dict(rig), "settings": False})
+
+    def _reject_rig(self, lane: Lane, change: StoredChange, made: Made) -> None:
+        """A person rejects a rig file that came on the stream: the present one stays."""
+        asset, effect = change.asset, {"digest": change.given["digest"]}
+        with self._life.transaction():
+            if not self._life.change_done(change.id, effect):
+                return
+            self._store.note(asset, [_event(change, effect)])
+        self._proposals.reject(asset, change.given["digest"])
         self._show(asset)
 
     # -- within --------------------------------------------------------------------------------------
@@ -330,4 +382,5 @@ class ChangeWorker:
 
 
 def _event(change: StoredChange, effect: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
-    return "change", {"id": change.id, "kind": change.kind, **change.given, "effect": dict(effect)}
+    given = {name: value for name, value in change.given.items() if name != "rig"}
+    return "change", {"id": change.id, "kind": change.kind, **given, "effect": dict(effect)}

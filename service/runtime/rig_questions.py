@@ -1,4 +1,8 @@
-"""Asks people where a rig file describes other gears than those of an asset so far."""
+"""Asks people where a rig file describes other gears than those of an asset so far.
+
+Where new assets are adopted, the asset's windows wait for the answer, so that nothing of another machine is mixed with
+them. Where people are asked about new assets, anybody might offer a rig file: it is a proposal, and the asset goes on.
+"""
 
 from __future__ import annotations
 
@@ -49,11 +53,15 @@ class RigQuestions:
         """Asks about rig files that have been offered since."""
         for stream, rig in self._offered.fresh():
             asset = self._streams.asset_of(stream)
-            if asset in self._reception.assets:
+            if self._rigs.asks:
+                self._rigs.propose(asset, rig)
+            elif asset in self._reception.assets:
                 self._compare(asset, rig, OFFERED, settings=False)
 
     def _compare(self, asset: str, rig: Mapping[str, Any], where: str, *, settings: bool) -> None:
         differences = self._rigs.named_differences(asset, rig)
+        if not differences and not settings:
+            self._rigs.propose(asset, rig)
         if not differences or self._lanes.question(asset) is not None or self._ignored(asset, differences):
             return
         question = gears_differ(asset, differences, where, self._reception.ended_ns(asset))

@@ -2,7 +2,10 @@
 
 The rig file of the settings goes before the stored one, and that before one offered on the network. A state that was
 learned with other gears says nothing about these: people are asked (questions.py), and the earlier rig file holds until
-they have answered. Any other change is adopted, and an event tells what has changed.
+they have answered. Any other change of the settings is adopted, and an event tells what has changed.
+
+A rig file that is offered on the network is used for a new asset where new assets are adopted. Else, and where the
+asset has one, it is a proposal until a person has decided on it (results/rig_proposals.py).
 """
 
 from __future__ import annotations
@@ -18,8 +21,11 @@ from typing import Any
 from service.errors import InputError
 from service.files.documents import parsed_document
 from service.files.rig import checked_rig, load_mapping
+from service.files.rig_difference import differences
 from service.results.board import Board
+from service.results.rig_proposals import RigProposals
 from service.results.store import ResultStore, StoredAsset
+from service.results.unknown_assets import UnknownAssets
 from service.transport.protocol import Transport
 from twin.rig import Rig
 
@@ -28,7 +34,8 @@ log = logging.getLogger(__name__)
 RIG_WAIT = 1.0  # how long a rig file is asked for [s]
 IDENTITY = "gears."  # keys that make a machine another one
 MOST_NAMED = 6  # changed keys that a message names
-_ABSENT = object()
+RIG_BYTES = 2**17  # of a rig file that is offered
+MOST_OFFERED = 256  # streams for which rig files that were offered are kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,14 +48,10 @@ class RigChange:
 
 def rig_change(before: Mapping[str, Any], now: Mapping[str, Any]) -> RigChange:
     """What differs between two rig files; a key that only adds what was not known before changes no identity."""
-    old, new = dict(_flat(before)), dict(_flat(now))
     identity: list[str] = []
     other: list[str] = []
-    for key in sorted(old.keys() | new.keys()):
-        was, value = old.get(key, _ABSENT), new.get(key, _ABSENT)
-        if was != value:
-            line = f"{key} = {_text(value)} (was {_text(was)})"
-            (identity if key.startswith(IDENTITY) and was is not _ABSENT else other).append(line)
+    for each in differences(before, now):
+        (identity if each.key.startswith(IDENTITY) and each.before is not None else other).append(str(each))
     return RigChange(identity=tuple(identity), other=tuple(other))
 
 
@@ -93,11 +96,22 @@ def _read(path: Path) -> tuple[Mapping[str, Any], str]:
 class Rigs:
     """The rig files of all assets.
 
-    given  those of the settings
+    given      those of the settings
+    proposals  where those wait that people must decide on
+    asks       whether that is so for every rig file that is offered
     """
 
-    def __init__(self, store: ResultStore, board: Board, given: GivenRigs) -> None:
+    def __init__(
+        self,
+        store: ResultStore,
+        board: Board,
+        given: GivenRigs,
+        proposals: RigProposals | None = None,
+        *,
+        asks: bool = False,
+    ) -> None:
         self._store, self._board, self.given = store, board, given
+        self.proposals, self.asks = proposals or RigProposals(), asks
 
     def named_differences(self, asset: str, rig: Mapping[str, Any]) -> list[str]:
         """How a rig file describes other gears than those of an asset so far, teeth first, absent values last."""
@@ -112,7 +126,13 @@ class Rigs:
         stored = self._store.asset(asset)
         given = self.given.of(asset)
         differs = given is not None and other_gears(stored, given)
-        rig = (None if differs else given) or stored.rig or offered.find(asset)
+        rig = (None if differs else given) or stored.rig
+        if rig is None:
+            found = offered.find(asset)
+            if found is not None and self.asks:
+                self.propose(asset, found)
+            else:
+                rig = found
         if rig is None:
             log.warning(
                 "no rig file is known for %s: only what needs none will be available", asset, extra={"asset": asset}
@@ -123,6 +143,16 @@ class Rigs:
             self._adopt(stored, rig)
         self._board.update(asset, rig=rig)
         return checked
+
+    def propose(self, asset: str, rig: Mapping[str, Any]) -> None:
+        """A rig file was offered for an asset that has begun: it waits for a person where it is another one."""
+        snapshot = self._board.get(asset)
+        if snapshot is None or self.given.of(asset) is not None:
+            return
+        if snapshot.rig is None and not self.asks:
+            return  # used with the asset's first frame
+        if differences(snapshot.rig or {}, rig):
+            self.proposals.offer(asset, rig)
 
     def _adopt(self, stored: StoredAsset, rig: Mapping[str, Any]) -> None:
         """Keeps a rig file, with an event where it replaces the one that a state was learned with."""
@@ -142,10 +172,10 @@ class Rigs:
 class OfferedRigs:
     """Rig files that others offer on the network: a replay offers its recording's there."""
 
-    def __init__(self, transport: Transport) -> None:
-        self._transport = transport
-        self._offered: dict[str, dict[str, Any]] = {}
-        self._fresh: list[str] = []  # streams for which a rig file has come since they were last asked for
+    def __init__(self, transport: Transport, unknown: UnknownAssets | None = None) -> None:
+        self._transport, self._unknown = transport, unknown or UnknownAssets()
+        self._offered: dict[str, bytes] = {}  # the newest at the end
+        self._fresh: dict[str, None] = {}  # streams for which a rig file has come since they were last asked for
         self._lock = threading.Lock()
 
     @contextmanager
@@ -156,46 +186,42 @@ class OfferedRigs:
 
     def find(self, asset: str) -> Mapping[str, Any] | None:
         """The rig file offered for the asset, asked for where none has come; None where there is none."""
+        if asset not in self._offered:
+            for text in self._transport.ask_rig(asset, RIG_WAIT):
+                self._received(asset, text)
         with self._lock:
-            if asset in self._offered:
-                return self._offered[asset]
-        for text in self._transport.ask_rig(asset, RIG_WAIT):
-            self._received(asset, text)
-        with self._lock:
-            return self._offered.get(asset)
+            found = self._offered.get(asset)
+        return None if found is None else parsed_document(found, f"the rig file offered for {asset}")
 
     def fresh(self) -> list[tuple[str, Mapping[str, Any]]]:
         """The rig files that have come since this was last called, with the streams that they are for."""
         if not self._fresh:
             return []
         with self._lock:
-            streams, self._fresh = dict.fromkeys(self._fresh), []
-            return [(stream, self._offered[stream]) for stream in streams]
+            streams, self._fresh = self._fresh, {}
+            found = [(stream, self._offered[stream]) for stream in streams if stream in self._offered]
+        return [(stream, parsed_document(text, f"the rig file offered for {stream}")) for stream, text in found]
 
     def _received(self, asset: str, text: bytes) -> None:
         try:
+            if len(text) > RIG_BYTES:
+                raise InputError(f"it has {len(text)} bytes, and at most {RIG_BYTES} are accepted")
             mapping = parsed_document(text, f"the rig file offered for {asset}")
             checked_rig(mapping, f"rig of {asset}")
         except InputError as error:
             log.error("the rig file offered for %s cannot be used: %s", asset, error, extra={"asset": asset})
-        else:
-            with self._lock:
-                self._offered[asset] = mapping
-                self._fresh.append(asset)
-
-
-def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in mapping.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
-def _text(value: Any) -> str:
-    if value is _ABSENT:
-        return "absent"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+            return
+        if not self._unknown.is_known(asset):
+            self._unknown.offered(asset, mapping, len(text))
+            return
+        with self._lock:
+            self._offered.pop(asset, None)
+            self._offered[asset] = text
+            self._fresh[asset] = None
+            if len(self._offered) > MOST_OFFERED:
+                oldest = next(iter(self._offered))
+                del self._offered[oldest]
+                self._fresh.pop(oldest, None)
 
 
 def _named(lines: tuple[str, ...]) -> str:

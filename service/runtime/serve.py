@@ -34,6 +34,7 @@ from service.results.change_queue import ChangeQueue
 from service.results.data_folder import BASELINES, SIGNALS, WAITING, database_of, only_service_of
 from service.results.decision_queue import DecisionQueue
 from service.results.retention import Retention
+from service.results.rig_proposals import RigProposals
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 from service.results.store import ResultStore
@@ -83,10 +84,10 @@ def run(
         timing = Timing()
         store.database.took = timing.stored
         board = stack.enter_context(_restored(store))
-        rigs = Rigs(store, board, given_rigs)
         listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
         signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
         kept, alarms = _kept_in(settings, store, board, signals)
+        rigs = Rigs(store, board, given_rigs, RigProposals(kept.life.rejected_rigs), asks=kept.unknown.asks)
         writer = SignalWriter(signals)
         health = Health(settings.loop_limit)
         worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer, health)
@@ -109,7 +110,7 @@ def run(
             access=access,
             limits=limits_of(settings),
             audit=AuditLog(store.database, settings.audit_entries),
-            incoming=Incoming(unknown=kept.unknown, position=worker.position),
+            incoming=_incoming_of(worker, kept, rigs),
             labelled_assets=settings.metrics_assets,
             health=health,
         )
@@ -181,6 +182,11 @@ def _kept_in(settings: Settings, store: ResultStore, board: Board, signals: Sign
         alarms=alarms,
     )
     return kept, alarms
+
+
+def _incoming_of(worker: Worker, kept: Kept, rigs: Rigs) -> Incoming:
+    """What REST answers of the network's side."""
+    return Incoming(unknown=kept.unknown, proposals=rigs.proposals, position=worker.position, propose=rigs.propose)
 
 
 def figures_of(*parts: Callable[[], Figures]) -> Callable[[], Figures]:

@@ -180,6 +180,7 @@ class Worker(threading.Thread):
             **storage_figures(self._storage, self._settings.data, self._spool),
             **lane_figures(self._lanes, self._reception),
             **self._kept.unknown.figures(),
+            **self._rigs.proposals.figures(),
             **self._computing.figures(),
             **(self._signals.figures() if self._signals else {}),
         }
@@ -204,7 +205,7 @@ class Worker(threading.Thread):
         kept = self._kept
         publication = StatePublication(transport, kept.board)
         with (
-            OfferedRigs(transport).watching() as offered,
+            OfferedRigs(transport, kept.unknown).watching() as offered,
             transport.answer_states(publication),
             closing(self._computing),
         ):
@@ -268,7 +269,7 @@ class Worker(threading.Thread):
         changes = ChangeWorker(
             kept.changes, reception, lanes, store, life, board, publication,
             streams=streams, intake=intake, spool=spool, signals=kept.signals, alarms=kept.alarms,
-            baselines=kept.baselines,
+            baselines=kept.baselines, proposals=self._rigs.proposals,
         )  # fmt: skip
         questions = RigQuestions(reception, lanes, store, life, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()

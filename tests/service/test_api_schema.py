@@ -28,6 +28,8 @@ OPERATIONS = [
     ("POST", "/v1/assets"),
     ("GET", f"{ASSET}/position"),
     ("GET", "/v1/unknown-assets"),
+    ("GET", "/v1/rig-proposals"),
+    ("POST", f"{ASSET}/rig-proposal"),
     ("POST", "/v1/unknown-assets/{asset}/adopt"),
     ("POST", "/v1/unknown-assets/{asset}/dismiss"),
     ("GET", "/v1/audit"),

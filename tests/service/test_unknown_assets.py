@@ -118,9 +118,9 @@ def test_one_that_is_silent_for_long_leaves_the_list_and_a_dismissed_one_does_no
 def test_rig_files_for_unknown_assets_are_bounded_in_all():
     unknown = asking(most=1000)
     for number in range(300):
-        unknown.offered(f"a{number}", bytes(60_000))
+        unknown.offered(f"a{number}", {"n": number}, 60_000)
     kept = [u for u in unknown.listed() if u.rig is not None]
-    assert sum(len(u.rig) for u in kept) <= 2**23 and "a299" in {u.asset for u in kept}
+    assert sum(u.rig_bytes for u in kept) <= 2**21 and "a299" in {u.asset for u in kept}
 
 
 def test_a_publisher_that_keeps_its_frames_is_let_in_with_its_next_question_and_sends_all_of_them():

@@ -1,0 +1,109 @@
+"""REST: rig files that came on the stream and wait for a person: shown with what differs, accepted or rejected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, Literal
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
+
+from service.access.roles import Role
+from service.api.asset_life import answer_change, signed
+from service.api.asset_life_models import AssetChange
+from service.api.assets import ERRORS, snapshot_of
+from service.api.audit import audited
+from service.api.guard import Guarded, needs
+from service.api.incoming import Reason
+from service.api.problems import problem, responses
+from service.contract.base import iso_time
+from service.files.rig_difference import differences
+from service.results.rig_proposals import ACCEPTED, REJECTED, Proposal, RigProposals
+
+router = APIRouter(prefix="/v1", tags=["rig files"], route_class=Guarded)
+
+
+class RigDifference(BaseModel):
+    """One value that the proposed rig file states otherwise."""
+
+    key: str
+    present: str | None = Field(description="in the rig file in use; null where it is absent")
+    proposed: str | None
+
+
+class RigProposal(BaseModel):
+    """A rig file that came on the stream and waits for a person."""
+
+    asset: str
+    digest: str = Field(description="of its contents; a decision names it")
+    received: str = Field(description="ISO 8601, by the service's clock")
+    name: str | None = Field(description="that the rig file gives the machine")
+    differences: list[RigDifference] = Field(description="from the rig file in use; all values where there is none")
+
+
+class RigDecision(Reason):
+    """What becomes of a proposed rig file."""
+
+    decision: Literal["accept", "reject"]
+    digest: str = Field(max_length=64, description="of the proposal that was seen")
+
+
+@router.get("/rig-proposals", response_model=list[RigProposal])
+@needs(Role.read)
+async def rig_proposals(request: Request) -> Any:
+    """The rig files that came on the stream and wait for a person, of all assets."""
+    return JSONResponse([_shown(request, each) for each in _proposals(request).all()])
+
+
+@router.post(
+    "/assets/{asset}/rig-proposal",
+    status_code=201,
+    response_model=AssetChange,
+    responses={202: {"model": AssetChange}} | ERRORS | responses(400, 409, 500),
+)
+@needs(Role.administer)
+async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any:
+    """Accepts the proposed rig file, or rejects it; one of other gears opens the question whose they are."""
+    snapshot_of(request, asset)
+    proposals, queue = _proposals(request), request.app.state.changes
+    proposal = proposals.find(asset)
+    if proposal is None or proposal.digest != given.digest:
+        now = "no rig file is proposed" if proposal is None else f"another one is proposed now: {proposal.digest}"
+        return problem(request, 409, f"{asset}: the rig file {given.digest} is not proposed; {now}")
+    kind = ACCEPTED if given.decision == "accept" else REJECTED
+    about: dict[str, Any] = {"digest": proposal.digest, **signed(request, given.by, given.note)}
+    if kind == ACCEPTED:
+        about["rig"] = dict(proposal.rig)
+    what = {"digest": proposal.digest, "differences": len(_differences(request, proposal))}
+
+    def kept() -> int:
+        submit = partial(queue.submit, asset, kind, about)
+        number = audited(request, kind, asset, submit, note=given.note, what=what, queued="change")
+        queue.asked.set()  # the transaction is committed now
+        return number
+
+    return await answer_change(request, await run_in_threadpool(kept))
+
+
+def _proposals(request: Request) -> RigProposals:
+    proposals: RigProposals = request.app.state.incoming.proposals
+    return proposals
+
+
+def _differences(request: Request, proposal: Proposal) -> list[dict[str, str | None]]:
+    snapshot = request.app.state.board.get(proposal.asset)
+    present: Mapping[str, Any] = {} if snapshot is None else snapshot.rig or {}
+    return [{"key": d.key, "present": d.before, "proposed": d.now} for d in differences(present, proposal.rig)]
+
+
+def _shown(request: Request, proposal: Proposal) -> dict[str, Any]:
+    return {
+        "asset": proposal.asset,
+        "digest": proposal.digest,
+        "received": iso_time(proposal.received_ns),
+        "name": None if proposal.rig.get("name") is None else str(proposal.rig["name"]),
+        "differences": _differences(request, proposal),
+    }
