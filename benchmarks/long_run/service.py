@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import psutil
 
+STAND_IN = "benchmarks.long_run.stand_in"
 ASKED = 40  # requests of each route
 LONGEST = 1200.0  # that anything is waited for [s]
 ROUTES = (
@@ -81,14 +82,16 @@ class Service:
 
 
 @contextmanager
-def serving(data: Path, port: int, **settings: object) -> Iterator[Service]:
-    """A service with the stand-in twin on loopback, ended by SIGTERM."""
+def serving(
+    data: Path, port: int, *, program: str = STAND_IN, arguments: Sequence[str] = (), **settings: object
+) -> Iterator[Service]:
+    """A service on loopback, with the stand-in twin unless another program is named, ended by SIGTERM."""
     endpoint = f"tcp/127.0.0.1:{port}"
     given = {"data": data, "listen": json.dumps([endpoint]), "http": f"127.0.0.1:{port + 1}", **settings}
     env = {**os.environ, **{f"GEAR_TWIN_{name.upper()}": str(value) for name, value in given.items()}}
     begun = time.perf_counter()
     process = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.long_run.stand_in"],
+        [sys.executable, "-m", program, *arguments],
         env=env,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

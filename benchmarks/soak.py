@@ -1,0 +1,341 @@
+"""Many machines in real time, one of them being traced all the while: memory, lag and answers of the service.
+
+    python -m benchmarks.soak [--assets 20] [--channels 4] [--minutes 30] [--workers 2] [--json OUT] [--data DIR]
+
+A machine with new gears and one at some wear are simulated at 25.6 kHz. Each asset sends the calibration and the first
+window, then 50 s of signal every 52 s, which the service cuts into windows of 10 s; assets are apart in time. Every
+channel of acceleration beyond the first is a copy with its own noise. One more asset sends the bundled campaign of a
+cracked tooth as soon as the one before is processed, with new gears each time, so that a worker traces all the time.
+The twin, the store and the workers are those of `gear-twin serve`.
+
+Printed: windows sent and processed, the backlog of each asset, processor time and memory by minute, and the times of
+answers of REST. Ends with 1 where memory grows by more than GROWTH after WARM_UP, the 99th percentile of an answer's
+time exceeds SLOWEST, or an asset's backlog is ever more than APART windows above the median of the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.long_recording import bursts, repeated
+from benchmarks.long_run.service import Service, serving
+from recordings.generator.deliver import simulate_file
+from service.stream.frames import NS, Frame, SampleFrame
+from service.stream.sources.mcap import RawFrame, Recording
+from service.stream.wire.codec import encode
+from service.stream.wire.topics import Channel
+from service.transport.zenoh import open_publisher
+
+ROOT = Path(__file__).parents[1]
+CRACKED = ROOT / "recordings" / "faulty-campaign.mcap"
+SPEC = """
+schema = "gear-campaign/1"
+rig = "{rig}"
+asset = "soak"
+started = "2026-02-02T08:00:00+00:00"
+seed = 5
+[wear]
+k_m2_per_n = 6.07e-12
+from_revolutions = 47
+contact_half_width_um = 200
+[machine]
+mesh_stiffness_scale = 0.9
+[[calibration]]
+speed_hz = 2.0
+torque_nm = 10.0
+seconds = 3.0
+[[calibration]]
+speed_hz = 2.0
+torque_nm = 20.0
+seconds = 3.0
+[[conditions]]
+speed_hz = 10.0
+torque_nm = 10.0
+[sensors]
+acceleration_rate_hz = 25600
+[windows]
+seconds = 50
+at_revolutions = [0, 700]
+"""
+PORT = 17_900
+TRACED = "traced"
+FIRST = "accel/y6"
+BEGIN = 1000 * NS  # of a schedule
+PERIOD = 52.0  # of a machine's signal [s]
+NOISE = 0.1  # of the copies of the accelerometer [m/s²]
+WARM_UP = 1 / 3  # share of the time after which memory is to be flat
+GROWTH = 1.05
+SLOWEST = 50.0  # [ms]
+APART = 2.0  # windows
+EACH = 0.25  # between two requests [s]
+ROUTES = ("/v1/assets", "/v1/assets/{0}", "/v1/assets/{0}/wear", "/v1/assets/{0}/windows?limit=100",
+          "/v1/assets/{0}/trend?resolution=100", "/healthz", "/readyz")  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Minute:
+    """What was seen at the end of a minute."""
+
+    minute: float
+    memory: float  # of the service with its workers [MB]
+    cpu: float  # of one core, since the minute before
+    windows: int  # processed, of all assets but the traced one
+    backlog: tuple[int, ...]  # by asset
+    traced: int  # campaigns of the traced asset
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What the whole time was like."""
+
+    assets: int
+    channels: int
+    minutes: list[Minute] = field(default_factory=list)
+    answers: list[float] = field(default_factory=list)  # [ms]
+    late: float = 0.0  # how far the sender fell behind at most [s]
+    apart: int = 0  # windows that an asset's backlog was above the median at most
+    findings: list[str] = field(default_factory=list)
+
+
+# -- what is sent --------------------------------------------------------------------------------------
+
+
+def simulated(folder: Path) -> Path:
+    """A recording of the machine at 25.6 kHz."""
+    spec, path = folder / "soak.toml", folder / "soak.mcap"
+    spec.write_text(SPEC.format(rig=ROOT / "recordings" / "rigs" / "unsw.toml"))
+    simulate_file(str(spec), str(path), None, lambda share, what: None)
+    return path
+
+
+def _refuse(channel: object, error: Exception) -> None:
+    raise error
+
+
+def of_asset(frame: Frame, asset: str, channels: int, shift: int) -> Iterator[Frame]:
+    """The frame as another machine sends it at another time, with its further accelerometers."""
+    channel = frame.channel._replace(asset=asset)
+    moved = replace(frame, channel=channel, start_time_ns=frame.start_time_ns + shift)
+    yield moved
+    if isinstance(moved, SampleFrame) and channel.kind == "accel":
+        rng = np.random.default_rng((hash(asset) ^ frame.sequence) & 0xFFFFFFFF)
+        for number in range(1, channels):
+            noise = rng.normal(0.0, NOISE, moved.values.size).astype(np.float32)
+            yield replace(moved, channel=channel._replace(name=f"a{number}"), values=moved.values + noise)
+
+
+def schedule(path: Path, seconds: float) -> list[Frame]:
+    """The frames of one machine for so long, the first at BEGIN; pauses of the campaign are shortened."""
+    with Recording(path) as recording:
+        campaign = bursts(recording.frames(_refuse))
+    sent, at = [], BEGIN
+    for burst in campaign[:-1]:
+        start = burst[0].start_time_ns
+        sent += [replace(f, start_time_ns=f.start_time_ns - start + at) for f in burst]
+        at = max(f.end_time_ns for f in sent) + 3 * NS
+    last = campaign[-1]
+    back = at - next(iter(repeated(last, 1.0))).start_time_ns
+    sent += [replace(f, start_time_ns=f.start_time_ns + back) for f in repeated(last, seconds)]
+    return [f for f in sorted(sent, key=lambda f: f.end_time_ns) if f.end_time_ns < BEGIN + seconds * NS]
+
+
+def send(
+    path: Path, endpoint: str, assets: int, channels: int, seconds: float, rig: bytes, late: Any, sent: Any
+) -> None:
+    """Publishes all machines' frames in real time; `late` is the most that this fell behind [s]."""
+    frames = schedule(path, seconds)
+    apart = PERIOD / assets
+    names = asset_names(assets)
+    labels = {f.channel for f in frames}
+    order = sorted(
+        ((f.end_time_ns - BEGIN) / NS + k * apart, k, n) for k in range(assets) for n, f in enumerate(frames)
+    )
+    with open_publisher([endpoint]) as publisher:
+        for name in names:
+            publisher.offer_rig(name, rig)
+        publisher.declare(
+            Channel(name, c.kind, f"a{n}" if n else c.name)
+            for name in names for c in labels for n in range(channels if c.kind == "accel" else 1)
+        )  # fmt: skip
+        begun, origin = time.monotonic(), time.time_ns()
+        for at, k, n in order:
+            now = time.monotonic() - begun
+            if at > now:
+                time.sleep(at - now)
+            else:
+                late.value = max(late.value, now - at)
+            for frame in of_asset(frames[n], names[k], channels, origin - BEGIN + round(k * apart * NS)):
+                publisher.publish(RawFrame(frame.channel, frame.end_time_ns, encode(frame)))
+                if frame.channel.label == FIRST:
+                    sent[k] += 1
+
+
+def keep_tracing(endpoint: str, address: str, seconds: float, rig: bytes, passes: Any) -> None:
+    """Sends the campaign of a cracked tooth again and again, with new gears, as soon as it is processed."""
+    with Recording(CRACKED) as recording:
+        frames = sorted(recording.frames(_refuse), key=lambda f: f.end_time_ns)
+    length, count = frames[-1].end_time_ns - frames[0].start_time_ns, len(bursts(frames))
+    numbers = {c: sum(f.channel == c for f in frames) for c in {f.channel for f in frames}}
+    end = time.monotonic() + seconds
+    with open_publisher([endpoint]) as publisher:
+        publisher.offer_rig(TRACED, rig)
+        publisher.declare(c._replace(asset=TRACED) for c in numbers)
+        shift = time.time_ns() - length - frames[0].start_time_ns
+        for copy in range(sys.maxsize):
+            for frame in frames:
+                sequence = frame.sequence + copy * numbers[frame.channel]
+                start = frame.start_time_ns + shift + copy * (length + 60 * NS)
+                channel = frame.channel._replace(asset=TRACED)
+                moved = replace(frame, channel=channel, sequence=sequence, start_time_ns=start)
+                publisher.publish(RawFrame(channel, moved.end_time_ns, encode(moved)))
+            _await(lambda: _processed(address).get(TRACED, 0) == count, end)
+            change = json.dumps({"kind": "gears_replaced", "by": "soak", "revolutions": 0.0}).encode()
+            request = urllib.request.Request(
+                f"{address}/v1/assets/{TRACED}/changes", change, {"Content-Type": "application/json"}
+            )
+            urllib.request.urlopen(request, timeout=60).close()
+            _await(lambda: _processed(address).get(TRACED, 0) < count, end)
+            passes.value += 1
+
+
+def _await(condition: Callable[[], bool], end: float) -> None:
+    while not condition():
+        if time.monotonic() > end:
+            raise SystemExit
+        time.sleep(0.1)
+
+
+def _processed(address: str) -> dict[str, int]:
+    with urllib.request.urlopen(address + "/v1/assets", timeout=60) as answer:
+        return {row["asset"]: row["windows"] for row in json.loads(answer.read())}
+
+
+# -- what is seen --------------------------------------------------------------------------------------
+
+
+def closed(frames: int) -> int:
+    """Windows that so many frames of one channel make: two of calibration, then one every 10 s."""
+    calibration, window = 12, 40
+    return min(2, frames // calibration) + max(0, frames - 2 * calibration) // window
+
+
+def asset_names(count: int) -> list[str]:
+    """Names of so many assets."""
+    return [f"asset-{k:03d}" for k in range(count)]
+
+
+def watch(service: Service, outcome: Outcome, seconds: float, sent: Any, passes: Any) -> None:
+    """Asks the service for so long, and notes what it answers and uses."""
+    begun, minutes, cpu = time.monotonic(), 0, service.cpu()
+    names, rng = asset_names(outcome.assets), np.random.default_rng(1)
+    while (now := time.monotonic() - begun) < seconds:
+        route = ROUTES[rng.integers(len(ROUTES))].format(names[rng.integers(len(names))])
+        asked = time.perf_counter()
+        try:
+            with urllib.request.urlopen(service.address + route, timeout=60) as answer:
+                answer.read()
+        except urllib.error.HTTPError as error:  # an asset that has not sent anything yet
+            error.close()
+            if error.code != 404:
+                outcome.findings.append(f"{route} was answered by {error.code}")
+        outcome.answers.append(1e3 * (time.perf_counter() - asked))
+        if now >= 60 * (minutes + 1):
+            minutes += 1
+            done = _processed(service.address)
+            backlog = tuple(closed(sent[k]) - done.get(name, 0) for k, name in enumerate(names))
+            outcome.apart = max(outcome.apart, max(backlog) - int(np.median(backlog)))
+            used = service.cpu()
+            outcome.minutes.append(Minute(
+                minute=now / 60, memory=service.memory(), cpu=(used - cpu) / 60, backlog=backlog,
+                windows=sum(done.get(name, 0) for name in names), traced=passes.value,
+            ))  # fmt: skip
+            cpu = used
+            print(line_of(outcome.minutes[-1]), flush=True)
+        time.sleep(EACH)
+
+
+def line_of(minute: Minute) -> str:
+    """One minute, to be read."""
+    return (
+        f"{minute.minute:6.1f} min  {minute.memory:7.0f} MB  {minute.cpu:5.2f} cores  {minute.windows:6d} windows, "
+        f"backlog {min(minute.backlog)} to {max(minute.backlog)} (median {np.median(minute.backlog):g}), "
+        f"{minute.traced} campaigns traced"
+    )
+
+
+def judge(outcome: Outcome) -> None:
+    """Adds what misses an aim to the findings."""
+    rest = outcome.minutes[int(len(outcome.minutes) * WARM_UP) :]
+    if len(rest) >= 4:
+        half = len(rest) // 2
+        before, after = (np.median([m.memory for m in part]) for part in (rest[:half], rest[half:]))
+        print(f"memory after the warm-up: {before:.0f} MB in the first half, {after:.0f} MB in the second")
+        if after > GROWTH * before:
+            outcome.findings.append(f"memory grew from {before:.0f} to {after:.0f} MB")
+    middle, high = np.percentile(outcome.answers, (50, 99))
+    print(f"{len(outcome.answers)} answers: median {middle:.1f} ms, 99th percentile {high:.1f} ms")
+    if high > SLOWEST:
+        outcome.findings.append(f"answers of REST: 99th percentile {high:.0f} ms, more than {SLOWEST:g} ms")
+    if outcome.apart > APART:
+        outcome.findings.append(f"an asset was {outcome.apart} windows behind the median of the others")
+    if outcome.late > 1.0:
+        outcome.findings.append(f"the sender fell {outcome.late:.1f} s behind: this machine does not sustain the load")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the soak; 1 where an aim is missed."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.soak", description=__doc__.splitlines()[0])
+    parser.add_argument("--assets", type=int, default=20)
+    parser.add_argument("--channels", type=int, default=4, help="of acceleration, each asset")
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--workers", type=int, default=2, help="worker processes of the service")
+    parser.add_argument("--no-traced", action="store_true", help="leave out the machine that is traced all the time")
+    parser.add_argument("--data", type=Path, help="folder of the service's data and of the recording, kept")
+    parser.add_argument("--json", type=Path, help="file for the figures")
+    given = parser.parse_args(arguments)
+    outcome, seconds = Outcome(assets=given.assets, channels=given.channels), 60 * given.minutes + 5
+    context = multiprocessing.get_context("spawn")
+    late, passes, sent = context.Value("d", 0.0), context.Value("q", 0), context.Array("q", given.assets)
+    with tempfile.TemporaryDirectory() as folder:
+        data = given.data or Path(folder)
+        data.mkdir(parents=True, exist_ok=True)
+        path = simulated(data)
+        with Recording(path) as recording:
+            rig = recording.rig_text or b""
+        with serving(data / "service", PORT, program="service", arguments=["serve"], workers=given.workers) as service:
+            senders = [context.Process(
+                target=send, args=(path, service.endpoint, given.assets, given.channels, seconds, rig, late, sent)
+            )]  # fmt: skip
+            if not given.no_traced:
+                senders.append(
+                    context.Process(target=keep_tracing, args=(service.endpoint, service.address, seconds, rig, passes))
+                )
+            for each in senders:
+                each.start()
+            watch(service, outcome, seconds, sent, passes)
+            for each in senders:
+                each.terminate()
+                each.join()
+            outcome.late = late.value
+    judge(outcome)
+    if given.json:
+        given.json.write_text(json.dumps(asdict(outcome), indent=1))
+    print(*outcome.findings, sep="\n")
+    return bool(outcome.findings)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
