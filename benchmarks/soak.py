@@ -315,7 +315,7 @@ def main(arguments: list[str] | None = None) -> int:
         path = simulated(data)
         with Recording(path) as recording:
             rig = recording.rig_text or b""
-        with serving(data / "service", PORT, program="service", arguments=["serve"], workers=given.workers) as service:
+        with serving(data / "service", PORT, program=("service", "serve"), workers=given.workers) as service:
             senders = [context.Process(
                 target=send, args=(path, service.endpoint, given.assets, given.channels, seconds, rig, late, sent)
             )]  # fmt: skip

@@ -1,7 +1,7 @@
 """Rules of a test run on the build machine.
 
-Where `CI` is set a skipped test is a failure: nothing is left out unseen. One thing may be missing there: the reference
-data beside the project, for tests marked `shared`. Longer proofs (`slow`) come last, and none begins after
+Where `CI` is set a skipped test is a failure: nothing is left out unseen. Two things may be missing there: the reference
+data beside the project, for tests marked `shared`, and a container engine, for those marked `containers`. Longer proofs (`slow`) come last, and none begins after
 GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how many.
 """
 
@@ -29,6 +29,8 @@ def shared_is_here() -> bool:
 
 def may_be_skipped(marks: set[str], environment: Mapping[str, str], shared_here: bool) -> bool:
     """Whether a test with these marks may be skipped."""
+    if "containers" in marks and not environment.get("GEAR_TWIN_COMPOSE"):
+        return True
     return not environment.get("CI") or ("shared" in marks and not shared_here)
 
 

@@ -26,6 +26,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from benchmarks.long_run.history import Calendar, fill, replay, size
 from benchmarks.long_run.service import Service, serving
@@ -46,7 +47,7 @@ class Case:
     days: int
     day: int  # windows an asset and day
     live: int  # windows an asset that a measured day sends
-    settings: dict[str, object] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
 
 
 CASES = {

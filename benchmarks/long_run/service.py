@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import psutil
 
-STAND_IN = "benchmarks.long_run.stand_in"
+STAND_IN = ("benchmarks.long_run.stand_in",)
 ASKED = 40  # requests of each route
 LONGEST = 1200.0  # that anything is waited for [s]
 ROUTES = (
@@ -82,16 +82,14 @@ class Service:
 
 
 @contextmanager
-def serving(
-    data: Path, port: int, *, program: str = STAND_IN, arguments: Sequence[str] = (), **settings: object
-) -> Iterator[Service]:
+def serving(data: Path, port: int, *, program: Sequence[str] = STAND_IN, **settings: object) -> Iterator[Service]:
     """A service on loopback, with the stand-in twin unless another program is named, ended by SIGTERM."""
     endpoint = f"tcp/127.0.0.1:{port}"
     given = {"data": data, "listen": json.dumps([endpoint]), "http": f"127.0.0.1:{port + 1}", **settings}
     env = {**os.environ, **{f"GEAR_TWIN_{name.upper()}": str(value) for name, value in given.items()}}
     begun = time.perf_counter()
     process = subprocess.Popen(
-        [sys.executable, "-m", program, *arguments],
+        [sys.executable, "-m", *program],
         env=env,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

@@ -30,6 +30,7 @@ for path in sys.argv[1:]:
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.containers,
     pytest.mark.skipif(not COMPOSE, reason="GEAR_TWIN_COMPOSE does not name a command such as 'docker compose'"),
 ]
 

@@ -213,6 +213,8 @@ def test_linear_algebra_runs_on_one_thread_unless_the_environment_says_otherwise
         (set(), {"CI": "true"}, False, False),
         ({"shared"}, {"CI": "true"}, False, True),
         ({"shared"}, {"CI": "true"}, True, False),
+        ({"containers"}, {"CI": "true"}, True, True),
+        ({"containers"}, {"CI": "true", "GEAR_TWIN_COMPOSE": "docker compose"}, True, False),
     ],
 )
 def test_a_skipped_test_is_a_failure_on_the_build_machine_unless_its_data_are_absent(
@@ -224,7 +226,7 @@ def test_a_skipped_test_is_a_failure_on_the_build_machine_unless_its_data_are_ab
 def test_skips_fail_and_longer_proofs_stop_at_the_deadline_on_the_build_machine(tmp_path):
     (tmp_path / "rules.py").write_text((ROOT / "tests" / "rules.py").read_text(encoding="utf-8"), encoding="utf-8")
     (tmp_path / "conftest.py").write_text("from rules import *\n")
-    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n    slow\n    shared\n")
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n    slow\n    shared\n    containers\n")
     (tmp_path / "test_some.py").write_text(
         "import pytest\n"
         "@pytest.mark.slow\ndef test_long(): pass\n"
