@@ -1,8 +1,9 @@
 """Rules of a test run on the build machine.
 
-Where `CI` is set a skipped test is a failure: nothing is left out unseen. Two things may be missing there: the reference
-data beside the project, for tests marked `shared`, and a container engine, for those marked `containers`. Longer proofs (`slow`) come last, and none begins after
-GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how many.
+Where `CI` is set a skipped test is a failure: nothing is left out unseen. Two things may be missing there: the
+reference data beside the project, for tests marked `shared`, and a container engine, for those marked `containers`.
+Longer proofs (`slow`) come last, and none begins after GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how
+many.
 """
 
 from __future__ import annotations
