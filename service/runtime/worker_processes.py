@@ -36,6 +36,7 @@ from twin.windows import Window
 log = logging.getLogger(__name__)
 
 TRIES = 2  # how often a call is tried that ends its worker
+STARTS = 2  # attempts to start a worker's process, in one turn
 MOST_DEATHS = 10  # in a row, after which the service does not call itself ready
 MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while another is idle [s]
 NUMBERS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
@@ -97,6 +98,8 @@ class Processes:
             self._take(worker, job, future)
         self._end_late()
         self._move()
+        for worker in self._workers:
+            self._next(worker)
 
     def close(self) -> None:
         """Ends all workers at once: what they compute is computed again by the next start."""
@@ -128,15 +131,28 @@ class Processes:
         """Begins the call that waits longest for a worker, if it is free."""
         if worker.job is not None or not worker.jobs or self._closed:
             return
+        future = self._submitted(worker, self._task(worker.jobs[0].call))
+        if future is None:
+            return
         job = worker.job = worker.jobs.popleft()
         worker.began = time.monotonic()
-        task = self._task(job.call)
-        try:
-            future = self._executor(worker).submit(worker_task.perform, task)
-        except BrokenProcessPool:  # it died while it had nothing to do
-            self._discard(worker)
-            future = self._executor(worker).submit(worker_task.perform, task)
         future.add_done_callback(partial(self._note, worker, job))
+
+    def _submitted(self, worker: _Worker, task: Task) -> Future[Reply] | None:
+        """A task given to a worker's process; None where none can be started now, which `collect` tries again.
+
+        Twice: a process may have died while it had nothing to do, and the server that makes processes with it.
+        """
+        failure: Exception | None = None
+        for _ in range(STARTS):
+            try:
+                return self._executor(worker).submit(worker_task.perform, task)
+            except (RuntimeError, OSError, EOFError) as error:  # BrokenProcessPool, or no thread, process or memory
+                failure = error
+                self._discard(worker)
+        self._in_a_row += 1
+        log.error("a worker process cannot be started now: %s: %s", type(failure).__name__, failure)
+        return None
 
     def _note(self, worker: _Worker, job: _Job, future: Future[Reply]) -> None:
         self._ended.put((worker, job, future))

@@ -26,7 +26,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -207,7 +207,7 @@ class Run:
             self._end_router()
         for process in (self._replay, self.service.process):
             if process is not None and process.poll() is None:
-                children = psutil.Process(process.pid).children(recursive=True)
+                children = children_of(process.pid)
                 process.send_signal(signal.SIGCONT)
                 process.kill()
                 process.wait(10)
@@ -344,20 +344,21 @@ class Run:
     def _workers(self) -> list[psutil.Process]:
         """The workers and who makes them; not the tracker of semaphores, whose end Python itself complains of."""
         assert self.service.process is not None
-        children = psutil.Process(self.service.process.pid).children(recursive=True)
-        return [child for child in children if not any("resource_tracker" in part for part in child.cmdline())]
+        return [child for child in children_of(self.service.process.pid) if not _is_tracker(child)]
 
     def _worker_kill(self, fault: Fault) -> None:
         for worker in self._workers():
-            worker.kill()
+            with suppress(psutil.NoSuchProcess):
+                worker.kill()
 
     def _worker_stop(self, fault: Fault) -> None:
         workers = self._workers()
         for worker in workers:
-            worker.suspend()
+            with suppress(psutil.NoSuchProcess):
+                worker.suspend()
         time.sleep(fault.lasts)
         for worker in workers:
-            if worker.is_running():
+            with suppress(psutil.NoSuchProcess):
                 worker.resume()
 
     def _database_lock(self, fault: Fault) -> None:
@@ -466,6 +467,22 @@ def own_disk(data: Path) -> Iterator[None]:
         yield
     finally:
         subprocess.run(["umount", "-l", str(data)], check=False)
+
+
+def children_of(pid: int) -> list[psutil.Process]:
+    """The processes that a process has made, and theirs; none where it has ended."""
+    try:
+        return psutil.Process(pid).children(recursive=True)
+    except psutil.NoSuchProcess:
+        return []
+
+
+def _is_tracker(process: psutil.Process) -> bool:
+    """Whether a process is that which tracks semaphores for Python, or is over."""
+    try:
+        return any("resource_tracker" in part for part in process.cmdline())
+    except psutil.NoSuchProcess:  # a zombie too
+        return True
 
 
 def _ended(process: psutil.Process, seconds: float) -> bool:

@@ -6,6 +6,7 @@ import logging
 import os
 import signal
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +118,28 @@ def test_a_call_that_ends_its_worker_is_tried_once_more_and_costs_no_other_anyth
     assert pool.processes.figures()["worker_deaths"] == 3
     pool.window("kills")
     assert pool.wait(6)[-1].refused is None
+
+
+def test_a_worker_that_cannot_be_started_now_is_started_later_and_ends_nothing(pool, monkeypatch, caplog):
+    """The server that makes processes may just have been killed, or there is no memory: once this ended the service."""
+    failures = [
+        ConnectionRefusedError("no fork server"),
+        EOFError(),
+        OSError(12, "no memory"),
+        RuntimeError("no thread"),
+    ]
+    submit = ProcessPoolExecutor.submit
+
+    def failing(executor, *given):
+        if failures:
+            raise failures.pop(0)
+        return submit(executor, *given)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", failing)
+    pool.window("a")
+    pool.window("a", number=1)
+    assert [made.refused for made in pool.wait(2)] == [None, None]
+    assert not failures and "cannot be started now" in caplog.text and pool.processes.unusable() is None
 
 
 @pytest.mark.parametrize("pool", [{"task_limit": 1.0, "workers": 1}], indirect=True)
