@@ -25,7 +25,8 @@ const CHANGES = {
   reassembled: ["Taken apart and reassembled", "Damping, alignment, transfer path and phases are learned again; wear is kept."],
 };
 const OTHERS = { renamed: "renamed", retired: "retired", reinstated: "reinstated", other_machine: "other machine",
-  ignore: "question ignored", baseline_given: "baseline learned", baseline_removed: "baseline removed", created: "created" };
+  ignore: "question ignored", baseline_given: "baseline learned", baseline_removed: "baseline removed", created: "created",
+  rig_accepted: "rig file accepted", rig_rejected: "rig file rejected" };
 const ENDING = ["gears_replaced", "reassembled", "sensor_moved"]; // earlier windows show another machine
 const DONE = "Done.";
 const NAME = "[A-Za-z0-9_.\\-]{1,64}";

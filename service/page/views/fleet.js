@@ -3,6 +3,7 @@
 import { element, keepingFocus, svg } from "../dom.js";
 import { KIND_WORDS, LEVELS, ago, dateTime, duration, fixed, instant, levelWord, number, range, sentence } from "../format.js";
 import { dataBadge, levelBadge } from "../parts/health.js";
+import { incoming } from "../parts/incoming.js";
 
 const EVERY_MS = 3000; // how often the list is asked for; what has not changed is not sent again
 
@@ -122,13 +123,14 @@ export async function show(root, { signal, get, connected }) {
     element("thead", {}, element("tr", {}, ...HEADS.map((h) => element("th", { scope: "col" }, h)))), body), none);
   const tools = filters(filter, () => draw());
   const start = empty();
-  root.append(start, summary, tools, list);
+  const waiting = incoming({ get, signal, changed: () => renewed() });
+  root.append(start, summary, waiting.root, tools, list);
   let drawn = "";
 
   function draw() {
     const shown = inOrder(chosen(assets, filter));
     const now = JSON.stringify([shown, Math.floor(Date.now() / 30_000)]); // "last seen" grows by itself
-    start.hidden = assets.length > 0;
+    start.hidden = assets.length > 0 || !waiting.root.hidden;
     tools.hidden = list.hidden = assets.length === 0;
     tools.querySelector("label").hidden = !assets.some((a) => a.retired);
     if (now === drawn) return;
@@ -141,13 +143,18 @@ export async function show(root, { signal, get, connected }) {
     root.dataset.assets = String(shown.length);
   }
 
+  async function renewed() {
+    [assets] = await Promise.all([get("/v1/assets", { signal }), waiting.refresh()]);
+    connected(true);
+    draw();
+  }
+
+  await waiting.refresh();
   draw();
   const timer = setInterval(async () => {
     if (document.hidden) return;
     try {
-      assets = await get("/v1/assets", { signal });
-      connected(true);
-      draw();
+      await renewed();
     } catch (error) {
       if (error.name !== "AbortError") connected(false, error.message);
     }
