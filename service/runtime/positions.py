@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from typing import Protocol
+from typing import NamedTuple, Protocol
 from uuid import uuid4
 
 from service.contract.position import ChannelPositionModel, PositionModel, position_text
@@ -51,13 +51,21 @@ class PositionNetwork(Protocol):
     def answer_positions(self, ask: Callable[[str, Reply], None]) -> AbstractContextManager[object]: ...
 
 
+class ClosedWindows(NamedTuple):
+    """What is known of a stream's windows after they have closed."""
+
+    unstored_from_ns: int | None = None  # start of the earliest that is not stored yet
+    waiting: int = 0  # to be processed
+    shed: int = 0  # left out because too many waited
+
+
 class Positions:
     """The positions of all streams on a network.
 
     inbox      in whose queues questions wait
     network    on which positions are published
     source     who knows them
-    pending    start of the earliest closed window that is not stored yet, and how many windows wait, by stream
+    pending    the windows of a stream that have closed
     unknown    the streams that are not used, which have no queue
     """
 
@@ -67,7 +75,7 @@ class Positions:
         network: PositionNetwork,
         source: PositionSource,
         *,
-        pending: Callable[[str], tuple[int | None, int]] = lambda stream: (None, 0),
+        pending: Callable[[str], ClosedWindows] = lambda stream: ClosedWindows(),
         unknown: UnknownAssets | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -114,7 +122,7 @@ class Positions:
 
     def reached(self, stream: str, number: int) -> None:
         """The question has come to the head of its stream's queue."""
-        if self._pending(stream)[1] > MOST_BACKLOG:
+        if self._pending(stream).waiting > MOST_BACKLOG:
             self._held_back.append((stream, number))
         else:
             self._close(number, self._text)
@@ -165,7 +173,7 @@ class Positions:
 
     def _behind(self, stream: str) -> str:
         known = self.latest(stream)
-        return position_text(known.model_copy(update={"behind": True, "backlog": self._pending(stream)[1]}))
+        return position_text(known.model_copy(update={"behind": True, "backlog": self._pending(stream).waiting}))
 
     def _instance_of(self, stream: str) -> str:
         """Another one where earlier frames must be sent again: after a start, and where the asset has been adopted."""
@@ -173,7 +181,8 @@ class Positions:
 
     def _model(self, stream: str) -> PositionModel:
         found = self._source.position(stream) or Position()
-        closed_from, backlog = self._pending(stream)
+        closed = self._pending(stream)
+        closed_from = closed.unstored_from_ns
         stored_until = found.settled_until_ns
         if closed_from is not None:
             stored_until = None if stored_until is None else min(stored_until, closed_from)
@@ -190,8 +199,8 @@ class Positions:
             left_out=dict(found.left_out),
             ahead_frames=self._inbox.ahead[0],
             ahead_bytes=self._inbox.ahead[1],
-            backlog=backlog,
-            shed=found.shed,
+            backlog=closed.waiting,
+            shed=found.shed + closed.shed,
         )
 
     def _close(self, number: int, text_of: Callable[[str], str]) -> None:

@@ -33,7 +33,7 @@ from service.runtime.lane import Lane
 from service.runtime.lanes import LEFT_OUT, Lanes
 from service.runtime.outcomes import Checkpoint, ClosedWindow
 from service.runtime.packed_state import NEW, StoredState
-from service.runtime.positions import Positions
+from service.runtime.positions import ClosedWindows, Positions
 from service.runtime.pump import pump
 from service.runtime.reception import Reception, assembly_settings
 from service.runtime.rig_questions import RigQuestions
@@ -255,7 +255,7 @@ class Worker(threading.Thread):
             self._inbox,
             transport,
             streams,
-            pending=lambda stream: _pending(spool, lanes, streams.asset_of(stream)),
+            pending=lambda stream: _closed_windows(spool, lanes, streams.asset_of(stream)),
             unknown=kept.unknown,
         )
         streams.moved = positions.moved
@@ -337,9 +337,13 @@ def staleness_limits(settings: Settings) -> StalenessLimits:
     return StalenessLimits(silent=settings.stale_after, fruitless=fruitless)
 
 
-def _pending(spool: Spool, lanes: Lanes, asset: str) -> tuple[int | None, int]:
-    """Start of an asset's earliest closed window that is not stored yet, and how many windows wait."""
-    return spool.unstored_from_ns(asset), lanes.unprocessed(asset)
+def _closed_windows(spool: Spool, lanes: Lanes, asset: str) -> ClosedWindows:
+    lane = lanes.find(asset)
+    return ClosedWindows(
+        unstored_from_ns=spool.unstored_from_ns(asset),
+        waiting=lanes.unprocessed(asset),
+        shed=0 if lane is None else lane.shed,
+    )
 
 
 def backlog_limits(settings: Settings) -> BacklogLimits:

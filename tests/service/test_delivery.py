@@ -14,7 +14,7 @@ from service.errors import DeliveryError
 from service.runtime.delivery import Delivery, Ranges
 from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
-from service.runtime.positions import HELD_BACK, MOST_BACKLOG, Positions
+from service.runtime.positions import HELD_BACK, MOST_BACKLOG, ClosedWindows, Positions
 from service.runtime.pump import Pump
 from service.runtime.twin_port import Answer, Twin
 from service.stream.assembly import Assembler, AssemblySettings
@@ -54,7 +54,11 @@ class Stand:
                 quality=last.quality,
             ))  # fmt: skip
         self.positions = Positions(
-            self.inbox, self, self.pipeline, pending=lambda stream: (None, self.backlog), clock=lambda: self.now
+            self.inbox,
+            self,
+            self.pipeline,
+            pending=lambda stream: ClosedWindows(waiting=self.backlog),
+            clock=lambda: self.now,
         )
         self.pump = Pump(
             self.inbox, self.pipeline, 0.7, self.positions, clock=lambda: self.now,
@@ -274,7 +278,9 @@ def test_answers_wait_while_too_many_windows_do_and_always_come():
     stand.run(0.3)
     assert position_of(texts[0]).behind is False
     stand.backlog = MOST_BACKLOG + 1
-    with_thread = Positions(stand.inbox, Quiet(), stand.pipeline, pending=lambda s: (None, 99), clock=lambda: stand.now)
+    with_thread = Positions(
+        stand.inbox, Quiet(), stand.pipeline, pending=lambda s: ClosedWindows(waiting=99), clock=lambda: stand.now
+    )
     with with_thread:
         with_thread.ask(ASSET, texts.append)
         stand.run(1.0)
@@ -304,8 +310,9 @@ def test_windows_that_are_not_stored_yet_are_no_part_of_what_is():
     stand.run(4.0)
     assert position_of(stand.positions._text(ASSET)).unsettled_from_ns is None
     begun = frames[80].start_time_ns
-    positions = Positions(stand.inbox, stand, stand.pipeline, pending=lambda stream: (begun, 1))
+    positions = Positions(stand.inbox, stand, stand.pipeline, pending=lambda stream: ClosedWindows(begun, 1, 3))
     found = position_of(positions._text(ASSET))
+    assert (found.backlog, found.shed) == (1, 3)
     assert found.settled_until_ns == begun and begun - 10 * NS <= found.unsettled_from_ns < begun
 
 
