@@ -11,6 +11,7 @@ from urllib.parse import quote, urlencode
 
 import typer
 
+from service.cli.config import configured
 from service.cli.rest import LOCAL, JsonFile, Url, asking, call
 
 app = typer.Typer(no_args_is_help=True, help="List the machines of a running service; create, change, rename, retire.")
@@ -192,6 +193,7 @@ def reinstate(asset: AssetName, by: By = None, note: Note = None, url: Url = LOC
 
 
 @app.command()
+@configured
 @asking
 def baseline(
     asset: AssetName,

@@ -16,7 +16,7 @@ from service.cli.alarms import app as alarms
 from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell, windowing
 from service.cli.assets import app as assets
 from service.cli.audit import audit
-from service.cli.config import ConfigFile, config
+from service.cli.config import ConfigFile, config, configured
 from service.cli.doctor import doctor
 from service.cli.effects import app as effects
 from service.cli.example import app as example
@@ -91,6 +91,7 @@ Listen = Annotated[list[str] | None, typer.Option(help="Endpoint at which to ope
 
 
 @app.command(rich_help_panel=ANSWER)
+@configured
 def assess(
     recording: Recording,
     rig: RigFile = None,
@@ -124,6 +125,7 @@ def assess(
 
 
 @app.command(rich_help_panel=MODEL)
+@configured
 def calibrate(
     recording: Recording,
     rig: RigFile = None,
@@ -289,6 +291,7 @@ def serve(
 
 
 @app.command(rich_help_panel=START)
+@configured
 def demo(
     exit_after: Annotated[
         bool, typer.Option("--exit", help="End after the summary; the exit status is 1 if anything failed.")
@@ -306,6 +309,7 @@ def demo(
 
 
 @app.command(rich_help_panel=ANSWER)
+@configured
 def report(
     source: Annotated[
         Path, typer.Argument(metavar="SOURCE", help="Recording (MCAP), or the JSON that `assess` wrote.")
@@ -334,6 +338,7 @@ def report(
 
 
 @app.command(rich_help_panel=MODEL)
+@configured
 def baseline(
     recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING…", help="Recordings of the healthy machine.")],
     out: Annotated[Path, typer.Option(help="Baseline file to write.")],
@@ -404,6 +409,7 @@ def relate(
 
 
 @app.command(rich_help_panel=ANSWER)
+@configured
 def diagnose(
     source: Annotated[
         Path, typer.Argument(metavar="SOURCE", help="Recording (MCAP), or the JSON that `assess` wrote.")
@@ -450,15 +456,15 @@ def diagnose(
 
 app.command(name="import", rich_help_panel=DATA)(import_)
 app.command(name="init", rich_help_panel=START)(init)
-app.command(name="doctor", rich_help_panel=START)(doctor)
+app.command(name="doctor", rich_help_panel=START)(configured(doctor))
 app.command(name="config", rich_help_panel=START)(config)
 app.command(name="ready", rich_help_panel=START)(asking(ready))
-app.command(name="what-if", rich_help_panel=ANSWER)(asking(what_if))
+app.command(name="what-if", rich_help_panel=ANSWER)(configured(asking(what_if)))
 app.command(name="audit", rich_help_panel=START)(asking(audit))
 app.add_typer(keys, name="keys", rich_help_panel=START)
 app.add_typer(assets, name="assets", rich_help_panel=START)
 app.add_typer(alarms, name="alarms", rich_help_panel=ANSWER)
-app.command(name="signals", rich_help_panel=DATA)(signals)
+app.command(name="signals", rich_help_panel=DATA)(configured(signals))
 app.add_typer(effects, name="effects", rich_help_panel=ANSWER)
 app.add_typer(example, name="example", rich_help_panel=DATA)
 for _command in (database.backup, database.restore, database.export, database.check, database.migrate):

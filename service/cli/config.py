@@ -2,14 +2,50 @@
 
 from __future__ import annotations
 
+import inspect
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 ConfigFile = Annotated[
     Path | None, typer.Option("--config", help="Configuration file (TOML).", envvar="GEAR_TWIN_CONFIG")
 ]
+
+
+def configured(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Gives a command that reads settings the option --config; its settings then come from that file, too."""
+    signature = inspect.signature(command, eval_str=True)
+    option = inspect.Parameter("config", inspect.Parameter.KEYWORD_ONLY, annotation=ConfigFile, default=None)
+
+    def with_file(*, config: Path | None = None, **given: Any) -> Any:
+        with _file_in_use(config):
+            return command(**given)
+
+    with_file.__name__, with_file.__doc__ = command.__name__, command.__doc__
+    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (*signature.parameters.values(), option)]
+    with_file.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    with_file.__annotations__ = {p.name: p.annotation for p in parameters}
+    return with_file
+
+
+@contextmanager
+def _file_in_use(config: Path | None) -> Iterator[None]:
+    """The configuration file of whatever reads settings inside, in processes that it starts too."""
+    from service.configuration.sources import CONFIG
+
+    before = os.environ.get(CONFIG)
+    if config is not None:
+        os.environ[CONFIG] = str(config)
+    try:
+        yield
+    finally:
+        os.environ.pop(CONFIG, None)
+        if before is not None:
+            os.environ[CONFIG] = before
 
 
 def config(

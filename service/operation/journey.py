@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 NS = 1e-9  # [s]
+TOTAL = "total"  # the part of a computation that is all of it
 
 
 @dataclass(slots=True, kw_only=True)

@@ -6,11 +6,9 @@ from collections.abc import Mapping
 
 from prometheus_client import Histogram
 
-from service.operation.journey import Journey
+from service.operation.journey import TOTAL, Journey
 from service.operation.metric_catalogue import METRICS, TIMES
 from twin.observed import TRACING
-
-TOTAL = "total"  # the part of a computation that is all of it
 
 
 def histogram(name: str) -> Histogram:

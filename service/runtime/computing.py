@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol
 from service.contract.base import iso_time
 from service.files.rig import window_of_rig
 from service.logs import about
-from service.operation.timing import TOTAL
+from service.operation.journey import TOTAL
 from service.results.window_file import read_window
 from service.runtime.outcomes import Raw
 from service.runtime.packed_state import PackedState
