@@ -41,6 +41,13 @@ LINES: tuple[Line, ...] = (
         _NONE,
     ),
     Line(
+        "service.runtime.storage_wait",
+        "%s: the service waits for it",
+        "The server of the database did not answer at the start; HTTP answers 503 meanwhile.",
+        "Start the database server; it goes on by itself.",
+    ),
+    Line("service.runtime.storage_wait", "the database can be used now", "The start goes on.", _NONE),
+    Line(
         "service.runtime.spool",
         "%s: %s",
         "A window was left out, because more windows waited in memory than are kept there while the storage "

@@ -1,8 +1,8 @@
 """The two databases: how each is connected to, so that it can be relied upon.
 
 SQLite: one file in WAL mode, `synchronous=FULL`, foreign keys enforced; one connection writes, others read.
-PostgreSQL: a pool of connections; one that was dropped is replaced, and a transaction whose commit was not answered is
-asked for by its number.
+PostgreSQL: one connection writes, which holds the service's claim on the database, others read; one that was dropped
+is replaced, and a transaction whose commit was not answered is asked for by its number.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.pool import NullPool, QueuePool
 
 from service.errors import StorageUnavailable, StoreError
+from service.results.claims import Claims
 
 LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
 STATEMENT_WAIT = 60.0  # how long one statement of the service may take on a server [s]
@@ -41,6 +42,14 @@ class Backend(Protocol):
 
     @property
     def path(self) -> Path | None: ...
+
+    def claim(self) -> None:
+        """Keeps other services from writing, until the process ends. StorageUnavailable where another does already."""
+        ...
+
+    def release(self) -> None:
+        """Gives up what `claim` holds."""
+        ...
 
     def engines(self) -> tuple[Engine, Engine]:
         """For transactions, and for reading outside of them."""
@@ -101,6 +110,12 @@ class SqliteFile:
     @property
     def name(self) -> str:
         return str(self.path)
+
+    def claim(self) -> None:
+        pass  # who holds the data directory holds the file in it
+
+    def release(self) -> None:
+        pass
 
     def engines(self) -> tuple[Engine, Engine]:
         self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -174,20 +189,40 @@ class SqliteFile:
         raise AssertionError("a commit of SQLite always answers")
 
 
-@dataclass(slots=True, frozen=True)
+@dataclass(slots=True)
 class Postgresql:
     """A database of a PostgreSQL server."""
 
     url: URL
     path: Path | None = None
+    claims: Claims | None = None  # of a service ...
+    _claiming: Engine | None = None  # ... and the connection for writing that holds them
 
     @property
     def name(self) -> str:
         return self.url.set(drivername="postgresql").render_as_string(hide_password=True)
 
+    def claim(self) -> None:
+        self.claims = Claims(name=self.name)
+        self._claiming = self._writer()
+        with self._claiming.connect():
+            pass
+
+    def release(self) -> None:
+        if self._claiming is not None:
+            self._claiming.dispose()
+
     def engines(self) -> tuple[Engine, Engine]:
-        engine = self._engine(STATEMENT_WAIT, pool_size=READERS + 1, max_overflow=READERS, pool_timeout=LOCK_WAIT)
-        return engine, engine.execution_options(isolation_level="AUTOCOMMIT")
+        reader = self._engine(STATEMENT_WAIT, pool_size=READERS, max_overflow=READERS, pool_timeout=LOCK_WAIT)
+        return self._claiming or self._writer(), reader.execution_options(isolation_level="AUTOCOMMIT")
+
+    def _writer(self) -> Engine:
+        """One connection, which holds what the service claims."""
+        name = "gear-twin" if self.claims is None else self.claims.application
+        engine = self._engine(STATEMENT_WAIT, name, pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
+        if self.claims is not None:
+            event.listen(engine, "connect", self.claims.take)
+        return engine
 
     def for_migration(self) -> Engine:
         return self._engine(0, poolclass=NullPool)
@@ -195,11 +230,11 @@ class Postgresql:
     def for_reading(self) -> Engine:
         return self._engine(0, poolclass=NullPool)
 
-    def _engine(self, wait: float, **pool: Any) -> Engine:
+    def _engine(self, wait: float, name: str = "gear-twin", **pool: Any) -> Engine:
         options = f"-c statement_timeout={int(1000 * wait)} -c lock_timeout={int(1000 * LOCK_WAIT)}"
         arguments: dict[str, Any] = {"connect_timeout": CONNECT_WAIT, **SILENT_AFTER}
         # A server that was set up without a locale hands out bytes otherwise, which SQLAlchemy ends with a traceback.
-        arguments |= {"application_name": "gear-twin", "client_encoding": "utf8"}
+        arguments |= {"application_name": name, "client_encoding": "utf8"}
         arguments["options"] = " ".join(filter(None, (options, self.url.query.get("options"))))  # type: ignore[arg-type]
         return sa.create_engine(self.url, connect_args=arguments, pool_pre_ping=True, **pool)
 

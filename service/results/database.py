@@ -33,8 +33,10 @@ class Database:
     took  called with `commit` or `read` and how long a transaction or a query has taken [s]
     """
 
-    def __init__(self, where: Path | str) -> None:
-        """where  file of an SQLite database, or the URL of a PostgreSQL database"""
+    def __init__(self, where: Path | str, *, claimed: bool = False) -> None:
+        """where    file of an SQLite database, or the URL of a PostgreSQL database
+        claimed  whether no other service may write to it meanwhile
+        """
         self.backend: Backend = backend_of(where)
         self.took: Callable[[str, float], object] = lambda what, seconds: None
         self._write = threading.RLock()
@@ -42,12 +44,16 @@ class Database:
         self._owner: int | None = None  # ... and the thread that it is of
         try:
             with self._faults():
+                if claimed:
+                    self.backend.claim()  # before its schema is changed under another service
                 upgrade(self.backend)
                 self._writer, self._reader = self.backend.engines()
                 self.backend.examine(self._reader)
         except StorageUnavailable:
+            self.backend.release()
             raise
         except (StoreError, SQLAlchemyError, OSError) as error:
+            self.backend.release()
             raise StoreError(
                 f"{self.backend.name} cannot be used as the service's database: {_one_line(error)}"
             ) from error

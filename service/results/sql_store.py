@@ -118,9 +118,11 @@ def _is_sealed(row: Any) -> bool:
 class SqlStore:
     """A `ResultStore` in a database. Safe to use from several threads of one process."""
 
-    def __init__(self, where: Path | str) -> None:
-        """where  file of an SQLite database, or the URL of a PostgreSQL database"""
-        self.database = database = Database(where)
+    def __init__(self, where: Path | str, *, claimed: bool = False) -> None:
+        """where    file of an SQLite database, or the URL of a PostgreSQL database
+        claimed  whether no other service may write to it meanwhile
+        """
+        self.database = database = Database(where, claimed=claimed)
         self._transaction, self._rows = database.transaction, database.rows
         self._damaged: dict[str, str] = {}  # assets whose windows cannot go on, and why
         self._insert_asset = database.insert(ASSETS).on_conflict_do_nothing()

@@ -64,7 +64,7 @@ class HttpServer(uvicorn.Server):
         self,
         app: Any,
         *,
-        started: Callable[[], None],
+        started: Callable[[], object],
         ending: Callable[[], None],
         stop: threading.Event | None = None,
         front: Front | None = None,
@@ -126,7 +126,7 @@ class HttpServer(uvicorn.Server):
 
 
 @contextmanager
-def listening_at(host: str, port: int, gate: Gate | None = None) -> Iterator[socket.socket]:
+def listening_at(host: str, port: int, gate: Gate | None = None) -> Iterator[GatedSocket]:
     """A bound socket; InputError where the address cannot be had. Port 0 takes any that is free."""
     listening = GatedSocket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
     listening.gate = gate

@@ -11,7 +11,7 @@ import gc
 import logging
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from functools import partial
 
 from service.alarms.keeper import AlarmKeeper
@@ -42,10 +42,12 @@ from service.results.unknown_assets import UnknownAssets
 from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
 from service.runtime.bridging import bridges_of
-from service.runtime.http_server import HttpServer, address_of, listening_at
+from service.runtime.http_gate import GatedSocket
+from service.runtime.http_server import Front, HttpServer, address_of, listening_at
 from service.runtime.retention_job import RetentionJob
 from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.signal_writer import SignalWriter
+from service.runtime.storage_wait import StoppedWaiting, opened
 from service.runtime.twin_port import Twin, gear_twin
 from service.runtime.webhooks import WebhookSender
 from service.runtime.worker import Kept, Worker
@@ -77,14 +79,14 @@ def run(
     """
     given_rigs = GivenRigs.read(settings.rig, settings.asset_rigs)
     twin = twin or _twin_of(settings)
-    with ExitStack() as stack:
+    with suppress(StoppedWaiting), ExitStack() as stack:
         access, front = access_of(settings), front_of(settings)
         stack.enter_context(only_service_of(settings.data))
-        store = stack.enter_context((open_store or partial(SqlStore, database_of(settings.data, settings.database)))())
+        listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
+        store = stack.enter_context(_opened(settings, open_store, listening, front, stop))
         timing = Timing()
         store.database.took = timing.stored
         board = stack.enter_context(_restored(store))
-        listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
         signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
         kept, alarms = _kept_in(settings, store, board, signals)
         rigs = Rigs(store, board, given_rigs, RigProposals(kept.life.rejected_rigs), asks=kept.unknown.asks)
@@ -136,8 +138,8 @@ def run(
         finally:
             for ended in (*parts, writer):
                 ended.end()
-    if worker.failure is not None:
-        raise worker.failure
+        if worker.failure is not None:
+            raise worker.failure
     return 0
 
 
@@ -167,9 +169,9 @@ def _kept_in(settings: Settings, store: ResultStore, board: Board, signals: Sign
     """Where results are kept and shown, with the alarms that are open."""
     life = AssetLife(store.database, settings.data / WAITING)
     alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
-    opened = alarms.store.open()
-    for asset in {alarm["asset"] for alarm in opened}:
-        board.update(asset, alarms=tuple(alarm for alarm in opened if alarm["asset"] == asset))
+    are_open = alarms.store.open()
+    for asset in {alarm["asset"] for alarm in are_open}:
+        board.update(asset, alarms=tuple(alarm for alarm in are_open if alarm["asset"] == asset))
     kept = Kept(
         store=store,
         board=board,
@@ -200,6 +202,26 @@ def database_figures(store: ResultStore) -> dict[str, float]:
         return {"store_bytes": store.database.size()}
     except (StoreError, OSError):
         return {}
+
+
+def _opened(
+    settings: Settings,
+    open_store: OpenStore | None,
+    listening: GatedSocket,
+    front: Front,
+    stop: threading.Event | None,
+) -> AbstractContextManager[ResultStore]:
+    """The store, which no other service writes to; waited for where its server is away."""
+    own = partial(SqlStore, database_of(settings.data, settings.database), claimed=True)
+    return opened(
+        open_store or own,
+        listening,
+        front=front,
+        limits=limits_of(settings),
+        tick=turns_of(Health(settings.loop_limit)),
+        waits=partial(notify, READY),
+        stop=stop,
+    )
 
 
 @contextmanager

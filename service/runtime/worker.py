@@ -55,6 +55,7 @@ from service.stream.inbox import Inbox
 from service.stream.repeats import Repeats
 from service.transport.protocol import OpenTransport, Transport
 
+LOOK = 5.0  # between two looks whether the database still answers [s]
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
 
 
@@ -121,7 +122,7 @@ class Worker(threading.Thread):
         self._reception: Reception | None = None
         self._intake: Intake | None = None
         self._streams: Streams | None = None
-        self._storage = StorageWatch(str(settings.data))
+        self._storage, self._look_at = StorageWatch(str(settings.data)), 0.0
         self.on_end: Callable[[], None] = lambda: None
         self.arrived: Arrived = nobody
         self.timed: Callable[[str, Mapping[str, float]], object] = lambda verb, parts: None
@@ -298,6 +299,9 @@ class Worker(threading.Thread):
         self._supervised()
         if self._storage.reason is not None and not self._storage.pausing:
             self._try_again(self._storage, spool, lanes)
+        elif time.monotonic() >= self._look_at:  # nothing has to be kept while machines stand still
+            self._look_at = time.monotonic() + LOOK
+            self._storage.attempt(self._kept.store.assets)
         storage_status()
 
     def _try_again(self, storage: StorageWatch, spool: Spool, lanes: Lanes) -> None:

@@ -1,0 +1,109 @@
+"""A start while the server of the database is away: HTTP says so, and the service goes on as soon as it answers."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import threading
+from collections import Counter
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import TypeVar
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Receive, Scope, Send
+from tenacity import Retrying, retry_if_exception, stop_when_event_set, wait_exponential
+from tenacity.nap import sleep_using_event
+
+from service.api.headers import SafeHeaders
+from service.api.limits import Bounds, Limits
+from service.api.problems import problem
+from service.errors import StorageUnavailable
+from service.runtime.http_gate import GatedSocket
+from service.runtime.http_server import Front, HttpServer
+
+FIRST_PAUSE, LONGEST_PAUSE = 0.5, 10.0  # between two attempts [s]
+RETRY = {"Retry-After": "10"}
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+
+class StoppedWaiting(Exception):
+    """The service ends before its database could be used."""
+
+
+def opened(
+    open_store: Callable[[], AbstractContextManager[T]],
+    listening: GatedSocket,
+    *,
+    front: Front,
+    limits: Limits,
+    tick: Callable[[], None],
+    waits: Callable[[], object],
+    stop: threading.Event | None = None,
+) -> AbstractContextManager[T]:
+    """The store, as soon as its server answers. StoppedWaiting where the service was told to end before.
+
+    listening  where HTTP says meanwhile that the service waits, and why
+    tick       called ten times a second while it waits
+    waits      called once it answers so
+    """
+    try:
+        return open_store()
+    except StorageUnavailable as error:
+        if not _is_away(error):
+            raise
+        log.warning("%s: the service waits for it", error)
+        reason = str(error)
+    ended = threading.Event()
+    found: list[AbstractContextManager[T] | Exception] = []
+
+    def attempts() -> None:
+        again = Retrying(
+            retry=retry_if_exception(_is_away),
+            wait=wait_exponential(multiplier=FIRST_PAUSE, max=LONGEST_PAUSE),
+            stop=stop_when_event_set(ended),
+            sleep=sleep_using_event(ended),
+            reraise=True,
+        )
+        try:
+            found.append(again(open_store))
+        except Exception as error:
+            found.append(error)
+        server.end()
+
+    server = HttpServer(_saying(reason, limits), started=waits, ending=ended.set, stop=stop, front=front, tick=tick)
+    thread = threading.Thread(target=attempts, name="storage", daemon=True)
+    thread.start()
+    own = GatedSocket(fileno=socket.dup(listening.fileno()))
+    own.gate = listening.gate
+    server.run(sockets=[own])
+    thread.join()
+    (outcome,) = found
+    if isinstance(outcome, Exception):
+        if _is_away(outcome):
+            raise StoppedWaiting from outcome
+        raise outcome
+    log.warning("the database can be used now")
+    return outcome
+
+
+def _is_away(error: BaseException) -> bool:
+    return isinstance(error, StorageUnavailable) and error.reason == "connection lost"
+
+
+def _saying(reason: str, limits: Limits) -> ASGIApp:
+    """An app that answers that the service waits; that the process lives is true all the same."""
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        request = Request(scope)
+        alive = request.url.path == "/healthz"
+        answer = (
+            JSONResponse({"status": "ok"}) if alive else problem(request, 503, f"{reason}: it is waited for", RETRY)
+        )
+        await answer(scope, receive, send)
+
+    return SafeHeaders(Bounds(app, limits, Counter()))
