@@ -126,6 +126,17 @@ def test_a_new_stream_waits_for_all_channels_that_its_publisher_has_announced():
     assert content(driven.windows) == undisturbed(frames)
 
 
+def test_a_publisher_that_stays_away_in_a_burst_ends_its_window():
+    driven, (frames, after) = Driven(), (bursts(1, frames=8), bursts(2, frames=8))
+    driven.send(frames[:16])
+    driven.run(5.0)
+    assert len(driven.outcomes) == 1
+    driven.send(after[16:])
+    driven.run(5.0)
+    assert [w.faults for w in driven.windows] == [(), (), ()]
+    assert driven.windows[1].start_time_ns == frames[16].start_time_ns
+
+
 def test_a_channel_that_has_died_holds_up_the_others_once():
     driven, frames = Driven(), [f for f in bursts(6, frames=8) if f.channel != TORQUE or f.sequence < 316]
     driven.send(frames[: 4 * 16])
