@@ -78,7 +78,10 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(StorageUnavailable)
     async def storage(request: Request, error: StorageUnavailable) -> JSONResponse:
-        return problem(request, 503, f"{error}; nothing was kept, try again later")
+        kept = (
+            "it may have been kept: look before you try again" if error.unknown else "nothing was kept, try again later"
+        )
+        return problem(request, 503, f"{error}; {kept}")
 
 
 class Faults:

@@ -30,9 +30,10 @@ class ChangeQueue:
 
     def submit(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
         """Keeps a change; its id."""
-        number = self.life.add_change(asset, kind, given)
-        self.asked.set()
-        return number
+        try:
+            return self.life.add_change(asset, kind, given)
+        finally:  # also where nobody knows whether it was committed: then it is carried out if it was
+            self.asked.set()
 
     async def wait(self, number: int, seconds: float) -> StoredChange | None:
         """The change once it is done; None after so many seconds, or where the service ends before.

@@ -36,15 +36,17 @@ class DecisionQueue:
 
     def submit(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
         """Keeps a decision, with the person's name and note; its id."""
-        number = self._store.add_decision(asset, name, verb, by, note)
-        self.asked.set()
-        return number
+        try:
+            return self._store.add_decision(asset, name, verb, by, note)
+        finally:  # also where nobody knows whether it was committed: then it is carried out if it was
+            self.asked.set()
 
     def submit_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
         """Keeps a measured depth with the twin's own figure; its id."""
-        number = self._store.add_inspection(asset, inspection, answer)
-        self.asked.set()
-        return number
+        try:
+            return self._store.add_inspection(asset, inspection, answer)
+        finally:
+            self.asked.set()
 
     async def wait(self, number: int, seconds: float) -> StoredDecision | None:
         """The decision once it is done; None after so many seconds, or where the service ends before.

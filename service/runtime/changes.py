@@ -15,7 +15,8 @@ transaction each; those that a kill leaves are processed by the next start.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -154,20 +155,22 @@ class ChangeWorker:
         asset, question = change.asset, lane.question
         answers = question is not None and change.kind in question["answers"]
         outcome = lane.decided(made, self._reception.ended_ns(asset))
-        epoch = self._store.asset(asset).epoch + (change.kind == "gears_replaced")
+        present = self._store.asset(asset).epoch
+        epoch = present + (change.kind == "gears_replaced")
         effect = {"epoch": epoch, "revolutions": self._revolutions(asset), "from_window": lane.index}
         rig = question.get("rig") if answers and question is not None and change.kind == "gears_replaced" else None
-        with self._life.transaction():
-            if not self._life.change_done(change.id, effect):
-                return
-            parts = {"question": None} if answers else {}
-            self._store.keep(asset, state=outcome.state.to_dict(), report=outcome.report, epoch=epoch, **parts)
-            if rig is not None:
-                self._store.keep_rig(asset, rig)
-            opened, alarms = self._alarms_after(asset, change, outcome.report)
-            then = {"report": outcome.report, "question": None if answers else question, "alarms": opened}
-            events = (*outcome.events, *alarms, *self._status_events(asset, **then))
-            self._store.note(asset, [_event(change, effect), *events])
+        with self._once(change, effect) as first:
+            if first:
+                parts = {"question": None} if answers else {}
+                self._store.keep(asset, state=outcome.state.to_dict(), report=outcome.report, epoch=epoch, **parts)
+                if rig is not None:
+                    self._store.keep_rig(asset, rig)
+                opened, alarms = self._alarms_after(asset, change, outcome.report)
+                then = {"report": outcome.report, "question": None if answers else question, "alarms": opened}
+                events = (*outcome.events, *alarms, *self._status_events(asset, **then))
+                self._store.note(asset, [_event(change, effect), *events])
+            else:
+                epoch, opened = present, self._alarms.open(asset) if self._alarms else ()
         lane.accept(outcome)
         blank = {"records": (), "latest": {}, "windows_total": 0, "updates": 0, "sparkline": Sparkline()}
         shown = blank if change.kind == "gears_replaced" else {}
@@ -187,21 +190,20 @@ class ChangeWorker:
         asset, name = change.asset, change.given["name"]
         question = self._open_question(change)
         fresh = question["kind"] == REPEATED
-        self._demand_new(name)
         rig = question.get("rig") or self._store.asset(asset).rig
         effect = {"asset": name}
-        with self._life.transaction():
-            if not self._life.change_done(change.id, effect):
-                return
-            self._store.keep(asset, question=None, state=made.state.to_dict())
-            self._store.note(name, [("change", {"kind": "created", "from": asset})])
-            if rig is not None:
-                self._store.keep_rig(name, rig)
-            if not fresh and lane.assembly:
-                self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}))
-            self._life.give_waiting(asset, name)
-            self._life.route(asset, name)
-            self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
+        with self._once(change, effect) as first:
+            if first:
+                self._demand_new(name)
+                self._store.keep(asset, question=None, state=made.state.to_dict())
+                self._store.note(name, [("change", {"kind": "created", "from": asset})])
+                if rig is not None:
+                    self._store.keep_rig(name, rig)
+                if not fresh and lane.assembly:
+                    self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}))
+                self._life.give_waiting(asset, name)
+                self._life.route(asset, name)
+                self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
         self._streams.reload()
         lane.question, lane.state = None, made.state
         self._show(asset)
@@ -220,11 +222,10 @@ class ChangeWorker:
         asset, question = change.asset, self._open_question(change)
         state = made.state
         effect = {"question": question["kind"], "differences": question.get("differences", [])}
-        with self._life.transaction():
-            if not self._life.change_done(change.id, effect):
-                return
-            self._store.keep(asset, question=None, **({} if state is None else {"state": state.to_dict()}))
-            self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
+        with self._once(change, effect) as first:
+            if first:
+                self._store.keep(asset, question=None, **({} if state is None else {"state": state.to_dict()}))
+                self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
         if question["kind"] == REPEATED:
             self._reception.ignore_repeats(asset)
         if state is not None:
@@ -236,12 +237,12 @@ class ChangeWorker:
     def _rename(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """The asset has another name, and all its history with it."""
         old, name = change.asset, change.given["name"]
-        self._demand_new(name)
-        with self._life.transaction():
-            if not self._life.change_done(change.id, {"asset": name, "was": old}):
-                return
-            self._life.rename(old, name)
-            self._store.note(name, [_event(change, {"asset": name, "was": old})])
+        effect = {"asset": name, "was": old}
+        with self._once(change, effect) as first:
+            if first:
+                self._demand_new(name)
+                self._life.rename(old, name)
+                self._store.note(name, [_event(change, effect)])
         self._streams.reload()
         self._reception.rename(old, name)
         self._lanes.rename(old, name)
@@ -259,11 +260,10 @@ class ChangeWorker:
         asset, retired = change.asset, None
         if change.kind == "retired":
             retired = {"since": iso_time(change.received_ns)} | {k: change.given.get(k) for k in ("by", "note")}
-        with self._life.transaction():
-            if not self._life.change_done(change.id, {}):
-                return
-            self._store.keep(asset, retired=retired)
-            self._store.note(asset, [_event(change, {})])
+        with self._once(change, {}) as first:
+            if first:
+                self._store.keep(asset, retired=retired)
+                self._store.note(asset, [_event(change, {})])
         self._show(asset, retired=retired)
 
     def _baseline(self, lane: Lane, change: StoredChange, made: Made) -> None:
@@ -274,16 +274,16 @@ class ChangeWorker:
         if file is not None and not self._baselines.exists(file):
             raise InputError("the baseline that was to be used has been deleted meanwhile: learn it again")
         about = {name: given[name] for name in ("by", "note", "windows", "added") if given.get(name) is not None}
-        with self._life.transaction():
-            if not self._life.change_done(change.id, about):
-                return
-            if file is None:
-                self._baselines.remove(asset)
-            else:
-                self._baselines.use(asset, file, {**about, "at": iso_time(change.received_ns)})
-            self._store.note(asset, [("change", {"id": change.id, "kind": change.kind, **about})])
+        with self._once(change, about) as first:
+            if first:
+                if file is None:
+                    self._baselines.remove(asset)
+                else:
+                    self._baselines.use(asset, file, {**about, "at": iso_time(change.received_ns)})
+                self._store.note(asset, [("change", {"id": change.id, "kind": change.kind, **about})])
         self._lanes.reopen(asset)
-        self._baselines.delete(before)
+        if before != self._baselines.path(asset):
+            self._baselines.delete(before)
         self._show(asset)
 
     def _accept_rig(self, lane: Lane, change: StoredChange, made: Made) -> None:
@@ -296,12 +296,11 @@ class ChangeWorker:
             self._ask_about_gears(asset, rig, identity)
         changed = len(differences(stored.rig or {}, rig))
         effect = {"digest": digest, "values": changed, "question": GEARS_DIFFER if identity else None}
-        with self._life.transaction():
-            if not self._life.change_done(change.id, effect):
-                return
-            if not identity:
+        with self._once(change, effect) as first:
+            if first and not identity:
                 self._store.keep_rig(asset, rig)
-            self._store.note(asset, [_event(change, effect)])
+            if first:
+                self._store.note(asset, [_event(change, effect)])
         self._proposals.drop(asset, digest)
         if identity:
             self._show(asset)
@@ -322,14 +321,22 @@ class ChangeWorker:
     def _reject_rig(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """A person rejects a rig file that came on the stream: the present one stays."""
         asset, effect = change.asset, {"digest": change.given["digest"]}
-        with self._life.transaction():
-            if not self._life.change_done(change.id, effect):
-                return
-            self._store.note(asset, [_event(change, effect)])
+        with self._once(change, effect) as first:
+            if first:
+                self._store.note(asset, [_event(change, effect)])
         self._proposals.reject(asset, change.given["digest"])
         self._show(asset)
 
     # -- within --------------------------------------------------------------------------------------
+
+    @contextmanager
+    def _once(self, change: StoredChange, effect: Mapping[str, Any]) -> Iterator[bool]:
+        """The transaction of a change. False where an earlier attempt, of which that was not known, has committed it.
+
+        What is shown, and what the lanes know, is brought up to date after it in either case.
+        """
+        with self._life.transaction():
+            yield self._life.change_done(change.id, effect)
 
     def _answered(self, lane: Lane) -> None:
         """Closes the question; what waited for its answer goes on."""
