@@ -111,6 +111,7 @@ class Worker(threading.Thread):
             max_bytes=settings.queue_bytes,
             prefix=settings.prefix,
             admits=kept.unknown.admits,
+            known=kept.unknown.is_known,
         )
         self._stopping = threading.Event()
         self._reason: str | None = "not yet subscribed to the stream"

@@ -139,6 +139,7 @@ class Inbox:
 
     frames, max_bytes  of all streams together; one stream may have half of it
     admits             whether frames of a stream are used, asked with the channel of each; called in callbacks
+    known              whether a stream's asset is known: the others have half of the room for announcements
     """
 
     def __init__(
@@ -147,8 +148,9 @@ class Inbox:
         max_bytes: int = 256 * 2**20,
         prefix: str = "gearbox",
         admits: Callable[[str, str | None], bool] = lambda stream, channel: True,
+        known: Callable[[str], bool] = lambda stream: True,
     ):
-        self._admits = admits
+        self._admits, self._known = admits, known
         self._most_frames, self._most_bytes, self._prefix = frames, max_bytes, prefix
         self._queues: dict[str, _Queue] = {}
         self._turns: deque[str] = deque()  # streams of which something waits, in the order of their turns
@@ -193,10 +195,11 @@ class Inbox:
         channel = _channel_of(topic, self._prefix)
         if channel is None:
             return
+        most = MOST_STREAMS if self._known(channel.asset) else MOST_STREAMS // 2
         with self._changed:
             labels = self._announced.get(channel.asset, Counter())
-            known = channel.asset in self._announced or len(self._announced) < MOST_STREAMS
-            if there and known and (channel.label in labels or len(labels) < MOST_CHANNELS):
+            room = channel.asset in self._announced or len(self._announced) < most
+            if there and room and (channel.label in labels or len(labels) < MOST_CHANNELS):
                 labels[channel.label] += 1
             elif not there and labels[channel.label] > 1:
                 labels[channel.label] -= 1

@@ -109,6 +109,7 @@ def test_rig_files_that_are_offered_are_bounded_in_size_and_number(caplog):
 # -- where people are asked ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_asset_that_is_adopted_without_the_offered_rig_file_has_it_as_a_proposal(asking, network, recording, rig):
     Replaying(network, recording, wait=0.5).end()
     network.on_rig("unsw", rig)
@@ -139,6 +140,7 @@ def test_a_forged_rig_file_leaves_a_known_asset_untouched(asking, network, recor
     assert proposal["differences"] == [{"key": "gears.face_width", "present": "0.02", "proposed": "0.025"}]
 
 
+@pytest.mark.slow
 def test_accepted_it_is_used_from_then_on_also_after_a_restart(tmp_path, network, recording, rig):
     data = tmp_path / "data"
     with serving(data, network, SqliteFile(data), new_assets="ask") as asking:
@@ -162,6 +164,7 @@ def test_accepted_it_is_used_from_then_on_also_after_a_restart(tmp_path, network
         assert proposed(asking) == []
 
 
+@pytest.mark.slow
 def test_accepted_with_other_gears_it_asks_whose_they_are(asking, network, recording, rig):
     begun(asking, network, recording)
     network.on_rig("unsw", rig.replace(*OTHER_GEARS))
@@ -173,6 +176,7 @@ def test_accepted_with_other_gears_it_asks_whose_they_are(asking, network, recor
     assert asking.get(f"{UNSW}/rig")["gears"]["face_width"] == 0.025 and asking.get(UNSW)["epoch"] == 1
 
 
+@pytest.mark.slow
 def test_rejected_it_does_not_come_back_after_a_restart(tmp_path, network, recording, rig, capsys):
     data, other = tmp_path / "data", rig.replace(*OTHER_LIFE)
     with serving(data, network, SqliteFile(data), new_assets="ask") as asking:
@@ -214,6 +218,7 @@ def test_a_new_asset_has_the_offered_rig_file_and_another_one_is_a_proposal(adop
     assert adopting.get(f"{UNSW}/rig")["end_of_life"]["max_depth"] == 3e-4
 
 
+@pytest.mark.slow
 def test_events_and_changes_carry_no_rig_files(adopting, network, recording, rig, tmp_path):
     replay(recording, (), 0, publish_to=network.open_publisher)
     adopting.wait_for_windows(WINDOWS)

@@ -7,6 +7,7 @@ import gc
 import json
 import logging
 import threading
+import time
 import tracemalloc
 
 import httpx
@@ -246,6 +247,7 @@ def test_adopted_while_its_frames_come_nothing_is_lost(running, network, recordi
     assert [e["action"] for e in running.get("/v1/audit")] == ["asset adopted"]
 
 
+@pytest.mark.slow
 def test_a_declared_asset_needs_nobody_and_one_with_a_rig_file_of_its_own_has_that(tmp_path, network, recording):
     rig = tmp_path / "own.toml"
     rig.write_text('name = "own"\n[gears.pinion]\nteeth = 19\n[gears.gear]\nteeth = 52\n')
@@ -258,6 +260,7 @@ def test_a_declared_asset_needs_nobody_and_one_with_a_rig_file_of_its_own_has_th
         assert running.get("/v1/assets/unsw/rig")["name"] == "own"
 
 
+@pytest.mark.slow
 def test_renamed_assets_are_known_under_their_earlier_name(tmp_path, network, recording):
     data = tmp_path / "data"
     given = {"new_assets": "ask", "assets": ["unsw"]}
@@ -270,6 +273,7 @@ def test_renamed_assets_are_known_under_their_earlier_name(tmp_path, network, re
         assert running.get("/v1/assets/unsw/position")["accepting"] is True
 
 
+@pytest.mark.slow
 def test_in_a_service_that_adopts_the_first_frame_makes_an_asset(tmp_path, network, recording):
     with serving(tmp_path / "data", network, SqliteFile(tmp_path / "data")) as running:
         replay(recording, (), 0, publish_to=network.open_publisher)
@@ -277,6 +281,7 @@ def test_in_a_service_that_adopts_the_first_frame_makes_an_asset(tmp_path, netwo
         assert running.get("/v1/unknown-assets")["asks"] is False and unknown_of(running) == {}
 
 
+@pytest.mark.slow
 def test_dismissed_on_the_command_line(running, network, recording, capsys):
     Replaying(network, recording, wait=1.0).end()
     url = f"http://{running.http}"
@@ -290,6 +295,69 @@ def test_dismissed_on_the_command_line(running, network, recording, capsys):
     assert run(["assets", "adopt", "unsw", "--url", url]) == 2
     assert "no frame of 'unsw' has come" in capsys.readouterr().err
     assert [e["action"] for e in running.get("/v1/audit")] == ["unknown asset dismissed"]
+
+
+class AdoptedAfter(MemoryNetwork):
+    """A network in which the asset is adopted between two frames; some frames later the publisher may be silent [s]."""
+
+    def __init__(self, frames, silence=0.0):
+        super().__init__()
+        self.frames, self.silence, self.count, self.adopt = frames, silence, 0, None
+
+    def publish(self, frame):
+        super().publish(frame)
+        self.count += 1
+        if self.count == self.frames:
+            assert self.adopt()[0] == 201
+        if self.count == self.frames + 8:
+            time.sleep(self.silence)
+
+
+@pytest.mark.parametrize(
+    "frames", [9, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2, 31, 32, 33, 50, 64, 95, 96))]
+)
+def test_wherever_in_a_burst_an_asset_is_adopted_all_that_its_publisher_has_sent_is_stored(tmp_path, recording, frames):
+    """Frames of the same burst that had been left out before would have been forgotten with those that were stored."""
+    network, data = AdoptedAfter(frames), tmp_path / "data"
+    with serving(data, network, SqliteFile(data), new_assets="ask") as running:
+        network.adopt = lambda: post(running, "/v1/unknown-assets/unsw/adopt", {})
+        replay(recording, (), 0, publish_to=network.open_publisher, wait=20.0)
+        windows = running.wait_for_windows(WINDOWS)
+        assert revolutions(windows) == FIRST and all(w["quality"] == "good" and not w["faults"] for w in windows)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("frames", [9, 50])
+def test_frames_from_the_middle_of_a_burst_make_no_window_of_their_own(tmp_path, recording, frames):
+    """They were a torn window, which was stored, and the frames before them were forgotten with them."""
+    network, data = AdoptedAfter(frames, silence=6.0), tmp_path / "data"
+    with serving(data, network, SqliteFile(data), new_assets="ask") as running:
+        network.adopt = lambda: post(running, "/v1/unknown-assets/unsw/adopt", {})
+        replay(recording, (), 0, publish_to=network.open_publisher, wait=20.0)
+        windows = running.wait_for_windows(WINDOWS)
+        assert revolutions(windows) == FIRST and all(w["quality"] == "good" and not w["faults"] for w in windows)
+
+
+def test_a_flood_of_names_leaves_no_rows_files_queues_or_log_lines(running, network, recording, tmp_path, caplog):
+    wait_until(lambda: network.inbox is not None)
+    before = {path for path in (tmp_path / "data").rglob("*") if not path.name.endswith(("-wal", "-shm"))}
+    answers, text = [], b'name = "forged"'
+    for number in range(20_000):
+        network.inbox.offer(f"gearbox/flood-{number}/accel/y6", b"..")
+        network.inbox.announce(f"gearbox/flood-{number}/accel/y6", there=True)
+        if number % 20 == 0:
+            network.on_position(f"flood-{number}", answers.append)
+            network.on_rig(f"flood-{number}", text)
+    assert len(answers) == 1000 and not any(json.loads(a)["accepting"] for a in answers)
+    assert len(unknown_of(running)) == 100 and network.inbox.empty and running.get("/v1/assets") == []
+    assert {path for path in (tmp_path / "data").rglob("*") if not path.name.endswith(("-wal", "-shm"))} == before
+    assert len([r for r in caplog.records if "flood" in r.getMessage()]) == 1
+    assert post(running, "/v1/assets", {"asset": "unsw"})[0] == 201  # one that is declared is not disturbed
+    network.inbox.announce("gearbox/unsw/accel/y6", there=True)
+    assert network.inbox.announced("unsw") == ("accel/y6",)
+    replay(recording, (), 0, publish_to=network.open_publisher)
+    assert revolutions(running.wait_for_windows(WINDOWS)) == FIRST
+    assert tables(tmp_path / "data") == ("unsw",)
 
 
 # -- who may ---------------------------------------------------------------------------------------------
