@@ -15,6 +15,7 @@ TOPIC = r"^[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*$"
 
 # what a setting with a pattern must be like
 READ = {
+    "otlp": "must be http(s)://HOST:PORT, such as http://127.0.0.1:4318",
     "opcua": "must be opc.tcp://HOST:PORT, such as opc.tcp://127.0.0.1:4840/gear-twin",
     "mqtt": "must be mqtt://HOST[:PORT] or mqtts://HOST[:PORT], without user and password",
     "mqtt_prefix": "must be letters, digits, '_', '-' and '.', in parts separated by '/', such as gear-twin",
@@ -110,6 +111,13 @@ class Monitoring(Table):
         ge=5.0,
         le=3600.0,
         description="time without a turn after which a loop of the service counts as hung: `/healthz`, watchdog [s]",
+    )
+    otlp: str | None = Field(
+        default=None,
+        pattern=r"^https?://[^/\s]+(/\S*)?$",
+        description="address of an OpenTelemetry collector (OTLP over HTTP) that the way of each window is sent to; "
+        "none: nothing is",
+        examples=["http://127.0.0.1:4318"],
     )
 
 

@@ -24,6 +24,7 @@ from service.logs import figures as log_figures
 from service.operation.health import HTTP, RETENTION, WEBHOOKS, Health
 from service.operation.health import SIGNALS as RAW_SIGNALS
 from service.operation.systemd import READY, STOPPING, Watchdog, notify
+from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
@@ -81,6 +82,7 @@ def run(
     twin = twin or _twin_of(settings)
     with suppress(StoppedWaiting), ExitStack() as stack:
         access, front = access_of(settings), front_of(settings)
+        sent = stack.enter_context(sending_traces(settings.otlp))
         stack.enter_context(only_service_of(settings.data))
         listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
         store = stack.enter_context(_opened(settings, open_store, listening, front, stop))
@@ -93,7 +95,7 @@ def run(
         writer = SignalWriter(signals)
         health = Health(settings.loop_limit)
         worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer, health)
-        worker.arrived, worker.timed = timing.arrived, timing.computed
+        worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
         bridges = bridges_of(settings, board, store, worker.offer, access)
         webhooks = WebhookSender(alarms.store, alarms.waiting)
         retention = RetentionJob(store, retention_of(settings))
@@ -126,8 +128,7 @@ def run(
             worker.stop()
             board.close()
 
-        tick = turns_of(health)
-        server = HttpServer(app, started=started, ending=ending, stop=stop, front=front, tick=tick)
+        server = HttpServer(app, started=started, ending=ending, stop=stop, front=front, tick=turns_of(health))
         worker.on_end = server.end
         for part in parts:
             part.start()

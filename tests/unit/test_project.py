@@ -27,6 +27,7 @@ LOCKS = ("requirements.lock", "requirements-formats.lock", "requirements-plant.l
 PLANT = ("postgresql", "mqtt", "opcua", "telemetry")  # the extras that make up `plant`
 LOADED_WHERE_SET = {
     "service/bridges/mqtt.py": "mqtt",
+    "service/operation/traces.py": "telemetry",
     "service/results/parquet_rows.py": "formats",
     "service/bridges/opcua.py": "opcua",
 }  # files that alone know an extra's packages
