@@ -1,4 +1,4 @@
-"""The way of one window through the service: when each part of it ended, and who wants to know once it is over."""
+"""The stages of one window in the service: when each of them ended, and who wants to know once it is over."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Journey:
 
 
 Arrived = Callable[[str, int, str, Journey], object]
-"""Called with asset, the window's index, its grade and its way."""
+"""Called with asset, the window's index, its grade and its stages."""
 
 
 def nobody(asset: str, index: int, grade: str, journey: Journey) -> None:

@@ -29,6 +29,18 @@ _STORAGE = "Free space, repair the disk or start the database server; it goes on
 
 LINES: tuple[Line, ...] = (
     Line(
+        "service.results.rig_proposals",
+        "%s: a rig file has come that is not the one in use: it is kept as a proposal (gear-twin assets rig)",
+        "A publisher offers a rig file that differs from the one in use.",
+        "Accept or reject it: `gear-twin assets rig`, or the page.",
+    ),
+    Line(
+        "service.runtime.worker_processes",
+        "a worker process cannot be started now: %s: %s",
+        "Windows wait; it is tried again with the next turn.",
+        "Look for lack of memory or of processes; `ulimit -u`, `TasksMax=`.",
+    ),
+    Line(
         "service.runtime.storage_watch",
         "%s, and it is tried again",
         "The database or the disk cannot be used; received windows wait in memory.",

@@ -11,7 +11,7 @@ from service.operation.journey import Arrived, Journey, nobody
 
 @contextmanager
 def sending_traces(endpoint: str | None) -> Iterator[Arrived]:
-    """What takes the ways of windows to a collector at an address; to nobody where there is none.
+    """What takes the processing stages of windows to a collector at an address; to nobody where there is none.
 
     ModuleNotFoundError where the packages of the extra `telemetry` are not installed.
     """
@@ -28,7 +28,7 @@ def sending_traces(endpoint: str | None) -> Iterator[Arrived]:
 
 
 def all_of(*arrived: Arrived) -> Arrived:
-    """Several who want to know the ways of windows, as one."""
+    """Several who want to know the processing stages of windows, as one."""
 
     def each(asset: str, index: int, grade: str, journey: Journey) -> None:
         for one in arrived:

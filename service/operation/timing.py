@@ -18,7 +18,7 @@ def histogram(name: str) -> Histogram:
 
 
 class Timing:
-    """How long the storage takes, and the way of windows through the service."""
+    """How long the storage takes, and the stages of windows in the service."""
 
     def __init__(self) -> None:
         self.commit, self.read = histogram("store_commit_seconds"), histogram("store_read_seconds")

@@ -1,4 +1,4 @@
-"""The way of each window through the service as an OpenTelemetry trace, sent by OTLP over HTTP.
+"""The processing stages of each window as an OpenTelemetry trace, sent by OTLP over HTTP.
 
 Loaded only where the setting `otlp` is made. Nothing waits for the collector: what it does not take in time is left
 out. The SDK's own variables (OTEL_EXPORTER_OTLP_HEADERS, OTEL_EXPORTER_OTLP_CERTIFICATE, OTEL_RESOURCE_ATTRIBUTES, …)

@@ -87,7 +87,7 @@ class Worker(threading.Thread):
     """From the connection to the results, until stopped.
 
     on_end   called when the thread ends, for whatever reason
-    arrived  called with each window that has been shown, and its way through the service
+    arrived  called with each window that has been shown, and its stages in the service
     timed    called with what was asked of a twin and how long its parts took [s]
     failure  the exception that ended it; None where it was stopped
     """
