@@ -115,8 +115,8 @@ class Monitoring(Table):
     otlp: str | None = Field(
         default=None,
         pattern=r"^https?://[^/\s]+(/\S*)?$",
-        description="address of an OpenTelemetry collector (OTLP over HTTP) that the processing stages of each window are sent to; "
-        "none: nothing is",
+        description="address of an OpenTelemetry collector (OTLP over HTTP) that the processing "
+        "stages of each window are sent to; none: nothing is",
         examples=["http://127.0.0.1:4318"],
     )
 
