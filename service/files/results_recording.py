@@ -148,7 +148,7 @@ def _drawn(frame: Frame, folder: str) -> Iterator[tuple[JsonTopic, int, float]]:
     }  # fmt: skip
     name = f"{folder}/{frame.channel.label}"
     topic = JsonTopic(name=name, schema_name="gear_twin.Signal", schema=schema, about=about)
-    values = np.asarray(frame.values, dtype=float)
+    values = frame.doubles
     length = max(2, round(INTERVAL * frame.sample_rate))
     for start in range(0, values.size, length):
         piece = values[start : start + length]

@@ -48,6 +48,12 @@ class SampleFrame:
             )
 
     @property
+    def doubles(self) -> np.ndarray:
+        """The values as float64, (n,); a signalling NaN is one like any other."""
+        with np.errstate(invalid="ignore"):
+            return self.values.astype(float)
+
+    @property
     def end_time_ns(self) -> int:
         """Unix time one sample after the last [ns]; of a slow channel, of the last."""
         if CHANNEL_KINDS[self.channel.kind].slow:

@@ -94,7 +94,7 @@ def lay_samples(
         return None
     values = np.full(placed.size, np.nan)
     for index, part, skip in placed.places:
-        values[index : index + part.size - skip] = part.frame.values[part.begin + skip : part.end]
+        values[index : index + part.size - skip] = part.frame.doubles[part.begin + skip : part.end]
     holes = placed.size - sum(p.size - skip for _, p, skip in placed.places)
     if placed.overlap:
         detail = "samples given twice by overlapping frames, the first kept"

@@ -97,7 +97,7 @@ def _joined(frames: list[SampleFrame], faults: list[Fault]) -> tuple[np.ndarray,
 def _values(frame: SampleFrame, faults: list[Fault]) -> tuple[np.ndarray, np.ndarray]:
     """Times [ns] and usable values in SI of one frame."""
     kind = kind_of(frame.channel.label)
-    values = frame.values.astype(float)
+    values = frame.doubles
     low, high = kind.values
     usable = (values >= low) & (values <= high)  # NaN is neither
     if not usable.all():

@@ -125,6 +125,13 @@ def test_lost_edges_are_nan_and_the_count_goes_on():
     assert edges.times[known] == pytest.approx(index[known] / 640.0, abs=1e-9)
 
 
+def test_a_signalling_nan_is_one_like_any_other():
+    values = frame(ACCEL, 2, 0.5).values.copy()
+    values.view(np.uint32)[10] = 0x7F800001
+    windows, _ = assembled(changed(bursts(1), ACCEL, 2, values=values))
+    assert faults(windows) == [(0, "nan", "accel/y6", 1, "repaired")]
+
+
 def test_samples_that_are_not_finite_are_counted():
     values = frame(ACCEL, 2, 0.5).values.copy()
     values[10:13] = [np.nan, np.inf, -np.inf]
