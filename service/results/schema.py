@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0004"
+REVISION = "0005"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -69,6 +69,7 @@ EVENTS = Table(
     _asset(),
     _text("kind"),
     _json("data"),
+    _number("start_ns", nullable=True),  # of the window whose record is the data; then `data` is empty
     Index("events_of_asset", "asset", "id"),
     sqlite_autoincrement=True,
 )

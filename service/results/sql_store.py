@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import BindParameter, Connection, Select, Update, and_, bindparam, func, select, update
+from sqlalchemy import BindParameter, Connection, Select, Update, and_, bindparam, func, or_, select, update
 
 from service.contract.trend import figures
 from service.contract.version_1 import current_record, current_report
@@ -61,9 +61,12 @@ _EPOCHS = epochs_of(NAMED)
 _FROM = (  # with a range and a limit: SQLite walks along the asset's windows where it is given one number
     select(WINDOWS.c.record).where(_OF_EPOCH, WINDOWS.c.number >= bindparam("at")).order_by(WINDOWS.c.number).limit(1)
 )
+_OF_WINDOW = and_(WINDOWS.c.asset == EVENTS.c.asset, WINDOWS.c.start_ns == EVENTS.c.start_ns)
 _EVENTS = (
-    select(EVENTS.c.id, EVENTS.c.kind, EVENTS.c.data)
+    select(EVENTS.c.id, EVENTS.c.kind, func.coalesce(WINDOWS.c.record, EVENTS.c.data))
+    .outerjoin(WINDOWS, _OF_WINDOW)
     .where(EVENTS.c.asset == NAMED, EVENTS.c.id > bindparam("after"))
+    .where(or_(EVENTS.c.start_ns.is_(None), WINDOWS.c.start_ns.is_not(None)))  # those of thinned windows went with them
     .order_by(EVENTS.c.id)
     .limit(bindparam("most"))
 )
@@ -87,6 +90,8 @@ _END_DECISION = (
     .where(DECISIONS.c.id == bindparam("number"), DECISIONS.c.done == 0)
     .values(done=1, refused=bindparam("refused"))
 )
+
+_REFERRING = dump({})  # the data of an event that refers to its window
 
 
 @cache
@@ -191,7 +196,7 @@ class SqlStore:
             ]
             if faults:
                 db.execute(self._add_faults, faults)
-            self._add_events(db, asset, events)
+            self._add_events(db, asset, events, start_ns, record)
         return StoredWindow(start_ns=start_ns, record=plain(record), figures=shown)
 
     def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
@@ -448,7 +453,20 @@ class SqlStore:
         if columns:
             db.execute(_update_asset(tuple(sorted(columns))), {"of": asset, **columns})
 
-    def _add_events(self, db: Connection, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
-        rows = [{"asset": asset, "kind": kind, "data": dump(data)} for kind, data in events]
+    def _add_events(
+        self,
+        db: Connection,
+        asset: str,
+        events: Iterable[tuple[str, Mapping[str, Any]]],
+        start_ns: int | None = None,
+        record: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Adds events; one that repeats the record of the window that begins at `start_ns` refers to it."""
+        rows = [
+            {"asset": asset, "kind": kind, "data": _REFERRING, "start_ns": start_ns}
+            if record is not None and data == record
+            else {"asset": asset, "kind": kind, "data": dump(data), "start_ns": None}
+            for kind, data in events
+        ]
         if rows:
             db.execute(self._insert_events, rows)

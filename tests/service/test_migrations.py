@@ -24,7 +24,7 @@ from service.results.asset_life import AssetLife
 from service.results.backends import backend_of
 from service.results.baseline_store import BaselineStore
 from service.results.migrations.release_scripts import SCRIPTS
-from service.results.schema import METADATA, REVISION, WINDOWS
+from service.results.schema import EVENTS, METADATA, REVISION, WINDOWS
 from service.results.sql_store import SqlStore
 
 ROOT = Path(__file__).parents[2]
@@ -207,3 +207,25 @@ def test_postgresql_goes_back_and_forth_too(postgresql):
     migrate.downgrade(backend_of(postgresql))
     with SqlStore(postgresql) as store:
         assert store.asset("unsw").rig == {"name": "ü"}
+
+
+def test_events_that_repeat_a_window_refer_to_it_and_get_its_record_back(where):
+    record = {"index": 0, "start_time": "now", "rms_measured": 1.5}
+    given = {"state": {}, "report": None, "assembly": {}, "quality": {}, "received_ns": 1}
+    with SqlStore(where) as store:
+        for start_ns in (7, 8):
+            own = {**record, "index": start_ns - 7}
+            events = [("window", own), ("update", {"index": start_ns})]
+            assert store.commit("unsw", start_ns, record=own, events=events, **given)
+        before = store.events("unsw", 0)
+        assert [(e.kind, e.data) for e in before[:2]] == [("window", record), ("update", {"index": 7})]
+        with store.database.transaction() as db:
+            kept = db.execute(select(EVENTS.c.start_ns, sa.func.length(EVENTS.c.data)).order_by(EVENTS.c.id)).all()
+            assert [row[0] for row in kept] == [7, None, 8, None] and kept[0][1] < 30
+            db.execute(sa.delete(WINDOWS).where(WINDOWS.c.start_ns == 8))  # it was thinned
+        left = store.events("unsw", 0)
+        assert left == (*before[:2], before[3]) and store.events("unsw", 0, 3) == left
+    migrate.downgrade(backend_of(where), "0004")
+    migrate.upgrade(backend_of(where))
+    with SqlStore(where) as store:
+        assert store.events("unsw", 0) == left
