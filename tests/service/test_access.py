@@ -29,6 +29,8 @@ PUBLIC = {
     "GET /v1/session", "POST /v1/session", "DELETE /v1/session",
 }  # fmt: skip
 ADMINISTER = {
+    "POST /v1/unknown-assets/{asset}/adopt", "POST /v1/unknown-assets/{asset}/dismiss",
+    "POST /v1/assets/{asset}/rig-proposal",
     "GET /v1/audit", "POST /v1/assets", "PUT /v1/assets/{asset}/alarm-rules", "PUT /v1/assets/{asset}/baseline",
     "POST /v1/assets/{asset}/baseline/learn", "DELETE /v1/assets/{asset}/baseline",
 }  # fmt: skip
