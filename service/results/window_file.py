@@ -12,7 +12,9 @@ from __future__ import annotations
 import io
 import json
 import os
+import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -27,6 +29,8 @@ SUFFIX = ".npz"
 UNFINISHED = ".part"
 COMPRESSION = 1  # of zlib: vibration shrinks little, and higher levels only take longer
 ABOUT = "about.json"
+# what zipfile, zlib and NumPy raise for damaged files; RuntimeError is of an unknown compression or encryption
+_DAMAGED = (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, TypeError, AttributeError, struct.error)
 KINDS = {"accel": "accelerations", "torque": "torques"}  # channel kinds with samples, and the window's field
 
 
@@ -54,11 +58,15 @@ def write_window(path: Path, window: Window) -> int:
 def read_window(path: Path) -> Window:
     """The window of a file; OSError, ValueError or KeyError where it cannot be read."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            about = json.loads(archive[ABOUT])
-            arrays = {label: archive[label] for label in (*about["samples"], *about["edges"])}
-    except zipfile.BadZipFile as error:
-        raise ValueError(str(error)) from error
+        return _read(path)
+    except _DAMAGED as error:
+        raise ValueError(f"{type(error).__name__}: {error}") from error
+
+
+def _read(path: Path) -> Window:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        about = json.loads(archive[ABOUT])
+        arrays = {label: archive[label] for label in (*about["samples"], *about["edges"])}
     fields: dict[str, dict[str, Any]] = {"accelerations": {}, "torques": {}, "encoders": {}}
     for label, (rate, start) in about["samples"].items():
         kind, name = label.split("/", 1)

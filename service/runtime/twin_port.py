@@ -108,14 +108,19 @@ def gear_twin(options: Any = None) -> Twin:
     )
 
 
-def guarded(twin: Twin) -> Twin:
-    """The twin, with an internal error costing only the window or decision in which it occurred."""
+def guarded(twin: Twin, passed: tuple[type[Exception], ...] = ()) -> Twin:
+    """The twin, with an internal error costing only the window or decision in which it occurred.
+
+    passed  errors that whoever calls looks after
+    """
 
     def barrier(call: Callable[..., tuple[Any, Any]]) -> Callable[..., tuple[Any, Any]]:
         def called(*given: Any) -> tuple[Any, Any]:
             try:
                 return call(*given)
             except TwinError:
+                raise
+            except passed:
                 raise
             except Exception as error:
                 log.exception("a window or decision was refused because of an internal error")

@@ -172,18 +172,19 @@ class Processes:
             self._next(worker)
             job.done(reply.made)
             return
-        if not isinstance(error, BrokenProcessPool) and error is not None:
+        if error is not None and not isinstance(error, BrokenProcessPool | MemoryError):
             self._next(worker)
             job.done(_refused(job.call, f"{type(error).__name__}: {error}"))
             return
-        self._died(worker, job)
+        self._died(worker, job, error)
 
-    def _died(self, worker: _Worker, job: _Job) -> None:
-        """A worker has died with a call: it is replaced, and the call tried once more."""
+    def _died(self, worker: _Worker, job: _Job, error: BaseException | None) -> None:
+        """A worker has died with a call, or has no memory for it: it is replaced, and the call tried once more."""
         self.deaths += 1
         self._in_a_row += 1
         job.tries += 1
-        why = f"took longer than {self._limit:g} s" if worker.late else "ended its worker process"
+        ended = "had too little memory" if isinstance(error, MemoryError) else "ended its worker process"
+        why = f"took longer than {self._limit:g} s" if worker.late else ended
         self._discard(worker)
         log.error("%s: what the twin was asked (%s) %s", job.call.asset, job.call.ask.verb, why)
         if job.tries < TRIES:

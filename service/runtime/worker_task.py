@@ -123,4 +123,4 @@ def perform(task: Task) -> Reply:
 
 def _machine(pickled: bytes) -> tuple[Twin, Rig]:
     make, options, rig = pickle.loads(pickled)
-    return guarded(make(options)), rig
+    return guarded(make(options), passed=(MemoryError,)), rig  # another process may have enough

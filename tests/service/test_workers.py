@@ -120,6 +120,13 @@ def test_a_call_that_ends_its_worker_is_tried_once_more_and_costs_no_other_anyth
     assert pool.wait(6)[-1].refused is None
 
 
+def test_a_window_for_which_a_worker_had_no_memory_is_tried_once_more_in_a_new_one(pool, tmp_path, caplog):
+    pool.window("a", f"starved {tmp_path / 'mark'}")
+    (made,) = pool.wait(1)
+    assert made.refused is None and pool.processes.figures()["worker_deaths"] == 1
+    assert "had too little memory" in caplog.text
+
+
 def test_a_worker_that_cannot_be_started_now_is_started_later_and_ends_nothing(pool, monkeypatch, caplog):
     """The server that makes processes may just have been killed, or there is no memory: once this ended the service."""
     failures = [

@@ -36,6 +36,14 @@ def dies_once(rig):
         dies(rig)
 
 
+def starves_once(rig):
+    """`starved PATH`: there is no memory for it, and marks that there was none."""
+    mark = Path(rig.name.partition(" ")[2])
+    if not mark.exists():
+        mark.touch()
+        raise MemoryError
+
+
 def complains(rig):
     log.warning("the twin of %s complains", rig.name)
     log.info("nothing that a warning level shows")
@@ -46,7 +54,14 @@ def fails(rig):
     raise ZeroDivisionError("a defect")
 
 
-BEHAVIOURS = {"slow": sleeps, "dies": dies, "once": dies_once, "complains": complains, "fails": fails}
+BEHAVIOURS = {
+    "slow": sleeps,
+    "dies": dies,
+    "once": dies_once,
+    "starved": starves_once,
+    "complains": complains,
+    "fails": fails,
+}
 
 
 def step(rig, state, window, options):
