@@ -218,6 +218,9 @@ OF_STREAMS = (
         "Rising for minutes: one core cannot assemble all streams; give fewer machines to this service.",
     ),
     _gauge("queue_bytes", "the same in bytes", unit="byte"),
+    _gauge(
+        "network_connected", "1 while the service is subscribed to the network", "`/readyz` and the log say why not."
+    ),
     _counter("received_frames", "frames received from the network"),
     _counter(
         "frames_left_out",

@@ -166,7 +166,7 @@ class Worker(threading.Thread):
 
     def not_ready(self) -> str | None:
         """Why no frames are accepted, or None."""
-        return self._reason or self._storage.reason or self._computing.unusable()
+        return self._reason or self._lost() or self._storage.reason or self._computing.unusable()
 
     def position(self, stream: str) -> PositionModel:
         """How far a stream is stored, as it was published last, and whether its frames are used now."""
@@ -174,11 +174,15 @@ class Worker(threading.Thread):
             return not_connected(stream, self._reason)
         return self._positions.latest(stream)
 
+    def _lost(self) -> str | None:
+        return None if self._transport is None else self._transport.lost()
+
     def figures(self) -> dict[str, Any]:
         """Figures of the process for /metrics."""
         network = self._transport.counters() if self._transport else {}
         return {
             **stream_figures(self._inbox, network, self._streams, self._intake),
+            "network_connected": float(self._reason is None and self._lost() is None),
             **storage_figures(self._storage, self._settings.data, self._spool),
             **lane_figures(self._lanes, self._reception),
             **self._kept.unknown.figures(),

@@ -72,6 +72,10 @@ class Transport(Protocol):
         """The rig files that somebody offers for the asset within a time [s], TOML text."""
         ...
 
+    def lost(self) -> str | None:
+        """Why the network cannot be reached at present, or None; asked by any thread, and answered at once."""
+        ...
+
     def counters(self) -> Mapping[str, int]:
         """`missed_frames` that the network knows of, and `callback_errors`."""
         ...

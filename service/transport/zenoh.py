@@ -59,15 +59,15 @@ def open_zenoh(
     links: ZenohLinks = NONE,
 ) -> Iterator[ZenohTransport]:
     """The service's connection: a router at `listen`, or a client of `connect`; `links` says how it is protected."""
-    with open_session(listen, connect, wait, links) as session, ZenohTransport(session, prefix) as transport:
+    with open_session(listen, connect, wait, links) as session, ZenohTransport(session, prefix, connect) as transport:
         yield transport
 
 
 class ZenohTransport:
-    """A `Transport` over an open session."""
+    """A `Transport` over an open session; `connect`: the routers that it is a client of, if it is one."""
 
-    def __init__(self, session: zenoh.Session, prefix: str = PREFIX):
-        self._session, self._prefix = session, prefix
+    def __init__(self, session: zenoh.Session, prefix: str = PREFIX, connect: Sequence[str] = ()):
+        self._session, self._prefix, self._connect = session, prefix, tuple(connect)
         self._guard = Guard()
         self._missed = 0  # samples that a publisher's cache no longer held
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
@@ -196,6 +196,17 @@ class ZenohTransport:
         for reply in self._session.get(rig_topic(asset, self._prefix), timeout=seconds):
             if reply.ok is not None:
                 yield reply.ok.payload.to_bytes()
+
+    def lost(self) -> str | None:
+        """Why the network cannot be reached at present: the router that it is a client of is gone."""
+        if not self._connect:
+            return None
+        try:
+            if list(self._session.info.routers_zid()):
+                return None
+        except zenoh.ZError:
+            return "the connection has been closed"
+        return f"the link to the router at {', '.join(self._connect)} is lost; it is tried again all the time"
 
     def counters(self) -> Mapping[str, int]:
         """Frames that were missed, and callbacks that failed."""

@@ -75,6 +75,9 @@ class MemoryNetwork:
     def ask_rig(self, asset, seconds):
         return [self.rigs[asset]] if asset in self.rigs else []
 
+    def lost(self):
+        return None
+
     def counters(self):
         return {"missed_frames": 0, "callback_errors": 0}
 

@@ -389,7 +389,7 @@ def test_whole_service_publishes_to_a_broker_and_shows_the_temperature_that_it_h
         with serving(tmp_path / "data", network, MemoryStore(), **given) as running:
             wait_until(lambda: "gear_twin_mqtt_connected 1.0" in running.text("/metrics"))
             plant_side.publish("plant/oil", {"oil": 333.15, "at": 1_700_000_001})
-            wait_until(lambda: "gear_twin_mqtt_inputs_values 1.0" in running.text("/metrics"))
+            wait_until(lambda: "gear_twin_mqtt_inputs_values_total 1.0" in running.text("/metrics"))
             replay(recording, (), 0, publish_to=network.open_publisher)
             records = running.wait_for_windows(2)
             assert records[0]["temperatures"]["oil"]["value"] == pytest.approx(60.0, abs=1e-3)

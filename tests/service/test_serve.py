@@ -214,6 +214,10 @@ def test_service_waits_for_an_external_router_and_says_so(tmp_path):
     with open_session(listen=[endpoint]):
         wait_until(lambda: running.get("/readyz") is not None)
         starting.join(5)
+    wait_until(lambda: running.get("/readyz") is None)  # the router is gone, and the service is alive
+    assert running.get("/healthz") == {"status": "ok"} and "gear_twin_network_connected 0.0" in running.text("/metrics")
+    with open_session(listen=[endpoint]):
+        wait_until(lambda: running.get("/readyz") is not None)
         assert running.end()[0] == 0
 
 
