@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0005"
+REVISION = "0006"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -60,7 +60,6 @@ WINDOWS = Table(
     _number("notable", "0"),
     Index("windows_by_number", "asset", "number"),
     Index("windows_by_epoch", "asset", "epoch", "number"),
-    sqlite_with_rowid=False,
 )
 EVENTS = Table(
     "events",
