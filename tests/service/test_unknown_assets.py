@@ -9,6 +9,7 @@ import logging
 import threading
 import time
 import tracemalloc
+from pathlib import Path
 
 import httpx
 import pytest
@@ -428,5 +429,40 @@ def test_adopted_while_a_replay_over_zenoh_waits(tmp_path, recording):
         assert not failed and not thread.is_alive()
         windows = running.wait_for_windows(WINDOWS)
         assert revolutions(windows) == FIRST and all(w["quality"] == "good" for w in windows)
+    finally:
+        running.end()
+
+
+@pytest.mark.slow
+def test_a_service_that_receives_twenty_thousand_names_grows_no_more(tmp_path):
+    import zenoh
+
+    from service.transport.zenoh_session import open_session
+
+    running = Service(tmp_path, NEW_ASSETS="ask").start()
+
+    def size():
+        lines = (Path("/proc") / str(running.process.pid) / "status").read_text().splitlines()
+        return int(next(line for line in lines if line.startswith("VmRSS")).split()[1]) / 1024  # [MB]
+
+    def disk():
+        return sum(path.stat().st_size for path in tmp_path.rglob("*") if path.is_file() and path != running.err)
+
+    try:
+        with open_session(connect=[running.endpoint], wait=20.0) as session:
+
+            def send(numbers):
+                for number in numbers:
+                    for key, payload in (("accel/y6", bytes(2000)), ("rig", b'name = "forged"')):
+                        session.put(
+                            f"gearbox/n{number}/{key}", payload, congestion_control=zenoh.CongestionControl.BLOCK
+                        )
+                wait_until(lambda: running.get("/v1/unknown-assets")["frames"] == numbers[-1] + 1)
+
+            send(range(2000))
+            before, files = size(), disk()
+            send(range(2000, 22_000))
+            assert size() - before < 20 and disk() - files < 10_000  # MB and bytes
+        assert len(unknown_of(running)) == 100 and len(running.said()[1].splitlines()) <= 2
     finally:
         running.end()
