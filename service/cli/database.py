@@ -76,21 +76,27 @@ def restore(archive: Archive, data: Data = None, config: ConfigFile = None, json
 
 
 def check(data: Data = None, config: ConfigFile = None, json: JsonFile = None) -> None:
-    """Say what is wrong with a database and its files, and what to do; the service may run."""
+    """Say what is wrong with a database and its files, and how large it becomes; the service may run."""
     from dataclasses import asdict
 
     from service.errors import StoreError
     from service.json_text import wrote_json
+    from service.results.data_folder import database_of
     from service.results.examination import examine
+    from service.results.store_size import forecast_of
+    from service.runtime.retention_job import retention_of
 
-    folder, where = _place(data, config)
+    settings = settings_of(data=data, config=config)
+    folder, where = settings.data, database_of(settings.data, settings.database)
     findings, counts = examine(folder, where)
-    if not wrote_json({"findings": [asdict(f) for f in findings], "rows": counts}, json):
+    size = None if findings else forecast_of(where, retention_of(settings))
+    shown = {"findings": [asdict(f) for f in findings], "rows": counts, "size": None if size is None else asdict(size)}
+    if not wrote_json(shown, json):
         for finding in findings:
             print(f"{finding.what}\n    {finding.action}")
     if findings:
         raise StoreError(f"{len(findings)} things are wrong with the database of {folder}")
-    tell(f"{folder}: nothing is wrong; {sum(counts.values())} rows were read")
+    tell(f"{folder}: nothing is wrong; {sum(counts.values())} rows were read; {size}")
 
 
 def migrate(

@@ -8,11 +8,22 @@ import threading
 from service.errors import StoreError
 from service.results.retention import Retention, delete_old
 from service.results.store import ResultStore
+from service.settings import Settings
 
 log = logging.getLogger(__name__)
 
 PAUSE = 300.0  # between two looks at all assets [s]
 BREATH = 0.05  # between two transactions, in which windows are committed [s]
+
+
+def retention_of(settings: Settings) -> Retention:
+    """How long what is kept."""
+    return Retention(
+        whole_days=settings.keep_whole_days,
+        every=settings.keep_every,
+        days=settings.keep_days,
+        events=settings.keep_events,
+    )
 
 
 class RetentionJob(threading.Thread):

@@ -34,7 +34,6 @@ from service.results.board import Board
 from service.results.change_queue import ChangeQueue
 from service.results.data_folder import BASELINES, SIGNALS, WAITING, database_of, only_service_of
 from service.results.decision_queue import DecisionQueue
-from service.results.retention import Retention
 from service.results.rig_proposals import RigProposals
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
@@ -45,7 +44,7 @@ from service.runtime.admission import access_of, front_of, limits_of
 from service.runtime.bridging import bridges_of
 from service.runtime.http_gate import GatedSocket
 from service.runtime.http_server import Front, HttpServer, address_of, listening_at
-from service.runtime.retention_job import RetentionJob
+from service.runtime.retention_job import RetentionJob, retention_of
 from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.storage_wait import StoppedWaiting, opened
@@ -246,16 +245,6 @@ def _restored(store: ResultStore) -> Iterator[Board]:
 def rules_of(settings: Settings) -> tuple[Rule, ...]:
     """The alarm rules of assets that have none of their own."""
     return DEFAULT_RULES if settings.alarm_rules is None else load_rules(settings.alarm_rules)
-
-
-def retention_of(settings: Settings) -> Retention:
-    """How long what is kept."""
-    return Retention(
-        whole_days=settings.keep_whole_days,
-        every=settings.keep_every,
-        days=settings.keep_days,
-        events=settings.keep_events,
-    )
 
 
 def _twin_of(settings: Settings) -> Twin:
