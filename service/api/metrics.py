@@ -47,9 +47,7 @@ async def readyz(request: Request) -> Any:
         return JSONResponse({"status": "ready"})
     board = request.app.state.board
     snapshots = [s for name in board.assets() if (s := board.get(name))]
-    stale = [
-        {"asset": s.asset, "since": iso_time(s.stale.since_ns), "reason": s.stale.reason} for s in snapshots if s.stale
-    ]
+    stale = [{"asset": s.asset, "since": s.stale_text[1], "reason": s.stale_text[0]} for s in snapshots if s.stale_text]
     return JSONResponse({"status": "ready", "stale": stale})
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -169,6 +169,12 @@ class AssetLife:
     def delete_file(self, number: int) -> None:
         """Deletes the file of a window whose wait has ended, after the transaction."""
         self._path(number).unlink(missing_ok=True)
+
+    def forget_waiting(self, number: int) -> None:
+        """Leaves out a window that waits, with its file."""
+        self.drop_waiting(number)
+        with suppress(OSError):  # the next start deletes it
+            self.delete_file(number)
 
     def give_waiting(self, asset: str, other: str) -> None:
         """The windows that wait are another asset's."""

@@ -53,6 +53,7 @@ class Snapshot:
     received_ns: int | None = None  # when the newest window was committed, Unix time of this machine [ns]
     last_frame_ns: int | None = None  # when the newest frame came, Unix time of this machine [ns]
     stale: Stale | None = None
+    damaged: Stale | None = None  # why nothing more is processed, until the next start
     sparkline: Sparkline = field(default_factory=Sparkline)
     unstored: tuple[str, str] | None = None  # why results cannot be stored now, and since when (ISO 8601)
     question: Mapping[str, Any] | None = None  # that waits for an answer by people
@@ -80,7 +81,7 @@ class Snapshot:
             question=stored.question,
             epoch=stored.epoch,
             retired=stored.retired,
-            stale=None if stored.damaged is None else Stale(since_ns=stored.received_ns or 0, reason=stored.damaged),
+            damaged=None if stored.damaged is None else Stale(since_ns=stored.received_ns or 0, reason=stored.damaged),
         )
 
     def with_window(self, window: StoredWindow) -> Snapshot:
@@ -104,7 +105,8 @@ class Snapshot:
     @property
     def stale_text(self) -> tuple[str, str] | None:
         """Why the figures are out of date, and since when (ISO 8601)."""
-        return None if self.stale is None else (self.stale.reason, iso_time(self.stale.since_ns))
+        found = self.damaged or self.stale
+        return None if found is None else (found.reason, iso_time(found.since_ns))
 
     def summary(self) -> dict[str, Any]:
         """The asset in the list of assets."""

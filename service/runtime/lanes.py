@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from service.errors import FAULT, InputError, StoreError
+from service.errors import FAULT, InputError, StorageUnavailable, StoreError
 from service.operation.journey import Arrived, nobody
 from service.runtime.computing import Ask, Call, Computing, Made, WindowToUse
 from service.runtime.lane import Entry, Job, Lane
@@ -69,6 +69,8 @@ class Lanes:
         self._twin_of, self._new_state = twin_of, new_state
         self._lanes: dict[str, Lane] = {}
         self._unsettled: list[tuple[Lane, Callable[[], None]]] = []
+        self.stopped: list[tuple[str, str]] = []  # assets of which nothing more is processed, and why
+        self.forget: Callable[[int], None] = lambda number: None  # a window that waits on disk
         self.faults = 0  # of the program, each of which cost a window, a decision or a change
 
     # -- work ----------------------------------------------------------------------------------------
@@ -171,7 +173,15 @@ class Lanes:
         if entry is None:
             return False
         window = as_left_out(entry)
-        self._commit(lane, entry, Made(window=window, refused=window.faults[-1].detail, raw="nothing"), shed=True)
+        made = Made(window=window, refused=window.faults[-1].detail, raw="nothing")
+        try:
+            self._commit(lane, entry, made, shed=True)
+        except StorageUnavailable as error:
+            if error.reason != "damaged" or entry.number is None:
+                raise
+            self.forget(entry.number)  # its record cannot be kept either
+            lane.remove(entry)
+            lane.shed += 1
         return True
 
     # -- turns ---------------------------------------------------------------------------------------
@@ -214,11 +224,28 @@ class Lanes:
         lane.busy = True
         if self._storage is None:
             action()
-        elif not self._storage.attempt(action)[0]:
+        elif not self._storage.attempt(partial(self._unless_damaged, lane, action))[0]:
             self._unsettled.append((lane, action))
+            return
+        if lane.stopped is not None:
             return
         lane.busy, lane.current = False, None
         self._turn(lane)
+
+    def _unless_damaged(self, lane: Lane, action: Callable[[], None]) -> None:
+        """Does what commits something; what is kept of one asset and is damaged holds up that asset alone."""
+        try:
+            action()
+        except StorageUnavailable as error:
+            if error.reason != "damaged":
+                raise
+            self._stop(lane, str(error))
+
+    def _stop(self, lane: Lane, reason: str) -> None:
+        """Nothing more is processed of an asset until the next start; its windows wait."""
+        lane.stopped = reason
+        self.stopped.append((lane.asset, reason))
+        log.error("%s", reason, extra={"asset": lane.asset})
 
     # -- jobs ----------------------------------------------------------------------------------------
 
@@ -262,8 +289,7 @@ class Lanes:
         """One window to the sink, or to where it waits for an answer by people."""
         entry.journey.made_ns, entry.journey.parts = time.time_ns(), made.parts
         if made.unreadable is not None:
-            lane.stopped = _unreadable(lane, made.unreadable)
-            log.error("%s", lane.stopped, extra={"asset": lane.asset})
+            self._stop(lane, _unreadable(lane, made.unreadable))
             return
         fell = made.fell
         if fell is None:

@@ -17,7 +17,7 @@ from service.operation.health import RECEPTION, WORKERS, Health
 from service.operation.journey import Arrived, nobody
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
-from service.results.board import Board
+from service.results.board import Board, Stale
 from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
@@ -247,6 +247,7 @@ class Worker(threading.Thread):
             arrived=self.arrived,
             timed=self.timed,
         )
+        lanes.forget = life.forget_waiting
         spool = self._spool = Spool(life, store, reception, lanes, storage, backlog_limits(self._settings))
         restore(lanes, store, life)
         watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
@@ -282,7 +283,7 @@ class Worker(threading.Thread):
         storage_status = StorageStatus(storage, board, publication)
 
         def between() -> None:
-            self._look_after(spool, lanes, storage_status)
+            self._look_after(spool, lanes, storage_status, publication)
             positions()
             for part in (questions, decisions, changes, watch):
                 storage.attempt(part)
@@ -297,7 +298,9 @@ class Worker(threading.Thread):
                 channel_wait=self._settings.channel_wait, holding=lambda: storage.reason is not None,
             )  # fmt: skip
 
-    def _look_after(self, spool: Spool, lanes: Lanes, storage_status: StorageStatus) -> None:
+    def _look_after(
+        self, spool: Spool, lanes: Lanes, storage_status: StorageStatus, publication: StatePublication
+    ) -> None:
         """Takes what the twins have made, and tries the storage again where that is due."""
         self._beat()
         self._computing.collect()
@@ -308,6 +311,10 @@ class Worker(threading.Thread):
             self._look_at = time.monotonic() + LOOK
             self._storage.attempt(self._kept.store.assets)
         storage_status()
+        while lanes.stopped:
+            asset, reason = lanes.stopped.pop()
+            self._kept.board.update(asset, damaged=Stale(since_ns=time.time_ns(), reason=reason))
+            publication.publish(asset)
 
     def _try_again(self, storage: StorageWatch, spool: Spool, lanes: Lanes) -> None:
         """Keeps what has waited for the storage; a window's file is the last thing to fit on a disk that was full."""

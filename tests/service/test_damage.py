@@ -83,8 +83,8 @@ def test_asset_that_cannot_go_on_waits_and_the_others_go_on(path, column, caplog
     with SqlStore(path) as store:
         board = Board.from_store(store)
         assert "hurt" in caplog.text and "damaged" in caplog.text
-        stale = board.get("hurt").stale
-        assert stale is not None and "of hurt cannot be read from the database any more" in stale.reason
+        damaged = board.get("hurt").damaged
+        assert damaged is not None and "of hurt cannot be read from the database any more" in damaged.reason
         assert store.asset("sound").damaged is None
         with pytest.raises(StorageUnavailable, match="until a backup has been restored") as caught:
             fakes.take(store, None, "hurt", 3, 300.0)
