@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import sqlite3
+import threading
+import time
 
 import pytest
 import service_fakes as fakes
+from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 from service_streams import RIG, free_port, service, wait_until, write_recording
 from test_health import get
 
-from service.api.collector import AssetCollector
+from service.api.collector import AssetCollector, registry
 from service.errors import StorageUnavailable
 from service.files.rig import load_rig
 from service.operation.metric_catalogue import METRICS, OTHERS
@@ -144,3 +148,37 @@ def test_computation_and_tracing_are_timed_where_they_happen():
         pass
     with part("outside"):
         pass
+
+
+def test_what_is_exported_of_an_asset_does_not_grow_with_its_history(store, board):
+    sizes = []
+    for index in range(30):
+        fakes.take(store, board, "unsw", index, 100.0 * (index + 1))
+        collector = AssetCollector(board, store, dict, 10)
+        sizes.append(sum(len(family.samples) for family in collector.collect()))
+    assert len(set(sizes[1:])) == 1, sizes
+
+
+@pytest.mark.slow
+def test_scrape_of_200_assets_takes_little_of_the_processor_and_leaves_the_event_loop_free(store, board):
+    for number in range(200):
+        fakes.take(store, board, f"m{number:03d}", 0, 100.0, faults=(fakes.FAULT,))
+    found, times, waits = registry(board, store, dict, 500), [], []
+
+    def scrape():
+        for _ in range(5):
+            began = time.thread_time()
+            assert len(generate_latest(found)) > 100_000
+            times.append(time.thread_time() - began)
+
+    async def turn():
+        thread = threading.Thread(target=scrape)
+        thread.start()
+        while thread.is_alive():
+            began = time.monotonic()
+            await asyncio.sleep(0.01)
+            waits.append(time.monotonic() - began - 0.01)
+
+    asyncio.run(turn())
+    assert min(times) < 0.2  # [s]; 0.05 s where it was written
+    assert sorted(waits)[len(waits) // 2] < 0.05  # [s]: nobody waits for the end of a scrape
