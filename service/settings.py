@@ -183,6 +183,9 @@ class Results(Table):
     )
     keep_days: float = Field(default=3650.0, ge=0, le=1e5, description="age beyond which no window is kept [days]")
     keep_events: int = Field(default=100_000, ge=1000, le=10**9, description="newest events that are kept of an asset")
+    keep_alarms: int = Field(
+        default=10_000, ge=100, le=10**9, description="newest closed alarms that are kept of an asset"
+    )
     signal_bytes: int = Field(
         default=256 * 2**20, ge=0, le=2**50, description="raw signals kept for viewing, an asset [bytes]; 0: none"
     )

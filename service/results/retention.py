@@ -2,7 +2,7 @@
 
 An asset's windows are aged by the start of its newest one, so that neither a clock nor a machine that stands still
 deletes anything. Thinned histories keep every window that updated the twin, found an effect or was refused; the first
-and the last window of each epoch stay for ever. Inspections, decisions, changes and alarms are never deleted.
+and the last window of each epoch stay for ever. Inspections, decisions, changes and open alarms are never deleted.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ class Retention:
     every: int  # of older windows one in so many
     days: float  # and none that are older than this
     events: int  # newest events of an asset
+    alarms: int = 10_000  # newest closed alarms of an asset
     history: int = MOST_HISTORY  # newest entries of one alarm
 
 
@@ -59,6 +60,15 @@ _EVENTS = (
     .order_by(EVENTS.c.id)
     .limit(BATCH)
 )
+_CLOSED = select(ALARMS.c.id).where(ALARMS.c.asset == bindparam("of"), ALARMS.c.open == 0)
+_OLD_ALARMS = (
+    _CLOSED.where(
+        ALARMS.c.id
+        <= _CLOSED.order_by(ALARMS.c.id.desc()).limit(1).offset(bindparam("kept")).correlate(None).scalar_subquery()
+    )
+    .order_by(ALARMS.c.id)
+    .limit(BATCH)
+)
 _LONG_HISTORIES = (
     select(ALARM_HISTORY.c.alarm)
     .join(ALARMS, ALARMS.c.id == ALARM_HISTORY.c.alarm)
@@ -73,6 +83,7 @@ def delete_old(database: Tables, asset: str, retention: Retention) -> int:
     return (
         _delete_windows(database, asset, retention)
         + _delete_events(database, asset, retention)
+        + _delete_alarms(database, asset, retention)
         + _delete_history(database, asset, retention)
     )
 
@@ -99,6 +110,15 @@ def _delete_events(database: Tables, asset: str, retention: Retention) -> int:
     old = [row[0] for row in database.rows(_EVENTS, {"of": asset, "until": until[0][0]})]
     with database.transaction() as db:
         db.execute(delete(EVENTS).where(EVENTS.c.id.in_(old)))
+    return len(old)
+
+
+def _delete_alarms(database: Tables, asset: str, retention: Retention) -> int:
+    old = [row[0] for row in database.rows(_OLD_ALARMS, {"of": asset, "kept": retention.alarms})]
+    if old:
+        with database.transaction() as db:
+            db.execute(delete(ALARM_HISTORY).where(ALARM_HISTORY.c.alarm.in_(old)))
+            db.execute(delete(ALARMS).where(ALARMS.c.id.in_(old)))
     return len(old)
 
 

@@ -23,6 +23,7 @@ def retention_of(settings: Settings) -> Retention:
         every=settings.keep_every,
         days=settings.keep_days,
         events=settings.keep_events,
+        alarms=settings.keep_alarms,
     )
 
 

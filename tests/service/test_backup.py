@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import service_fakes as fakes
 
+from service.access.keys import FILE
 from service.cli import run
 from service.errors import InputError, StoreError
 from service.results.alarm_store import AlarmStore
@@ -207,6 +208,14 @@ def test_commands_back_up_and_restore_while_a_service_has_the_directory(data, tm
     assert json.loads(capsys.readouterr().out)["windows"] == 17
     assert run(["check", "--data", str(tmp_path / "new")]) == 0
     assert run(["restore", str(tmp_path / "none.zip"), "--data", str(tmp_path / "other")]) == 2
+
+
+def test_an_archive_holds_no_credentials(data, tmp_path):
+    fill(data, data / DATABASE)
+    (data / FILE).write_text("[]")
+    backup(data, data / DATABASE, tmp_path / "b.zip", signals=True)
+    with zipfile.ZipFile(tmp_path / "b.zip") as archive:
+        assert archive.namelist() and not [name for name in archive.namelist() if FILE in name]
 
 
 def test_check_says_what_is_wrong_and_what_to_do(data, capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from itertools import count
 
 import pytest
@@ -162,6 +163,25 @@ def test_nothing_is_deleted_of_a_machine_that_stands_still(long):
     assert BATCH < COUNT
     forever = Retention(whole_days=COUNT * HOUR_NS / DAY_NS, every=10, days=1, events=1000)
     assert clear(long, forever) == 0 and len(kept(long)) == COUNT
+
+
+def test_the_newest_closed_alarms_stay_and_open_ones_for_ever(each_store):
+    alarms = AlarmStore(each_store.database)
+    commit(each_store, 0)
+    given = {
+        "rule": "rms", "quantity": "rms", "place": "y6", "level": "watch", "value": 3.0, "limit": 2.0, "unit": "m/s²",
+        "reason": "it is high", "action": "look",
+    }  # fmt: skip
+    signed = {"by": "Anna", "note": "", "at": "later"}
+    with each_store.database.transaction():
+        for number in range(30):
+            alarm = alarms.apply("unsw", Change(verb="raised", key=f"rms-{number}", **given), f"at {number}", number)
+            if number not in (2, 29):
+                alarms.sign("unsw", alarm["id"], "cleared", signed)
+    assert clear(each_store, replace(RETENTION, alarms=5)) == 1  # in one batch
+    left = sorted(alarm["window"] for alarm in alarms.listed("unsw", closed=True))
+    assert left == [2, 24, 25, 26, 27, 28, 29] and len(alarms.open("unsw")) == 2
+    assert all(len(alarm["history"]) >= 1 for alarm in alarms.listed("unsw", closed=True))
 
 
 def test_a_thinned_answer_costs_the_database_as_much_after_forty_thousand_windows_as_after_two_thousand(tmp_path):
