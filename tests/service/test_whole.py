@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import time
@@ -102,6 +103,9 @@ def test_the_replay_command_gives_the_answer_of_the_file(answer, tmp_path):
         done = subprocess.run([*COMMAND, "replay", str(RECORDING), "--connect", endpoint, "--speed", "0"], cwd=ROOT)
         assert done.returncode == 0
         assert_same(answer_of(address, answer["asset"], len(answer["windows"])), answer)
+        with urllib.request.urlopen(f"{address}/metrics") as said:  # the twin says when it traces
+            count, seconds = re.findall(rb"^gear_twin_trace_seconds_(?:count|sum) (\S+)$", said.read(), re.MULTILINE)
+        assert float(count) >= 1 and float(seconds) > 0.1
 
 
 @pytest.mark.slow
