@@ -78,6 +78,7 @@ chaos: install-dev
 	$(BIN)/python -m tests.chaos recordings --processes $(WORKERS) $(ARGS)
 	$(BIN)/python -m tests.chaos rigs --processes $(WORKERS) $(ARGS)
 	$(BIN)/python -m tests.chaos http $(ARGS)
+	$(BIN)/python -m tests.chaos guided $(ARGS)
 	$(BIN)/python -m tests.chaos kills $(ARGS)
 	$(BIN)/python -m tests.chaos schedules --processes $(WORKERS) $(ARGS)
 

@@ -4,6 +4,7 @@
     python -m tests.chaos recordings  damaged recordings
     python -m tests.chaos rigs        damaged rig files
     python -m tests.chaos http        requests made up from the OpenAPI description, by callers with each credential
+    python -m tests.chaos guided      malformed input found by coverage (seconds; needs atheris)
     python -m tests.chaos kills       kills of the service while windows are received and processed
     python -m tests.chaos schedules   processes killed, stopped and stalled, disks full, databases locked
 
@@ -22,11 +23,19 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))  # the fakes of the service's tests
 
-from tests.chaos import api, kills, schedules
+from tests.chaos import api, guided, kills, schedules
 from tests.chaos.files import attack
 from tests.chaos.frames import Attack
 
-COUNTS = {"frames": 1_000_000, "recordings": 10_000, "rigs": 10_000, "http": 50, "kills": 300, "schedules": 300}
+COUNTS = {
+    "frames": 1_000_000,
+    "recordings": 10_000,
+    "rigs": 10_000,
+    "http": 50,
+    "guided": 600,
+    "kills": 300,
+    "schedules": 300,
+}
 
 
 def main() -> int:
@@ -37,7 +46,9 @@ def main() -> int:
     )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--first", type=int, default=0, help="number of the first schedule")
-    parser.add_argument("--only", nargs="*", default=[], help="kinds of faults of the schedules; default: all")
+    parser.add_argument(
+        "--only", nargs="*", default=[], help="kinds of faults of schedules, or targets of guided; default: all"
+    )
     parser.add_argument("--processes", type=int, default=1)
     chosen = parser.parse_args()
     count = chosen.count or COUNTS[chosen.kind]
@@ -50,6 +61,9 @@ def main() -> int:
             held = not outcome.faults
         elif chosen.kind == "http":
             outcome = api.attack(count, chosen.seed, Path(folder), _say)
+            held = not outcome.faults
+        elif chosen.kind == "guided":
+            outcome = guided.attack(count, chosen.seed, Path(folder), _say, chosen.only)
             held = not outcome.faults
         elif chosen.kind == "schedules":
             return _schedules(chosen, count, Path(folder))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.chaos import guided
 from tests.chaos.files import attack
 from tests.chaos.frames import Attack
 
@@ -23,3 +24,11 @@ def test_malformed_frames_neither_stop_the_service_nor_reach_a_sound_machine(tmp
     outcome = Attack(SEED, tmp_path).run(20_000)
     assert outcome.failure is None
     assert outcome.sound
+
+
+@pytest.mark.slow
+def test_input_found_by_coverage_is_used_or_refused_as_is_meant(tmp_path):
+    tally = guided.attack(15, SEED, tmp_path, lambda line: None)
+    if tally.skipped:
+        pytest.skip(tally.skipped)
+    assert tally.faults == [] and all(tally.inputs.values())
