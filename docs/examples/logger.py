@@ -37,6 +37,8 @@ class KeptFrames:
         self.bytes = self.lost = 0
         self.last = {}  # label: (sequence, start_time_ns) of the newest frame sent
         self.instance = None  # of the service that answered last
+        self.probes, self.routers = [], None  # by which a lost link is noticed
+        self.lost_link = False  # since then nothing is sent before what is kept has been sent again
 
     def declare(self, label: str, message: str) -> None:
         """A channel, such as accel/y6. Reliable and blocking: nothing is dropped on a link that is only slow."""
@@ -49,6 +51,10 @@ class KeptFrames:
             sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=0.5, sporadic_heartbeat=None),
             publisher_detection=True,
         )
+        probe = self.session.declare_publisher(f"gearbox/{self.asset}/{label}")
+        self.probes.append((probe, probe.declare_matching_listener(self.note_matching)))
+        self.routers = self.session.info.routers_zid()
+        self.lost_link |= not probe.matching_status.matching
 
     def publish(self, label: str, frame) -> None:
         """Sends one frame, and keeps it."""
@@ -58,7 +64,15 @@ class KeptFrames:
         while self.bytes > KEEP:  # an outage longer than the memory: say so
             self.bytes -= len(self.kept.popleft()[3])
             self.lost += 1
-        self.put(label, frame.sequence, frame.start_time_ns, payload)
+        self.lost_link |= self.session.info.routers_zid() != self.routers
+        if self.lost_link:
+            self.last[label] = (frame.sequence, frame.start_time_ns)  # sent behind the frames before it, by `settle`
+        else:
+            self.put(label, frame.sequence, frame.start_time_ns, payload)
+
+    def note_matching(self, status) -> None:
+        """The service has come or gone."""
+        self.lost_link |= not status.matching
 
     def put(self, label: str, sequence: int, start: int, payload: bytes) -> None:
         self.publishers[label].put(payload)
@@ -75,7 +89,7 @@ class KeptFrames:
         )
         restarted = self.instance not in (None, answer["instance"])
         self.instance = answer["instance"]
-        if restarted or not come:
+        if restarted or self.lost_link or not come:
             self.send_again()
             return False
         held_from = answer["unsettled_from_ns"]
@@ -91,6 +105,8 @@ class KeptFrames:
         return None
 
     def send_again(self) -> None:
+        """Sends all that is kept, in order: a service that came back must not get newer frames first."""
+        self.routers, self.lost_link = self.session.info.routers_zid(), False
         for each in list(self.kept):
             self.put(*each)
 
