@@ -54,9 +54,8 @@ def main() -> int:
     count = chosen.count or COUNTS[chosen.kind]
     with tempfile.TemporaryDirectory() as folder:
         if chosen.kind == "frames":
-            outcome = Attack(chosen.seed, Path(folder)).run(count, _say)
-            held = outcome.sound and outcome.failure is None
-        elif chosen.kind == "kills":
+            return _frames(chosen.seed, count, Path(folder))
+        if chosen.kind == "kills":
             outcome = kills.attack(count, chosen.seed, Path(folder), _say)
             held = not outcome.faults
         elif chosen.kind == "http":
@@ -71,6 +70,16 @@ def main() -> int:
             outcome = attack(chosen.kind, count, chosen.seed, Path(folder), _say, chosen.processes)
             held = not outcome.faults
     print(json.dumps(asdict(outcome), indent=1))
+    return 0 if held else 1
+
+
+def _frames(seed: int, count: int, folder: Path) -> int:
+    """Half of the frames where people are asked about unknown assets, half where each new name is one."""
+    held = True
+    for ask in (True, False):
+        outcome = Attack(seed + (not ask), folder).run(count // 2, _say, ask=ask)
+        print(json.dumps({"ask": ask, **asdict(outcome)}, indent=1), flush=True)
+        held &= outcome.sound and outcome.failure is None
     return 0 if held else 1
 
 

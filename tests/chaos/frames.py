@@ -4,8 +4,9 @@
 
 A frame is made from a sound one by one to four faults: bits, bytes and fields changed, left out, repeated or
 contradictory; figures at and beyond their limits; other topics, invented names, foreign kinds. The service must neither
-fail nor stop, the sound machine's windows must be those that it has without the attack, and memory, assets, metrics and
-log must stay within their limits.
+fail nor stop, and memory, assets, metrics and log must stay within their limits. Where people are asked about unknown
+assets, the sound machine's windows must be those that it has without the attack. Where each new name is an asset, names
+by the thousand share the service with it: what there is no room for must be left out as whole windows, and be reported.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ import string
 import struct
 import threading
 import time
+import traceback
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -45,6 +47,8 @@ EXTREME_FLOATS = (
     0.0, -0.0, 1.0, -1.0, 1e-300, 5e-324, 1e300, -1e300, 1e8, 1e6, 999_999.0, 1e-3, math.inf, -math.inf, math.nan,
 )  # fmt: skip
 LARGEST = 4 * 2**20  # payloads that are blown up [bytes]
+AMONG = 50  # malformed frames between two of a sound burst, at most
+QUIET, LONGEST = 15.0, 300.0  # without a further window; until all are there [s]
 NAMES = string.ascii_letters + string.digits + "_-."
 
 Field = tuple[int, int, bytes]  # number, wire type, content without length
@@ -280,34 +284,29 @@ class Attack:
         self.steady = list(sound_frames(recording, "sound"))
         self.faults = FrameFaults(random.Random(seed), list(sound_frames(recording, "attacked")))
 
-    def run(self, count: int, say: Callable[[str], None] = lambda line: None) -> Outcome:
-        """Sends so many malformed frames, evenly mixed with the sound machine's."""
-        log, peak, ended = _Log(), _Peak(), threading.Event()
+    def run(self, count: int, say: Callable[[str], None] = lambda line: None, *, ask: bool = True) -> Outcome:
+        """Sends so many malformed frames and the sound machine's; `ask`: unknown assets wait for a person."""
+        log, peak = _Log(), _Peak()
         logging.getLogger().addHandler(log)
-        data = self.folder / f"data-{count}"
+        data = self.folder / f"data-{count}-{ask}"
         failure: list[str] = []
         try:
-            with _service(data, failure) as (network, address):
+            with _service(data, failure, ask) as (network, address):
                 peak.start()
                 before, begun = peak.now(), time.monotonic()
-                every = max(1, count // len(self.steady))
                 sent = 0
-                for topic, payload in self.steady:
+                for topic, payload, malformed in self._mixed(count):
                     network.inbox.offer(topic, payload)
-                    for _ in range(every):
-                        if sent < count:
-                            network.inbox.offer(*self.faults.draw())
-                            sent += 1
+                    sent += malformed
                     if failure:
                         break
-                    if sent % 50_000 < every:
+                    if malformed and sent % 50_000 == 0:
                         say(f"{sent} malformed frames, {peak.now():.0f} MB")
-                windows = _await_windows(address, self.WINDOWS, failure)
+                windows = _settled_windows(address, self.WINDOWS if ask else None, failure)
                 after, seconds = peak.now(), time.monotonic() - begun
                 shown = _get(address, "/v1/assets")
                 metrics = len(_text(address, "/metrics"))
                 unsound = sum(row["windows"] for row in shown if row["asset"] != "sound")
-            ended.set()
         finally:
             logging.getLogger().removeHandler(log)
             peak.end()
@@ -317,16 +316,29 @@ class Attack:
             sent=sent, seconds=seconds, memory_before=before, memory_after=after, memory_peak=peak.most,
             assets=len(shown), unsound_windows=unsound, metrics=metrics, log=log.bytes,
             data=sum(p.stat().st_size for p in data.rglob("*") if p.is_file()),
-            sound=windows == self._undisturbed(), failure=failure[0] if failure else None,
+            sound=_are_sound(windows, self._undisturbed(), whole=ask), failure=failure[0] if failure else None,
         )  # fmt: skip
+
+    def _mixed(self, count: int) -> Iterator[tuple[str, bytes, bool]]:
+        """Topics and payloads: the sound machine's bursts, with malformed frames among and between them."""
+        each = len(self.steady) // self.WINDOWS
+        for number in range(self.WINDOWS):
+            malformed = count * (number + 1) // self.WINDOWS - count * number // self.WINDOWS
+            among = min(malformed // each, AMONG)
+            for topic, payload in self.steady[number * each : (number + 1) * each]:
+                yield topic, payload, False
+                for _ in range(among):
+                    yield *self.faults.draw(), True
+            for _ in range(malformed - among * each):
+                yield *self.faults.draw(), True
 
     def _undisturbed(self) -> list[dict[str, Any]]:
         """The sound machine's windows without any attack."""
         failure: list[str] = []
-        with _service(self.folder / "undisturbed", failure) as (network, address):
+        with _service(self.folder / "undisturbed", failure, ask=False) as (network, address):
             for topic, payload in self.steady:
                 network.inbox.offer(topic, payload)
-            return _await_windows(address, self.WINDOWS, failure)
+            return _settled_windows(address, self.WINDOWS, failure)
 
 
 class _Peak(threading.Thread):
@@ -356,7 +368,7 @@ def _step(rig: Any, state: Any, window: Window, options: Any) -> tuple[Any, Any]
 
 
 @contextmanager
-def _service(data: Path, failure: list[str]) -> Iterator[tuple[MemoryNetwork, str]]:
+def _service(data: Path, failure: list[str], ask: bool) -> Iterator[tuple[MemoryNetwork, str]]:
     """A running service with the fake twin; what ended it is added to `failure`."""
     network, stop, address, ready = MemoryNetwork(), threading.Event(), list[str](), threading.Event()
 
@@ -367,14 +379,20 @@ def _service(data: Path, failure: list[str]) -> Iterator[tuple[MemoryNetwork, st
     def serve() -> None:
         try:
             run(
-                Settings(data=data, http="127.0.0.1:0", idle_timeout=1.0),
+                Settings(
+                    data=data,
+                    http="127.0.0.1:0",
+                    idle_timeout=1.0,
+                    new_assets="ask" if ask else "adopt",
+                    assets=["sound", "attacked"],
+                ),
                 twin=replace(TWIN, step=_step),
                 open_transport=network.open,
                 announce=announce,
                 stop=stop,
             )
         except BaseException as error:
-            failure.append(f"{type(error).__name__}: {error}")
+            failure.append("".join(traceback.format_exception(error)))
         finally:
             ready.set()
 
@@ -390,18 +408,38 @@ def _service(data: Path, failure: list[str]) -> Iterator[tuple[MemoryNetwork, st
             failure.append("the service did not end within 30 s")
 
 
-def _await_windows(address: str, count: int, failure: list[str], seconds: float = 300.0) -> list[dict[str, Any]]:
-    """The sound machine's windows once they are all there, as far as they do not depend on the time of day."""
-    deadline, windows = time.monotonic() + seconds, list[dict[str, Any]]()
-    while len(windows) < count and not failure:
-        if time.monotonic() > deadline:
-            failure.append(f"{len(windows)} of {count} windows of the sound machine within {seconds:g} s")
+def _settled_windows(address: str, count: int | None, failure: list[str]) -> list[dict[str, Any]]:
+    """The sound machine's windows: as soon as there are so many, or, without a number, once no more come."""
+    begun = changed = time.monotonic()
+    windows = list[dict[str, Any]]()
+    while not failure:
+        with suppress(urllib.error.HTTPError):
+            found = _get(address, "/v1/assets/sound/windows?limit=1000")
+            if len(found) != len(windows):
+                changed = time.monotonic()
+            windows = found
+        now = time.monotonic()
+        if len(windows) == count or (count is None and now - changed > QUIET and now - begun > 2 * QUIET):
+            break
+        if now - begun > LONGEST:
+            failure.append(f"{len(windows)} of {count} windows of the sound machine within {LONGEST:g} s")
         time.sleep(0.1)
-        try:
-            windows = _get(address, f"/v1/assets/sound/windows?limit={10 * count}")
-        except urllib.error.HTTPError:
-            continue
     return windows
+
+
+def _are_sound(windows: list[dict[str, Any]], undisturbed: list[dict[str, Any]], *, whole: bool) -> bool:
+    """Whether the windows are as without the attack; unless `whole`, some may be left out where that is reported."""
+    if whole:
+        return windows == undisturbed
+    sound = {window["start_time"]: _measured(window) for window in undisturbed}
+    shed = any(fault["kind"] == "shed" for window in windows for fault in window["faults"])
+    used = [window for window in windows if window["quality"] != "refused"]
+    missing = len(used) < len(undisturbed)
+    return all(sound.get(w["start_time"]) == _measured(w) for w in used) and (shed or not missing)
+
+
+def _measured(window: dict[str, Any]) -> tuple[Any, ...]:
+    return tuple(window[name] for name in ("quality", "revolutions", "speed_hz", "torque_nm", "rms_measured"))
 
 
 def _text(address: str, path: str) -> str:

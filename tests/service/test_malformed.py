@@ -20,8 +20,9 @@ def test_damaged_files_are_read_as_far_as_they_go_or_refused_by_one_line(kind, c
 
 
 @pytest.mark.slow
-def test_malformed_frames_neither_stop_the_service_nor_reach_a_sound_machine(tmp_path):
-    outcome = Attack(SEED, tmp_path).run(20_000)
+@pytest.mark.parametrize("ask", [True, False])
+def test_malformed_frames_neither_stop_the_service_nor_reach_a_sound_machine(tmp_path, ask):
+    outcome = Attack(SEED, tmp_path).run(20_000, ask=ask)
     assert outcome.failure is None
     assert outcome.sound
 
