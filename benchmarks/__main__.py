@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from benchmarks import bench_dynamics, bench_ingest, bench_pipeline, bench_tracing
+from benchmarks import bench_dynamics, bench_ingest, bench_pipeline, bench_store, bench_tracing
 
 
 def main() -> int:
@@ -24,7 +24,9 @@ def main() -> int:
     print()
     figures = bench_pipeline.main(minutes=6.0 if chosen.quick else 60.0)
     figures += bench_ingest.figures(bench_ingest.measured(20, 4, 25_600.0, 40.0))
-    print(figures[-1].line)
+    figures += bench_store.figures(bench_store.compared(2000, 50_000, 15))
+    for figure in figures[-2:]:
+        print(figure.line)
     if not chosen.quick:
         print()
         figures += bench_tracing.main()
