@@ -46,6 +46,7 @@ WINDOWS = 8
 SPAN = 60.0 * WINDOWS  # of the recording [s]
 IDLE = 6.0  # silence that ends a window [s]: longer than a publisher is away before it is started again
 END_WAIT = 10.0  # within which a service must end when it is asked to [s]
+START_WAIT = 180.0  # for a service, on a machine that is busy with other things [s]
 PATIENCE = 120.0  # for the last window [s]
 ROUTER = """
 import sys, time, zenoh
@@ -193,7 +194,7 @@ class Run:
                 [sys.executable, "-m", "tests.chaos.fake_service"], env=environment, stdout=out, stderr=err, cwd=ROOT
             )
 
-    def await_ready(self, seconds: float = 60.0) -> None:
+    def await_ready(self, seconds: float = START_WAIT) -> None:
         self._until(lambda: self.service.get("/healthz") is not None, seconds, "the service does not answer")
 
     def _start_router(self) -> None:
@@ -211,7 +212,17 @@ class Run:
 
     def _start_replay(self) -> None:
         endpoint = self._router_endpoint or self.service.endpoint
-        command = [sys.executable, "-m", "service", "replay", str(self.recording), "--connect", endpoint]
+        command = [
+            sys.executable,
+            "-m",
+            "service",
+            "replay",
+            str(self.recording),
+            "--connect",
+            endpoint,
+            "--wait",
+            "90",
+        ]
         with (self.folder / "replay.txt").open("a") as said:
             self.replay = subprocess.Popen(
                 [*command, "--speed", str(self.schedule.speed)], cwd=ROOT, stdout=said, stderr=said
