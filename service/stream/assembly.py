@@ -171,7 +171,7 @@ class Assembler:
             if label in self._lanes:
                 self._lanes[label].left_out += number
         begin = max(begin, self._closed_until)
-        if begin < end:
+        if 0 < begin < end:  # not where none of the frames said a time
             self._left_out.add(begin, end, sum(frames.values()))
 
     def _refuse_left_out(self, until: float) -> Iterator[tuple[Window, dict[str, Any]]]:

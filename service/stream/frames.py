@@ -18,6 +18,7 @@ NS = 1_000_000_000
 LENGTH_LIMITS = (0.01, 10.0)  # of a frame [s]
 _LENGTH_SLACK = 1e-6  # relative: a rate such as 25641.03 Hz cannot give 10 s exactly
 _UINT64 = 2**64
+LATEST_START = 2**63  # the first Unix time that is none [ns]: numbers of 64 bits end there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,7 +120,7 @@ def _within(channel: Channel, field: str, value: float, above: float, upto: floa
 
 
 def _check_head(channel: Channel, start_time_ns: int, sequence: int) -> None:
-    if not 0 < start_time_ns < 2**63:
+    if not 0 < start_time_ns < LATEST_START:
         raise _error(
             channel,
             "start_time_ns",

@@ -67,6 +67,17 @@ def test_room_is_bounded_in_bytes_even_for_one_frame():
     assert isinstance(item, Shed) and inbox.bytes == 0
 
 
+@pytest.mark.parametrize("start", [0, 2**63, 2**64 - 1])
+def test_a_time_that_no_frame_can_have_makes_no_window_of_what_is_left_out(start):
+    inbox, assembler = Inbox(max_bytes=1000), Assembler()
+    payload = encode(bursts(1)[0])
+    inbox.offer(topic_of(ACCEL), payload[:1] + start.to_bytes(8, "little") + payload[9:])
+    (item,) = taken(inbox)
+    assert isinstance(item, Shed) and item.end_ns <= 2**63
+    assembler.leave_out(item.begin_ns, item.end_ns, item.frames)
+    assert assembler.flush() == []
+
+
 def test_nothing_that_names_key_grows_with_the_names():
     """Every topic that was refused was once remembered for good."""
     inbox = Inbox()

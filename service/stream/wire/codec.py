@@ -10,7 +10,7 @@ from google.protobuf.message import DecodeError
 
 from service.errors import FrameError
 from service.stream.channels import CHANNEL_KINDS, Layout
-from service.stream.frames import EncoderFrame, Frame, SampleFrame
+from service.stream.frames import LATEST_START, EncoderFrame, Frame, SampleFrame
 from service.stream.wire import gearbox_pb2
 from service.stream.wire.topics import Channel, topic_of
 
@@ -24,9 +24,10 @@ def encoding_of(channel: Channel) -> str:
 
 
 def start_time_of(channel: Channel, payload: bytes) -> int | None:
-    """When a payload's frame starts, Unix time [ns]; None where it is no frame."""
+    """When a payload's frame starts, Unix time [ns]; None where it is no frame, or starts at a time that none can."""
     if payload[:1] == _START_TAG and len(payload) >= 9:  # the first field, where most writers put it
-        return int.from_bytes(payload[1:9], "little")
+        start = int.from_bytes(payload[1:9], "little")
+        return start if 0 < start < LATEST_START else None
     try:
         return decode(channel, payload).start_time_ns
     except FrameError:
