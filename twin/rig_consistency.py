@@ -128,7 +128,10 @@ def _layout(get: Get) -> None:
 
 
 def _sensors(get: Get) -> None:
-    low, high = get("sensors.band_hz") or (0.0, 1.0)
+    band = get("sensors.band_hz") or (0.0, 1.0)
+    if len(band) != 2 or not all(isinstance(edge, float) for edge in band):
+        raise ParameterError("sensors.band_hz must be the lowest and the highest frequency, [Hz, Hz]")
+    low, high = band
     if not low < high:
         raise ParameterError(f"sensors.band_hz = [{low:g}, {high:g}] Hz must rise")
     for shaft, chain in TORSION_CHAINS.items():

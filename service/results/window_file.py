@@ -12,9 +12,7 @@ from __future__ import annotations
 import io
 import json
 import os
-import struct
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -29,8 +27,6 @@ SUFFIX = ".npz"
 UNFINISHED = ".part"
 COMPRESSION = 1  # of zlib: vibration shrinks little, and higher levels only take longer
 ABOUT = "about.json"
-# what zipfile, zlib and NumPy raise for damaged files; RuntimeError is of an unknown compression or encryption
-_DAMAGED = (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, TypeError, AttributeError, struct.error)
 KINDS = {"accel": "accelerations", "torque": "torques"}  # channel kinds with samples, and the window's field
 
 
@@ -59,7 +55,9 @@ def read_window(path: Path) -> Window:
     """The window of a file; OSError, ValueError or KeyError where it cannot be read."""
     try:
         return _read(path)
-    except _DAMAGED as error:
+    except (OSError, ValueError, KeyError, MemoryError):
+        raise
+    except Exception as error:  # zipfile, zlib, NumPy and its tokenizer raise a dozen kinds for what is damaged
         raise ValueError(f"{type(error).__name__}: {error}") from error
 
 

@@ -33,7 +33,14 @@ def test_damaged_file_is_refused_as_unreadable_or_gives_what_was_written(tmp_pat
 
 def test_file_that_is_none_is_refused_as_unreadable(tmp_path):
     path = tmp_path / "window.npz"
-    for content in (b"", b"PK", b"\x93NUMPY", b"PK\x05\x06" + bytes(18), bytes(4096)):
+    for content in (
+        b"",
+        b"PK",
+        b"\x93NUMPY",
+        b"PK\x05\x06" + bytes(18),
+        bytes(4096),
+        b"\x93NUMPY\x01\x00\x03\x00(((" + bytes(9),
+    ):
         path.write_bytes(content)
         with pytest.raises((OSError, ValueError, KeyError)):
             read_window(path)

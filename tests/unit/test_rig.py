@@ -175,6 +175,9 @@ def test_typing_error_is_named_with_the_nearest_key_or_what_is_allowed(path, val
             "mesh.pair_s has 21 values and mesh.pair_stiffness 2: one each",
         ),
         ("sensors.band_hz", [2000.0, 0.0], "sensors.band_hz = [2000, 0] Hz must rise"),
+        ("sensors.band_hz", [2000.0], "sensors.band_hz must be the lowest and the highest frequency, [Hz, Hz]"),
+        ("sensors.band_hz", [0.0, 1.0, 2.0], "sensors.band_hz must be the lowest and the highest frequency, [Hz, Hz]"),
+        ("sensors.band_hz", [[0.0], [1.0]], "sensors.band_hz must be the lowest and the highest frequency, [Hz, Hz]"),
     ],
 )
 def test_values_that_contradict_each_other_are_refused(path, value, message):
