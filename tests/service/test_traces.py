@@ -86,12 +86,18 @@ def test_window_that_waited_over_a_restart_has_the_parts_that_are_known(collecto
     assert [span.name for span in spans] == ["process", "store", "publish", "window"]
 
 
-def test_collector_that_does_not_answer_is_not_waited_for():
+def test_collector_that_does_not_answer_is_not_waited_for(monkeypatch):
+    monkeypatch.setattr(
+        "service.operation.traces.WAIT", 0.5
+    )  # its thread ends soon after, and leaves no lines to others
     traces, began = Traces("http://127.0.0.1:1", "0"), time.monotonic()
     for index in range(1000):
         traces.arrived("unsw", index, "good", journey())
     traces.end()
     assert time.monotonic() - began < 4.0
+    for thread in threading.enumerate():
+        if thread.name == "traces":
+            thread.join(30.0)
 
 
 @pytest.mark.slow

@@ -97,7 +97,7 @@ def test_twenty_thousand_names_leave_a_short_list_and_nothing_else(caplog):
         "unknown_assets": 100, "unknown_asset_frames": 20_003, "unknown_assets_forgotten": 19_901,
     }  # fmt: skip
     assert inbox.depth == inbox.bytes == 0 and inbox.empty
-    assert len(caplog.records) == 1
+    assert len([record for record in caplog.records if record.name.startswith("service.")]) == 1
 
 
 def test_one_that_is_silent_for_long_leaves_the_list_and_a_dismissed_one_does_not_come_back_before():
