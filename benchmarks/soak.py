@@ -27,6 +27,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -131,7 +132,7 @@ def of_asset(frame: Frame, asset: str, channels: int, shift: int) -> Iterator[Fr
     moved = replace(frame, channel=channel, start_time_ns=frame.start_time_ns + shift)
     yield moved
     if isinstance(moved, SampleFrame) and channel.kind == "accel":
-        rng = np.random.default_rng((hash(asset) ^ frame.sequence) & 0xFFFFFFFF)
+        rng = np.random.default_rng([crc32(asset.encode()), frame.sequence % 2**32])
         for number in range(1, channels):
             noise = rng.normal(0.0, NOISE, moved.values.size).astype(np.float32)
             yield replace(moved, channel=channel._replace(name=f"a{number}"), values=moved.values + noise)

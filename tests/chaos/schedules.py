@@ -24,23 +24,21 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import psutil
-from fake_twin import TWIN
 from service_streams import ROOT, Service, free_port, write_recording
 
-from service.runtime.assess import assess
-from service.runtime.replay import shuffled
-from service.stream.sources.mcap import RawFrame, Recording
+from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
+from tests.chaos.comparison import disturbed, expected_windows, same
 from tests.chaos.faults import FAULTS, SQLITE_ALONE, KeptServer, committed_at_once
-from twin.options import Options
+from tests.chaos.processes import children_of, ended, is_tracker, own_disk
 
 WINDOWS = 8
 SPAN = 60.0 * WINDOWS  # of the recording [s]
@@ -238,7 +236,7 @@ class Run:
                 process.kill()
                 process.wait(10)
                 for child in children:
-                    if child.is_running() and not _ended(child, 10.0):
+                    if child.is_running() and not ended(child, 10.0):
                         self.wrong(f"process {child.pid} goes on after the service has been killed")
                         child.kill()
 
@@ -390,7 +388,7 @@ class Run:
     def workers(self) -> list[psutil.Process]:
         """The workers and who makes them; not the tracker of semaphores, whose end Python itself complains of."""
         assert self.service.process is not None
-        return [child for child in children_of(self.service.process.pid) if not _is_tracker(child)]
+        return [child for child in children_of(self.service.process.pid) if not is_tracker(child)]
 
     def _worker_kill(self, fault: Fault) -> None:
         for worker in self.workers():
@@ -473,70 +471,9 @@ def recording_of(schedule: Schedule, folder: Path) -> Path:
         Recording(sound) as recording,
         RecordingWriter(path, rig_text=recording.rig_text, metadata=dict(recording.metadata)) as writer,
     ):
-        for raw in _disturbed(list(recording.messages()), schedule.frames, rng):
+        for raw in disturbed(list(recording.messages()), schedule.frames, rng):
             writer.write(raw.channel, raw.log_time_ns, raw.payload)
     return path
-
-
-def _disturbed(frames: list[RawFrame], how: str, rng: random.Random) -> Iterator[RawFrame]:
-    if how == "shuffled":
-        yield from shuffled(frames, 8, rng.randrange(2**31))
-    for frame in frames if how != "shuffled" else ():
-        lost = how == "lost" and rng.random() < 0.02
-        if not lost:
-            yield frame
-        if how == "repeated" and rng.random() < 0.2:
-            yield frame
-
-
-def expected_windows(recording: Path) -> list[dict[str, Any]]:
-    """The windows that the same frames give without any fault."""
-    return assess(recording, twin=replace(TWIN, options=Options()))["windows"]
-
-
-def same(found: Any, right: Any) -> bool:
-    """Whether two values of a record are the same, to 1e-9."""
-    if isinstance(right, float) and isinstance(found, int | float):
-        return abs(found - right) <= 1e-9 * max(abs(found), abs(right), 1e-12)
-    if isinstance(right, list) and isinstance(found, list):
-        return len(found) == len(right) and all(map(same, found, right))
-    if isinstance(right, dict) and isinstance(found, dict):
-        return found.keys() == right.keys() and all(same(found[key], right[key]) for key in right)
-    return found == right
-
-
-@contextmanager
-def own_disk(data: Path) -> Iterator[None]:
-    """A small disk of its own for a data directory, which can be filled."""
-    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=24m", "tmpfs", str(data)], check=True)
-    try:
-        yield
-    finally:
-        subprocess.run(["umount", "-l", str(data)], check=False)
-
-
-def children_of(pid: int) -> list[psutil.Process]:
-    """The processes that a process has made, and theirs; none where it has ended."""
-    try:
-        return psutil.Process(pid).children(recursive=True)
-    except psutil.NoSuchProcess:
-        return []
-
-
-def _is_tracker(process: psutil.Process) -> bool:
-    """Whether a process is that which tracks semaphores for Python, or is over."""
-    try:
-        return any("resource_tracker" in part for part in process.cmdline())
-    except psutil.NoSuchProcess:  # a zombie too
-        return True
-
-
-def _ended(process: psutil.Process, seconds: float) -> bool:
-    try:
-        process.wait(seconds)
-    except psutil.TimeoutExpired:
-        return False
-    return True
 
 
 def attack(

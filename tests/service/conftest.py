@@ -10,12 +10,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import service_fakes as fakes
 import uvicorn
 from browsers import under_policy
 from postgresql_server import PostgresqlServer
 from postgresql_server import programs as postgresql_server_programs
 
 from service.api import create_app
+from service.api.limits import Limits
 from service.results.board import Board
 from service.results.sql_store import SqlStore
 
@@ -165,3 +167,12 @@ def open_page(browser, address):
 
 def _own(url, address):
     return url.startswith((address, "data:", "blob:"))
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory):
+    """The interface to a campaign, called by its name on the plant's network too."""
+    board = Board()
+    with SqlStore(tmp_path_factory.mktemp("attacks") / "twin.sqlite") as store:
+        fakes.campaign(store, board)
+        yield create_app(board, store, limits=Limits(hosts=("twin.plant.example",)))

@@ -157,7 +157,7 @@ def test_a_plain_publisher_is_let_in_at_once_and_one_that_asks_no_more_is_waited
     ("given", "rule", "reason"),
     [({}, "adopt", "only this computer"), ({"http": "0.0.0.0:8080"}, "ask", "http = 0.0.0.0"),
      ({"listen": ["tcp/127.0.0.1:7447", "tls/0.0.0.0:7447"]}, "ask", "listen = tls/0.0.0.0:7447"),
-     ({"listen": ["unixsock-stream//tmp/a", "tcp/[::1]:7447"]}, "adopt", "only"),
+     ({"listen": ["unixsock-stream/gear-twin.sock", "tcp/[::1]:7447"]}, "adopt", "only"),
      ({"listen": ["tcp/0.0.0.0:7447"], "connect": ["tcp/127.0.0.1:1"]}, "adopt", "only"),
      ({"connect": ["tcp/router:7447"]}, "ask", "connect = tcp/router:7447"),
      ({"new_assets": "ask"}, "ask", None), ({"http": "0.0.0.0:8080", "new_assets": "adopt"}, "adopt", None)],
