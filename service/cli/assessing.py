@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
+
+Prefix = Annotated[
+    str | None, typer.Option(help="First part of all keys and topics; default: the setting, else gearbox.")
+]
 
 
 def searches_effects(no_trace: bool) -> bool:
@@ -16,7 +22,7 @@ def assessed(
     rig: Path | None,
     update: str,
     asset: str | None,
-    prefix: str,
+    prefix: str | None,
     enough: Any = None,
     trace: bool = True,
     relation: Path | None = None,
@@ -40,7 +46,7 @@ def assessed(
             options,
             lambda share, windows: bar(share, f"{windows} windows"),
             asset=asset,
-            prefix=prefix,
+            prefix=prefix_of(prefix),
             assembly=windowing(),
             **({"enough": enough} if enough else {}),
         )
@@ -57,13 +63,13 @@ def give(answer: dict[str, Any], json: Path | None) -> None:
         print_answer(answer)
 
 
-def give_recording(answer: dict[str, Any], source: Path, out: Path, prefix: str) -> None:
+def give_recording(answer: dict[str, Any], source: Path, out: Path, prefix: str | None) -> None:
     """The recording with the results in it, and the layout that shows them."""
     from service.cli.show import progress_bar
     from service.files.results_recording import write_results
 
     with progress_bar("writing") as bar:
-        layout = write_results(answer, source, out, prefix, bar)
+        layout = write_results(answer, source, out, prefix_of(prefix), bar)
     tell(f"recording with results written to {out}, layout for Foxglove to {layout}")
 
 
@@ -79,6 +85,11 @@ def demand_finite(name: str, value: float) -> None:
 
     if not 0 <= value < float("inf"):
         raise InputError(f"--{name} {value:g} must be a number from 0 up")
+
+
+def prefix_of(given: str | None) -> str:
+    """First part of all keys and topics: as given, or by the settings; InputErrors where it is none."""
+    return settings_of(prefix=given).prefix
 
 
 def windowing() -> Any:

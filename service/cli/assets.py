@@ -253,12 +253,12 @@ def _learned_bytes(recordings: Sequence[Path]) -> bytes:
     """The file of a baseline learned from recordings."""
     from tempfile import TemporaryDirectory
 
-    from service.cli.assessing import windowing
+    from service.cli.assessing import prefix_of, windowing
     from service.files.baseline import learned, save
 
     with TemporaryDirectory() as folder:
         path = Path(folder) / "learned.baseline"
-        save(learned(recordings, None, windowing()), path)
+        save(learned(recordings, None, windowing(), prefix_of(None)), path)
         return path.read_bytes()
 
 

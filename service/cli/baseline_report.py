@@ -27,10 +27,10 @@ def baseline_label(name: str) -> str:
     return OTHER_LABELS.get(name) or label(name).replace("_", " ")
 
 
-def answered(recording: Path, baseline: Path, rig: Path | None) -> dict[str, Any]:
+def answered(recording: Path, baseline: Path, rig: Path | None, prefix: str) -> dict[str, Any]:
     """The answer about a recording beside a baseline file."""
     known = read_baseline(baseline)
-    loaded, found = compared(known, recording, rig, windowing())
+    loaded, found = compared(known, recording, rig, windowing(), prefix)
     return answer(loaded, known, found)
 
 

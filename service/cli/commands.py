@@ -13,7 +13,17 @@ from typer.core import TyperGroup
 
 from service.cli import database
 from service.cli.alarms import app as alarms
-from service.cli.assessing import assessed, demand_finite, give, searches_effects, settings_of, tell, windowing
+from service.cli.assessing import (
+    Prefix,
+    assessed,
+    demand_finite,
+    give,
+    prefix_of,
+    searches_effects,
+    settings_of,
+    tell,
+    windowing,
+)
 from service.cli.assets import app as assets
 from service.cli.audit import audit
 from service.cli.config import ConfigFile, config, configured
@@ -77,8 +87,6 @@ class Update(StrEnum):
 Recording = Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (MCAP).")]
 RigFile = Annotated[Path | None, typer.Option("--rig", help="Rig file; default: the one attached to the recording.")]
 Asset = Annotated[str | None, typer.Option(help="The asset, if a recording contains several.")]
-AnyPrefix = Annotated[str | None, typer.Option(help="First part of all keys; default: gearbox.")]
-Prefix = Annotated[str, typer.Option(help="First part of all keys and topics.", envvar="GEAR_TWIN_PREFIX")]
 UpdateMethod = Annotated[
     Update, typer.Option(help="Method that sets the depth: transmission error (fused) or vibration level (rms).")
 ]
@@ -102,7 +110,7 @@ def assess(
         Path | None, typer.Option(help="Relation of level and depth (from `relate`), for machines without a model.")
     ] = None,
     asset: Asset = None,
-    prefix: Prefix = "gearbox",
+    prefix: Prefix = None,
     mcap: Annotated[
         Path | None,
         typer.Option(help="Write a copy of the recording with the results in it, and a layout file for Foxglove."),
@@ -134,7 +142,7 @@ def calibrate(
         int, typer.Option(min=1, help="Number of measurement windows, from the first, that are taken as unworn.")
     ] = 3,
     asset: Asset = None,
-    prefix: Prefix = "gearbox",
+    prefix: Prefix = None,
 ) -> None:
     """Fit mesh stiffness, damping and contact width to low-speed and unworn windows."""
     from service.cli.calibration import calibration_text
@@ -179,7 +187,7 @@ def replay(
     asset: Annotated[
         str | None, typer.Option(help="Publish under this asset's name in place of the recording's.")
     ] = None,
-    prefix: AnyPrefix = None,
+    prefix: Prefix = None,
     config: ConfigFile = None,
     json: JsonFile = None,
 ) -> None:
@@ -220,7 +228,7 @@ def record(
     ),
     rig: RigFile = None,
     description: Annotated[str, typer.Option(help="Text for the recording's metadata.")] = "recorded live",
-    prefix: AnyPrefix = None,
+    prefix: Prefix = None,
     config: ConfigFile = None,
     json: JsonFile = None,
 ) -> None:
@@ -276,7 +284,7 @@ def serve(
     relation: Annotated[
         Path | None, typer.Option(help="Relation of level and depth, for machines without a model.")
     ] = None,
-    prefix: AnyPrefix = None,
+    prefix: Prefix = None,
     config: ConfigFile = None,
 ) -> int:
     """Run the service: streams in over Zenoh; REST, page and Zenoh out. All settings: `gear-twin config`."""
@@ -321,7 +329,7 @@ def report(
     rig: RigFile = None,
     no_trace: NoTrace = False,
     asset: Asset = None,
-    prefix: Prefix = "gearbox",
+    prefix: Prefix = None,
     json: JsonFile = None,
 ) -> None:
     """Summarise an assessment for people: as text, as one HTML page, or as a PDF of two pages."""
@@ -331,7 +339,7 @@ def report(
     trace = searches_effects(no_trace)
     answer = load_answer(source) if answered else assessed(source, rig, Update.fused.value, asset, prefix, trace=trace)
     for path in out or ():
-        write_report(answer, path, machine_of(source, rig))
+        write_report(answer, path, machine_of(source, rig, prefix_of(prefix)))
         tell(f"report written to {path}")
     if not wrote_json(answer, json) and not out:
         print(text_report(answer))
@@ -343,6 +351,7 @@ def baseline(
     recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING…", help="Recordings of the healthy machine.")],
     out: Annotated[Path, typer.Option(help="Baseline file to write.")],
     rig: RigFile = None,
+    prefix: Prefix = None,
     json: JsonFile = None,
 ) -> None:
     """Learn a healthy baseline for a machine without a model: every spectral line against load and speed."""
@@ -351,7 +360,7 @@ def baseline(
     from service.files.baseline import learned, save
     from twin.baseline.comparison import described
 
-    found = learned(recordings, rig, windowing())
+    found = learned(recordings, rig, windowing(), prefix_of(prefix))
     save(found, out)
     said = Baseline.of(described(found)).as_json()
     if not wrote_json(said, json):
@@ -424,7 +433,7 @@ def diagnose(
         typer.Option(help="Assumed base radii of pinion and gear in mm, for run-out in µm if the rig file has none."),
     ] = None,
     asset: Asset = None,
-    prefix: Prefix = "gearbox",
+    prefix: Prefix = None,
     json: JsonFile = None,
 ) -> None:
     """Attribute vibration that wear does not explain: effects, their evidence, and what remains unexplained."""
@@ -436,13 +445,13 @@ def diagnose(
     from service.files.baseline import energy_of
 
     if baseline is not None:
-        answer = baseline_report.answered(source, baseline, rig)
+        answer = baseline_report.answered(source, baseline, rig, prefix_of(prefix))
     elif source.suffix == ".json":
         answer = load_answer(source)
     else:
         answer = assessed(source, rig, Update.fused.value, asset, prefix)
         if answer.get("unattributed_lines"):
-            answer["energy_breakdown"] = energy_of(source, rig, windowing())
+            answer["energy_breakdown"] = energy_of(source, rig, windowing(), prefix_of(prefix))
     if base_radii_mm is not None:
         answer = with_assumed_radii(answer, base_radii_mm)
     printed = wrote_json(answer, json)
@@ -454,7 +463,7 @@ def diagnose(
         tell(f"figures written to {out}")
 
 
-app.command(name="import", rich_help_panel=DATA)(import_)
+app.command(name="import", rich_help_panel=DATA)(configured(import_))
 app.command(name="init", rich_help_panel=START)(init)
 app.command(name="doctor", rich_help_panel=START)(configured(doctor))
 app.command(name="config", rich_help_panel=START)(config)

@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from service.cli.assessing import Prefix
+
 
 def doctor(
     recording: Annotated[
@@ -16,17 +18,18 @@ def doctor(
         Path | None, typer.Option("--rig", help="Rig file; default: the one attached to the recording.")
     ] = None,
     asset: Annotated[str | None, typer.Option(help="The asset, if a recording contains several.")] = None,
+    prefix: Prefix = None,
     json: Annotated[
         Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
     ] = None,
 ) -> None:
     """Examine a recording and a rig file: what they support, likely mistakes, and what one more sensor would add."""
-    from service.cli.assessing import windowing
+    from service.cli.assessing import prefix_of, windowing
     from service.cli.init import print_abilities
     from service.json_text import wrote_json
     from service.setup.examination import examined
 
-    found = examined(recording, rig, asset, windowing())
+    found = examined(recording, rig, asset, windowing(), prefix_of(prefix))
     if wrote_json(found.as_json(), json):
         return
     _print_channels(found)

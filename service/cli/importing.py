@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from service.cli.assessing import tell
+from service.cli.assessing import Prefix, prefix_of, tell
 from service.json_text import wrote_json
 
 GUESSING = "With --guess"
@@ -24,6 +24,7 @@ def import_(
     ],
     out: Annotated[Path | None, typer.Option(help="MCAP file to write.", show_default=False)] = None,
     source: Annotated[Path | None, typer.Option(help="Data file instead of the one that the mapping names.")] = None,
+    prefix: Prefix = None,
     json: Annotated[
         Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
     ] = None,
@@ -76,7 +77,7 @@ def import_(
     elif out is None:
         raise InputError("--out must name the MCAP file to write; or --guess: propose a mapping for a data file")
     if out is not None:
-        said |= _imported(mapping, out, source, quiet=str(json) == "-")
+        said |= _imported(mapping, out, source, prefix_of(prefix), quiet=str(json) == "-")
     wrote_json(said, json)
 
 
@@ -160,12 +161,14 @@ def _print_proposal(table: Any, proposal: Any) -> None:
     Console().print(shown)
 
 
-def _imported(mapping: Path, out: Path, source: Path | None, *, quiet: bool) -> dict[str, Any]:
+def _imported(mapping: Path, out: Path, source: Path | None, prefix: str, *, quiet: bool) -> dict[str, Any]:
     from service.cli.show import progress_bar
     from service.files.import_recording import import_recording
 
     with progress_bar("importing") as bar:
-        found = import_recording(mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source)
+        found = import_recording(
+            mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source, prefix
+        )
     if not quiet:
         print(f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
     for label, counts in found["encoders"].items():

@@ -38,13 +38,13 @@ def text_report(answer: Mapping[str, Any]) -> str:
     return "\n".join([answer_text(answer), *(["", "Effects", *effects] if effects else [])])
 
 
-def machine_of(source: Path, rig: Path | None) -> Mapping[str, Any] | None:
+def machine_of(source: Path, rig: Path | None, prefix: str) -> Mapping[str, Any] | None:
     """The mapping of the rig file in use: the one given, else that of the recording; None for an answer without."""
     if rig is not None:
         return load_mapping(rig)
     if source.suffix == ".json":
         return None
-    with Recording(source) as recording:
+    with Recording(source, prefix) as recording:
         return recording.rig()
 
 

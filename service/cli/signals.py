@@ -9,6 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
+from service.cli.assessing import Prefix
+
 
 class ViewName(StrEnum):
     """The views of a window's signals."""
@@ -58,15 +60,13 @@ def signals(
         Path | None, typer.Option("--rig", help="Rig file; default: the one attached to the recording.")
     ] = None,
     asset: Annotated[str | None, typer.Option(help="The asset, if a recording contains several.")] = None,
-    prefix: Annotated[
-        str, typer.Option(help="First part of all keys and topics.", envvar="GEAR_TWIN_PREFIX")
-    ] = "gearbox",
+    prefix: Prefix = None,
     json: Annotated[
         Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
     ] = None,
 ) -> None:
     """Show signals of one window: waveform, spectra, synchronous average, transmission error or the worn flank."""
-    from service.cli.assessing import tell, windowing
+    from service.cli.assessing import prefix_of, tell, windowing
     from service.errors import InputError
     from service.json_text import wrote_json
     from service.signals.recorded import recorded_subject
@@ -77,7 +77,7 @@ def signals(
     if out is not None and out.suffix.lower() not in FORMATS:
         raise InputError(f"{out}: the ending must be one of {', '.join(FORMATS)}")
     subject = recorded_subject(
-        recording, window, rig_path=rig, asset=asset, prefix=prefix, assembly=windowing(),
+        recording, window, rig_path=rig, asset=asset, prefix=prefix_of(prefix), assembly=windowing(),
         modelled=modelled or view in MODEL_VIEWS,
     )  # fmt: skip
     options = ViewOptions(channel=channel, shaft=shaft.value, averaged=averaged, rms=rms, band=band_hz)

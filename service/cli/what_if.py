@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from service.cli.assessing import searches_effects, settings_of, tell, windowing
+from service.cli.assessing import Prefix, prefix_of, searches_effects, settings_of, tell, windowing
 
 
 def what_if(
@@ -39,9 +39,7 @@ def what_if(
         Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
     ] = None,
     asset: Annotated[str | None, typer.Option(help="The asset, if there is more than one.")] = None,
-    prefix: Annotated[
-        str, typer.Option(help="First part of all keys and topics.", envvar="GEAR_TWIN_PREFIX")
-    ] = "gearbox",
+    prefix: Prefix = None,
 ) -> None:
     """Remaining life under another duty, and the probability of reaching a date."""
     from service.json_text import wrote_json
@@ -76,7 +74,7 @@ def _point(text: str) -> dict[str, float]:
 
 
 def _of_recording(
-    recording: Path, rig: Path | None, asset: str | None, prefix: str, asked: dict[str, Any], *, trace: bool
+    recording: Path, rig: Path | None, asset: str | None, prefix: str | None, asked: dict[str, Any], *, trace: bool
 ) -> dict[str, Any]:
     """The answer from a recording, assessed now."""
     from pydantic import ValidationError
@@ -98,7 +96,7 @@ def _of_recording(
     with progress_bar("assessing") as bar:
         assessed_rig, state, found = assess_with_state(
             recording, rig, options, lambda share, windows: bar(share, f"{windows} windows"),
-            asset=asset, prefix=prefix, assembly=windowing(),
+            asset=asset, prefix=prefix_of(prefix), assembly=windowing(),
         )  # fmt: skip
     for line in warnings(recording, found):
         tell(line)

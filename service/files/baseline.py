@@ -28,6 +28,7 @@ from service.json_text import plain
 from service.runtime.assess import choose_asset, rig_of
 from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.sources.mcap import Recording, read_windows
+from service.stream.wire.topics import PREFIX
 from twin import assessment
 from twin.baseline.comparison import (
     NO_DEPTH,
@@ -72,14 +73,16 @@ def load(
     rig_path: Path | None = None,
     shafts: Sequence[Fraction] | None = None,
     assembly: AssemblySettings = DEFAULT,
+    prefix: str = PREFIX,
 ) -> Loaded:
     """The windows of a recording that have a pinion angle.
 
     shafts    known ones; those of the pair where None
     assembly  how frames become windows, the same as in `assess` and in the service
+    prefix    first part of the recording's topics
     Raises InputError where there is none.
     """
-    with Recording(path) as recording:
+    with Recording(path, prefix) as recording:
         asset = choose_asset(recording, None)
         rig = rig_of(recording, rig_path)
     try:
@@ -87,7 +90,7 @@ def load(
     except TwinError as error:
         raise InputError(f"{path}: a baseline needs the tooth counts of the pair: {error}") from None
     windows, refused = [], []
-    for i, window in enumerate(read_windows(path, assembly_for(rig, assembly))[2]):
+    for i, window in enumerate(read_windows(path, assembly_for(rig, assembly), prefix)[2]):
         name = f"{path.stem}#{i}"
         try:
             windows.append(tracked(rig, window, name, shafts))
@@ -98,12 +101,17 @@ def load(
     return Loaded(rig, asset, windows, refused)
 
 
-def learned(paths: Sequence[Path], rig_path: Path | None = None, assembly: AssemblySettings = DEFAULT) -> Baseline:
+def learned(
+    paths: Sequence[Path],
+    rig_path: Path | None = None,
+    assembly: AssemblySettings = DEFAULT,
+    prefix: str = PREFIX,
+) -> Baseline:
     """A baseline from recordings of the healthy machine.
 
     Another shaft that is geared to the pinion is included where most windows show its lines.
     """
-    loaded = [load(path, rig_path, assembly=assembly) for path in paths]
+    loaded = [load(path, rig_path, assembly=assembly, prefix=prefix) for path in paths]
     rig = loaded[0].rig
     for path, other in zip(paths, loaded, strict=True):
         if other.rig.teeth != rig.teeth:
@@ -141,10 +149,14 @@ def _geared(windows: Sequence[TrackedWindow]) -> tuple[Fraction, ...]:
 
 
 def compared(
-    baseline: Baseline, path: Path, rig_path: Path | None = None, assembly: AssemblySettings = DEFAULT
+    baseline: Baseline,
+    path: Path,
+    rig_path: Path | None = None,
+    assembly: AssemblySettings = DEFAULT,
+    prefix: str = PREFIX,
 ) -> tuple[Loaded, BaselineResult]:
     """A recording compared with a baseline; InputError where it cannot be."""
-    loaded = load(path, rig_path, baseline.shafts, assembly)
+    loaded = load(path, rig_path, baseline.shafts, assembly, prefix)
     try:
         return loaded, compare_with_baseline(baseline, loaded.rig, loaded.windows)
     except TwinError as error:
@@ -188,11 +200,11 @@ def lines_of_no_shaft(loaded: Loaded) -> list[dict[str, Any]]:
 
 
 def energy_of(
-    path: Path, rig_path: Path | None = None, assembly: AssemblySettings = DEFAULT
+    path: Path, rig_path: Path | None = None, assembly: AssemblySettings = DEFAULT, prefix: str = PREFIX
 ) -> list[dict[str, Any]] | dict[str, str]:
     """The energy of a recording's first usable window by origin and channel, or why it is not available."""
     try:
-        loaded = load(path, rig_path, assembly=assembly)
+        loaded = load(path, rig_path, assembly=assembly, prefix=prefix)
         first = loaded.windows[0]
         shafts = pair_shafts(loaded.rig)
         found = energy_breakdown(first.window.accelerations, first.track, loaded.rig.teeth, shafts, first.spacing)

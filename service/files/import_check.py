@@ -16,9 +16,9 @@ EXAMINED = 3  # windows, from the first: a mistake of the installation is in all
 SAME = 0.01  # relative difference of two factors that are one
 
 
-def likely_mistakes(recording: Path) -> list[str]:
+def likely_mistakes(recording: Path, prefix: str) -> list[str]:
     """A line for each fault and each likely mistake of a recording's windows, each once."""
-    rig, _, windows = read_windows(recording)
+    rig, _, windows = read_windows(recording, prefix=prefix)
     known = Rig.from_mapping(rig or {})
     lines: dict[tuple[str, ...], str] = {}  # windows of one recording repeat a mistake with other figures
     for number, window in enumerate(windows):

@@ -33,7 +33,7 @@ from service.files.import_mapping import ImportMapping, load_import_mapping
 from service.stream.channels import CHANNEL_KINDS, Layout
 from service.stream.frames import NS, EncoderFrame, Frame, SampleFrame
 from service.stream.wire.codec import encode, schema_data
-from service.stream.wire.topics import Channel, topic_of
+from service.stream.wire.topics import PREFIX, Channel, topic_of
 from twin.encoder_pair.motion import forward_edges, quadrature
 from twin.errors import WindowError
 from twin.features.pulses import pulses_of
@@ -50,19 +50,25 @@ def import_recording(
     out_path: str | Path,
     progress: Progress | None = None,
     source: str | Path | None = None,
+    prefix: str = PREFIX,
 ) -> dict[str, Any]:
     """Writes the recording that a mapping file describes; returns what was written and what was left out.
 
     progress  called with the frames written and their total
     source    data file in place of the mapping's `file.path`
+    prefix    first part of the recording's topics
     """
     mapping = load_import_mapping(mapping_path)
     data_file = Path(source) if source is not None else mapping.path
-    return written_recording(mapping, data_file, out_path, progress)
+    return written_recording(mapping, data_file, out_path, progress, prefix)
 
 
 def written_recording(
-    mapping: ImportMapping, data_file: Path, out_path: str | Path, progress: Progress | None = None
+    mapping: ImportMapping,
+    data_file: Path,
+    out_path: str | Path,
+    progress: Progress | None = None,
+    prefix: str = PREFIX,
 ) -> dict[str, Any]:
     """Writes the recording of a checked mapping and a data file; returns what was written and what was left out."""
     data = read_columns(mapping, data_file)
@@ -76,7 +82,7 @@ def written_recording(
     frames = _all_frames(data, imported, counted, int(started.timestamp()) * NS + started.microsecond * 1000)
     notes = _notes(data, data_file, counted)
     metadata = {"asset": mapping.asset, "description": mapping.description, "started": started.isoformat()}
-    write_recording(out_path, frames, metadata, notes, to_toml(mapping.rig), progress)
+    write_recording(out_path, frames, metadata, notes, to_toml(mapping.rig), progress, prefix)
     return {
         "recording": str(out_path),
         "asset": mapping.asset,
@@ -87,7 +93,7 @@ def written_recording(
         "left_out": {c.label: c.left_out for c in mapping.channels if c.left_out},
         "encoders": {label: counts.figures for label, counts in counted.items()},
         "notes": notes,
-        "mistakes": [*contradicted_units(mapping.channels, data.units), *likely_mistakes(Path(out_path))],
+        "mistakes": [*contradicted_units(mapping.channels, data.units), *likely_mistakes(Path(out_path), prefix)],
     }
 
 
@@ -312,6 +318,7 @@ def write_recording(
     notes: Mapping[str, str],
     rig_toml: str,
     progress: Progress | None = None,
+    prefix: str = PREFIX,
 ) -> None:
     """An MCAP file by the contract, section 2; written under another name and renamed when complete."""
     out_path = Path(out_path)
@@ -330,7 +337,7 @@ def write_recording(
                 media_type="application/toml",
                 data=rig_toml.encode(),
             )
-            _write_frames(writer, frames, progress)
+            _write_frames(writer, frames, progress, prefix)
             writer.finish()
         partial.replace(out_path)
     except OSError as error:
@@ -340,14 +347,14 @@ def write_recording(
         partial.unlink(missing_ok=True)
 
 
-def _write_frames(writer: Writer, frames: list[Frame], progress: Progress | None) -> None:
+def _write_frames(writer: Writer, frames: list[Frame], progress: Progress | None, prefix: str) -> None:
     schemas = {
         name: writer.register_schema(name=name, encoding="protobuf", data=schema_data())
         for name in sorted({CHANNEL_KINDS[f.channel.kind].schema for f in frames})
     }
     channels = {
         channel: writer.register_channel(
-            topic=topic_of(channel),
+            topic=topic_of(channel, prefix),
             message_encoding="protobuf",
             schema_id=schemas[CHANNEL_KINDS[channel.kind].schema],
         )

@@ -79,7 +79,7 @@ def assess_with_state(
         quality = pipeline.quality(asset) | {"recording": list(recording.faults)}
         answer = assemble(asset, records, results.report, quality)
         answer["rig"] = RigSummary.of(rig).as_json()
-        _demand_assessment(recording.path, answer)
+        _demand_assessment(recording.path, answer, prefix)
         return rig, results.state, answer
 
 
@@ -130,7 +130,7 @@ class Unassessable(InputError):
         self.answer = answer
 
 
-def _demand_assessment(path: Path, answer: dict[str, Any]) -> None:
+def _demand_assessment(path: Path, answer: dict[str, Any], prefix: str) -> None:
     """Some window must have been used, and the twin compared where the rig file says that it can be."""
     records, quality = answer["windows"], answer["data_quality"]
     asset, missing = answer["asset"], quality["missing_channels"]
@@ -139,7 +139,8 @@ def _demand_assessment(path: Path, answer: dict[str, Any]) -> None:
     used = [record for record in records if record["quality"] != "refused"]
     if used and (compared or not needed):
         return
-    topics = ", ".join(topic_of(Channel(asset, *label.split("/"))) for label in (missing if not used else needed))
+    absent_labels = missing if not used else needed
+    topics = ", ".join(topic_of(Channel(asset, *label.split("/")), prefix) for label in absent_labels)
     absent = f"the rig file names {topics}, which the recording does not have" if topics else ""
     if used:
         raise Unassessable(f"{path}: no window can be compared with the twin: {absent}", answer)

@@ -36,6 +36,7 @@ from service.runtime.reception import assembly_settings
 from service.runtime.replay import replay
 from service.settings import Settings
 from service.stream.sources.mcap import read_windows
+from service.stream.wire.topics import PREFIX
 
 BUNDLED = Path(__file__).parents[2] / "recordings"
 RECORDINGS = (BUNDLED / "short-campaign.mcap", BUNDLED / "faulty-campaign.mcap")  # a healthy machine and a faulty one
@@ -223,7 +224,7 @@ def _replayed(
 
     def deliver() -> None:
         try:
-            replay(recording, endpoints, 0, prefix=settings.prefix)
+            replay(recording, endpoints, 0, prefix=settings.prefix, recorded=PREFIX)
         except Exception as error:
             failed.append(error)
 

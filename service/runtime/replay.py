@@ -71,6 +71,7 @@ def replay(
     disturb: Callable[[Iterable[RawFrame]], Iterable[RawFrame]] = lambda frames: frames,
     publish_to: Callable[[Sequence[str], str, float], AbstractContextManager[FramePublisher]] = open_publisher,
     asset: str | None = None,
+    recorded: str | None = None,
 ) -> int:
     """Publishes a whole recording; answers how many frames are stored.
 
@@ -78,11 +79,12 @@ def replay(
     disturb     may repeat or reorder frames
     publish_to  opens a publisher, given endpoints, prefix and the time to wait for subscribers [s]
     asset       the name to publish under in place of the recording's own; None: the recording's
+    recorded    first part of the recording's topics; None: `prefix`, too
     """
     if asset is not None and not NAME.fullmatch(asset):
         raise InputError(f"asset = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
     with (
-        Recording(path, prefix) as recording,
+        Recording(path, recorded or prefix) as recording,
         publish_to(connect, prefix, wait) as publisher,
     ):
         if asset is not None and len(recording.assets) > 1:

@@ -15,6 +15,7 @@ from service.files.rig import checked_rig, expected_channels, load_rig
 from service.setup.abilities import Ability, Equipment, abilities, equipment_of_rig, one_more
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
 from service.stream.sources.mcap import Recording
+from service.stream.wire.topics import PREFIX
 from twin.errors import TwinError
 from twin.features.extract import extract
 from twin.plausibility import mistakes_of
@@ -54,14 +55,18 @@ class Examination:
 
 
 def examined(
-    path: Path | None, rig_path: Path | None, asset: str | None = None, assembly: AssemblySettings = DEFAULT
+    path: Path | None,
+    rig_path: Path | None,
+    asset: str | None = None,
+    assembly: AssemblySettings = DEFAULT,
+    prefix: str = PREFIX,
 ) -> Examination:
     """The examination of a recording, of a rig file, or of both; InputError where neither can be used."""
     if path is None:
         if rig_path is None:
             raise InputError("nothing to examine: name a recording, or a rig file with --rig")
         return _of_rig(load_rig(rig_path), rig_path)
-    with Recording(path) as recording:
+    with Recording(path, prefix) as recording:
         if asset is None and len(recording.assets) != 1:
             raise InputError(
                 f"{path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; --asset NAME"

@@ -21,7 +21,7 @@ from service.runtime.demo import free_port as first_free
 from service.stream.frames import NS, EncoderFrame, SampleFrame
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode
-from service.stream.wire.topics import Channel
+from service.stream.wire.topics import PREFIX, Channel
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -39,11 +39,13 @@ def write_recording(
     later: float = 0.0,
     seed: int = 7,
     changed: tuple[bytes, bytes] | None = None,
+    prefix: str = PREFIX,
 ) -> Path:
     """A campaign of short windows, minutes apart, whose level differs from window to window.
 
     later    how much later than others it was recorded [s]; its revolutions begin at 0 all the same
     changed  what the rig file says instead of something else
+    prefix   first part of its topics
     """
     rng = np.random.default_rng(seed)
     text = rig.read_bytes() if rig else None
@@ -52,7 +54,7 @@ def write_recording(
     if changed is not None:
         assert text and changed[0] in text
         text = text.replace(*changed)
-    with RecordingWriter(path, rig_text=text, metadata={"asset": asset}) as writer:
+    with RecordingWriter(path, rig_text=text, metadata={"asset": asset}, prefix=prefix) as writer:
         for w in range(windows):
             start = 1_700_000_000 * NS + round((later + w * PAUSE_S) * NS)
             for f in range(round(WINDOW_S / FRAME_S)):

@@ -221,10 +221,10 @@ def _locally_ordered(messages: list[Message]) -> list[Message]:
 
 
 def read_windows(
-    path: str | Path, settings: AssemblySettings = DEFAULT
+    path: str | Path, settings: AssemblySettings = DEFAULT, prefix: str = PREFIX
 ) -> tuple[Mapping[str, Any] | None, dict[str, str], list[Window]]:
     """All windows of a recording of one asset: (rig mapping or None, metadata, windows)."""
-    with Recording(path) as recording:
+    with Recording(path, prefix) as recording:
         if len(recording.assets) > 1:
             raise InputError(f"{path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; give one")
         assembler = Assembler(settings)
