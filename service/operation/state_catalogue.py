@@ -56,6 +56,11 @@ FAULTS: dict[str, Named] = {
         "frames or windows left out for want of room; the window is refused",
         "See `gear_twin_windows_shed_total`.",
     ),
+    "left_out": Named(
+        "frames that came while their asset was retired or not adopted yet, for which there was no room while storage "
+        "could not be used, or whose stream was another asset's; a window that lacks some is refused",
+        "Retire, reinstate and adopt between two windows, or let loggers keep frames until they are stored.",
+    ),
     # of windows
     "gap": Named("samples or edges that are missing", "As for `lost`."),
     "missing_channel": Named(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 
 from service.errors import FrameError
@@ -12,6 +12,7 @@ from service.runtime.reception import Reception
 from service.runtime.storage_watch import StorageWatch
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import Frame
+from service.stream.left_out import UNOPENED, Growing, Missing
 from service.stream.position import Position, earliest
 from service.stream.wire.topics import Channel
 
@@ -42,6 +43,7 @@ class Intake:
         self.left_out = 0  # frames of new assets for which there was no room while the storage could not be used
         self._unopened: dict[str, list[Frame]] = {}  # the first frames of new assets that wait for storage
         self._unopened_bytes, self._held_bytes = 0, held_bytes
+        self._missing: dict[str, Growing] = {}  # frames of those assets that were left out meanwhile
         self._learning = learning or LearningPhase()
         self._known = set(reception.assets)
         self._shown: dict[str, float] = {}  # when an asset's counters were shown; absent where they are up to date
@@ -54,24 +56,33 @@ class Intake:
             if not self._open(asset):
                 self._hold(frame)
                 return
-            self._known.add(asset)
-            self._learning.begin(asset, now)
-            for held in self._unopened.pop(asset, ()):
-                self._unopened_bytes -= held.nbytes
-                self._hand_on(held, now)
+            self._begin(asset, now)
         if self._hand_on(frame, now) and self._clock() - self._shown.get(asset, float("-inf")) > SHOW_EVERY:
             self._show(asset)
+
+    def _begin(self, asset: str, now: float) -> None:
+        """The first of an asset has come: its channels are learned, and what has waited for the storage goes on."""
+        self._known.add(asset)
+        self._learning.begin(asset, now)
+        if asset in self._missing:
+            self._reception.leave_out(asset, self._missing.pop(asset).missing)
+        for held in self._unopened.pop(asset, ()):
+            self._unopened_bytes -= held.nbytes
+            self._hand_on(held, now)
 
     def _hold(self, frame: Frame) -> None:
         """Keeps a frame of a new asset until the storage can be used; later ones are left out where there is no room.
 
         The first ones are kept, so that what was left out is a gap that the publisher is asked to fill.
         """
+        asset = frame.channel.asset
         if self._unopened_bytes + frame.nbytes > self._held_bytes:
             self.left_out += 1
+            growing = self._missing.setdefault(asset, Growing(UNOPENED))
+            growing.add(frame.channel.label, frame.sequence, frame.start_time_ns)
             return
         self._unopened_bytes += frame.nbytes
-        self._unopened.setdefault(frame.channel.asset, []).append(frame)
+        self._unopened.setdefault(asset, []).append(frame)
 
     def _hand_on(self, frame: Frame, now: float) -> bool:
         """Hands a frame to the reception; False where it is held to learn the asset's channels."""
@@ -85,16 +96,19 @@ class Intake:
         self._note(channel)
         if not self._open(channel.asset):
             return
+        if channel.asset not in self._known:
+            self._begin(channel.asset, self._clock())
         self._reception.reject(channel, error)
-        self._known.add(channel.asset)
         self._show(channel.asset)
 
-    def leave_out(self, asset: str, begin: int, end: int, frames: Mapping[str, int]) -> None:
-        """Frames of a stretch of time were left out for want of room, by channel [ns]."""
+    def leave_out(self, asset: str, missing: Missing) -> None:
+        """Frames of a stretch of time were left out before they came here."""
         if not self._open(asset):
+            self._missing.setdefault(asset, Growing(UNOPENED)).join(missing)
             return
-        self._reception.leave_out(asset, begin, end, frames)
-        self._known.add(asset)
+        if asset not in self._known:
+            self._begin(asset, self._clock())
+        self._reception.leave_out(asset, missing)
         self._show(asset)
 
     def flush(self, asset: str) -> None:
@@ -142,6 +156,8 @@ class Intake:
             self._known.add(name)
         if asset in self._shown:
             self._shown[name] = self._shown.pop(asset)
+        if asset in self._missing:
+            self._missing[name] = self._missing.pop(asset)
         self._learning.rename(asset, name)
 
     def _open(self, asset: str) -> bool:

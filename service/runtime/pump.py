@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,6 +12,7 @@ from service.errors import FrameError
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import NS, Frame
 from service.stream.inbox import Arrival, Inbox, Item, Marker, Shed
+from service.stream.left_out import Missing
 from service.stream.wire.codec import decode
 from service.stream.wire.topics import Channel
 
@@ -113,7 +114,7 @@ class FrameConsumer(Protocol):
 
     def reject(self, channel: Channel, error: FrameError) -> None: ...
 
-    def leave_out(self, asset: str, begin: int, end: int, frames: Mapping[str, int]) -> None: ...
+    def leave_out(self, asset: str, missing: Missing) -> None: ...
 
     def flush(self, asset: str) -> None: ...
 
@@ -172,7 +173,7 @@ class Pump:
         if isinstance(item, Arrival):
             self._take(item)
         elif isinstance(item, Shed):
-            self._consumer.leave_out(item.stream, item.begin_ns, item.end_ns, item.frames)
+            self._consumer.leave_out(item.stream, item.missing)
         elif isinstance(item, Marker):
             item.reached()
         if self._now - self._looked >= _POLL:

@@ -22,6 +22,7 @@ from service.runtime.outcomes import ClosedWindow, Freshness
 from service.settings import Settings
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
 from service.stream.frames import Frame
+from service.stream.left_out import ANOTHERS, Missing
 from service.stream.position import Position
 from service.stream.quality import Quality
 from service.stream.repeats import Repeats
@@ -92,9 +93,9 @@ class Reception:
         received.assembler.count(channel.label, "invalid")
         received.counts.note("invalid", channel.label, 1, "refused", str(error))
 
-    def leave_out(self, asset: str, begin: int, end: int, frames: Mapping[str, int]) -> None:
-        """Frames of a stretch of time were left out before they came here, by channel [ns]."""
-        self._of(asset).assembler.leave_out(begin, end, frames)
+    def leave_out(self, asset: str, missing: Missing) -> None:
+        """Frames of a stretch of time were left out before they came here."""
+        self._of(asset).assembler.leave_out(missing)
 
     def expect(self, asset: str, labels: Iterable[str]) -> None:
         """Waits for these channels too before the asset's first window."""
@@ -178,6 +179,8 @@ class Reception:
         if not fresh:
             kept = Assembler.from_dict(old.assembler.to_dict(), old.assembler.settings)
             new.assembler, old.assembler = old.assembler, kept
+        else:
+            new.assembler.leave_out_all_so_far(old.assembler, ANOTHERS)
 
     def reopen(self, asset: str) -> None:
         """Goes on with the rig file that the asset has now."""

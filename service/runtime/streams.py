@@ -7,25 +7,38 @@ an asset was renamed, or after the data of its stream were found to be another m
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import replace
+import time
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from service.errors import FrameError
 from service.results.asset_life import AssetLife
 from service.results.unknown_assets import UnknownAssets
 from service.runtime.pump import FrameConsumer
+from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import Frame
+from service.stream.left_out import RETIRED, Growing, Missing
 from service.stream.position import Position
 from service.stream.wire.topics import Channel
 
 log = logging.getLogger(__name__)
+
+HELD_OPEN = 60.0  # how long the window in progress of an asset that is retired waits for it to be reinstated [s]
 
 
 class AssetConsumer(FrameConsumer, Protocol):
     """Who takes the frames of assets, and knows how far each has come."""
 
     def position(self, asset: str) -> Position | None: ...
+
+
+@dataclass(slots=True)
+class _Retirement:
+    """What has come of an asset since it was retired, which may be reinstated in the midst of a burst."""
+
+    since: float  # on the monotonic clock [s]
+    missing: Growing = field(default_factory=lambda: Growing(RETIRED))
 
 
 class Streams:
@@ -43,11 +56,14 @@ class Streams:
         retired: Callable[[str], bool],
         unavailable: Callable[[], str | None] = lambda: None,
         unknown: UnknownAssets | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._unavailable, self._unknown = unavailable, unknown or UnknownAssets()
         self._life, self._consumer, self._retired = life, consumer, retired
         self.moved: Callable[[str], None] = lambda stream: None  # called with a stream of which something has come
         self._routes = life.routes()
+        self._clock = clock
+        self._retirements: dict[str, _Retirement] = {}
         self.left_out: dict[str, int] = {}  # frames of retired assets
 
     def reload(self) -> None:
@@ -73,8 +89,8 @@ class Streams:
         stream = frame.channel.asset
         asset = self.asset_of(stream)
         self.moved(stream)
-        if self._retired(asset):
-            self.left_out[asset] = self.left_out.get(asset, 0) + 1
+        if self._is_retired(asset):
+            self._leave_out_retired(asset, frame)
             return
         self._consumer.feed(frame if asset == stream else replace(frame, channel=frame.channel._replace(asset=asset)))
 
@@ -82,21 +98,60 @@ class Streams:
         """Hands on that a frame breaks the contract."""
         asset = self.asset_of(channel.asset)
         self.moved(channel.asset)
-        if not self._retired(asset):
+        if not self._is_retired(asset):
             self._consumer.reject(channel._replace(asset=asset), error)
 
-    def leave_out(self, stream: str, begin: int, end: int, frames: Mapping[str, int]) -> None:
-        """Hands on that frames of a stretch of time were left out, by channel [ns]."""
+    def leave_out(self, stream: str, missing: Missing) -> None:
+        """Hands on that frames of a stretch of time were left out."""
         asset = self.asset_of(stream)
-        if not self._retired(asset):
-            log.warning("%s: %d frames left out: they come faster than they can be used", asset, sum(frames.values()))
-            self.moved(stream)
-            self._consumer.leave_out(asset, begin, end, frames)
+        if self._is_retired(asset):
+            self._retirement(asset).missing.join(missing)
+            return
+        if missing.for_room:
+            frames = sum(missing.frames.values())
+            log.warning("%s: %d frames left out: they come faster than they can be used", asset, frames)
+        self.moved(stream)
+        self._consumer.leave_out(asset, missing)
+
+    def _is_retired(self, asset: str) -> bool:
+        """Whether an asset is retired; one that is so no longer is told what has been left out."""
+        if self._retired(asset):
+            self._retirement(asset)
+            return True
+        if asset in self._retirements:
+            self._say_missing(asset)
+            del self._retirements[asset]
+        return False
+
+    def _retirement(self, asset: str) -> _Retirement:
+        return self._retirements.setdefault(asset, _Retirement(self._clock()))
+
+    def _is_over(self, asset: str) -> bool:
+        """Whether the window in progress waits no longer for its asset to be reinstated."""
+        return self._clock() - self._retirement(asset).since > HELD_OPEN
+
+    def _leave_out_retired(self, asset: str, frame: Frame) -> None:
+        self.left_out[asset] = self.left_out.get(asset, 0) + 1
+        if not CHANNEL_KINDS[frame.channel.kind].slow:
+            self._retirement(asset).missing.add(frame.channel.label, frame.sequence, frame.start_time_ns)
+        if self._is_over(asset) and self._consumer.waiting(asset):
+            self._say_missing(asset)
+            self._consumer.flush(asset)
+
+    def _say_missing(self, asset: str) -> None:
+        """Hands on what was left out while the asset was retired."""
+        retirement = self._retirements[asset]
+        if retirement.missing.frames:
+            self._consumer.leave_out(asset, retirement.missing.missing)
+            retirement.missing = Growing(RETIRED)
 
     def flush(self, stream: str) -> None:
         """Closes the window in progress, after silence."""
+        asset = self.asset_of(stream)
         self.moved(stream)
-        self._consumer.flush(self.asset_of(stream))
+        if asset in self._retirements:
+            self._say_missing(asset)
+        self._consumer.flush(asset)
 
     def position(self, stream: str) -> Position | None:
         """How far a stream has come; None where nothing is known of it."""
@@ -112,7 +167,7 @@ class Streams:
     def waiting(self, stream: str) -> bool:
         """Whether frames wait for their window's end."""
         asset = self.asset_of(stream)
-        return not self._retired(asset) and self._consumer.waiting(asset)
+        return self._consumer.waiting(asset) and (not self._is_retired(asset) or self._is_over(asset))
 
     def channels(self, stream: str) -> Collection[str]:
         """The channels that windows wait for."""
@@ -121,7 +176,7 @@ class Streams:
     def expect(self, stream: str, labels: Iterable[str]) -> None:
         """Waits for these channels too."""
         asset = self.asset_of(stream)
-        if not self._retired(asset):
+        if not self._is_retired(asset):
             self._consumer.expect(asset, labels)
 
     def wait_only_for(self, stream: str, labels: Iterable[str]) -> None:

@@ -24,7 +24,7 @@ from service.stream.channels import CHANNEL_KINDS
 from service.stream.clock import Contradictions, said
 from service.stream.faults import totals
 from service.stream.frames import LENGTH_LIMITS, NS, Frame, SampleFrame
-from service.stream.left_out import LeftOut
+from service.stream.left_out import LeftOut, Missing
 from service.stream.pieces import Piece, size_of, split_index
 from service.stream.position import ChannelPosition, Position, earliest, missing_of
 from service.stream.repeats import Repeats
@@ -141,6 +141,8 @@ class Assembler:
             self.count(label, "disorder")
         if fate == order.QUEUED:
             self.repeats.queued()
+            if self._left_out.stretches and self._left_out.came(label, frame.sequence, frame.start_time_ns):
+                lane.left_out -= lane.left_out > 0
         elif fate not in (order.CLOCK, order.CONFLICT) and self.repeats.left_out(frame):
             fate = order.CONFLICT
         if fate == order.CLOCK:
@@ -164,15 +166,22 @@ class Assembler:
             yield self._close(self._open.end, cut=False)
         yield from self._refuse_left_out(float("inf"))
 
-    def leave_out(self, begin: int, end: int, frames: Mapping[str, int]) -> None:
-        """Frames by channel that start from a time on, and before another, were left out for want of room [ns]."""
-        for label, number in frames.items():
-            self.count(label, "shed", number)
+    def leave_out(self, missing: Missing) -> None:
+        """Frames were left out before they came here."""
+        for label, number in missing.frames.items():
+            self.count(label, "shed" if missing.for_room else "left_out", number)
             if label in self._lanes:
                 self._lanes[label].left_out += number
-        begin = max(begin, self._closed_until)
-        if 0 < begin < end:  # not where none of the frames said a time
-            self._left_out.add(begin, end, sum(frames.values()))
+        begin = max(missing.begin_ns, self._closed_until) if missing.begin_ns > 0 else missing.end_ns
+        if begin < missing.end_ns or missing.starts:  # not where none of the frames said a time
+            self._left_out.add(missing._replace(begin_ns=begin))
+
+    def leave_out_all_so_far(self, other: Assembler, cause: str) -> None:
+        """What another assembler has received was not received here, and is not to be made windows of."""
+        newest = other.position.channels
+        starts = [each.start_ns for each in newest.values()]
+        if starts:
+            self._left_out.add(Missing(min(starts), max(starts) + 1, dict.fromkeys(newest, 1), cause))
 
     def _refuse_left_out(self, until: float) -> Iterator[tuple[Window, dict[str, Any]]]:
         """The stretches before a time that have touched no window, as refused windows."""
@@ -467,18 +476,18 @@ class Assembler:
         span, faults = Span(start, end), [*self._noted.values(), *current.faults(self.settings.window_bytes)]
         self._noted = {}
         gap = round(self.settings.gap * NS)
-        shed = self._left_out.fault(span, 0 if current.continued else gap, 0 if cut else gap)
-        faults += [] if shed is None else [shed]
+        longest = max((p.frame.end_time_ns - p.frame.start_time_ns for parts in now.values() for p in parts), default=0)
+        faults += self._left_out.faults(span, 0 if current.continued else gap, 0 if cut else gap, longest)
         slow = self._slow.at(span, faults)
         window = build_window(span, now, self._known, self._counted, slow, faults, self.settings.rig, most)
         for shaft, edges in window.encoders.items():
             self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
         for (label, kind), number in totals(window.faults).items():
-            if kind not in ("gap", "shed", order.CLOCK, order.CONFLICT):
+            if kind not in ("gap", "shed", "left_out", order.CLOCK, order.CONFLICT):
                 self.count(label, kind, number)
         self._known |= set(now)
         self._closed_until = end
-        self._left_out.forget(end - gap)
+        self._left_out.forget(end - gap, round(LENGTH_LIMITS[1] * NS))
         left = sum(piece.frame.nbytes for pieces in rest.values() for piece in pieces)
         self._open = _Open(end, current.end, rest, left, continued=True) if cut else None
         return window, self.to_dict()

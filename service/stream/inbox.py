@@ -12,14 +12,16 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 from service.errors import FrameError
-from service.stream.wire.codec import start_time_of
+from service.stream.channels import CHANNEL_KINDS
+from service.stream.left_out import MANY_STREAMS, NO_ROOM, UNKNOWN, Growing, Missing
+from service.stream.wire.codec import quick_head_of, start_time_of
 from service.stream.wire.topics import Channel, parse_topic
 
 TURN_BYTES = 2**18  # of one stream before the next one's turn
@@ -27,12 +29,12 @@ OVERHEAD_BYTES = 256  # of one frame in a queue, beside its payload
 MOST_STREAMS = 1024  # with a queue at one time
 MOST_MARKERS = 64  # of one stream
 MOST_CHANNELS = 256  # of one stream that are announced
+MOST_LEFT_OUT = 64  # streams that are not admitted whose frames' numbers are known
 _SHARE = 0.5  # of all room that one stream may have
 _FREED = 0.25  # share of a stream's queue that is left out at once, at least
 _KNOWN_TOPICS = 8192  # whose channels need not be parsed again
 
-NO_ROOM, BAD_KEY, MANY_STREAMS, CLOSED = "no_room", "bad_key", "too_many_streams", "closed"
-UNKNOWN = "unknown_asset"
+BAD_KEY, CLOSED = "bad_key", "closed"
 
 
 class Arrival(NamedTuple):
@@ -63,12 +65,10 @@ class Marker(NamedTuple):
 
 
 class Shed(NamedTuple):
-    """A stretch of a stream's time of which frames were left out, for want of room."""
+    """A stretch of a stream's time of which frames were left out, for want of room or before they were admitted."""
 
     stream: str
-    begin_ns: int  # start of the earliest of them
-    end_ns: int  # after the start of the latest of them
-    frames: Mapping[str, int]  # by channel
+    missing: Missing
 
     @property
     def size(self) -> int:
@@ -124,11 +124,12 @@ class _Queue:
         gone = {id(item) for start, item in zip(starts, arrivals, strict=True) if start <= last}
         frames = Counter(item.channel.label for item in arrivals if id(item) in gone)
         kept = deque(item for item in self.items if id(item) not in gone)
-        if kept and isinstance(before := kept[0], Shed):
+        if kept and isinstance(kept[0], Shed) and kept[0].missing.cause == NO_ROOM:
+            before = kept[0].missing
             kept.popleft()
             begin, last = min(before.begin_ns, begin or last), max(before.end_ns - 1, last)
             frames.update(before.frames)
-        kept.appendleft(Shed(stream, begin or last, last + 1, frames))
+        kept.appendleft(Shed(stream, Missing(begin or last, last + 1, frames)))
         self.items, self.frames, self.bytes, self.markers = deque(), 0, 0, 0
         for each in kept:
             self.add(each)
@@ -158,6 +159,7 @@ class Inbox:
         self._changed = threading.Condition()
         self._closed = self._woken = False
         self._announced: dict[str, Counter[str]] = {}  # by stream: publishers by channel
+        self._growing: dict[str, Growing] = {}  # by stream: frames that were left out since one was admitted
         self.received = 0
         self.refused: Counter[str] = Counter()  # frames by cause
         self.errors = 0  # exceptions in callbacks
@@ -168,18 +170,30 @@ class Inbox:
         admitted = channel is None or self._admits(channel.asset, channel.label)
         with self._changed:
             self.received += 1
-            if channel is None or self._closed or not admitted:
-                self.refused[BAD_KEY if channel is None else CLOSED if self._closed else UNKNOWN] += 1
+            if channel is None or self._closed:
+                self.refused[BAD_KEY if channel is None else CLOSED] += 1
                 return False
-            arrival = Arrival(channel, payload, time.monotonic())
-            queue = self._queue(channel.asset)
+            queue = self._queue(channel.asset) if admitted else None
             if queue is None:
-                self.refused[MANY_STREAMS] += 1
+                self._leave_out(channel, payload, MANY_STREAMS if admitted else UNKNOWN)
                 return False
-            self._add(channel.asset, queue, arrival)
+            if (before := self._growing.pop(channel.asset, None)) is not None:
+                self._add(channel.asset, queue, Shed(channel.asset, before.missing))
+            self._add(channel.asset, queue, Arrival(channel, payload, time.monotonic()))
             while (victim := self._without_room(channel.asset)) is not None:
                 self._shed(victim)
             return True
+
+    def _leave_out(self, channel: Channel, payload: bytes, cause: str) -> None:
+        """Notes a frame that gets no place in a queue: its stream may be admitted in the midst of a burst."""
+        self.refused[cause] += 1
+        head = None if CHANNEL_KINDS[channel.kind].slow else quick_head_of(channel, payload)
+        if head is None:
+            return
+        if channel.asset not in self._growing and len(self._growing) >= MOST_LEFT_OUT:
+            fewest = min(self._growing, key=lambda each: self._growing[each].frames.total())
+            del self._growing[fewest]
+        self._growing.setdefault(channel.asset, Growing(cause)).add(channel.label, *head)
 
     def ask(self, stream: str, reached: Callable[[], None]) -> bool:
         """Puts a question behind the frames of a stream; False where there is no room for it."""

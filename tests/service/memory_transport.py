@@ -6,7 +6,7 @@ import threading
 from contextlib import contextmanager
 
 from service.errors import NotReachable
-from service.stream.inbox import UNKNOWN
+from service.stream.left_out import UNKNOWN
 from service.stream.wire.topics import topic_of
 
 

@@ -22,7 +22,7 @@ from service.operation import state_catalogue as states
 from service.operation.log_catalogue import LINES
 from service.operation.metric_catalogue import METRICS
 from service.runtime.worker_figures import CAUSES
-from service.stream import inbox, order
+from service.stream import inbox, left_out, order
 from service.stream.faults import GRADES
 
 ROOT = Path(__file__).parents[2]
@@ -102,7 +102,7 @@ def test_every_kind_of_fault_is_in_the_catalogue_and_no_other_is():
 
 
 def test_causes_of_frames_that_are_left_out_are_named_where_they_are_counted():
-    known = {inbox.NO_ROOM, inbox.BAD_KEY, inbox.MANY_STREAMS, inbox.CLOSED}
+    known = {left_out.NO_ROOM, inbox.BAD_KEY, left_out.MANY_STREAMS, inbox.CLOSED}
     assert known <= set(CAUSES)
     assert all(f"`{cause}`" in METRICS["frames_left_out"].meaning for cause in CAUSES)
     guide = (ROOT / "docs/how-to/connect-mqtt-and-opcua.md").read_text(encoding="utf-8")

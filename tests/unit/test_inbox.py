@@ -10,7 +10,8 @@ from streams import ACCEL, ASSET, CHANNELS, bursts, content, unbroken
 
 from service.stream.assembly import Assembler
 from service.stream.frames import NS
-from service.stream.inbox import BAD_KEY, MANY_STREAMS, MOST_STREAMS, NO_ROOM, Arrival, Inbox, Marker, Shed
+from service.stream.inbox import BAD_KEY, MOST_STREAMS, Arrival, Inbox, Marker, Shed
+from service.stream.left_out import MANY_STREAMS, NO_ROOM, Missing
 from service.stream.wire.codec import encode, start_time_of
 from service.stream.wire.topics import topic_of
 
@@ -53,10 +54,11 @@ def test_what_finds_no_room_is_left_out_at_once_the_oldest_first_from_the_stream
     assert sum(item.stream == "calm" for item in items) == 20
     (shed,) = (item for item in items if isinstance(item, Shed))
     kept = [start_time_of(i.channel, i.payload) for i in items if isinstance(i, Arrival) and i.stream == ASSET]
-    assert shed.begin_ns == frames[0].start_time_ns and shed.end_ns <= min(kept)
-    assert sum(shed.frames.values()) == len(frames) - len(kept) == inbox.refused[NO_ROOM]
+    missing = shed.missing
+    assert missing.begin_ns == frames[0].start_time_ns and missing.end_ns <= min(kept)
+    assert sum(missing.frames.values()) == len(frames) - len(kept) == inbox.refused[NO_ROOM]
     assert items[20] is shed or items[0] is shed or items.index(shed) < 21  # before the frames that were kept
-    assert min(kept) - shed.end_ns < NS
+    assert min(kept) - missing.end_ns < NS
 
 
 def test_room_is_bounded_in_bytes_even_for_one_frame():
@@ -73,8 +75,8 @@ def test_a_time_that_no_frame_can_have_makes_no_window_of_what_is_left_out(start
     payload = encode(bursts(1)[0])
     inbox.offer(topic_of(ACCEL), payload[:1] + start.to_bytes(8, "little") + payload[9:])
     (item,) = taken(inbox)
-    assert isinstance(item, Shed) and item.end_ns <= 2**63
-    assembler.leave_out(item.begin_ns, item.end_ns, item.frames)
+    assert isinstance(item, Shed) and item.missing.end_ns <= 2**63
+    assembler.leave_out(item.missing)
     assert assembler.flush() == []
 
 
@@ -134,7 +136,7 @@ def windows_of(items):
     assembler, windows = Assembler(), []
     for item in items:
         if isinstance(item, tuple):
-            assembler.leave_out(*item)
+            assembler.leave_out(Missing(*item))
         else:
             windows += assembler.add(item)
     return windows + assembler.flush(), assembler

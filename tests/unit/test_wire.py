@@ -11,7 +11,7 @@ from streams import ACCEL, ASSET, CHANNELS, frame
 from service.errors import FrameError
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.wire import gearbox_pb2 as pb
-from service.stream.wire.codec import decode, encode, encoding_of, schema_data, schema_fault
+from service.stream.wire.codec import decode, encode, encoding_of, head_of, quick_head_of, schema_data, schema_fault
 from service.stream.wire.topics import Channel, parse_topic, topic_of
 
 
@@ -111,6 +111,16 @@ def test_an_encoder_frame_may_hold_no_edge():
 def test_bytes_that_are_no_message_are_refused():
     with pytest.raises(FrameError, match="payload of 3 bytes is no gearbox"):
         decode(ACCEL, b"\xff\xff\xff")
+
+
+@pytest.mark.parametrize("sequence", [0, 1, 127, 128, 300, 2**35, 2**64 - 1])
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_the_head_of_a_frame_is_read_without_decoding_it(channel, sequence):
+    payload = encode(dataclasses.replace(frame(channel, 3, 2.0), sequence=sequence))
+    assert quick_head_of(channel, payload) == head_of(channel, payload)
+    for end in range(0, len(payload), 7):
+        quick_head_of(channel, payload[:end])  # never an exception
+    assert quick_head_of(channel, b"\xff\xff") is None and quick_head_of(channel, b"") is None
 
 
 def test_the_encoding_names_the_message():
