@@ -20,7 +20,7 @@ _POLL = 0.1  # how often the loop looks whether it should end, and for silence [
 _STARVED = 0.25  # a turn of the loop that takes longer was held up: the rest of it is no silence of a stream [s]
 _IDLE_FACTOR = 2.5  # silence, in frames, that cannot be mere jitter
 _SLOWEST = 60.0  # no stream is waited for longer than this [s]
-_JOINED = 3.0  # a stream just joined may have channels that nobody knows of; they are awaited for so long [s]
+JOINED = 3.0  # a stream just joined may have channels that nobody knows of; they are awaited for so long [s]
 _MOST_STREAMS = 4096  # whose rhythm is known
 _MOST_CHANNELS = 256  # of one stream
 _TOGETHER_NS = NS  # channels of one burst end within this time, beyond the length of a frame
@@ -103,7 +103,7 @@ class _Rhythm:
 
     def is_over(self, late: Collection[str], now: float) -> bool:
         """Whether silence has ended the window in progress, of which some channels are late."""
-        limit = max(self.limit, _JOINED) if now - self.first <= _JOINED else self.limit
+        limit = max(self.limit, JOINED) if now - self.first <= JOINED else self.limit
         return not late and now - self.newest > limit
 
 

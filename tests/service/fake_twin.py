@@ -13,6 +13,7 @@ import numpy as np
 
 from service.__main__ import leave
 from service.contract.estimate import Estimate
+from service.runtime import pump
 from service.runtime.serve import run
 from service.runtime.twin_port import Twin
 from service.settings import Settings
@@ -20,6 +21,7 @@ from twin.errors import NotAvailable
 from twin.fallen_count import CountFellError
 
 FALL = 150.0  # turns of the pinion by which a count must fall to raise the question
+JOINED = 0.5  # how long channels that nobody knows of are awaited by services of the tests: there are none [s]
 SLOW = float(os.environ.get("FAKE_TWIN_SECONDS", "0"))  # what one window costs [s]
 
 
@@ -160,5 +162,7 @@ TWIN = Twin(
     change=change, ignore=ignore, forget=forget,
 )  # fmt: skip
 
+
 if __name__ == "__main__":
+    pump.JOINED = JOINED
     leave(run(Settings(), twin=TWIN))

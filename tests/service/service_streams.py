@@ -7,8 +7,6 @@ import json
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
 import urllib.error
 import urllib.request
@@ -16,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from forked_processes import ForkedProcess
 
 from service.runtime.demo import free_port as first_free
 from service.stream.frames import NS, EncoderFrame, SampleFrame
@@ -130,9 +129,7 @@ class Service:
         environment = os.environ | {f"GEAR_TWIN_{k}": v for k, v in self.given.items()}
         environment |= {"PYTHONPATH": str(ROOT), "FAKE_TWIN_SECONDS": str(self.slow)}
         with self.out.open("w") as out, self.err.open("w") as err:
-            self.process = subprocess.Popen(
-                [sys.executable, str(self.program)], env=environment, stdout=out, stderr=err
-            )
+            self.process = ForkedProcess(self.program, environment, out, err)
         wait_until(lambda: self.process.poll() is not None or self.get("/readyz") is not None)
         assert self.process.poll() is None, f"the service did not start: {self.said()}"
         return self

@@ -11,6 +11,7 @@ import urllib.error
 import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
+from unittest.mock import patch
 
 import fake_twin
 import pytest
@@ -20,6 +21,7 @@ from service_streams import Service, wait_until, write_recording
 from test_decisions import post
 
 from service.json_text import plain
+from service.runtime import pump
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 from service.runtime.serve import run
@@ -41,14 +43,15 @@ def serving(data, network, store, **given):
 
     def serve():
         try:
-            run(
-                Settings(http="127.0.0.1:0", data=data, idle_timeout=0.7, **given),
-                twin=fake_twin.TWIN,
-                open_transport=network.open,
-                open_store=store.open,
-                announce=addresses.append,
-                stop=stop,
-            )
+            with patch.object(pump, "JOINED", fake_twin.JOINED):
+                run(
+                    Settings(http="127.0.0.1:0", data=data, idle_timeout=0.7, **given),
+                    twin=fake_twin.TWIN,
+                    open_transport=network.open,
+                    open_store=store.open,
+                    announce=addresses.append,
+                    stop=stop,
+                )
         except Exception as error:
             failed.append(error)
 

@@ -7,16 +7,18 @@ import time
 from collections import deque
 from contextlib import contextmanager
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import pytest
+from fake_twin import JOINED
 from service_streams import Sink, free_port
 from streams import ASSET, bursts, content
 
 from service.errors import DeliveryError, InputError
+from service.runtime import pump
 from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
 from service.runtime.positions import Positions
-from service.runtime.pump import pump
 from service.runtime.record import record
 from service.runtime.replay import paced, replay, shuffled, twice
 from service.runtime.twin_port import Twin
@@ -74,8 +76,9 @@ def receiving(endpoint, pipeline):
         ZenohTransport(session) as transport,
         Positions(inbox, transport, pipeline) as positions,
         transport.subscribe(inbox),
+        patch.object(pump, "JOINED", JOINED),
     ):
-        thread = threading.Thread(target=pump, args=(inbox, pipeline, stop, IDLE, positions))
+        thread = threading.Thread(target=pump.pump, args=(inbox, pipeline, stop, IDLE, positions))
         thread.start()
         try:
             yield inbox

@@ -18,6 +18,7 @@ from service_streams import RIG, ROOT, Service, free_port, service, wait_until, 
 
 from service.errors import InputError
 from service.json_text import plain
+from service.runtime import pump
 from service.runtime.assess import assess
 from service.runtime.replay import replay, shuffled, twice
 from service.runtime.serve import run
@@ -249,7 +250,9 @@ def test_rig_file_with_a_typo_is_refused_before_anything_starts(tmp_path):
     assert not (tmp_path / "data").exists()
 
 
-def test_fault_of_the_program_costs_its_window_and_ends_nothing_else(tmp_path, recording):
+def test_fault_of_the_program_costs_its_window_and_ends_nothing_else(tmp_path, recording, monkeypatch):
+    monkeypatch.setattr(pump, "JOINED", fake_twin.JOINED)
+
     def failing(rig, state, window, options):
         if state.windows_seen == 2 and not failed:
             failed.append(True)

@@ -80,7 +80,9 @@ if __name__ == "__main__":
     import worker_twins
 
     from service.__main__ import leave
+    from service.runtime import pump
     from service.runtime.serve import run
     from service.settings import Settings
 
+    pump.JOINED = fake_twin.JOINED
     leave(run(Settings(), twin=worker_twins.make(None)))
