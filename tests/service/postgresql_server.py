@@ -62,10 +62,10 @@ class PostgresqlServer:
         return f"postgresql://twin@127.0.0.1:{self.port}/{name}"
 
     @contextmanager
-    def new_database(self, encoding="UTF8"):
-        """The URL of an empty database."""
+    def new_database(self, encoding="UTF8", template="template0"):
+        """The URL of an empty database, or of a copy of another."""
         name = f"twin_{next(self._count)}"
-        self.sql(f"CREATE DATABASE {name} ENCODING '{encoding}' TEMPLATE template0")
+        self.sql(f"CREATE DATABASE {name} ENCODING '{encoding}' TEMPLATE {template}")
         try:
             yield self.url(name)
         finally:

@@ -32,6 +32,14 @@ OLD = gzip.decompress((ROOT / "tests" / "data" / "store_v8.sqlite.gz").read_byte
 ASSETS = ("gone", "made", "real")
 
 
+pytestmark = pytest.mark.usefixtures("new_files_are_made")
+
+
+@pytest.fixture
+def postgresql(empty_postgresql):
+    return empty_postgresql
+
+
 @pytest.fixture
 def path(tmp_path):
     out = tmp_path / "gear-twin.sqlite"
