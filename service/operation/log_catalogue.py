@@ -41,6 +41,12 @@ LINES: tuple[Line, ...] = (
         "Look for lack of memory or of processes; `ulimit -u`, `TasksMax=`.",
     ),
     Line(
+        "service.runtime.worker_processes",
+        "%s: the process that makes them does not answer, and is replaced",
+        "That process was stopped, or hangs; what workers computed at that time is computed again.",
+        "Do not stop processes of the service; look for a machine that hangs or swaps.",
+    ),
+    Line(
         "service.runtime.storage_watch",
         "%s, and it is tried again",
         "The database or the disk cannot be used; received windows wait in memory.",

@@ -260,6 +260,11 @@ OF_PROCESSING = (
         "worker processes that ended unexpectedly or took too long",
         "Look for lack of memory in the log of the operating system; otherwise report it.",
     ),
+    _counter(
+        "worker_servers_replaced",
+        "times that the process which makes worker processes did not answer and was replaced",
+        "Do not stop the service's processes; look for a machine that hangs or swaps.",
+    ),
     _gauge("twin_calls_waiting", "windows, decisions and changes that wait for a worker process"),
     _gauge(
         "twin_call_seconds",

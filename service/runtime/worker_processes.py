@@ -5,7 +5,8 @@ its wear curves, while that worker is free in time; it moves where its own is bu
 that ended its worker, or took too long, is tried once more in a new one, and then refused as a fault of the program.
 
 Processes come from a fork server: the service's own process has threads of the network, which no fork survives, and a
-server that has loaded the twin once makes a new worker in a moment, with its code shared.
+server that has loaded the twin once makes a new worker in a moment, with its code shared. A start is the work of a
+thread of its own, since that server may not answer: it is replaced after a time, with the workers that it has made.
 """
 
 from __future__ import annotations
@@ -15,14 +16,19 @@ import multiprocessing
 import os
 import pickle
 import queue
+import signal
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
+from pathlib import Path
 
 from service.errors import FAULT
 from service.runtime import worker_task
@@ -38,6 +44,10 @@ log = logging.getLogger(__name__)
 TRIES = 2  # how often a call is tried that ends its worker
 STARTS = 2  # attempts to start a worker's process, in one turn
 MOST_DEATHS = 10  # in a row, after which the service does not call itself ready
+START_LIMIT = 60.0  # how long a start may take before the server that makes processes is replaced [s] ...
+PATIENCE = 2.0  # ... and so many times as long after each time that another did not help: the machine may be slow
+SLOW_START = 10.0  # after which the service says that it waits for one [s]
+UNNOTICED = 5.0  # how long a process may be dead before it is noticed: the server that made it should say so [s]
 MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while another is idle [s]
 NUMBERS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
 
@@ -60,6 +70,9 @@ class _Worker:
     job: _Job | None = None  # that it carries out
     began: float = 0.0  # when, on the monotonic clock [s]
     late: bool = False  # whether it has been ended because its call took too long
+    dead_since: float | None = None  # when its process was first seen to be dead while it has a call
+    starting: float | None = None  # since when a thread has been starting its process, on the monotonic clock [s]
+    given_up: float = 0.0  # when the server was last replaced for that [s]
     jobs: deque[_Job] = field(default_factory=deque)  # of its assets, that wait for it
     assets: set[str] = field(default_factory=set)
 
@@ -70,11 +83,23 @@ class Processes:
     task_limit   how long one call may take [s]
     cache_bytes  wear curves that one worker keeps [bytes]
     wake         called, by any thread, when something is ready to be collected
+    start_limit  how long the start of a worker's process may take [s]
     """
 
-    def __init__(self, workers: int, *, task_limit: float, cache_bytes: int, wake: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        workers: int,
+        *,
+        task_limit: float,
+        cache_bytes: int,
+        wake: Callable[[], None],
+        start_limit: float = START_LIMIT,
+    ) -> None:
         self._workers = [_Worker() for _ in range(workers)]
         self._limit, self._cache_bytes, self._wake = task_limit, cache_bytes, wake
+        self._start_limit = self._patience = start_limit
+        self._starts: queue.SimpleQueue[tuple[_Worker, ProcessPoolExecutor | Exception]] = queue.SimpleQueue()
+        self.servers_replaced = 0
         self._ended: queue.SimpleQueue[tuple[_Worker, _Job, Future[Reply]]] = queue.SimpleQueue()
         self._machines: dict[str, tuple[Twin, Rig, bytes]] = {}
         self._context = _context()
@@ -96,7 +121,9 @@ class Processes:
             except queue.Empty:
                 break
             self._take(worker, job, future)
+        self._take_started()
         self._end_late()
+        self._look_after_server()
         self._move()
         for worker in self._workers:
             self._next(worker)
@@ -104,11 +131,17 @@ class Processes:
     def close(self) -> None:
         """Ends all workers at once: what they compute is computed again by the next start."""
         self._closed = True
+        if any(worker.starting is not None for worker in self._workers):
+            _kill_server()  # which may be stopped, and would be left behind
         for worker in self._workers:
             self._discard(worker)
 
     def unusable(self) -> str | None:
         """Why nothing can be computed: workers that end with whatever they are asked."""
+        starting = [w.starting for w in self._workers if w.starting is not None and w.jobs]
+        waited = max((time.monotonic() - since for since in starting), default=0.0)
+        if waited > SLOW_START and not any(w.job is not None for w in self._workers):
+            return f"no worker process could be started for {waited:.0f} s: the process that makes them does not answer"
         if self._in_a_row < MOST_DEATHS:
             return None
         return f"the last {self._in_a_row} calls to the twin ended their worker processes; is there enough memory?"
@@ -121,6 +154,7 @@ class Processes:
             "workers": len(self._workers),
             "workers_busy": len(began),
             "worker_deaths": self.deaths,
+            "worker_servers_replaced": self.servers_replaced,
             "twin_calls_waiting": sum(len(w.jobs) for w in self._workers),
             "twin_call_seconds": max((now - b for b in began), default=0.0),
         }
@@ -131,28 +165,18 @@ class Processes:
         """Begins the call that waits longest for a worker, if it is free."""
         if worker.job is not None or not worker.jobs or self._closed:
             return
-        future = self._submitted(worker, self._task(worker.jobs[0].call))
-        if future is None:
+        if worker.executor is None:
+            self._start(worker)
+            return
+        try:
+            future = worker.executor.submit(worker_task.perform, self._task(worker.jobs[0].call))
+        except (RuntimeError, OSError, EOFError):  # it has died while it had nothing to do
+            self._discard(worker)
+            self._start(worker)
             return
         job = worker.job = worker.jobs.popleft()
         worker.began = time.monotonic()
         future.add_done_callback(partial(self._note, worker, job))
-
-    def _submitted(self, worker: _Worker, task: Task) -> Future[Reply] | None:
-        """A task given to a worker's process; None where none can be started now, which `collect` tries again.
-
-        Twice: a process may have died while it had nothing to do, and the server that makes processes with it.
-        """
-        failure: Exception | None = None
-        for _ in range(STARTS):
-            try:
-                return self._executor(worker).submit(worker_task.perform, task)
-            except (RuntimeError, OSError, EOFError) as error:  # BrokenProcessPool, or no thread, process or memory
-                failure = error
-                self._discard(worker)
-        self._in_a_row += 1
-        log.error("a worker process cannot be started now: %s: %s", type(failure).__name__, failure)
-        return None
 
     def _note(self, worker: _Worker, job: _Job, future: Future[Reply]) -> None:
         self._ended.put((worker, job, future))
@@ -231,15 +255,71 @@ class Processes:
 
     # -- processes -----------------------------------------------------------------------------------
 
-    def _executor(self, worker: _Worker) -> ProcessPoolExecutor:
-        if worker.executor is None:
-            worker.executor = ProcessPoolExecutor(
+    def _start(self, worker: _Worker) -> None:
+        """Starts a worker's process in a thread, unless one does so already."""
+        if worker.starting is None:
+            worker.starting = worker.given_up = time.monotonic()
+            threading.Thread(target=self._make, args=(worker,), name="worker start", daemon=True).start()
+
+    def _make(self, worker: _Worker) -> None:
+        """Makes a process. Twice: the server that makes them may have died, too."""
+        made: ProcessPoolExecutor | Exception = RuntimeError()
+        for _ in range(STARTS):
+            executor = ProcessPoolExecutor(
                 max_workers=1,
                 mp_context=self._context,
                 initializer=worker_task.begin,
                 initargs=(logging.getLogger().getEffectiveLevel(), self._cache_bytes),
             )
-        return worker.executor
+            try:
+                executor.submit(os.getpid).result()  # once it has loaded the twin
+            except (RuntimeError, OSError, EOFError) as error:  # no thread, process, memory or server
+                made = error
+                executor.shutdown(wait=False, cancel_futures=True)
+                continue
+            made = executor
+            break
+        self._starts.put((worker, made))
+        self._wake()
+
+    def _take_started(self) -> None:
+        """Gives workers the processes that have been started for them."""
+        while True:
+            try:
+                worker, made = self._starts.get_nowait()
+            except queue.Empty:
+                return
+            worker.starting = None
+            if isinstance(made, ProcessPoolExecutor):
+                worker.executor, self._patience = made, self._start_limit
+                continue
+            self._in_a_row += 1
+            log.error("a worker process cannot be started now: %s: %s", type(made).__name__, made)
+
+    def _look_after_server(self) -> None:
+        """Replaces the server that makes processes where it starts none, or does not say that one has died."""
+        now = time.monotonic()
+        for worker in self._workers:
+            if worker.starting is not None and now - worker.given_up > self._patience:
+                worker.given_up = now
+                self._replace_server(f"a worker process could not be started within {self._patience:g} s")
+                self._patience *= PATIENCE
+                return
+            dead = worker.job is not None and worker.executor is not None and _is_dead(worker.executor)
+            worker.dead_since = (worker.dead_since or now) if dead else None
+            if worker.dead_since is not None and now - worker.dead_since > UNNOTICED:
+                worker.dead_since = None
+                self._replace_server("the end of a worker process was not noticed")
+                return
+
+    def _replace_server(self, why: str) -> None:
+        """Ends the server; the next start makes another. The workers that it has made end as well, without a fault."""
+        log.error("%s: the process that makes them does not answer, and is replaced", why)
+        self.servers_replaced += 1
+        for worker in self._workers:
+            if worker.job is not None:
+                worker.job.tries -= 1
+        _kill_server()
 
     def _discard(self, worker: _Worker) -> None:
         """Ends a worker's process, without waiting; the next call starts another."""
@@ -276,6 +356,25 @@ def _kill(executor: ProcessPoolExecutor | None) -> None:
             os.kill(process, 9)
         except ProcessLookupError:
             continue
+
+
+def _is_dead(executor: ProcessPoolExecutor) -> bool:
+    """Whether an executor's process has died and nobody has noticed; False where that cannot be known."""
+    states = []
+    for process in list(executor._processes or {}):
+        try:
+            states.append(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0])
+        except (OSError, IndexError):
+            return False
+    return bool(states) and set(states) == {"Z"}
+
+
+def _kill_server() -> None:
+    """Kills the server that makes processes, also where it has been stopped."""
+    server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
+    if server is not None:
+        with suppress(ProcessLookupError):
+            os.kill(server, signal.SIGKILL)
 
 
 def _context() -> BaseContext:

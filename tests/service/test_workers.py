@@ -7,6 +7,8 @@ import os
 import signal
 import time
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
+from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
@@ -149,6 +151,88 @@ def test_a_worker_that_cannot_be_started_now_is_started_later_and_ends_nothing(p
     assert not failures and "cannot be started now" in caplog.text and pool.processes.unusable() is None
 
 
+def server():
+    """The process that makes worker processes."""
+    return forkserver._forkserver._forkserver_pid
+
+
+def turns(pool, seconds):
+    """The longest turn of a loop that looks after the workers for a time [s]."""
+    longest, until = 0.0, time.monotonic() + seconds
+    while time.monotonic() < until:
+        began = time.monotonic()
+        pool.processes.collect()
+        longest = max(longest, time.monotonic() - began)
+        time.sleep(0.02)
+    return longest
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pool", [{"workers": 1, "start_limit": 3.0}], indirect=True)
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_a_stopped_fork_server_holds_up_no_loop_and_is_replaced_or_goes_on(pool, goes_on, monkeypatch, caplog):
+    """The loop of the service once waited for it without end."""
+    pool.window("a")
+    pool.wait(1, 60.0)
+    monkeypatch.setattr("service.runtime.worker_processes.SLOW_START", 0.5)
+    stopped, replaced = server(), pool.processes.figures()["worker_servers_replaced"]
+    caplog.clear()
+    os.kill(stopped, signal.SIGSTOP)
+    try:
+        pool.processes._discard(pool.processes._workers[0])
+        began = time.monotonic()
+        pool.window("a", number=1)
+        assert time.monotonic() - began < 0.5
+        assert turns(pool, 1.0) < 0.8 and len(pool.made) == 1
+        assert "no worker process could be started for " in pool.processes.unusable()
+        if goes_on:
+            os.kill(stopped, signal.SIGCONT)
+        assert pool.wait(2, 60.0)[-1].refused is None
+        assert pool.processes.unusable() is None
+        assert bool(pool.processes.figures()["worker_servers_replaced"] - replaced) == (not goes_on)
+        assert (server() == stopped) == goes_on
+        assert ("does not answer, and is replaced" in caplog.text) == (not goes_on)
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(stopped, signal.SIGCONT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pool", [{"workers": 1}], indirect=True)
+def test_a_worker_that_dies_while_the_fork_server_is_stopped_is_noticed(pool, monkeypatch, tmp_path):
+    monkeypatch.setattr("service.runtime.worker_processes.UNNOTICED", 0.5)
+    mark = tmp_path / "begun"
+    pool.window("a")
+    pool.wait(1, 60.0)
+    stopped = server()
+    pool.window("a", f"slow 2 {mark}")
+    wait_until(mark.exists)
+    os.kill(stopped, signal.SIGSTOP)
+    try:
+        (worker,) = pool.processes._workers[0].executor._processes
+        os.kill(worker, signal.SIGKILL)
+        assert pool.wait(2, 60.0)[-1].refused is None and server() != stopped
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(stopped, signal.SIGCONT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pool", [{"task_limit": 8.0, "workers": 1}], indirect=True)
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_a_stopped_worker_goes_on_or_is_replaced_after_the_time_of_one_call(pool, goes_on):
+    pool.window("a")
+    pool.wait(1, 60.0)
+    (worker,) = pool.processes._workers[0].executor._processes
+    os.kill(worker, signal.SIGSTOP)
+    pool.window("a", number=1)
+    assert turns(pool, 0.5) < 0.4 and len(pool.made) == 1
+    if goes_on:
+        os.kill(worker, signal.SIGCONT)
+    assert pool.wait(2, 60.0)[-1].refused is None
+    assert pool.processes.figures()["worker_deaths"] == (not goes_on)
+
+
 @pytest.mark.parametrize("pool", [{"task_limit": 1.0, "workers": 1}], indirect=True)
 def test_a_call_that_takes_too_long_is_given_up(pool):
     pool.window("stuck", "slow 60")
@@ -269,6 +353,34 @@ def test_a_service_ends_in_time_whatever_its_workers_do_and_goes_on_with_their_w
         assert len(list((tmp_path / "data" / WAITING).glob("*.npz"))) == WINDOWS
     finally:
         running.end(signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_a_service_whose_fork_server_is_stopped_answers_and_goes_on_by_itself(tmp_path):
+    running = Workers(tmp_path / "data", WORKERS="1").start()
+    try:
+        replay(recorded(tmp_path / "a.mcap"), [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        (stopped,) = (
+            p
+            for p in children(running.process.pid)
+            if b"forkserver" in Path(f"/proc/{p}/cmdline").read_bytes() and children(p)
+        )
+        (worker,) = children(stopped)
+        os.kill(stopped, signal.SIGSTOP)
+        os.kill(worker, signal.SIGKILL)
+        replay(recorded(tmp_path / "b.mcap", windows=WINDOWS + 2), [running.endpoint], 0)  # is stored all the same
+        waits = []
+        for _ in range(20):
+            began = time.monotonic()
+            running.get("/v1/assets")
+            waits.append(time.monotonic() - began)
+        assert max(waits) < 2.0
+        assert len(running.wait_for_windows(WINDOWS + 2)) == WINDOWS + 2
+        assert "gear_twin_worker_servers_replaced_total 1.0" in running.text("/metrics")
+    finally:
+        _, _, complained = running.end(signal.SIGTERM)
+    assert "does not answer, and is replaced" in complained
 
 
 @pytest.mark.slow
