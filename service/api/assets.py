@@ -103,12 +103,19 @@ class HistoryQuery(BaseModel):
 
     after: int = Field(-1, ge=-1, le=LARGEST, description="only windows with an index above this one")
     limit: int = Field(1000, ge=1, le=10_000, description="at most this many")
-    every: int = Field(1, ge=1, le=LARGEST, description="only each so-many-th window, and the newest")
+    every: int = Field(
+        1,
+        ge=1,
+        le=LARGEST,
+        description="only each so-many-th window, and the newest; peaks between them are left out: see `resolution`",
+    )
     resolution: int | None = Field(
         None,
         ge=1,
         le=10_000,
-        description="in place of `every` and `limit`: about so many windows, evenly spread",
+        description="in place of `every` and `limit`: about so many windows. All where there are no more; else of each "
+        "part of the history the first, those with the lowest and the highest measured RMS, and that with the highest "
+        "kurtosis: no peak of these is left out; and the newest",
     )
     epoch: int | None = Field(
         None, ge=0, le=LARGEST, description="of which gears; default: the present ones (`/epochs` lists all)"
@@ -131,15 +138,11 @@ def trend(request: Request, asset: str, query: Annotated[HistoryQuery, Query()])
 
 def history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredWindow, ...]:
     """Windows from the store."""
-    snapshot, store = snapshot_of(request, asset), request.app.state.store
-    every, limit = query.every, query.limit
+    snapshot_of(request, asset)
+    store = request.app.state.store
     if query.resolution is not None:
-        epoch = snapshot.epoch if query.epoch is None else query.epoch
-        known = next((e for e in store.epochs(asset) if e["epoch"] == epoch), None)
-        if known is not None:
-            span = known["last"] - max(query.after, known["first"] - 1)
-            every, limit = max(1, -(-span // query.resolution)), query.resolution + 1
-    return store.windows(asset, query.after, limit, every, query.epoch)
+        return store.outline(asset, query.resolution, query.after, query.epoch)
+    return store.windows(asset, query.after, query.limit, query.every, query.epoch)
 
 
 @router.get("/{asset}/quality", response_model=models.Quality, responses=ERRORS)

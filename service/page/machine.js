@@ -132,8 +132,18 @@ export class Machine extends EventTarget {
   }
 }
 
-// Every second point once there are twice as many as are wanted; the newest stays.
+// Half of the points once there are twice as many as are wanted: of each four those with the lowest and the highest
+// level, so that no peak is left out, and the newest.
 function thinned(points) {
   if (points.length < 2 * POINTS) return points;
-  return points.filter((_, i) => i % 2 === (points.length - 1) % 2);
+  const out = [];
+  for (let at = 0; at < points.length; at += 4) {
+    const part = points.slice(at, at + 4);
+    const [low, high] = [Infinity, -Infinity].map((none) => (p) => p.rms_measured ?? none);
+    const lowest = part.reduce((best, p) => (low(p) < low(best) ? p : best));
+    const highest = part.reduce((best, p) => (high(p) > high(best) ? p : best));
+    out.push(...part.filter((p, i) => p === lowest || p === highest || (lowest === highest && i === part.length - 1)));
+  }
+  if (out.at(-1) !== points.at(-1)) out.push(points.at(-1));
+  return out;
 }

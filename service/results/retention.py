@@ -1,8 +1,9 @@
 """What of a history is kept for how long: whole, then thinned, then not at all.
 
 An asset's windows are aged by the start of its newest one, so that neither a clock nor a machine that stands still
-deletes anything. Thinned histories keep every window that updated the twin, found an effect or was refused; the first
-and the last window of each epoch stay for ever. Inspections, decisions, changes and open alarms are never deleted.
+deletes anything. Thinned histories keep every window that updated the twin, found an effect or was refused, and the
+extremes of each 256 windows (extremes.py); the first and the last window of each epoch stay for ever. Inspections,
+decisions, changes and open alarms are never deleted.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 from sqlalchemy import bindparam, delete, func, or_, select
 
 from service.results.alarm_store import MOST_HISTORY
+from service.results.extremes import drop_before, is_extreme
 from service.results.schema import ALARM_HISTORY, ALARMS, EVENTS, NUMBER, WINDOWS
 from service.results.store import Tables
 
@@ -34,6 +36,9 @@ class Retention:
 
 
 _NEWEST = select(func.max(WINDOWS.c.start_ns)).where(WINDOWS.c.asset == bindparam("of"))
+_FIRST_KEPT = select(func.coalesce(func.min(WINDOWS.c.number), 0)).where(
+    WINDOWS.c.asset == bindparam("of"), WINDOWS.c.notable < END_OF_EPOCH
+)
 _WINDOWS = (
     select(WINDOWS.c.start_ns)
     .where(WINDOWS.c.asset == bindparam("of"), WINDOWS.c.start_ns < bindparam("thinned_before"))
@@ -41,7 +46,7 @@ _WINDOWS = (
     .where(
         or_(
             WINDOWS.c.start_ns < bindparam("dropped_before"),
-            (WINDOWS.c.notable < NOTABLE) & (WINDOWS.c.number % bindparam("every", type_=NUMBER) != 0),
+            (WINDOWS.c.notable < NOTABLE) & (WINDOWS.c.number % bindparam("every", type_=NUMBER) != 0) & ~is_extreme(),
         )
     )
     .order_by(WINDOWS.c.start_ns)
@@ -100,6 +105,8 @@ def _delete_windows(database: Tables, asset: str, retention: Retention) -> int:
     if old:
         with database.transaction() as db:
             db.execute(delete(WINDOWS).where(WINDOWS.c.asset == asset, WINDOWS.c.start_ns.in_(old)))
+            if old[0] < given["dropped_before"]:
+                drop_before(db, asset, db.execute(_FIRST_KEPT, {"of": asset}).scalar_one())
     return len(old)
 
 

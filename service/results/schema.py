@@ -5,9 +5,9 @@ Times are Unix times [ns]; `done` and `open` are 0 or 1; what is JSON is written
 
 from __future__ import annotations
 
-from sqlalchemy import BigInteger, Column, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
+from sqlalchemy import BigInteger, Column, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0006"
+REVISION = "0007"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -60,6 +60,15 @@ WINDOWS = Table(
     _number("notable", "0"),
     Index("windows_by_number", "asset", "number"),
     Index("windows_by_epoch", "asset", "epoch", "number"),
+)
+EXTREMES = Table(
+    "extremes",
+    METADATA,
+    _asset(primary_key=True),
+    *(_number(n, primary_key=True) for n in ("epoch", "level", "part")),
+    *(_number(n, nullable=True) for n in ("lowest", "highest", "sharpest")),  # of windows
+    *(Column(n, Double, nullable=True) for n in ("lowest_rms", "highest_rms", "highest_kurtosis")),
+    sqlite_with_rowid=False,
 )
 EVENTS = Table(
     "events",

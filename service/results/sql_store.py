@@ -20,9 +20,10 @@ from service.contract.version_1 import current_record, current_report
 from service.errors import DamageError, StorageUnavailable
 from service.json_text import plain
 from service.results.database import Database
+from service.results.extremes import adding, outline, rows_of
 from service.results.json_columns import dump, load, load_text, salvage, say_damage, seal
 from service.results.retention import END_OF_EPOCH, NOTABLE
-from service.results.schema import ASSETS, DECISIONS, EVENTS, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
+from service.results.schema import ASSETS, DECISIONS, EVENTS, EXTREMES, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
 from service.results.sparse_reading import epochs_of, spread_numbers
 from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of
 
@@ -35,6 +36,7 @@ COUNTS = ("windows", "updates", "received_ns", "epoch")  # numbers of an asset, 
 _PRESENT = select(*(ASSETS.c[n] for n in COUNTS), ASSETS.c.seal).where(ASSETS.c.asset == NAMED)
 _ASSET = select(*(ASSETS.c[n] for n in (*JSON_PARTS, *COUNTS, "seal"))).where(ASSETS.c.asset == NAMED)
 _TOTALS = select(FAULT_TOTALS).where(FAULT_TOTALS.c.asset == NAMED)
+_PRESENT_EPOCH = select(ASSETS.c.epoch).where(ASSETS.c.asset == NAMED)
 _EPOCH_OF = select(ASSETS.c.epoch).where(ASSETS.c.asset == NAMED).scalar_subquery()
 _WINDOW = select(*(WINDOWS.c[n] for n in ("start_ns", "number", "epoch", "seal", "record", "figures")))
 _OF_EPOCH = and_(
@@ -48,6 +50,7 @@ _SOME_WINDOWS = (
     .order_by(WINDOWS.c.number)
     .limit(bindparam("most"))
 )
+_THESE = _WINDOW.where(_OF_EPOCH, WINDOWS.c.number.in_(bindparam("numbers", expanding=True))).order_by(WINDOWS.c.number)
 _LATEST = (
     _WINDOW.where(WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == _EPOCH_OF)
     .order_by(WINDOWS.c.number.desc())
@@ -133,6 +136,7 @@ class SqlStore:
         self._insert_asset = database.insert(ASSETS).on_conflict_do_nothing()
         self._insert_window = database.insert(WINDOWS).on_conflict_do_nothing().returning(WINDOWS.c.start_ns)
         self._insert_events = database.insert(EVENTS)
+        self._add_extremes = adding(database.insert(EXTREMES))
         totals = database.insert(FAULT_TOTALS)
         self._add_faults = totals.on_conflict_do_update(
             index_elements=["asset", "kind", "channel", "action"],
@@ -196,6 +200,8 @@ class SqlStore:
             ]
             if faults:
                 db.execute(self._add_faults, faults)
+            if extremes := rows_of(asset, epoch, number, record):
+                db.execute(self._add_extremes, extremes)
             self._add_events(db, asset, events, start_ns, record)
         return StoredWindow(start_ns=start_ns, record=plain(record), figures=shown)
 
@@ -328,6 +334,15 @@ class SqlStore:
             return self._windows(_ALL_WINDOWS, given)
         since = max(after, 0) - max(after, 0) % every
         return self._windows(_SOME_WINDOWS, {**given, "every": every, "since": since})
+
+    def outline(self, asset: str, most: int, after: int = -1, epoch: int | None = None) -> tuple[StoredWindow, ...]:
+        """About `most` windows of one epoch with an index above `after`, those with the extremes among them."""
+        if epoch is None:
+            epoch = next((n for (n,) in self._rows(_PRESENT_EPOCH, {"of": asset})), 0)
+        numbers = outline(self._rows, asset, epoch, after, most)
+        if numbers is None:
+            return self.windows(asset, after, most, epoch=epoch)
+        return self._windows(_THESE, {"of": asset, "epoch": epoch, "numbers": numbers})
 
     def next_index(self, asset: str) -> int:
         """Index of the asset's next window."""

@@ -210,6 +210,14 @@ class ResultStore(Protocol):
         """
         ...
 
+    def outline(self, asset: str, most: int, after: int = -1, epoch: int | None = None) -> tuple[StoredWindow, ...]:
+        """About `most` windows of one epoch with an index above `after`, oldest first; all where there are no more.
+
+        Of each part of the history the first, those with the lowest and the highest measured RMS, and that with the
+        highest kurtosis of any sensor; and the newest.
+        """
+        ...
+
     def next_index(self, asset: str) -> int:
         """Index of the asset's next window: it goes on through all epochs."""
         ...

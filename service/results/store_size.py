@@ -1,11 +1,11 @@
 """How large a database becomes: what it holds now, and what it will hold once its retention is reached.
 
     size   = FIXED + Σ assets (asset + windows · window + others · other)
-    window = PAGE / ⌊(PAGE − 12) / (body + name + 40)⌋ + (4 · name + 96) / 0.7
-    kept   = (whole + (days − whole) · thinned) / spacing,   thinned = 1/every + (1 − 1/every) · notable
+    window = PAGE / ⌊(PAGE − 12) / (body + name + 40)⌋ + (4 · name + 96) / 0.7 + (name + 60) / 3 / 0.7
+    kept   = (whole + (days − whole) · thinned) / spacing,   thinned = 1/every + (1 − 1/every) · (notable + 3/256)
 
 window   bytes of a window: its row, of which as many as fit share a page of 4096, and three indexes with the event
-         that refers to it, whose pages are filled to 0.7
+         that refers to it, whose pages are filled to 0.7, and its share of the extremes of the history
 body     record and figures of a window as they are kept, compressed: the mean of the newest
 name     length of the asset's name
 asset    state, report and what else an asset has, compressed; that of an overflowing row fills whole pages
@@ -27,6 +27,7 @@ import sqlalchemy as sa
 from sqlalchemy import Connection, func, select
 
 from service.results.backends import backend_of
+from service.results.extremes import FAN_OUT, KEPT_LEVEL, PAIRS
 from service.results.retention import DAY_NS, NOTABLE, Retention
 from service.results.schema import ASSETS, EVENTS, METADATA, WINDOWS
 
@@ -53,7 +54,7 @@ class Forecast:
 
 def window_bytes(body: float, name: int) -> float:
     """What one window with its event takes."""
-    return _row_bytes(body + name + 40) + (4 * name + 96) / FILL
+    return _row_bytes(body + name + 40) + (4 * name + 96) / FILL + (name + 60) / (FAN_OUT - 1) / FILL
 
 
 def forecast_of(where: Path | str, retention: Retention) -> Forecast:
@@ -84,7 +85,8 @@ def forecast(db: Connection, retention: Retention) -> Forecast:
 
 def _kept(retention: Retention, spacing: float, notable: float) -> float:
     """Windows of an asset that the retention keeps."""
-    thinned = 1 / retention.every + (1 - 1 / retention.every) * notable
+    extreme = len(PAIRS) / FAN_OUT**KEPT_LEVEL
+    thinned = 1 / retention.every + (1 - 1 / retention.every) * min(notable + extreme, 1.0)
     return (retention.whole_days + max(retention.days - retention.whole_days, 0.0) * thinned) / spacing
 
 

@@ -161,6 +161,10 @@ class MemoryStore:
             ]
             return tuple(chosen[:limit])
 
+    def outline(self, asset, most, after=-1, epoch=None):
+        found = [w for w in self._of(asset, epoch) if w.record["index"] > after]
+        return tuple(found[:: max(1, -(-len(found) // most))])
+
     def latest_windows(self, asset, limit):
         return tuple(self._of(asset)[-limit:])
 
