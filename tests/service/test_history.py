@@ -13,6 +13,7 @@ from service.api import assets, create_app
 from service.results.board import TAIL, Board, has_point, trend_point
 from service.results.inspections import compare
 from service.results.sparkline import POINTS
+from service.results.sql_store import SqlStore
 from service.results.store import StoredWindow
 from service.runtime.pipeline import Pipeline
 from service.runtime.state_publication import StatePublication
@@ -60,13 +61,25 @@ def test_adding_a_window_reads_as_many_records_after_a_thousand_windows_as_after
     assert reads_of_one_more(1000) == reads_of_one_more(TAIL)
 
 
-@pytest.fixture
-def long(store):
+@pytest.fixture(scope="module")
+def history(tmp_path_factory):
+    """A store with a long history, and the board that has shown it all."""
     board = Board()
-    for index in range(LONG):
-        fakes.take(store, board, "unsw", index, 10.0 * index, updated=index % 7 == 3,
-                   faults=(fakes.FAULT,) if index % 5 == 0 else ())  # fmt: skip
-    return board
+    with SqlStore(tmp_path_factory.mktemp("history") / "twin.sqlite") as store:
+        for index in range(LONG):
+            fakes.take(store, board, "unsw", index, 10.0 * index, updated=index % 7 == 3,
+                       faults=(fakes.FAULT,) if index % 5 == 0 else ())  # fmt: skip
+        yield store, board
+
+
+@pytest.fixture
+def store(history):
+    return history[0]
+
+
+@pytest.fixture
+def long(history):
+    return history[1]
 
 
 def test_asset_carries_its_latest_windows_and_says_how_many_there_are(store, long):
@@ -99,10 +112,10 @@ def test_a_long_history_is_thinned_evenly_and_ends_with_the_newest_window(store,
     assert indices(f"resolution={LONG}") == list(range(LONG))
 
 
-def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long):
+def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long, monkeypatch):
     read = []
     rows = store._windows
-    store._windows = lambda *given: read.append(len(found := rows(*given))) or found
+    monkeypatch.setattr(store, "_windows", lambda *given: read.append(len(found := rows(*given))) or found)
 
     def count(_db, _cursor, sql, *_):
         if "COUNT(" in sql.upper():
@@ -114,7 +127,7 @@ def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long
         pipeline = Pipeline(lambda asset: Rig.from_mapping({}), Twin(step=None, new_state=dict, load_state=dict), None)
         assembly = {"closed_until_ns": 1, "channels": [], "edges_counted": {}, "last_frames": {}, "counters": {}}
         asset = store.asset
-        store.asset = lambda name: _with(asset(name), assembly)
+        monkeypatch.setattr(store, "asset", lambda name: _with(asset(name), assembly))
         restore(pipeline.lanes, store)
     finally:
         event.remove(Engine, "before_cursor_execute", count)
