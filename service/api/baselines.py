@@ -14,6 +14,7 @@ from service.access.roles import Role
 from service.api.assets import ERRORS, LARGEST, snapshot_of
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
+from service.api.limits import LONGEST_TARGET
 from service.api.problems import problem, responses
 from service.contract.baseline import Baseline
 from service.errors import FAULT, InputError
@@ -85,7 +86,9 @@ async def put(
     request: Request,
     asset: str,
     by: Annotated[str | None, Query(max_length=200)] = None,
-    note: Annotated[str | None, Query(max_length=2000)] = None,
+    note: Annotated[
+        str | None, Query(max_length=2000, description=f"the whole address holds at most {LONGEST_TARGET} characters")
+    ] = None,
 ) -> Any:
     """Gives the asset a baseline as a file, as `gear-twin baseline` writes it."""
     snapshot_of(request, asset)

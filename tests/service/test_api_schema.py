@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from schemathesis.generation import GenerationMode
 
-from tests.chaos.api import ASSET, CALLERS, EVENTS, OWN, attack, call, interface, operations
+from tests.chaos.api import ASSET, CALLERS, EVENTS, OWN, attack, call, demand_described, interface, operations
 
 EXAMPLES = 20
 PARTS = (
@@ -63,6 +63,16 @@ def test_request_by_the_description_is_answered_by_it(target, described, method,
     call(target, OWN, described, method, path, GenerationMode.POSITIVE, EXAMPLES, answered=statuses.append)
     signs_in = (method, path) == ("POST", "/v1/session")  # with keys that nobody made
     assert signs_in or not {401, 403} & set(statuses), "the role was not enough"
+
+
+@pytest.mark.parametrize("note", ["é" * 2000, "é" * 2001])
+def test_an_address_that_is_too_long_is_refused_whatever_is_in_it(target, described, note):
+    operation = described[f"{ASSET}/baseline"]["PUT"]
+    given = {"path_parameters": {"asset": "unsw"}, "query": {"note": note}, "media_type": "application/octet-stream"}
+    case, headers = operation.Case(**given, body=b"x"), target.headers(OWN)
+    response = case.call(headers=headers)
+    assert response.status_code == 414 and "longer than" in response.json()["detail"]
+    demand_described(case, response, headers)
 
 
 @pytest.mark.parametrize(
