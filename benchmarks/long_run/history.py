@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import time
@@ -11,10 +12,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from sqlalchemy import Connection, insert, select, update
 
 from benchmarks.long_run.service import LONGEST, Service
 from benchmarks.long_run.stand_in import CAMPAIGN, StandInState, record_of, template
+from service.json_text import JsonText
 from service.results.data_folder import DATABASE
+from service.results.retention import Retention, delete_old
+from service.results.schema import ASSETS, EVENTS, WINDOWS
 from service.results.sql_store import SqlStore
 from service.stream.frames import NS, EncoderFrame, SampleFrame
 from service.stream.sources.mcap import Recording
@@ -27,6 +32,8 @@ RATE = 1000.0  # [Hz]
 SPEED = 10.0  # turns of the pinion a second
 EDGES = {"pinion": 1024, "gear": 2048}
 RATIO = 19 / 52  # turns of the gear a turn of the pinion
+LOOK = 0.5  # between two looks whether all windows have been processed [s]
+AT_ONCE = 144  # windows of an asset that one transaction writes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,39 +63,66 @@ def replay(service: Service, assets: Sequence[str], calendar: Calendar, numbers:
             for asset in assets:
                 for frame in _frames(asset, calendar, number):
                     writer.write(frame.channel, frame.end_time_ns, encode(frame))
-    before = {asset: _known(service, asset) for asset in assets}
+    before = service.windows()
     command = [sys.executable, "-m", "service", "replay", str(path), "--connect", service.endpoint, "--speed", "0"]
     subprocess.run(command, check=True, capture_output=True, text=True)
     path.unlink()
     deadline = time.monotonic() + LONGEST
-    for asset in assets:
-        while _known(service, asset) < before[asset] + len(numbers):
-            if time.monotonic() > deadline:
-                raise RuntimeError(f"{asset}: {_known(service, asset) - before[asset]} of {len(numbers)} windows")
-            time.sleep(0.1)
+    while missing := _missing(service.windows(), before, assets, len(numbers)):
+        if time.monotonic() > deadline:
+            raise RuntimeError(f"{missing} of {len(numbers) * len(assets)} windows have not been processed")
+        time.sleep(LOOK)
 
 
-def fill(data: Path, assets: Sequence[str], calendar: Calendar, numbers: range) -> None:
-    """Writes the windows of some numbers into the database of a service that is not running, as it would have."""
+def fill(data: Path, assets: Sequence[str], calendar: Calendar, numbers: range, retention: Retention) -> None:
+    """Writes the windows of some numbers into the database of a service that is not running, as it would have.
+
+    The first asset's are committed as the service commits them; the rows of each day are then those of the others too.
+    What is older than the retention keeps is deleted day by day.
+    """
     with SqlStore(data / DATABASE) as store:
-        report = template()["report"]
-        kept = {asset: store.asset(asset) for asset in assets}
-        for number in numbers:
+        report = JsonText(json.dumps(template()["report"]))
+        kept = store.asset(assets[0])
+        for begun in range(numbers.start, numbers.stop, AT_ONCE):
+            some = range(begun, min(begun + AT_ONCE, numbers.stop))
+            with store.database.transaction() as db:
+                for number in some:
+                    start = calendar.start_ns(number)
+                    record = record_of(number, calendar.revolutions(number))
+                    record["start_time"] = datetime.fromtimestamp(start / NS, UTC).isoformat()
+                    store.commit(
+                        assets[0],
+                        start,
+                        record=record,
+                        state=StandInState(windows=number + 1).to_dict(),
+                        report=report,
+                        assembly=kept.assembly or {},
+                        quality=kept.quality or {},
+                        received_ns=start + round(LENGTH * NS),
+                        events=(("window", record),),
+                    )
+                if len(assets) > 1:
+                    _copy(db, assets[0], calendar.start_ns(some[0]), calendar.start_ns(some[-1]))
             for asset in assets:
-                start = calendar.start_ns(number)
-                record = record_of(number, calendar.revolutions(number))
-                record["start_time"] = datetime.fromtimestamp(start / NS, UTC).isoformat()
-                store.commit(
-                    asset,
-                    start,
-                    record=record,
-                    state=StandInState(windows=number + 1).to_dict(),
-                    report=report,
-                    assembly=kept[asset].assembly or {},
-                    quality=kept[asset].quality or {},
-                    received_ns=start + round(LENGTH * NS),
-                    events=(("window", record),),
-                )
+                while delete_old(store.database, asset, retention):
+                    pass
+
+
+def _copy(db: Connection, of: str, first_ns: int, last_ns: int) -> None:
+    """Gives all other assets the windows of one, with their events, in the order of time."""
+    others = ASSETS.alias("others")
+    for table in (WINDOWS, EVENTS):
+        columns = [column for column in table.c if column.name not in ("asset", "id")]
+        rows = (
+            select(others.c.asset, *columns)
+            .select_from(table.join(others, others.c.asset != of))
+            .where(table.c.asset == of, table.c.start_ns.between(first_ns, last_ns))
+            .order_by(table.c.start_ns, others.c.asset)
+        )
+        db.execute(insert(table).from_select(["asset", *(column.name for column in columns)], rows))
+    names = ("state", "report", "windows", "updates", "epoch", "received_ns", "seal")
+    row = db.execute(select(*(ASSETS.c[name] for name in names)).where(ASSETS.c.asset == of)).one()
+    db.execute(update(ASSETS).where(ASSETS.c.asset != of).values(row._asdict()))
 
 
 def size(data: Path) -> int:
@@ -96,9 +130,9 @@ def size(data: Path) -> int:
     return sum(path.stat().st_size for path in data.rglob("*") if path.is_file())
 
 
-def _known(service: Service, asset: str) -> int:
-    rows = {row["asset"]: row["windows"] for row in service.get("/v1/assets")}
-    return rows.get(asset, 0)
+def _missing(now: dict[str, int], before: dict[str, int], assets: Sequence[str], each: int) -> int:
+    """How many windows have not been processed, where each asset was sent so many."""
+    return sum(max(0, before.get(asset, 0) + each - now.get(asset, 0)) for asset in assets)
 
 
 def _frames(asset: str, calendar: Calendar, number: int) -> list[SampleFrame | EncoderFrame]:

@@ -1,4 +1,4 @@
-"""A service in a process of its own, and what it costs: processor time, memory, time of answers and of a restart."""
+"""A service in a process of its own, and what it costs: processor time, memory, time of answers and of a start."""
 
 from __future__ import annotations
 
@@ -16,26 +16,36 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import psutil
 
 STAND_IN = ("benchmarks.long_run.stand_in",)
-ASKED = 40  # requests of each route
+PROGRAM = ("service", "serve")  # the service as it is installed
 LONGEST = 1200.0  # that anything is waited for [s]
+LOOK = 0.05  # between two looks whether a service is ready [s]: each costs it some processor time
+EVENTS = 100  # that are read of a stream of events
 ROUTES = (
     "/healthz",
     "/readyz",
     "/metrics",
     "/v1/assets",
+    "/v1/alarms",
+    "/v1/audit",
     "/v1/assets/{asset}",
     "/v1/assets/{asset}/wear",
+    "/v1/assets/{asset}/quality",
     "/v1/assets/{asset}/windows?resolution=100",
     "/v1/assets/{asset}/windows?resolution=1000",
     "/v1/assets/{asset}/windows?limit=100",
-    "/v1/assets/{asset}/epochs",
-    "/v1/assets/{asset}/alarms?state=all",
+    "/v1/assets/{asset}/windows?limit=100&after={middle}",
     "/v1/assets/{asset}/trend?resolution=100",
-    "/v1/assets/{asset}/quality",
+    "/v1/assets/{asset}/trend?limit=100&after={middle}",
+    "/v1/assets/{asset}/epochs",
+    "/v1/assets/{asset}/events?after=0",
+    "/v1/assets/{asset}/alarms?state=all",
+    "/v1/assets/{asset}/inspections",
+    "/v1/assets/{asset}/decisions",
+    "/v1/assets/{asset}/changes",
+    "/v1/assets/{asset}/report",
 )
 
 
@@ -46,14 +56,18 @@ class Service:
     process: subprocess.Popen[str]
     address: str
     endpoint: str
-    start_wall: float  # from the start of the process until it was ready [s]
-    start_cpu: float  # [s]
+    start_wall: float = 0.0  # from the start of the process until it was ready and listed all assets [s]
+    start_cpu: float = 0.0  # [s]
     log: list[str] = field(default_factory=list)
 
     def get(self, path: str) -> Any:
         """The JSON of a route."""
         with urllib.request.urlopen(self.address + path, timeout=LONGEST) as answer:
             return json.loads(answer.read())
+
+    def windows(self) -> dict[str, int]:
+        """How many windows of each asset have been processed."""
+        return {row["asset"]: row["windows"] for row in self.get("/v1/assets")}
 
     def cpu(self) -> float:
         """Processor time of the service and of its workers so far [s]."""
@@ -63,18 +77,17 @@ class Service:
         """Resident memory of the service and of its workers [MB]."""
         return sum(p.memory_info().rss for p in self._processes()) / 1e6
 
-    def latencies(self, asset: str) -> dict[str, tuple[float, float, int]]:
-        """By route: median and 99th percentile of the time of an answer [ms], and its size [bytes]."""
-        out = {}
-        for route in ROUTES:
-            times, size = [], 0
-            for _ in range(ASKED):
-                begun = time.perf_counter()
-                with urllib.request.urlopen(self.address + route.format(asset=asset), timeout=LONGEST) as answer:
-                    size = len(answer.read())
-                times.append(1e3 * (time.perf_counter() - begun))
-            out[route] = (float(np.median(times)), float(np.percentile(times, 99)), size)
-        return out
+    def asked(self, route: str) -> float:
+        """Time of an answer [ms]; of a stream of events, until some have come."""
+        begun = time.perf_counter()
+        with urllib.request.urlopen(self.address + route, timeout=LONGEST) as answer:
+            if "/events" in route:
+                found = 0
+                while found < EVENTS:
+                    found += answer.readline().startswith(b"id:")
+            else:
+                answer.read()
+        return 1e3 * (time.perf_counter() - begun)
 
     def _processes(self) -> list[psutil.Process]:
         own = psutil.Process(self.process.pid)
@@ -82,8 +95,13 @@ class Service:
 
 
 @contextmanager
-def serving(data: Path, port: int, *, program: Sequence[str] = STAND_IN, **settings: object) -> Iterator[Service]:
-    """A service on loopback, with the stand-in twin unless another program is named, ended by SIGTERM."""
+def serving(
+    data: Path, port: int, *, assets: int = 0, program: Sequence[str] = STAND_IN, **settings: object
+) -> Iterator[Service]:
+    """A service on loopback, with the stand-in twin unless another program is named, ended by SIGTERM.
+
+    assets  how many it lists once it can answer about all
+    """
     endpoint = f"tcp/127.0.0.1:{port}"
     given = {"data": data, "listen": json.dumps([endpoint]), "http": f"127.0.0.1:{port + 1}", **settings}
     env = {**os.environ, **{f"GEAR_TWIN_{name.upper()}": str(value) for name, value in given.items()}}
@@ -95,10 +113,10 @@ def serving(data: Path, port: int, *, program: Sequence[str] = STAND_IN, **setti
         stderr=subprocess.PIPE,
         text=True,
     )
-    service = Service(process, f"http://127.0.0.1:{port + 1}", endpoint, 0.0, 0.0)
+    service = Service(process, f"http://127.0.0.1:{port + 1}", endpoint)
     threading.Thread(target=_drain, args=(service,), daemon=True).start()
     try:
-        _await_ready(service)
+        _await_ready(service, assets)
         service.start_wall = time.perf_counter() - begun
         service.start_cpu = service.cpu()
         yield service
@@ -117,14 +135,16 @@ def _drain(service: Service) -> None:
         service.log = [*service.log[-200:], line]
 
 
-def _await_ready(service: Service) -> None:
+def _await_ready(service: Service, assets: int) -> None:
     deadline = time.monotonic() + LONGEST
     while time.monotonic() < deadline:
         if service.process.poll() is not None:
             raise RuntimeError(f"the service ended with {service.process.returncode}: {''.join(service.log)}")
         try:
             service.get("/readyz")
-            return
+            if len(service.get("/v1/assets")) >= assets:
+                return
         except OSError:
-            time.sleep(0.02)
+            pass
+        time.sleep(LOOK)
     raise RuntimeError("the service did not become ready")

@@ -288,8 +288,11 @@ def serve(
     config: ConfigFile = None,
 ) -> int:
     """Run the service: streams in over Zenoh; REST, page and Zenoh out. All settings: `gear-twin config`."""
-    from service.logs import logging_by
-    from service.runtime.serve import run
+    from service.long_lived import long_lived
+
+    with long_lived():
+        from service.logs import logging_by
+        from service.runtime.serve import run
 
     given = {"listen": listen, "connect": connect, "http": http, "rig": rig, "data": data, "update": update}
     given |= {"baseline": baseline, "relation": relation, "prefix": prefix, "config": config}

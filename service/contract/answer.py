@@ -121,7 +121,7 @@ def assemble(
     blank = {name: [] if name == "effects" else not_available(NO_WINDOW) for name in SECTIONS}
     if report is not None:
         blank["tracing"] = not_available("no search for effects has been made in this asset's windows")
-    windows = [dict(record) for record in records]
+    windows = list(records)
     parts = {**blank, **(report or {})}
     parts.pop("status", None)
     status, data = health_of(report, windows, stale, (*added, *asked(question)))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from service.contract.status import RENEW, without_verdict
+from service.json_text import JsonText
 
 RENAMED = {
     "not_told_from": "indistinguishable_from",
@@ -13,6 +14,7 @@ RENAMED = {
     "depth_from": "method",
     "strange": "unattributed_lines",
 }
+OF_RECORDS = ("ways", "depth_from")  # names of version 1 in a window's record
 EARLIER = "The figures are those of an earlier version of gear-twin; the next window renews them."
 
 
@@ -27,9 +29,11 @@ def current_report(report: Mapping[str, Any]) -> dict[str, Any]:
     return {"status": without_verdict(EARLIER, RENEW), **out}
 
 
-def current_record(record: Mapping[str, Any]) -> dict[str, Any]:
-    """A window's record in the names of version 2."""
-    return _renamed(record) if "ways" in record or "depth_from" in record else dict(record)
+def current_record(record: JsonText) -> Mapping[str, Any]:
+    """A window's record in the names of version 2; one that has them is not parsed here."""
+    if any(f'"{name}"' in record.text for name in OF_RECORDS) and any(name in record for name in OF_RECORDS):
+        return _renamed(record)
+    return record
 
 
 def _renamed(value: Any) -> Any:

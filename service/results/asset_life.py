@@ -28,11 +28,8 @@ WAITING_WINDOWS = 1000  # of one asset that are kept until its question is answe
 WAITING_BYTES = 2**30  # ... and what they may take on disk
 
 _CHANGE = select(CHANGES).order_by(CHANGES.c.id)
-_WAITING = (
-    select(WAITING.c.id, WAITING.c.start_ns, WAITING.c.bytes)
-    .where(WAITING.c.asset == bindparam("of"))
-    .order_by(WAITING.c.id)
-)
+_ALL_WAITING = select(*(WAITING.c[n] for n in ("asset", "id", "start_ns", "bytes"))).order_by(WAITING.c.id)
+_WAITING = _ALL_WAITING.where(WAITING.c.asset == bindparam("of"))
 _WAITING_TOTAL = select(func.count(), func.coalesce(func.sum(WAITING.c.bytes), 0)).where(
     WAITING.c.asset == bindparam("of")
 )
@@ -146,7 +143,14 @@ class AssetLife:
     def waiting(self, asset: str) -> tuple[WaitingWindow, ...]:
         """The windows of an asset that wait, in the order in which they came."""
         rows = self._database.rows(_WAITING, {"of": asset})
-        return tuple(WaitingWindow(id=i, start_ns=start, bytes=size) for i, start, size in rows)
+        return tuple(WaitingWindow(id=i, start_ns=start, bytes=size) for _, i, start, size in rows)
+
+    def all_waiting(self) -> dict[str, tuple[WaitingWindow, ...]]:
+        """The windows of all assets that wait, by asset."""
+        waiting: dict[str, tuple[WaitingWindow, ...]] = {}
+        for asset, number, start, size in self._database.rows(_ALL_WAITING):
+            waiting[asset] = (*waiting.get(asset, ()), WaitingWindow(id=number, start_ns=start, bytes=size))
+        return waiting
 
     def waiting_total(self, asset: str) -> tuple[int, int]:
         """How many windows wait, and what they take [bytes]."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -22,7 +22,7 @@ from service.contract.status import none_yet, not_stored
 from service.results.asset_changes import AssetChanges
 from service.results.change_signal import ChangeSignal
 from service.results.sparkline import REFUSED, Sparkline
-from service.results.store import FaultTotals, ResultStore, StoredWindow, faults_of
+from service.results.store import FaultTotals, ResultStore, StoredAsset, StoredWindow, faults_of
 
 TAIL = 100  # windows that a snapshot carries, the newest
 
@@ -62,9 +62,9 @@ class Snapshot:
     whole: Mapping[str, Any] = field(default_factory=dict)  # the contract's section 4
 
     @classmethod
-    def from_store(cls, store: ResultStore, asset: str) -> Snapshot:
+    def from_store(cls, store: ResultStore, stored: StoredAsset, last_event_id: int) -> Snapshot:
         """The snapshot as it was when the last window was committed; reads no more than the newest windows."""
-        stored, windows = store.asset(asset), store.latest_windows(asset, TAIL)
+        asset, windows = stored.asset, store.latest_windows(stored.asset, TAIL)
         return cls(
             asset=asset,
             records=tuple(w.record for w in windows),
@@ -75,7 +75,7 @@ class Snapshot:
             report=stored.report,
             rig=stored.rig,
             quality=stored.quality or {},
-            last_event_id=store.last_event_id(asset),
+            last_event_id=last_event_id,
             received_ns=stored.received_ns,
             sparkline=Sparkline.from_store(store, asset, windows[-1].record["index"] if windows else -1),
             question=stored.question,
@@ -151,11 +151,14 @@ class Board:
         self.closed = False
 
     @classmethod
-    def from_store(cls, store: ResultStore) -> Board:
-        """The board as it was when the last window was committed."""
-        board = cls()
-        for name in store.assets():
-            board._put(Snapshot.from_store(store, name))
+    def from_store(cls, store: ResultStore, known: Iterable[StoredAsset] | None = None) -> Board:
+        """The board as it was when the last window was committed.
+
+        known  all assets of the store, where they have been read
+        """
+        board, last_events = cls(), store.last_event_ids()
+        for stored in store.all_assets() if known is None else known:
+            board._put(Snapshot.from_store(store, stored, last_events.get(stored.asset, 0)))
         return board
 
     # -- reading -------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,13 +20,15 @@ from service.contract.trend import figures
 from service.contract.version_1 import current_record, current_report
 from service.errors import DamageError, StorageUnavailable
 from service.json_text import plain
+from service.results import fault_totals
 from service.results.database import Database
+from service.results.every_asset import LAST_EVENTS, NEXT_INDICES
 from service.results.extremes import adding, outline, rows_of
 from service.results.json_columns import dump, load, load_text, salvage, say_damage, seal
 from service.results.retention import END_OF_EPOCH, NOTABLE
 from service.results.schema import ASSETS, DECISIONS, EVENTS, EXTREMES, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
 from service.results.sparse_reading import epochs_of, spread_numbers
-from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of
+from service.results.store import Event, FaultTotals, StoredAsset, StoredDecision, StoredInspection, StoredWindow
 
 VITAL = {"state", "assembly", "quality", "counts"}  # without which an asset cannot go on
 JSON_PARTS = ("rig", "state", "report", "assembly", "quality", "question", "retired")  # columns of an asset
@@ -34,8 +37,10 @@ NAMED: BindParameter[str] = bindparam("of")  # the asset that a statement is abo
 COUNTS = ("windows", "updates", "received_ns", "epoch")  # numbers of an asset, which its seal is made of
 
 _PRESENT = select(*(ASSETS.c[n] for n in COUNTS), ASSETS.c.seal).where(ASSETS.c.asset == NAMED)
-_ASSET = select(*(ASSETS.c[n] for n in (*JSON_PARTS, *COUNTS, "seal"))).where(ASSETS.c.asset == NAMED)
-_TOTALS = select(FAULT_TOTALS).where(FAULT_TOTALS.c.asset == NAMED)
+_ALL_ASSETS = select(*(ASSETS.c[n] for n in ("asset", *JSON_PARTS, *COUNTS, "seal"))).order_by(ASSETS.c.asset)
+_ASSET = _ALL_ASSETS.where(ASSETS.c.asset == NAMED)
+_ALL_TOTALS = select(FAULT_TOTALS)
+_TOTALS = _ALL_TOTALS.where(FAULT_TOTALS.c.asset == NAMED)
 _PRESENT_EPOCH = select(ASSETS.c.epoch).where(ASSETS.c.asset == NAMED)
 _EPOCH_OF = select(ASSETS.c.epoch).where(ASSETS.c.asset == NAMED).scalar_subquery()
 _WINDOW = select(*(WINDOWS.c[n] for n in ("start_ns", "number", "epoch", "seal", "record", "figures")))
@@ -59,7 +64,6 @@ _LATEST = (
 _OF_PRESENT = and_(WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == _EPOCH_OF)
 _NEWEST = select(func.max(WINDOWS.c.number)).where(_OF_PRESENT).scalar_subquery()
 _KEEP_LAST = update(WINDOWS).where(_OF_PRESENT, WINDOWS.c.number == _NEWEST).values(notable=END_OF_EPOCH)
-_NEXT = select(func.coalesce(func.max(WINDOWS.c.number) + 1, 0)).where(WINDOWS.c.asset == NAMED)
 _EPOCHS = epochs_of(NAMED)
 _FROM = (  # with a range and a limit: SQLite walks along the asset's windows where it is given one number
     select(WINDOWS.c.record).where(_OF_EPOCH, WINDOWS.c.number >= bindparam("at")).order_by(WINDOWS.c.number).limit(1)
@@ -137,14 +141,7 @@ class SqlStore:
         self._insert_window = database.insert(WINDOWS).on_conflict_do_nothing().returning(WINDOWS.c.start_ns)
         self._insert_events = database.insert(EVENTS)
         self._add_extremes = adding(database.insert(EXTREMES))
-        totals = database.insert(FAULT_TOTALS)
-        self._add_faults = totals.on_conflict_do_update(
-            index_elements=["asset", "kind", "channel", "action"],
-            set_={
-                "count": FAULT_TOTALS.c.count + totals.excluded["count"],
-                "windows": FAULT_TOTALS.c.windows + 1,
-            },
-        )
+        self._add_faults = fault_totals.adding(database.insert(FAULT_TOTALS))
 
     @property
     def path(self) -> Path | None:
@@ -194,11 +191,7 @@ class SqlStore:
             counts["updates"] += bool(record.get("updated"))
             counts["received_ns"] = received_ns
             self._keep(db, asset, parts, _sealed(counts))
-            faults = [
-                {"asset": asset, "kind": kind, "channel": channel, "action": action, "count": count, "windows": 1}
-                for (kind, channel, action), count in faults_of(record).items()
-            ]
-            if faults:
+            if faults := fault_totals.fault_rows(asset, record):
                 db.execute(self._add_faults, faults)
             if extremes := rows_of(asset, epoch, number, record):
                 db.execute(self._add_extremes, extremes)
@@ -300,8 +293,21 @@ class SqlStore:
         rows = self._rows(_ASSET, {"of": asset})
         if not rows:
             return StoredAsset(asset=asset)
-        row = rows[0]._mapping
-        parts, damaged = {}, []
+        return self._stored(
+            rows[0]._mapping, fault_totals.totals_by_asset(self._rows(_TOTALS, {"of": asset})).get(asset, {})
+        )
+
+    def all_assets(self) -> tuple[StoredAsset, ...]:
+        """What is committed of every asset, by name; what their twins remember is checked and left unread."""
+        totals = fault_totals.totals_by_asset(self._rows(_ALL_TOTALS))
+        found = []
+        for row in self._rows(_ALL_ASSETS):
+            stored = self._stored(row._mapping, totals.get(row.asset, {}))
+            found.append(replace(stored, state=None, unread_state=stored.has_state))
+        return tuple(found)
+
+    def _stored(self, row: Any, totals: FaultTotals) -> StoredAsset:
+        asset, parts, damaged = row["asset"], {}, []
         for name in JSON_PARTS:
             parts[name] = salvage(row[name], f"{name} of {asset}", load_text if name == "state" else load)
             if parts[name] is None and row[name] is not None:
@@ -313,13 +319,12 @@ class SqlStore:
             self._damaged[asset] = f"{' and '.join(damaged)} of {asset} cannot be read from the database any more"
         if parts["report"] is not None:
             parts["report"] = current_report(parts["report"])
-        totals = self._rows(_TOTALS, {"of": asset})
         return StoredAsset(
             asset=asset,
             **parts,
             windows=row["windows"],
             updates=row["updates"],
-            fault_totals={(kind, channel, action): (count, found) for _, kind, channel, action, count, found in totals},
+            fault_totals=totals,
             received_ns=row["received_ns"],
             epoch=row["epoch"],
             damaged=self._damaged.get(asset),
@@ -344,9 +349,9 @@ class SqlStore:
             return self.windows(asset, after, most, epoch=epoch)
         return self._windows(_THESE, {"of": asset, "epoch": epoch, "numbers": numbers})
 
-    def next_index(self, asset: str) -> int:
-        """Index of the asset's next window."""
-        return self._rows(_NEXT, {"of": asset})[0][0]
+    def next_indices(self) -> dict[str, int]:
+        """Index of every asset's next window."""
+        return dict(tuple(row) for row in self._rows(NEXT_INDICES))
 
     def epochs(self, asset: str) -> tuple[Mapping[str, Any], ...]:
         """The epochs that have windows, from the first."""
@@ -369,6 +374,9 @@ class SqlStore:
 
     def last_event_id(self, asset: str) -> int:
         return self._rows(_LAST_EVENT, {"of": asset})[0][0]
+
+    def last_event_ids(self) -> dict[str, int]:
+        return dict(tuple(row) for row in self._rows(LAST_EVENTS))
 
     def inspections(self, asset: str, after: int = 0, limit: int = 1000) -> tuple[Mapping[str, Any], ...]:
         own = _INSPECTION.where(INSPECTIONS.c.asset == asset, INSPECTIONS.c.id > after).limit(limit)
@@ -411,8 +419,8 @@ class SqlStore:
                 what = f"window {number} of {values['of']}"
                 if sealed != seal(start_ns, number, epoch):
                     raise DamageError(f"{what} is damaged (its numbers are not those that were written)")
-                kept, figures_ = load(record, what), load_text(shown, what)
-                assert figures_ is not None  # the column is never empty
+                kept, figures_ = load_text(record, what), load_text(shown, what)
+                assert kept is not None and figures_ is not None  # the columns are never empty
             except DamageError as error:
                 say_damage(error)
                 continue

@@ -82,6 +82,12 @@ class StoredAsset:
     question: Mapping[str, Any] | None = None  # that waits for an answer by people
     retired: Mapping[str, Any] | None = None  # since when, by whom; None while the asset is in use
     damaged: str | None = None  # why its windows cannot go on from what is kept; None where they can
+    unread_state: bool = False  # whether there is a state, which is read when it is first needed
+
+    @property
+    def has_state(self) -> bool:
+        """Whether anything is kept of what the twin remembers."""
+        return self.state is not None or self.unread_state
 
 
 def faults_of(record: Mapping[str, Any]) -> dict[tuple[str, str, str], int]:
@@ -218,8 +224,12 @@ class ResultStore(Protocol):
         """
         ...
 
-    def next_index(self, asset: str) -> int:
-        """Index of the asset's next window: it goes on through all epochs."""
+    def all_assets(self) -> tuple[StoredAsset, ...]:
+        """What is committed of every asset, by name; what their twins remember is checked and left unread."""
+        ...
+
+    def next_indices(self) -> Mapping[str, int]:
+        """Index of every asset's next window: it goes on through all epochs."""
         ...
 
     def epochs(self, asset: str) -> tuple[Mapping[str, Any], ...]:
@@ -235,6 +245,8 @@ class ResultStore(Protocol):
         ...
 
     def last_event_id(self, asset: str) -> int: ...
+
+    def last_event_ids(self) -> Mapping[str, int]: ...
 
     def inspection(self, number: int) -> StoredInspection: ...
 

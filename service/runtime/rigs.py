@@ -57,7 +57,7 @@ def rig_change(before: Mapping[str, Any], now: Mapping[str, Any]) -> RigChange:
 
 def other_gears(stored: StoredAsset, rig: Mapping[str, Any]) -> tuple[str, ...]:
     """How a rig file describes other gears than those that an asset's state was learned with; else empty."""
-    if stored.rig is None or stored.state is None:
+    if stored.rig is None or not stored.has_state:
         return ()
     return rig_change(stored.rig, rig).identity
 
@@ -121,9 +121,12 @@ class Rigs:
         more = [f"and {len(lines) - MOST_NAMED} more"] if len(lines) > MOST_NAMED else []
         return [*lines[:MOST_NAMED], *more]
 
-    def of(self, asset: str, offered: OfferedRigs) -> Rig:
-        """The rig of an asset; one of which nothing is known where there is none."""
-        stored = self._store.asset(asset)
+    def of(self, asset: str, offered: OfferedRigs, stored: StoredAsset | None = None) -> Rig:
+        """The rig of an asset; one of which nothing is known where there is none.
+
+        stored  what is committed of the asset, where it has been read
+        """
+        stored = stored or self._store.asset(asset)
         given = self.given.of(asset)
         differs = given is not None and other_gears(stored, given)
         rig = (None if differs else given) or stored.rig
@@ -141,7 +144,9 @@ class Rigs:
         checked = checked_rig(rig, f"rig of {asset}")
         if rig != stored.rig:
             self._adopt(stored, rig)
-        self._board.update(asset, rig=rig)
+        shown = self._board.get(asset)
+        if shown is None or shown.rig != rig:
+            self._board.update(asset, rig=rig)
         return checked
 
     def propose(self, asset: str, rig: Mapping[str, Any]) -> None:
@@ -156,7 +161,7 @@ class Rigs:
 
     def _adopt(self, stored: StoredAsset, rig: Mapping[str, Any]) -> None:
         """Keeps a rig file, with an event where it replaces the one that a state was learned with."""
-        if stored.rig is not None and stored.state is not None:
+        if stored.rig is not None and stored.has_state:
             lines = rig_change(stored.rig, rig).other
             detail = f"the rig file has changed since the stored state was learned: {_named(lines)}"
             log.warning("%s: %s", stored.asset, detail, extra={"asset": stored.asset})

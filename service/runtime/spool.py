@@ -14,11 +14,11 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
-from service.results.asset_life import AssetLife
+from service.results.asset_life import AssetLife, WaitingWindow
 from service.results.store import ResultStore
 from service.runtime.lane import Entry, Lane
 from service.runtime.lanes import SHED, Lanes
@@ -158,9 +158,12 @@ class Spool:
 
 def waiting_on_disk(life: AssetLife, asset: str) -> list[Entry]:
     """The windows of an asset that wait on disk, in order."""
-    return [
-        Entry(start_ns=w.start_ns, number=w.id, file=life.file_of(w.id), bytes=w.bytes) for w in life.waiting(asset)
-    ]
+    return entries_of(life, life.waiting(asset))
+
+
+def entries_of(life: AssetLife, waiting: Iterable[WaitingWindow]) -> list[Entry]:
+    """Windows that wait on disk as places in an asset's lane."""
+    return [Entry(start_ns=w.start_ns, number=w.id, file=life.file_of(w.id), bytes=w.bytes) for w in waiting]
 
 
 def _refusal(entry: Entry) -> Window:

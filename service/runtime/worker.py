@@ -21,7 +21,7 @@ from service.results.board import Board, Stale
 from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
-from service.results.store import ResultStore
+from service.results.store import ResultStore, StoredAsset
 from service.results.unknown_assets import UnknownAssets
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.changes import ChangeWorker
@@ -40,7 +40,7 @@ from service.runtime.rig_questions import RigQuestions
 from service.runtime.rigs import OfferedRigs, Rigs
 from service.runtime.service_sink import ServiceSink
 from service.runtime.signal_writer import SignalWriter
-from service.runtime.spool import BacklogLimits, Spool, waiting_on_disk
+from service.runtime.spool import BacklogLimits, Spool, entries_of
 from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, StalenessWatch
 from service.runtime.state_publication import StatePublication
 from service.runtime.storage_status import StorageStatus
@@ -72,6 +72,7 @@ class Kept:
     signals: SignalStore | None = None
     alarms: AlarmKeeper | None = None
     unknown: UnknownAssets = field(default_factory=UnknownAssets)
+    known: dict[str, StoredAsset] = field(default_factory=dict)  # all assets as the start has read them, until restored
 
     def close(self) -> None:
         """Releases everyone who waits for a decision or a change."""
@@ -220,7 +221,7 @@ class Worker(threading.Thread):
     def _run(self, transport: Transport, publication: StatePublication, offered: OfferedRigs) -> None:
         kept, computing = self._kept, self._computing
         store, board, life = kept.store, kept.board, kept.life
-        storage = self._storage
+        storage, known = self._storage, kept.known
 
         def close(closed: ClosedWindow) -> None:
             closed.journey.received_ns = reception.freshness(closed.asset).last_arrival_ns or 0
@@ -230,7 +231,7 @@ class Worker(threading.Thread):
             storage.attempt(lambda: lanes.look_for_repeats(asset, repeats))
 
         reception = self._reception = Reception(
-            lambda asset: self._rigs.of(asset, offered),
+            lambda asset: self._rigs.of(asset, offered, known.get(asset)),
             close,
             noticed=noticed,
             assembly=replace(assembly_settings(self._settings), clocked=True),
@@ -249,7 +250,7 @@ class Worker(threading.Thread):
         )
         lanes.forget = life.forget_waiting
         spool = self._spool = Spool(life, store, reception, lanes, storage, backlog_limits(self._settings))
-        restore(lanes, store, life)
+        restore(lanes, store, life, known)
         watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
         intake = self._intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
@@ -373,17 +374,23 @@ def backlog_limits(settings: Settings) -> BacklogLimits:
     )
 
 
-def restore(lanes: Lanes, store: ResultStore, life: AssetLife | None = None) -> None:
-    """Goes on where the store's assets ended. What their twins remember is read when it is first needed."""
-    for asset in store.assets():
-        stored = store.asset(asset)
-        entries = [] if life is None else waiting_on_disk(life, asset)
+def restore(
+    lanes: Lanes, store: ResultStore, life: AssetLife | None = None, known: dict[str, StoredAsset] | None = None
+) -> None:
+    """Goes on where the store's assets ended. What their twins remember is read when it is first needed.
+
+    known  all assets of the store, where they have been read; it is empty afterwards: the board and the lanes go on
+    """
+    next_indices, waiting = store.next_indices(), {} if life is None else life.all_waiting()
+    for stored in [*known.values()] if known else store.all_assets():
+        asset = stored.asset
+        entries = [] if life is None else entries_of(life, waiting.get(asset, ()))
         if stored.assembly is None or stored.quality is None:
             lanes.leave(asset, entries)
             continue
         checkpoint = Checkpoint(
-            index=store.next_index(asset) - 1,
-            state=NEW if stored.state is None else StoredState(partial(_state_of, lanes.of(asset), store)),
+            index=next_indices.get(asset, 0) - 1,
+            state=NEW if not stored.has_state else StoredState(partial(_state_of, lanes.of(asset), store)),
             report=stored.report,
             assembly=stored.assembly,
             quality=stored.quality,
@@ -391,6 +398,8 @@ def restore(lanes: Lanes, store: ResultStore, life: AssetLife | None = None) -> 
             shed=stored.fault_totals.get((*LEFT_OUT, "refused"), (0, 0))[1],
         )
         lanes.restore(asset, checkpoint, entries)
+    if known:
+        known.clear()
 
 
 def _state_of(lane: Lane, store: ResultStore) -> Mapping[str, Any] | None:

@@ -137,8 +137,11 @@ class MemoryStore:
     def asset(self, asset):
         return self._assets.get(asset, StoredAsset(asset=asset))
 
-    def next_index(self, asset):
-        return max((w.record["index"] + 1 for w in self._windows.get(asset, [])), default=0)
+    def all_assets(self):
+        return tuple(self._assets[asset] for asset in self.assets())
+
+    def next_indices(self):
+        return {a: max((w.record["index"] + 1 for w in self._windows.get(a, [])), default=0) for a in self._assets}
 
     def epochs(self, asset):
         found = {}
@@ -173,6 +176,9 @@ class MemoryStore:
 
     def last_event_id(self, asset):
         return max((e.id for e in self._events if e.asset == asset), default=0)
+
+    def last_event_ids(self):
+        return {asset: self.last_event_id(asset) for asset in self._assets}
 
     def inspections(self, asset, after=0, limit=1000):
         return tuple(i.to_dict() for i in self._inspections if i.asset == asset and i.id > after)[:limit]

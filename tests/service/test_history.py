@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from functools import partial
 
 import pytest
 import service_fakes as fakes
@@ -10,18 +12,21 @@ from sqlalchemy import Engine, event
 from test_api import Client
 
 from service.api import assets, create_app
+from service.results.asset_life import AssetLife
 from service.results.board import TAIL, Board, has_point, trend_point
 from service.results.inspections import compare
 from service.results.sparkline import POINTS
 from service.results.sql_store import SqlStore
 from service.results.store import StoredWindow
 from service.runtime.pipeline import Pipeline
+from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Twin
 from service.runtime.worker import restore
 from twin.rig import Rig
 
 LONG = 350
+ASSEMBLY = {"closed_until_ns": 1, "channels": [], "edges_counted": {}, "last_frames": {}, "counters": {}}
 
 
 class Counted(dict):
@@ -125,10 +130,7 @@ def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long
     try:
         again = Board.from_store(store)
         pipeline = Pipeline(lambda asset: Rig.from_mapping({}), Twin(step=None, new_state=dict, load_state=dict), None)
-        assembly = {"closed_until_ns": 1, "channels": [], "edges_counted": {}, "last_frames": {}, "counters": {}}
-        asset = store.asset
-        monkeypatch.setattr(store, "asset", lambda name: _with(asset(name), assembly))
-        restore(pipeline.lanes, store)
+        restore(pipeline.lanes, store, known={s.asset: replace(s, assembly=ASSEMBLY) for s in store.all_assets()})
     finally:
         event.remove(Engine, "before_cursor_execute", count)
     assert len(read) <= 3 and read[0] == TAIL and all(count <= POINTS + 1 for count in read[1:])
@@ -136,10 +138,34 @@ def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long
     assert pipeline.quality("unsw")["windows"]["good"] == LONG
 
 
-def _with(stored, assembly):
-    import dataclasses
+def statements_of_a_start(folder, assets):
+    """How many statements that are about no windows a start makes."""
+    made = []
 
-    return dataclasses.replace(stored, assembly=assembly)
+    def count(_db, _cursor, sql, *_):
+        made.append(sql)
+
+    with SqlStore(folder / f"{assets}.sqlite") as store:
+        for n in range(assets):
+            store.keep(f"machine-{n}", rig={"name": "a"}, assembly=ASSEMBLY, quality={"windows": {}, "faults": []})
+        event.listen(Engine, "before_cursor_execute", count)
+        try:
+            known = {stored.asset: stored for stored in store.all_assets()}
+            board = Board.from_store(store, known.values())
+            rigs = Rigs(store, board, GivenRigs())
+            rig_of = partial(rigs.of, offered=None)
+            twin = Twin(step=None, new_state=dict, load_state=dict)
+            pipeline = Pipeline(lambda asset: rig_of(asset, stored=known.get(asset)), twin, None)
+            restore(pipeline.lanes, store, AssetLife(store.database, folder / "waiting"), known)
+        finally:
+            event.remove(Engine, "before_cursor_execute", count)
+        assert all(board.get(f"machine-{n}").rig == {"name": "a"} for n in range(assets))
+        assert len(pipeline.lanes.all()) == assets
+    return sum("FROM windows" not in sql.split("WHERE")[0] for sql in made)
+
+
+def test_a_start_reads_what_is_kept_of_all_assets_at_once_and_once(tmp_path):
+    assert statements_of_a_start(tmp_path, 12) == statements_of_a_start(tmp_path, 2)
 
 
 def test_the_state_on_the_network_carries_no_window_list(store, long):

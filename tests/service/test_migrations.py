@@ -98,7 +98,7 @@ def test_windows_of_earlier_releases_know_whether_they_are_kept_when_a_history_i
 def test_windows_follow_in_a_database_that_was_taken_over(path):
     with SqlStore(path) as store:
         given = {"state": {}, "report": {}, "assembly": {}, "quality": {}, "received_ns": 1}
-        assert store.commit("real", 5, record={"index": store.next_index("real")}, **given)
+        assert store.commit("real", 5, record={"index": store.next_indices()["real"]}, **given)
         assert store.asset("real").windows == 9 and store.latest_windows("real", 1)[0].record == {"index": 8}
 
 

@@ -57,10 +57,15 @@ def expected():
 
 
 def test_windows_are_whole_then_thinned_then_gone_and_what_was_notable_stays(long):
-    before = long.asset("unsw"), long.next_index("unsw"), long.epochs("unsw"), long.latest_windows("unsw", 20)
+    before = long.asset("unsw"), long.next_indices()["unsw"], long.epochs("unsw"), long.latest_windows("unsw", 20)
     assert clear(long) > 1  # in small transactions
     assert kept(long) == expected()
-    assert before == (long.asset("unsw"), long.next_index("unsw"), long.epochs("unsw"), long.latest_windows("unsw", 20))
+    assert before == (
+        long.asset("unsw"),
+        long.next_indices()["unsw"],
+        long.epochs("unsw"),
+        long.latest_windows("unsw", 20),
+    )
     assert long.epochs("unsw")[0] == {"epoch": 0, "windows": COUNT, "first": 0, "last": 399, "since": "hour 0"}
     assert clear(long) == 0
     commit(long, COUNT)
@@ -206,7 +211,7 @@ def _steps(path, count):
             "end of thinned": lambda: store.windows("unsw", count - 300, 101, 3),
             "page": lambda: store.windows("unsw", count // 2, 100),
             "latest": lambda: store.latest_windows("unsw", 100),
-            "next": lambda: store.next_index("unsw"),
+            "next": lambda: store.next_indices()["unsw"],
         }
         return {name: _steps_of(store, reading) for name, reading in readings.items()}
 
