@@ -65,13 +65,13 @@ serve: install
 	$(BIN)/gear-twin serve $(ARGS)
 
 test: install-dev
-	$(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(ARGS)
 
 test-slow: install-dev
-	$(BIN)/python -m pytest -n $(WORKERS) -m slow $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m slow $(ARGS)
 
 test-all: install-dev
-	$(BIN)/python -m pytest -n $(WORKERS) -m 'slow or not slow' $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m 'slow or not slow' $(ARGS)
 
 chaos: install-dev
 	$(BIN)/python -m tests.chaos frames $(ARGS)

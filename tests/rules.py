@@ -44,11 +44,14 @@ def failed_for_being_skipped(report: pytest.TestReport | pytest.CollectReport) -
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What uses the fixture `shared` is marked so; longer proofs come last."""
+    """What uses the fixture `shared` is marked so; longer proofs come last.
+
+    Of the others those that take the longest come first: at the end a core has nothing to do for a short time only.
+    """
     for item in items:
         if "shared" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.shared)
-    items.sort(key=lambda item: item.get_closest_marker("slow") is not None)
+    items.sort(key=lambda item: (item.get_closest_marker("slow") is not None, item.path.parent.name != "validation"))
 
 
 @pytest.hookimpl(wrapper=True)
