@@ -1,16 +1,16 @@
 """What of a history is kept for how long: whole, then thinned, then not at all.
 
 An asset's windows are aged by the start of its newest one, so that neither a clock nor a machine that stands still
-deletes anything. Thinned histories keep every window that updated the twin, found an effect or was refused, and the
-extremes of each 256 windows (extremes.py); the first and the last window of each epoch stay for ever. Inspections,
-decisions, changes and open alarms are never deleted.
+deletes anything. Thinned histories keep every window that updated the twin, found an effect, raised or ended an alarm,
+changed the status or was refused, and the extremes of each 256 windows (extremes.py); the first and the last window of
+each epoch stay for ever. Inspections, decisions, changes and open alarms are never deleted.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqlalchemy import bindparam, delete, func, or_, select
+from sqlalchemy import bindparam, delete, func, or_, select, update
 
 from service.results.alarm_store import MOST_HISTORY
 from service.results.extremes import drop_before, is_extreme
@@ -35,6 +35,11 @@ class Retention:
     history: int = MOST_HISTORY  # newest entries of one alarm
 
 
+STAYS = (  # a window that is committed is notable
+    update(WINDOWS)
+    .where(WINDOWS.c.asset == bindparam("of"), WINDOWS.c.start_ns == bindparam("at"), WINDOWS.c.notable < NOTABLE)
+    .values(notable=NOTABLE)
+)
 _NEWEST = select(func.max(WINDOWS.c.start_ns)).where(WINDOWS.c.asset == bindparam("of"))
 _FIRST_KEPT = select(func.coalesce(func.min(WINDOWS.c.number), 0)).where(
     WINDOWS.c.asset == bindparam("of"), WINDOWS.c.notable < END_OF_EPOCH

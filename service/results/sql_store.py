@@ -25,7 +25,7 @@ from service.results.database import Database
 from service.results.every_asset import LAST_EVENTS, NEXT_INDICES
 from service.results.extremes import adding, outline, rows_of
 from service.results.json_columns import dump, load, load_text, salvage, say_damage, seal
-from service.results.retention import END_OF_EPOCH, NOTABLE
+from service.results.retention import END_OF_EPOCH, NOTABLE, STAYS
 from service.results.schema import ASSETS, DECISIONS, EVENTS, EXTREMES, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
 from service.results.sparse_reading import epochs_of, spread_numbers
 from service.results.store import Event, FaultTotals, StoredAsset, StoredDecision, StoredInspection, StoredWindow
@@ -198,11 +198,14 @@ class SqlStore:
             self._add_events(db, asset, events, start_ns, record)
         return StoredWindow(start_ns=start_ns, record=plain(record), figures=shown)
 
-    def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
-        """Takes in what happened outside a window."""
+    def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]], window_ns: int | None = None) -> None:
+        """Takes in what happened outside a window, or after one that is committed."""
+        events = list(events)
         with self._transaction() as db:
             self._ensure(db, asset)
             self._add_events(db, asset, events)
+            if events and window_ns is not None:
+                db.execute(STAYS, {"of": asset, "at": window_ns})
 
     def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:
         """Keeps the rig file's mapping for the asset, in place of an earlier one."""

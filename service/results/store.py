@@ -145,8 +145,11 @@ class ResultStore(Protocol):
         """
         ...
 
-    def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
-        """Takes in what happened outside a window."""
+    def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]], window_ns: int | None = None) -> None:
+        """Takes in what happened outside a window.
+
+        window_ns  start of the committed window that was the cause: it stays when its history is thinned
+        """
         ...
 
     def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:

@@ -112,7 +112,8 @@ class ServiceSink:
             events = self._alarms.window(asset, outcome.window.start_time_ns, outcome.record, outcome.report, data)
             self._open = self._alarms.open(asset)
             shown = replace(shown, alarms=self._open)
-        self._store.note(asset, (*events, *status_events(before, *shown.health())))
+        events = (*events, *status_events(before, *shown.health()))
+        self._store.note(asset, events, outcome.window.start_time_ns)
 
     def publish(self, outcome: WindowOutcome) -> None:
         """Shows the window that was committed last."""

@@ -60,7 +60,7 @@ class MemoryStore:
             self.note(asset, events)
         return window
 
-    def note(self, asset, events):
+    def note(self, asset, events, window_ns=None):
         with self._lock:
             self._assets.setdefault(asset, StoredAsset(asset=asset))
             for kind, data in events:

@@ -14,6 +14,7 @@ import service_fakes as fakes
 from memory_transport import MemoryNetwork
 from pytest_httpserver import HTTPServer
 from service_streams import Service, write_recording
+from sqlalchemy import select
 from test_api import Client
 from test_health import outcome
 
@@ -24,6 +25,7 @@ from service.contract.base import not_available
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.board import Board
+from service.results.schema import WINDOWS
 from service.results.sql_store import SqlStore
 from service.runtime.replay import replay
 from service.runtime.service_sink import ServiceSink
@@ -119,6 +121,14 @@ def test_alarm_is_raised_escalated_ended_and_closed_once_it_is_acknowledged(benc
     assert [h["verb"] for h in closed["history"]] == ["raised", "escalated", "ended", "acknowledged"]
     assert closed["history"][-1]["note"] == ANNA["note"]
     assert bench.told() == ["raised", "escalated", "ended", "acknowledged"]
+
+
+def test_windows_that_raise_or_end_an_alarm_stay_when_a_history_is_thinned(bench):
+    for found in (HEALTHY, HEALTHY, HEALTHY, NEAR, NEAR, NEAR, HEALTHY, HEALTHY):
+        bench.window(found)
+    rows = bench.store.database.rows(select(WINDOWS.c.number).where(WINDOWS.c.notable > 0).order_by(WINDOWS.c.number))
+    changed = {entry["window"] for entry in bench.alarms()[0]["history"]}
+    assert len(changed) == 2 and changed <= {number for (number,) in rows} < set(range(8))
 
 
 def test_acknowledged_alarm_stays_while_it_is_active_and_is_unacknowledged_again_when_it_escalates(bench):

@@ -20,7 +20,7 @@ from service.runtime.retention_job import RetentionJob
 HOUR_NS = 3600 * 10**9
 COUNT = 400  # windows, one an hour
 RETENTION = Retention(whole_days=2, every=10, days=10, events=1000, history=5)
-UPDATED, FOUND, REFUSED = 203, 211, 217  # between 2 and 10 days before the newest
+NOTABLE = UPDATED, FOUND, REFUSED, ALARM = 203, 211, 217, 229  # between 2 and 10 days before the newest
 
 
 def commit(store, index, asset="unsw", **record):
@@ -42,6 +42,8 @@ def long(each_store):
     with each_store.database.transaction():
         for index in range(COUNT):
             commit(each_store, index, updated=index == UPDATED, quality="refused" if index == REFUSED else "good")
+        each_store.note("unsw", (("alarm", {"verb": "raised"}),), ALARM * HOUR_NS)
+        each_store.note("unsw", (), (ALARM + 1) * HOUR_NS)
     return each_store
 
 
@@ -52,7 +54,7 @@ def kept(store, **given):
 def expected():
     newest = COUNT - 1
     whole = [i for i in range(COUNT) if newest - i <= 48]
-    thinned = [i for i in range(COUNT) if 48 < newest - i <= 240 and (i % 10 == 0 or i in (UPDATED, FOUND, REFUSED))]
+    thinned = [i for i in range(COUNT) if 48 < newest - i <= 240 and (i % 10 == 0 or i in NOTABLE)]
     return [0, *thinned, *whole]
 
 
