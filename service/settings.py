@@ -18,7 +18,7 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 from service.access.addresses import is_loopback
 from service.access.roles import Role
 from service.configuration.new_assets import NewAssets, Rule, rule_of
-from service.configuration.plant import Log, Monitoring, Mqtt, OpcUa
+from service.configuration.plant import Log, Monitoring, Mqtt, OpcUa, Raw
 from service.configuration.sources import CONFIG, Environment, FileSource
 from service.configuration.tables import Table
 from service.transport.zenoh_links import ZenohLinks
@@ -343,6 +343,7 @@ class Settings(
     Workers,
     Alarms,
     Results,
+    Raw,
     Http,
     Admission,
     Oidc,

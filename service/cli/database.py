@@ -83,6 +83,7 @@ def check(data: Data = None, config: ConfigFile = None, json: JsonFile = None) -
     from service.json_text import wrote_json
     from service.results.data_folder import database_of
     from service.results.examination import examine
+    from service.results.raw_recordings import kept_in
     from service.results.store_size import forecast_of
     from service.runtime.retention_job import retention_of
 
@@ -90,13 +91,21 @@ def check(data: Data = None, config: ConfigFile = None, json: JsonFile = None) -
     folder, where = settings.data, database_of(settings.data, settings.database)
     findings, counts = examine(folder, where)
     size = None if findings else forecast_of(where, retention_of(settings))
-    shown = {"findings": [asdict(f) for f in findings], "rows": counts, "size": None if size is None else asdict(size)}
+    raw = None if settings.raw_folder is None else kept_in(settings.raw_folder)
+    shown = {
+        "findings": [asdict(f) for f in findings],
+        "rows": counts,
+        "size": None if size is None else asdict(size),
+        "raw": None if raw is None else asdict(raw),
+    }
     if not wrote_json(shown, json):
         for finding in findings:
             print(f"{finding.what}\n    {finding.action}")
     if findings:
         raise StoreError(f"{len(findings)} things are wrong with the database of {folder}")
     tell(f"{folder}: nothing is wrong; {sum(counts.values())} rows were read; {size}")
+    if raw is not None:
+        tell(f"{settings.raw_folder}: {raw}")
 
 
 def migrate(

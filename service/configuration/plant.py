@@ -121,6 +121,33 @@ class Monitoring(Table):
     )
 
 
+class Raw(Table):
+    """Recordings of all frames that are used."""
+
+    TABLE: ClassVar[str] = "raw"
+    PREFIX: ClassVar[str] = "raw_"
+
+    raw_folder: Path | None = Field(
+        default=None,
+        description="folder in which all frames that are used are kept as MCAP recordings; none: they are not kept",
+        examples=["/srv/gear-twin/raw"],
+    )
+    raw_keep_gb: float = Field(
+        default=100.0, gt=0, le=1e6, description="size of all of them, beyond which the oldest are deleted [GB]"
+    )
+    raw_keep_days: float = Field(default=90.0, gt=0, le=1e5, description="age beyond which one is deleted [days]")
+    raw_roll_mb: float = Field(default=256.0, ge=1, le=1e5, description="size at which a recording is completed [MB]")
+    raw_roll_hours: float = Field(
+        default=6.0, gt=0, le=1e4, description="time after which a recording is completed, too [h]"
+    )
+    raw_spare_gb: float = Field(
+        default=2.0,
+        ge=0,
+        le=1e6,
+        description="room of the disk that is left to others: recordings are deleted before, and then not made [GB]",
+    )
+
+
 class Log(Table):
     """Log lines on standard error."""
 

@@ -163,6 +163,31 @@ LINES: tuple[Line, ...] = (
         _REPORT,
     ),
     Line(
+        "service.runtime.raw_recorder",
+        "raw recordings in %s cannot be written: %s; it is tried again in %g s",
+        "Nothing is added to the raw recordings; windows and results are not affected.",
+        "Free space, or repair the disk; it goes on by itself.",
+    ),
+    Line("service.runtime.raw_recorder", "raw recordings in %s go on", "They can be written again.", _NONE),
+    Line(
+        "service.runtime.raw_recorder",
+        "frames are left out of the raw recordings: %s",
+        "The recordings lack frames; windows do not.",
+        "Record to a faster disk, or free space.",
+    ),
+    Line(
+        "service.results.raw_recordings",
+        "%s was left behind by an earlier run: it is complete with %d frames",
+        "A service that was killed had not completed it; its last seconds are missing.",
+        _NONE,
+    ),
+    Line(
+        "service.results.raw_recordings",
+        "%s was left behind by an earlier run and holds nothing: it is deleted (%s)",
+        "A service was killed within seconds of beginning the file.",
+        _NONE,
+    ),
+    Line(
         "service.runtime.signal_writer",
         "%s: the raw signals of window %d are not kept: %s",
         "The window's results are stored, its signals cannot be viewed.",

@@ -58,7 +58,7 @@ class SignalStore:
             return False
         mark = "x" if window.quality == "refused" else "f" if found else "k"
         turns = "none" if revolutions is None else f"{revolutions:.6g}"
-        folder = self.folder / _folder_of(asset)
+        folder = self.folder / folder_of(asset)
         path = folder / f"{number:08d}_{window.start_time_ns}_{turns}_{mark}{SUFFIX}"
         folder.mkdir(exist_ok=True)
         if file is None:
@@ -82,7 +82,7 @@ class SignalStore:
     def rename(self, asset: str, name: str) -> None:
         """Gives what is kept of an asset to another name, of which nothing is kept."""
         with self._lock:
-            old, new = self.folder / _folder_of(asset), self.folder / _folder_of(name)
+            old, new = self.folder / folder_of(asset), self.folder / folder_of(name)
             if old.is_dir():
                 old.replace(new)
                 self._kept.pop(asset, None)
@@ -152,7 +152,7 @@ def _entry(path: Path, size: int) -> KeptWindow | None:
     return KeptWindow(number=int(read[1]), start_ns=int(read[2]), revolutions=turns, bytes=size, **MARKS[read[4]])
 
 
-def _folder_of(asset: str) -> str:
+def folder_of(asset: str) -> str:
     """The asset's name, but for the two that a file system keeps for itself; `~` is not allowed in a name."""
     return f"~{asset}" if asset in (".", "..") else asset
 

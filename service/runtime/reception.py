@@ -48,6 +48,7 @@ class Reception:
     close       called with each window that has closed, in the order of an asset's windows
     noticed     called with an asset and its repeated frames, after each frame
     host_clock  Unix time of this host [ns], which frames of a live stream are held against; None for recordings
+    used        called with each frame that is put in order for its window; not with those that are left out
     """
 
     def __init__(
@@ -58,9 +59,10 @@ class Reception:
         noticed: Callable[[str, Repeats], None] = lambda asset, repeats: None,
         assembly: AssemblySettings = DEFAULT,
         host_clock: Callable[[], int] | None = None,
+        used: Callable[[Frame], object] = lambda frame: None,
     ):
         self._rig_of, self._close, self._noticed = rig_of, close, noticed
-        self._assembly, self._host_clock = assembly, host_clock
+        self._assembly, self._host_clock, self._used = assembly, host_clock, used
         self._assets: dict[str, _Received] = {}
 
     @property
@@ -159,6 +161,7 @@ class Reception:
         """Goes on after the newest window of an earlier run."""
         received = self._of(asset)
         received.assembler = Assembler.from_dict(assembly, received.assembler.settings)
+        received.assembler.used = self._used
         received.counts = Quality.from_dict(quality)
 
     def ignore_repeats(self, asset: str) -> None:
@@ -178,6 +181,7 @@ class Reception:
         old, new = self._of(asset), self._of(name)
         if not fresh:
             kept = Assembler.from_dict(old.assembler.to_dict(), old.assembler.settings)
+            kept.used = self._used
             new.assembler, old.assembler = old.assembler, kept
         else:
             new.assembler.leave_out_all_so_far(old.assembler, ANOTHERS)
@@ -193,6 +197,7 @@ class Reception:
         if asset not in self._assets:
             rig = self._rig_of(asset)
             assembler = Assembler(assembly_for(rig, self._assembly))
+            assembler.used = self._used
             self._assets[asset] = _Received(rig, expected_channels(rig), assembler)
         return self._assets[asset]
 

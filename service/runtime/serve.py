@@ -45,6 +45,7 @@ from service.runtime.admission import access_of, front_of, limits_of
 from service.runtime.bridging import bridges_of
 from service.runtime.http_gate import GatedSocket
 from service.runtime.http_server import Front, HttpServer, address_of, listening_at
+from service.runtime.raw_recorder import recording_raw
 from service.runtime.retention_job import RetentionJob, retention_of
 from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.signal_writer import SignalWriter
@@ -92,9 +93,9 @@ def run(
         signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
         kept, alarms = _kept_in(settings, store, board, signals, known)
         rigs = Rigs(store, board, given_rigs, RigProposals(kept.life.rejected_rigs), asks=kept.unknown.asks)
-        writer = SignalWriter(signals)
-        health = Health(settings.loop_limit)
-        worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer, health)
+        writer, health = SignalWriter(signals), Health(settings.loop_limit)
+        raw = stack.enter_context(recording_raw(settings, board, health))
+        worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer, health, raw)
         worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
         bridges = bridges_of(settings, board, store, worker.offer, access)
         webhooks = WebhookSender(alarms.store, alarms.waiting)

@@ -35,6 +35,7 @@ from service.runtime.outcomes import Checkpoint, ClosedWindow
 from service.runtime.packed_state import NEW, StoredState
 from service.runtime.positions import ClosedWindows, Positions
 from service.runtime.pump import pump
+from service.runtime.raw_recorder import RawRecorder
 from service.runtime.reception import Reception, assembly_settings
 from service.runtime.rig_questions import RigQuestions
 from service.runtime.rigs import OfferedRigs, Rigs
@@ -51,6 +52,7 @@ from service.runtime.waiting_windows import WaitingWindows
 from service.runtime.worker_figures import lane_figures, storage_figures, stream_figures
 from service.runtime.worker_processes import Processes, usable_cores
 from service.settings import Settings
+from service.stream.frames import Frame
 from service.stream.inbox import Inbox
 from service.stream.repeats import Repeats
 from service.transport.protocol import OpenTransport, Transport
@@ -102,8 +104,9 @@ class Worker(threading.Thread):
         open_transport: OpenTransport,
         signals: SignalWriter | None = None,
         health: Health | None = None,
+        raw: RawRecorder | None = None,
     ) -> None:
-        self._signals, self._health = signals, health or Health()
+        self._signals, self._health, self._raw = signals, health or Health(), raw
         super().__init__(name="twin", daemon=True)
         self._settings, self._kept = settings, kept
         self._rigs, self._twin, self._open_transport = rigs, guarded(twin), open_transport
@@ -190,6 +193,7 @@ class Worker(threading.Thread):
             **self._rigs.proposals.figures(),
             **self._computing.figures(),
             **(self._signals.figures() if self._signals else {}),
+            **(self._raw.figures() if self._raw else {}),
         }
 
     @contextmanager
@@ -220,8 +224,7 @@ class Worker(threading.Thread):
 
     def _run(self, transport: Transport, publication: StatePublication, offered: OfferedRigs) -> None:
         kept, computing = self._kept, self._computing
-        store, board, life = kept.store, kept.board, kept.life
-        storage, known = self._storage, kept.known
+        store, board, life, storage, known = kept.store, kept.board, kept.life, self._storage, kept.known
 
         def close(closed: ClosedWindow) -> None:
             closed.journey.received_ns = reception.freshness(closed.asset).last_arrival_ns or 0
@@ -236,6 +239,7 @@ class Worker(threading.Thread):
             noticed=noticed,
             assembly=replace(assembly_settings(self._settings), clocked=True),
             host_clock=time.time_ns,
+            used=self._keep_raw,
         )
         lanes = self._lanes = Lanes(
             reception,
@@ -316,6 +320,10 @@ class Worker(threading.Thread):
             asset, reason = lanes.stopped.pop()
             self._kept.board.update(asset, damaged=Stale(since_ns=time.time_ns(), reason=reason))
             publication.publish(asset)
+
+    def _keep_raw(self, frame: Frame) -> None:
+        if self._raw is not None:
+            self._raw.offer(frame)
 
     def _try_again(self, storage: StorageWatch, spool: Spool, lanes: Lanes) -> None:
         """Keeps what has waited for the storage; a window's file is the last thing to fit on a disk that was full."""

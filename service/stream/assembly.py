@@ -15,7 +15,7 @@ has been set is detected, and the asset's windows go on at the new time (`clock`
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -103,6 +103,7 @@ class Assembler:
         self._noted: dict[str, Fault] = {}  # faults of the clock since the last window, by channel
         self.repeats = Repeats()
         self._left_out = LeftOut()
+        self.used: Callable[[Frame], object] = lambda frame: None  # called with each frame that is put in order
         self._times_set = 0  # how often a clock was set
         self._latest = 0  # latest end of a window, before the clock was last set [ns]
         self.last_arrival_ns: int | None = None  # host's clock when the newest frame came, Unix time [ns]
@@ -141,6 +142,7 @@ class Assembler:
             self.count(label, "disorder")
         if fate == order.QUEUED:
             self.repeats.queued()
+            self.used(frame)
             if self._left_out.stretches and self._left_out.came(label, frame.sequence, frame.start_time_ns):
                 lane.left_out -= lane.left_out > 0
         elif fate not in (order.CLOCK, order.CONFLICT) and self.repeats.left_out(frame):
@@ -333,6 +335,8 @@ class Assembler:
             self.left_out[order.CLOCK] += 1
         elif (fate := self._slow.offer(frame)) != order.QUEUED:
             self.count(label, fate)
+        else:
+            self.used(frame)
 
     def _advance(self, label: str, lane: order.Lane) -> Iterator[tuple[Window, dict[str, Any]]]:
         """What a frame put in order completes."""
@@ -391,6 +395,7 @@ class Assembler:
         for each in frames:
             lane = self._lanes[each.channel.label]
             if lane.offer(each)[0] == order.QUEUED:
+                self.used(each)
                 yield from self._advance(each.channel.label, lane)
 
     def _note(self, frame: Frame, action: str, detail: str) -> None:

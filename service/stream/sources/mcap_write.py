@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -44,6 +46,7 @@ class RecordingWriter:
             self._file = self.path.open("wb")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
+        self._size = 0  # once it is closed
         self._prefix, self._channels, self._json = prefix, dict[Channel, int](), dict[str, int]()
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_crcs=True)
         self._writer.start(profile="", library="gear-twin")
@@ -90,10 +93,24 @@ class RecordingWriter:
         self._writer.flush()
         self._file.flush()
 
-    def close(self) -> None:
-        """Writes the index; the file is complete."""
+    @property
+    def size(self) -> int:
+        """Bytes in the file so far; what waits in the chunk in progress is not among them."""
+        return self._size if self._file.closed else self._file.tell()
+
+    def close(self, *, sync: bool = False) -> None:
+        """Writes the index; the file is complete, with `sync` also where the machine loses its power."""
         if not self._file.closed:
             try:
                 self._writer.finish()
+                self._file.flush()
+                if sync:
+                    os.fsync(self._file.fileno())
+                self._size = self._file.tell()
             finally:
                 self._file.close()
+
+    def abandon(self) -> None:
+        """Closes the file as it is, without its index."""
+        with suppress(OSError):
+            self._file.close()
