@@ -26,7 +26,10 @@ import urllib.request
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from forked_processes import connection
+
 ROOT = Path(__file__).parents[1]
+COMMAND = ROOT / "tests" / "service" / "forked_command.py"
 PAGES = sorted(
     [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "twin").rglob("*.md")]
 )
@@ -88,10 +91,14 @@ def free_address() -> str:
 
 
 def prepared(folder: Path) -> dict[str, str]:
-    """The environment in which commands are run: `gear-twin` and `python` are those of this test."""
+    """The environment in which commands are run: `gear-twin` and `python` are those of this test.
+
+    The first begins without the two seconds of imports that each command takes: see `forked_processes`.
+    """
     tools = folder / ".tools"
     tools.mkdir()
-    for name, arguments in (("gear-twin", "-m service "), ("python", "")):
+    command = f"-I -S {shlex.quote(str(COMMAND))} {connection().fileno()} "
+    for name, arguments in (("gear-twin", command), ("python", "")):
         shim = tools / name
         shim.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {arguments}"$@"\n')
         shim.chmod(0o755)
@@ -146,6 +153,7 @@ def shell(commands: str, folder: Path, environment: dict[str, str]) -> str:
     done = subprocess.run(
         ["bash", "-e", "-u", "-o", "pipefail", "-c", commands],
         cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        pass_fds=[connection().fileno()],
     )  # fmt: skip
     assert done.returncode == 0, f"{commands}\nended with status {done.returncode}:\n{done.stdout}"
     return done.stdout
@@ -155,8 +163,9 @@ def start(commands: str, folder: Path, environment: dict[str, str]) -> subproces
     """Starts a service and waits until it answers."""
     with (folder / ".service.log").open("w") as log:
         process = subprocess.Popen(
-            ["bash", "-e", "-c", commands], cwd=folder, env=environment, stdout=log, stderr=log, start_new_session=True
-        )
+            ["bash", "-e", "-c", commands], cwd=folder, env=environment, stdout=log, stderr=log, start_new_session=True,
+            pass_fds=[connection().fileno()],
+        )  # fmt: skip
     deadline = time.monotonic() + START_WAIT
     url = f"{environment.get('GEAR_TWIN_URL', 'http://' + HTTP)}/readyz"
     while time.monotonic() < deadline and process.poll() is None:

@@ -34,7 +34,10 @@ LOADED = (
     "alembic.operations",
     "alembic.runtime.migration",
     "alembic.script",
+    "service.cli",
+    "service.runtime.assess",
 )
+NO_INPUT = os.open(os.devnull, os.O_RDONLY)
 NUMBER = struct.Struct("i")  # a process's number, and then how it has ended
 _lock = threading.Lock()
 _server: socket.socket | None = None
@@ -48,8 +51,9 @@ class ForkedProcess:
         self.returncode: int | None = None
         self._ends, ends = os.pipe()
         try:
-            asked = json.dumps({"program": str(program), "environment": environment, "folder": os.getcwd()})
-            socket.send_fds(_connection(), [asked.encode()], [out.fileno(), err.fileno(), ends])
+            asked = {"program": str(program), "environment": environment, "folder": os.getcwd()}
+            given = [NO_INPUT, out.fileno(), err.fileno(), ends]
+            socket.send_fds(connection(), [json.dumps(asked).encode()], given)
         finally:
             os.close(ends)
         (self.pid,) = NUMBER.unpack(os.read(self._ends, NUMBER.size))
@@ -82,7 +86,7 @@ class ForkedProcess:
         self.returncode = os.waitstatus_to_exitcode(status)
 
 
-def _connection() -> socket.socket:
+def connection() -> socket.socket:
     """The way to the server, which ends when this process does."""
     global _server
     with _lock:
@@ -98,14 +102,18 @@ def _connection() -> socket.socket:
 
 def _end(server: socket.socket, process: subprocess.Popen) -> None:
     server.close()
-    process.wait()
+    try:
+        process.wait(5)
+    except subprocess.TimeoutExpired:  # a command that runs on has the way to it
+        process.kill()
+        process.wait()
 
 
 # -- the server ----------------------------------------------------------------------------------------
 
 
-def serve(requests: socket.socket) -> str | None:
-    """Forks a process for each request; the program to run in a forked one, None here when nobody asks any more."""
+def serve(requests: socket.socket) -> dict | None:
+    """Forks a process for each request; what is asked of a forked one, None here when nobody asks any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal: it ends with the tests
     woken, waking = os.pipe()
     os.set_blocking(waking, False)
@@ -118,21 +126,21 @@ def serve(requests: socket.socket) -> str | None:
             os.read(woken, 4096)
             _say_ends(run)
         if requests in ready:
-            text, given, *_ = socket.recv_fds(requests, 2**20, 3)
+            text, given, *_ = socket.recv_fds(requests, 2**20, 4)
             if not text:
                 return None
-            out, err, ends = given
+            *streams, ends = given
             number = os.fork()
             if number == 0:
                 signal.set_wakeup_fd(-1)
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 signal.signal(signal.SIGINT, signal.default_int_handler)
                 requests.close()
-                return _become(json.loads(text), out, err, unused=(woken, waking, ends, *run.values()))
+                return _become(json.loads(text), streams, unused=(woken, waking, ends, *run.values()))
             run[number] = ends
             os.write(ends, NUMBER.pack(number))
-            os.close(out)
-            os.close(err)
+            for stream in streams:
+                os.close(stream)
 
 
 def _say_ends(run: dict[int, int]) -> None:
@@ -145,18 +153,28 @@ def _say_ends(run: dict[int, int]) -> None:
             os.close(ends)
 
 
-def _become(asked: dict, out: int, err: int, unused: tuple[int, ...]) -> str:
-    """Makes this process the one that was asked for; its program."""
-    for number, given in ((1, out), (2, err)):
+def _become(asked: dict, streams: list[int], unused: tuple[int, ...]) -> dict:
+    """Gives this process the directory, environment, input and output that are asked for."""
+    for number, given in enumerate(streams):
         os.dup2(given, number)
-    for number in (*unused, out, err):
+    for number in (*unused, *streams):
         os.close(number)
     os.chdir(asked["folder"])
     os.environ.clear()
     os.environ.update(asked["environment"])
     time.tzset()
-    sys.argv = [asked["program"]]
-    return asked["program"]
+    return asked
+
+
+def _run(asked: dict) -> None:
+    """Runs the program, or a module as `python -m` does."""
+    if "module" in asked:
+        sys.path[0] = asked["folder"]
+        sys.argv = [asked["module"], *asked["arguments"]]
+        runpy.run_module(asked["module"], run_name="__main__", alter_sys=True)
+    else:
+        sys.argv = [asked["program"]]
+        runpy.run_path(asked["program"], run_name="__main__")
 
 
 if __name__ == "__main__":
@@ -164,7 +182,7 @@ if __name__ == "__main__":
         importlib.import_module(name)
     assert threading.active_count() == 1
     gc.freeze()
-    program = serve(socket.socket(fileno=int(sys.argv[1])))
-    if program is not None:
+    found = serve(socket.socket(fileno=int(sys.argv[1])))
+    if found is not None:
         gc.unfreeze()
-        runpy.run_path(program, run_name="__main__")
+        _run(found)
