@@ -12,14 +12,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from sqlalchemy import Connection, insert, select, update
+from sqlalchemy import Connection, delete, insert, select, update
 
 from benchmarks.long_run.service import LONGEST, Service
 from benchmarks.long_run.stand_in import CAMPAIGN, StandInState, record_of, template
 from service.json_text import JsonText
 from service.results.data_folder import DATABASE
 from service.results.retention import Retention, delete_old
-from service.results.schema import ASSETS, EVENTS, WINDOWS
+from service.results.schema import ASSETS, EVENTS, EXTREMES, WINDOWS
 from service.results.sql_store import SqlStore
 from service.stream.frames import NS, EncoderFrame, SampleFrame
 from service.stream.sources.mcap import Recording
@@ -106,6 +106,8 @@ def fill(data: Path, assets: Sequence[str], calendar: Calendar, numbers: range, 
             for asset in assets:
                 while delete_old(store.database, asset, retention):
                     pass
+        with store.database.transaction() as db:
+            _copy_extremes(db, assets[0])
 
 
 def _copy(db: Connection, of: str, first_ns: int, last_ns: int) -> None:
@@ -123,6 +125,14 @@ def _copy(db: Connection, of: str, first_ns: int, last_ns: int) -> None:
     names = ("state", "report", "windows", "updates", "epoch", "received_ns", "seal")
     row = db.execute(select(*(ASSETS.c[name] for name in names)).where(ASSETS.c.asset == of)).one()
     db.execute(update(ASSETS).where(ASSETS.c.asset != of).values(row._asdict()))
+
+
+def _copy_extremes(db: Connection, of: str) -> None:
+    """Gives all other assets the extremes of one's history."""
+    db.execute(delete(EXTREMES).where(EXTREMES.c.asset != of))
+    columns = [column for column in EXTREMES.c if column.name != "asset"]
+    rows = select(ASSETS.c.asset, *columns).join(ASSETS, ASSETS.c.asset != of).where(EXTREMES.c.asset == of)
+    db.execute(insert(EXTREMES).from_select(["asset", *(column.name for column in columns)], rows))
 
 
 def size(data: Path) -> int:

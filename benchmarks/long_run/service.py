@@ -77,17 +77,17 @@ class Service:
         """Resident memory of the service and of its workers [MB]."""
         return sum(p.memory_info().rss for p in self._processes()) / 1e6
 
-    def asked(self, route: str) -> float:
-        """Time of an answer [ms]; of a stream of events, until some have come."""
-        begun = time.perf_counter()
+    def asked(self, route: str) -> tuple[float, int]:
+        """Time of an answer [ms] and its size [bytes]; of a stream of events, until some have come."""
+        begun, size = time.perf_counter(), 0
         with urllib.request.urlopen(self.address + route, timeout=LONGEST) as answer:
             if "/events" in route:
                 found = 0
                 while found < EVENTS:
                     found += answer.readline().startswith(b"id:")
             else:
-                answer.read()
-        return 1e3 * (time.perf_counter() - begun)
+                size = len(answer.read())
+        return 1e3 * (time.perf_counter() - begun), size
 
     def _processes(self) -> list[psutil.Process]:
         own = psutil.Process(self.process.pid)

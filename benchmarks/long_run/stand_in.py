@@ -13,6 +13,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from math import sin
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ ANSWER = "LONG_RUN_ANSWER"  # environment variable: file with the recorded answe
 CAMPAIGN = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"
 DEPTH_A_REVOLUTION = 1e-4  # [µm]
 UPDATE_EVERY = 50  # windows
+SWAY = 0.05  # of the level, from window to window
 
 
 class _Outcomes:
@@ -85,9 +87,11 @@ class StandInState:
 
 
 def record_of(number: int, revolutions: float) -> dict[str, Any]:
-    """The template's record as that of another window."""
+    """The template's record as that of another window; its level sways, so that every part of a history has a peak."""
+    record = template()["record"]
     return {
-        **template()["record"],
+        **record,
+        "rms_measured": record["rms_measured"] * (1 + SWAY * sin(number)),
         "index": number,
         "revolutions": revolutions,
         "wear_depth_um": DEPTH_A_REVOLUTION * revolutions,
