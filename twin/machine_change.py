@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twin.effects.facts import CHANGES
 from twin.errors import ParameterError
 
 
@@ -25,6 +24,8 @@ class MachineChange:
     began: float = 0.0  # of counter_reset: what the counter was set to [turns]
 
     def __post_init__(self) -> None:
+        from twin.effects.facts import CHANGES  # loads half of the twin: programs that only pass changes on do without
+
         if self.kind not in CHANGES:
             raise ParameterError(f"{self.kind!r} is no change of a machine; one of {', '.join(CHANGES)}")
         if (self.kind == "sensor_moved") != (self.sensor is not None):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from limits import parse
 from limits.storage import MemoryStorage
@@ -17,7 +18,9 @@ from limits.strategies import FixedWindowRateLimiter
 from service.access.addresses import is_loopback, network
 from service.access.keys import PREFIX, KeyStore
 from service.access.roles import Role, Who
-from service.access.tokens import TokenRefused, Tokens
+
+if TYPE_CHECKING:  # where no issuer is set, its packages are not loaded
+    from service.access.tokens import Tokens
 
 FAILED_ATTEMPTS = parse("20/minute")  # of one address, after which wrong credentials are answered with 429
 LOGGED = parse("10/minute")  # lines about refused requests
@@ -69,6 +72,8 @@ class Access:
                 return Who(kind="certificate", name=subject, role=self.certificates[subject], address=address)
             return self._without_credential(address)
         if not credential.startswith(PREFIX) and self.tokens is not None:
+            from service.access.tokens import TokenRefused
+
             try:
                 return self.tokens.who(credential, address)
             except TokenRefused as error:

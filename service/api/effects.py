@@ -20,7 +20,6 @@ from service.contract.base import NotAvailable
 from service.contract.effects import Effect
 from service.errors import FAULT
 from service.results.store import StoredDecision
-from twin.effects import EFFECTS
 
 router = APIRouter(prefix="/v1/assets", tags=["effects"], route_class=Guarded)
 
@@ -58,6 +57,8 @@ def decisions(request: Request, asset: str) -> Any:
 async def decide(request: Request, asset: str, name: str, given: models.DecisionIn) -> Any:
     """Accepts, rejects, pins or releases an effect; 202 where it is queued and applied after the current window."""
     snapshot_of(request, asset)
+    from twin.effects import EFFECTS  # loads half of the twin, which a start does without
+
     if name not in EFFECTS or name == "none":
         known = ", ".join(n for n in EFFECTS if n != "none")
         return problem(request, 404, f"{name!r} is no effect; known are {known}")

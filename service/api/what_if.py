@@ -12,11 +12,10 @@ from service.access.roles import Role
 from service.api.assets import snapshot_of
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
-from service.contract.what_if import WhatIf, WhatIfIn, answer
+from service.contract.what_if import WhatIf, WhatIfIn
 from service.errors import InputError
 from service.files.rig import checked_rig
 from twin.errors import NotAvailable, ParameterError, TwinError
-from twin.state import State
 
 router = APIRouter(prefix="/v1/assets", tags=["what-if"], route_class=Guarded)
 
@@ -28,6 +27,9 @@ PLACES = threading.BoundedSemaphore(4)  # answers that are computed or waited fo
 @needs(Role.read)
 def what_if(request: Request, asset: str, asked: WhatIfIn) -> Any:
     """The remaining life under another duty, and the probability of reaching a time; changes nothing."""
+    from service.contract.what_if_answer import answer  # loads the twin, which a start does without
+    from twin.state import State
+
     snapshot = snapshot_of(request, asset)
     stored = request.app.state.store.asset(asset)
     if stored.state is None or snapshot.rig is None:

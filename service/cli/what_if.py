@@ -80,7 +80,8 @@ def _of_recording(
     from pydantic import ValidationError
 
     from service.cli.show import progress_bar
-    from service.contract.what_if import WhatIfIn, answer
+    from service.contract.what_if import WhatIfIn
+    from service.contract.what_if_answer import answer
     from service.errors import InputError
     from service.runtime.assess import assess_with_state, warnings
     from twin.errors import NotAvailable, ParameterError

@@ -8,7 +8,6 @@ from pydantic import Field
 
 from service.contract.base import MICROMETRE, PERCENT, ContractModel, Figure, in_unit
 from twin import assessment
-from twin.effects import EFFECTS
 
 CURVES = {"frequency": "frequency_hz"}  # keys of curves that say their unit
 
@@ -169,6 +168,8 @@ class Effect(ContractModel):
 
     @classmethod
     def of(cls, effect: assessment.EffectAssessment) -> Effect:
+        from twin.effects import EFFECTS  # loads half of the twin, which a start of the service does without
+
         parts: dict[str, Any]
         if effect.status is not None:
             parts = {

@@ -9,7 +9,6 @@ from pydantic import Field
 
 from service.contract.base import MICROMETRE, MICRORADIAN, MILLIMETRE, ContractModel, Figure, in_unit
 from twin import assessment
-from twin.encoder_pair.assessing import stated_ratio
 
 
 class Stated(ContractModel):
@@ -190,6 +189,8 @@ def with_assumed_radii(section: Mapping[str, Any], radii: tuple[float, float]) -
         run_out.append(term | {"amplitude_um": term["amplitude_urad"] * length, "std_um": term["std_urad"] * length})
     stated = section["stated"]
     if stated is None:
+        from twin.encoder_pair.assessing import stated_ratio  # loads a part of the twin, which a start does without
+
         source = f"assumed base radii {radii[1] / MILLIMETRE:g}/{radii[0] / MILLIMETRE:g} mm"
         stated = Stated.of(stated_ratio(radii[1] / radii[0], source, ratio["value"], ratio["std"])).as_json()
     known = PairBaseRadii(pinion_mm=radii[0] / MILLIMETRE, gear_mm=radii[1] / MILLIMETRE, assumed=True).as_json()

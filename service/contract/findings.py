@@ -41,7 +41,6 @@ from service.contract.base import HOUR, MICROMETRE, PERCENT, ContractModel, iso_
 from service.contract.inspections import contradiction
 from twin import assessment
 from twin.attention import StatusLimits, horizon_of, probability_within
-from twin.effects import EFFECTS
 
 Level = Literal["normal", "no_verdict", "watch", "alarm", "end_of_life"]
 SEVERITY: tuple[Level, ...] = ("normal", "no_verdict", "watch", "alarm", "end_of_life")
@@ -155,6 +154,8 @@ def _until(life: assessment.Life) -> str:
 
 
 def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    from twin.effects import EFFECTS  # loads half of the twin, which a start of the service does without
+
     for effect in found.effects:
         known = EFFECTS.get(effect.name)
         alarm = known is not None and known.facts.alarm_class == "alarm"
@@ -177,6 +178,8 @@ def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Fin
 
 def _is_size(effect: str, name: str, parameter: assessment.ParameterValue) -> bool:
     """Whether a parameter says how large an effect is, or is stated all the same; phases are of no use to a person."""
+    from twin.effects import EFFECTS
+
     known = EFFECTS.get(effect)
     shapes = () if known is None else [p.name for p in known.parameters if p.shape and p.name not in known.facts.stated]
     return name not in shapes and parameter.unit != "rad"

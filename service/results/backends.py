@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import sqlalchemy as sa
 from sqlalchemy import Connection, Engine, event
-from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.dialects import sqlite
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.pool import NullPool, QueuePool
@@ -249,6 +249,8 @@ class Postgresql:
             return int(db.exec_driver_sql("SELECT pg_database_size(current_database())").scalar_one())
 
     def insert(self, table: sa.Table) -> Any:
+        from sqlalchemy.dialects import postgresql  # services with SQLite do not load it
+
         return postgresql.insert(table)
 
     def verify(self) -> None:

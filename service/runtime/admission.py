@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from service.access.access import Access
 from service.access.addresses import is_local_endpoint, is_loopback
 from service.access.keys import KeyStore
 from service.access.roles import Role
-from service.access.tokens import Issuer, Tokens
 from service.api.limits import Limits
 from service.errors import InputError
 from service.runtime.http_gate import Gate, connections_within, raise_descriptor_limit
@@ -15,12 +16,15 @@ from service.runtime.http_server import Front
 from service.runtime.http_tls import Tls
 from service.settings import Settings
 
+if TYPE_CHECKING:
+    from service.access.tokens import Tokens
+
 
 def access_of(settings: Settings) -> Access:
     """The rule of access; InputError where others could reach a service that has no credentials."""
     access = Access(
         KeyStore(settings.data),
-        None if settings.oidc_issuer is None else Tokens(_issuer_of(settings, settings.oidc_issuer)),
+        None if settings.oidc_issuer is None else _tokens_of(settings, settings.oidc_issuer),
         Role.read if settings.anonymous == "read" else None,
         settings.http_certificate_roles,
     )
@@ -74,15 +78,19 @@ def front_of(settings: Settings) -> Front:
     return Front(gate, Times(headers=settings.http_header_time, body=settings.http_body_time), tls)
 
 
-def _issuer_of(settings: Settings, issuer: str) -> Issuer:
-    return Issuer(
-        issuer=issuer,
-        audience=settings.oidc_audience,
-        algorithms=tuple(settings.oidc_algorithms),
-        leeway=settings.oidc_leeway,
-        role_claim=settings.oidc_role_claim,
-        roles=settings.oidc_roles,
-        name_claim=settings.oidc_name_claim,
-        keys_url=settings.oidc_keys_url,
-        ca=settings.oidc_ca,
+def _tokens_of(settings: Settings, issuer: str) -> Tokens:
+    from service.access.tokens import Issuer, Tokens  # whose packages are not loaded where no issuer is set
+
+    return Tokens(
+        Issuer(
+            issuer=issuer,
+            audience=settings.oidc_audience,
+            algorithms=tuple(settings.oidc_algorithms),
+            leeway=settings.oidc_leeway,
+            role_claim=settings.oidc_role_claim,
+            roles=settings.oidc_roles,
+            name_claim=settings.oidc_name_claim,
+            keys_url=settings.oidc_keys_url,
+            ca=settings.oidc_ca,
+        )
     )

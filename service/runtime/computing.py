@@ -23,7 +23,6 @@ from service.runtime.outcomes import Raw
 from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Answer, Twin
 from twin.errors import TwinError
-from twin.fallen_count import CountFellError
 from twin.observed import observed_by
 from twin.rig import Rig
 from twin.windows import Fault, Window
@@ -186,10 +185,12 @@ def _window(call: Call) -> Made:
         return replace(made, refused="; ".join(f.detail for f in window.faults if f.action == "refused"))
     try:
         state, answer = call.twin.process(call.rig, call.state, window)
-    except CountFellError as error:
-        fell = Fell(reason=str(error), seen=error.seen, fallen=error.fallen, ignored=error.ignored)
-        return replace(made, state=error.state, fell=fell)
     except TwinError as error:
+        from twin.fallen_count import CountFellError  # loads the twin, which only those do who compute
+
+        if isinstance(error, CountFellError):
+            fell = Fell(reason=str(error), seen=error.seen, fallen=error.fallen, ignored=error.ignored)
+            return replace(made, state=error.state, fell=fell)
         return replace(made, refused=str(error))
     return replace(made, state=state, answer=answer)
 

@@ -23,7 +23,6 @@ from service.runtime.computing import Ask, Call, Made, carry_out
 from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Twin, guarded
 from twin.rig import Rig
-from twin.updating.model_cache import PATHS
 
 T = TypeVar("T")
 
@@ -96,6 +95,8 @@ def begin(log_level: int, cache_bytes: int) -> None:
     root.handlers[:] = [_records]
     root.setLevel(log_level)
     logging.captureWarnings(True)
+    from twin.updating.model_cache import PATHS  # loads the twin, which the service's own process does without
+
     PATHS.budget = cache_bytes
 
 

@@ -16,7 +16,6 @@ from service.signals.view import Axis, Series, View
 from twin.errors import NotAvailable
 from twin.geometry import GearPair
 from twin.geometry.involute import roll_angle
-from twin.wear.archard import pinion_share
 
 POINTS = 160  # along a flank
 DRAWN = 0.25  # modules that the largest depth is drawn with at most
@@ -29,6 +28,8 @@ def flank(subject: Subject) -> View:
     if m is None:
         why = subject.why_not_modelled or "it is drawn from the model, which was not asked for"
         raise NotAvailable(f"the worn flank is not available: {why}")
+    from twin.wear.archard import pinion_share  # loads the model, which only views with a model need
+
     share = pinion_share(m.pair)
     s = np.linspace(m.pair.path_start, m.pair.path_end, POINTS)
     worn, _ = m.profile.at(s)

@@ -9,13 +9,12 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from service.results.board import Board
 from service.results.signal_store import SignalStore
 from service.results.signal_thinning import KeptWindow
 from service.results.store import ResultStore
-from service.signals.modelled import modelling
 from service.signals.subject import Modelling, Subject
 from service.signals.view import View
 from service.signals.views import VIEWS, ViewOptions
@@ -23,9 +22,10 @@ from service.signals.waterfall import Row, Waterfall, row_of, waterfall
 from twin.errors import NotAvailable, TwinError
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
-from twin.state import State
-from twin.tracing.modelled_lines import ModelledLines
-from twin.updating.update import NEEDED
+
+if TYPE_CHECKING:  # views of what is measured need no twin
+    from twin.state import State
+    from twin.tracing.modelled_lines import ModelledLines
 
 SUBJECTS, KEPT_VIEWS, ROWS, MODELS = 4, 8, 600, 64
 T = TypeVar("T")
@@ -106,6 +106,8 @@ class Library:
         model: Modelling | None = None
         why = ""
         if modelled:
+            from twin.updating.update import NEEDED
+
             try:
                 rig.require("a model of this machine", *NEEDED)
                 model = self._modelling(asset, index, rig)
@@ -119,6 +121,7 @@ class Library:
         state = self._states.get((asset, version), lambda: self._state(asset))
         if state is None:
             return None
+        from service.signals.modelled import modelling
 
         own = modelling(rig, state, lambda: self._recorded_um(asset, index))
 
@@ -138,6 +141,8 @@ class Library:
 
     def _state(self, asset: str) -> State | None:
         """The twin's state; None where there is none, or it is another twin's."""
+        from twin.state import State
+
         stored = self._store.asset(asset).state
         try:
             return None if stored is None else State.from_dict(stored)

@@ -10,10 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import radians
+from typing import TYPE_CHECKING
 
 from service.signals.view import Marker
-from twin.effects.bearing_defect import BearingGeometry
 from twin.rig import Rig
+
+if TYPE_CHECKING:
+    from twin.effects.bearing_defect import BearingGeometry
 
 PARTS = {"cage": "cage", "outer": "outer race", "inner": "inner race", "ball": "rolling element"}
 MESH, SIDEBAND_MESH, SIDEBANDS, SHAFT, BEARING = 20, 5, 2, 4, 3  # harmonics that are marked of each kind
@@ -56,6 +59,8 @@ def _orders(rig: Rig, mesh: bool) -> Iterator[tuple[str, str, float]]:
 
 def geometry_of(bearing: dict) -> BearingGeometry:
     """The geometry of one of the rig file's rolling bearings."""
+    from twin.effects.bearing_defect import BearingGeometry  # loads half of the twin, which a start does without
+
     return BearingGeometry(
         balls=int(bearing["rolling_elements"]),
         ball_diameter=bearing["element_diameter"],

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,14 +18,16 @@ from twin.features.resample import AngleSignal, on_angle
 from twin.features.transmission_error import TransmissionError, pinion_motion, transmission_error
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
-from twin.tracing.modelled_lines import ModelledLines
 from twin.windows import Samples, Window
+
+if TYPE_CHECKING:  # views of what is measured need no twin
+    from twin.tracing.modelled_lines import ModelledLines
 
 TRANSMISSION_ERROR = "transmission-error"
 UNITS = {"accel": "m/s²", "torque": "N·m", "encoder": "rad", TRANSMISSION_ERROR: "µm"}
 MICROMETRE = 1e-6
 
-Modelling = Callable[[WindowFeatures], ModelledLines]
+Modelling = Callable[[WindowFeatures], "ModelledLines"]
 
 
 class UnknownChannel(InputError):
@@ -167,7 +170,7 @@ class Subject:
     @property
     def modelled(self) -> ModelledLines | None:
         """The twin's lines of this window; None where there are none, for the reason of `why_not_modelled`."""
-        return self._modelled if isinstance(self._modelled, ModelledLines) else None
+        return None if isinstance(self._modelled, str) else self._modelled
 
     @property
     def why_not_modelled(self) -> str:

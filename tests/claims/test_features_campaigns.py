@@ -13,7 +13,7 @@ import pytest
 from service.files.import_recording import import_recording
 from service.stream.sources.mcap import read_windows
 from twin.errors import NotAvailable
-from twin.features import extract
+from twin.features.extract import extract
 from twin.features.level import band_rms
 from twin.features.mesh_speed import mesh_speed
 from twin.rig import Rig

@@ -10,7 +10,7 @@ from service.errors import InputError
 from service.files.import_mapping import load_import_mapping
 from service.files.import_recording import import_recording, to_toml
 from service.stream.sources.mcap import read_windows
-from twin.features import extract
+from twin.features.extract import extract
 from twin.rig import Rig
 
 RATE = 12800.0

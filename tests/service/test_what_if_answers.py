@@ -14,7 +14,8 @@ from service.api import create_app
 from service.cli import run
 from service.cli.what_if import text
 from service.contract.estimate import step
-from service.contract.what_if import WhatIfIn, answer
+from service.contract.what_if import WhatIfIn
+from service.contract.what_if_answer import answer
 from service.results.board import Board
 from service.results.sql_store import SqlStore
 from tests.documentation import ROOT

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.features import WindowFeatures, extract
+from twin.features.extract import extract
 from twin.features.gaps import filled, taper
+from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.windows import Edges, Samples, Window
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.mesh_pairs import UNSW_RIG
 from twin.errors import ParameterError, WindowError
-from twin.features import WindowFeatures, extract
+from twin.features.extract import extract
 from twin.features.indicator_record import MOST_CONDITIONS, with_na4
 from twin.features.indicators import (
     GearIndicators,
@@ -17,6 +17,7 @@ from twin.features.indicators import (
     normalised_moment,
     sensor_indicators,
 )
+from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.windows import Edges, Samples, Window
 

@@ -8,8 +8,3 @@ orders              complex lines at chosen orders, mesh bands, synchronous aver
 mesh_speed          speed from the mesh lines where there is no encoder
 extract             all of it for one window
 """
-
-from twin.features.extract import extract
-from twin.features.window_features import WindowFeatures
-
-__all__ = ["WindowFeatures", "extract"]

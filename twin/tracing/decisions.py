@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twin.effects import EFFECTS
 from twin.errors import ParameterError
 
 VERBS = ("accept", "reject", "pin", "release")
@@ -24,6 +23,8 @@ class Decision:
     verb: str
 
     def __post_init__(self) -> None:
+        from twin.effects import EFFECTS  # loads half of the twin: programs that only pass decisions on do without
+
         if self.name not in EFFECTS or self.name == "none":
             known = ", ".join(n for n in EFFECTS if n != "none")
             raise ParameterError(f"{self.name!r} is no effect; known are {known}")
