@@ -152,10 +152,13 @@ def asks_tables(file: Path) -> bool:
     return bool(imported(file) & {"sqlalchemy", "alembic"})
 
 
-def test_service_over_other_parts_needs_neither_zenoh_nor_sqlite():
+def test_service_over_other_parts_loads_neither_zenoh_nor_sqlite_nor_the_twin_that_its_workers_compute_with():
     code = (
         "import sys; import service.runtime.worker, service.runtime.pipeline, service.api, service.results.board; "
-        "assert 'zenoh' not in sys.modules, 'zenoh'; assert 'sqlite3' not in sys.modules, 'sqlite3'"
+        "assert 'zenoh' not in sys.modules, 'zenoh'; assert 'sqlite3' not in sys.modules, 'sqlite3'; "
+        "parts = 'twin.state', 'twin.effects', 'twin.dynamics', 'twin.updating'; "
+        "twin = {m for m in sys.modules if m.startswith(parts)}; "
+        "assert not twin, twin"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
