@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from service.operation.health import Health
 
+_WAIT = 0.2  # how long a line may wait for systemd to read earlier ones: the loop that answers HTTP tells it [s]
 READY, STOPPING, ALIVE = "READY=1", "STOPPING=1", "WATCHDOG=1"
 
 
@@ -24,6 +25,7 @@ def notify(*lines: str) -> bool:
         address = f"\0{address[1:]}"
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as to:
+            to.settimeout(_WAIT)
             to.connect(address)
             to.sendall("\n".join(lines).encode())
     except OSError:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import socket
 import threading
 import time
+import urllib.error
 
 import pytest
 import service_fakes as fakes
-from service_streams import service, wait_until
+from service_streams import service, wait_until, write_recording
 from test_api import Client
 from test_health import get
 
 from service.api import create_app
-from service.operation.health import HTTP, LOOPS, RECEPTION, RETENTION, Health
+from service.operation.health import HTTP, LOOPS, RECEPTION, RETENTION, WORKERS, Health
 from service.operation.systemd import ALIVE, READY, STOPPING, Watchdog, notify, watchdog_pause
+from service.results.data_folder import WAITING
+from service.runtime.replay import replay
 from service.runtime.storage_status import StorageStatus
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.worker_processes import MOST_DEATHS, Processes
@@ -41,7 +45,12 @@ def told(tmp_path, monkeypatch):
         received.bind(str(address))
         received.settimeout(20.0)
         monkeypatch.setenv("NOTIFY_SOCKET", str(address))
-        yield lambda: received.recv(4096).decode()
+
+        def told() -> str:
+            return received.recv(4096).decode()
+
+        told.socket = received
+        yield told
 
 
 def test_loop_that_does_not_turn_makes_the_service_not_alive_with_name_and_time(store, board, clock):
@@ -86,6 +95,17 @@ def test_watchdog_is_told_a_third_of_its_time_before_it_bites_and_not_while_a_lo
     watchdog()
     notify("STATUS=nor this time")
     assert told() == "STATUS=nor this time"
+
+
+def test_systemd_that_does_not_read_holds_up_no_loop(told):
+    """The loop of HTTP once stopped for good behind ten unread lines."""
+    sent = 0
+    while notify(ALIVE):
+        sent += 1
+        assert sent < 100_000
+    began = time.monotonic()
+    assert not notify(ALIVE) and time.monotonic() - began < 5.0
+    assert told() == ALIVE and notify(ALIVE)
 
 
 def test_nothing_is_told_outside_of_systemd_or_where_the_watchdog_is_of_another_process(monkeypatch):
@@ -153,3 +173,54 @@ def test_service_that_was_suspended_is_alive_again_at_once(tmp_path):
         time.sleep(7.0)
         os.kill(running.process.pid, signal.SIGCONT)
         wait_until(lambda: running.get("/healthz") == {"status": "ok"})
+
+
+def health_of(running):
+    """The status of /healthz and the loops that are named."""
+    try:
+        running.text("/healthz")
+    except urllib.error.HTTPError as error:
+        return error.code, {each["loop"] for each in json.load(error)["loops"]}
+    return 200, set()
+
+
+@pytest.mark.slow
+def test_loop_that_hangs_in_a_running_service_is_named_no_watchdog_is_told_and_it_is_alive_again_afterwards(
+    tmp_path, told, monkeypatch
+):
+    """The disk does not answer: a file that is to be written is a pipe that nobody reads, as with a hung NFS server."""
+    monkeypatch.setenv("WATCHDOG_USEC", "900000")
+    recording = write_recording(tmp_path / "a.mcap", 2)
+    with service(tmp_path / "data", LOOP_LIMIT="5") as running:
+        assert told() == READY and told() == ALIVE and health_of(running) == (200, set())
+        pipes = [tmp_path / "data" / WAITING / f"{number:08d}.part" for number in (1, 2)]
+        for pipe in pipes:
+            pipe.parent.mkdir(exist_ok=True)
+            os.mkfifo(pipe)
+        sender = threading.Thread(target=replay, args=(recording, [running.endpoint], 0))
+        sender.start()
+        wait_until(lambda: health_of(running) == (503, {RECEPTION, WORKERS}), 30.0)
+        drained(told, 1.0)  # what had been told before
+        assert drained(told, 2.0) == [] and health_of(running)[0] == 503
+        assert running.get("/v1/assets") is not None  # HTTP answers
+        with pipes[0].open("rb") as disk:  # it answers again
+            pipes[1].unlink()
+            disk.read()
+        wait_until(lambda: health_of(running) == (200, set()), 30.0)
+        assert ALIVE in drained(told, 3.0)
+        sender.join(60.0)
+        assert len(running.wait_for_windows(2)) == 2 and not sender.is_alive()
+        running.end(signal.SIGTERM)
+
+
+def drained(told, seconds):
+    """What systemd is told within a time [s]."""
+    lines, until = [], time.monotonic() + seconds
+    while (left := until - time.monotonic()) > 0:
+        told.socket.settimeout(left)
+        try:
+            lines.append(told())
+        except TimeoutError:
+            break
+    told.socket.settimeout(20.0)
+    return lines
