@@ -10,6 +10,7 @@ import threading
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from unittest.mock import patch
 
@@ -120,6 +121,7 @@ def test_queue_is_bounded_by_the_bytes_of_the_settings(tmp_path):
         assert network.inbox._most_bytes == 2**20
 
 
+@cache
 def imported(file: Path) -> set[str]:
     names = set()
     for node in ast.walk(ast.parse(file.read_text())):
