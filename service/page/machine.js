@@ -134,8 +134,8 @@ export class Machine extends EventTarget {
 
 // Half of the points once there are twice as many as are wanted: of each four those with the lowest and the highest
 // level, so that no peak is left out, and the newest.
-function thinned(points) {
-  if (points.length < 2 * POINTS) return points;
+export function thinned(points, most = POINTS) {
+  if (points.length < 2 * most) return points;
   const out = [];
   for (let at = 0; at < points.length; at += 4) {
     const part = points.slice(at, at + 4);

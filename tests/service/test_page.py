@@ -49,6 +49,19 @@ def test_charts_show_the_campaign(open_page, store, board):
     assert "87 % of the limit of 500 µm" in page.inner_text(".cards")
 
 
+def test_points_that_the_page_leaves_out_are_no_peaks(open_page, store, board):
+    fakes.campaign(store, board)
+    page = open_page(UNSW)
+    levels = [50.0 if i == 17 else None if i in (18, 20) else 0.1 if i == 22 else 5.0 + i % 3 for i in range(41)]
+    thinned = """async ([levels, most]) => (await import('/static/machine.js')).thinned(
+        levels.map((rms, index) => ({ index, rms_measured: rms })), most).map((p) => p.index)"""
+    assert page.evaluate(thinned, [levels, 21]) == list(range(41))
+    shown = page.evaluate(thinned, [levels, 20])
+    assert {17, 22, 40} <= set(shown) and shown == sorted(set(shown)) and 18 <= len(shown) <= 22
+    level = page.evaluate(thinned, [[None] * 41, 20])
+    assert level[-1] == 40 and len(level) <= 22
+
+
 def test_new_window_appears_without_a_reload_by_fetching_what_is_new_alone(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page(UNSW)
