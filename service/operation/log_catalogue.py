@@ -163,6 +163,12 @@ LINES: tuple[Line, ...] = (
         _REPORT,
     ),
     Line(
+        "service.runtime.streams",
+        "%s: two publishers send on the key of %s: %s and %s",
+        "Frames of both are received in turn; which are used is decided by their content.",
+        "Stop one of them; a key has one publisher.",
+    ),
+    Line(
         "service.runtime.raw_recorder",
         "raw recordings in %s cannot be written: %s; it is tried again in %g s",
         "Nothing is added to the raw recordings; windows and results are not affected.",

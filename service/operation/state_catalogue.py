@@ -35,6 +35,10 @@ FAULTS: dict[str, Named] = {
         "a frame whose number or time is that of another frame; it is left out",
         "Do two publishers send on this key?",
     ),
+    "two_publishers": Named(
+        "two publishers send on the key in turn, by the identities that the network says; nothing is left out for that",
+        "Stop one of them; a key has one publisher.",
+    ),
     "overlap": Named(
         "a frame or samples of a time that had been received already; they are left out",
         "Check the clock and the sampling rate of the logger.",

@@ -111,6 +111,11 @@ class Intake:
         self._reception.leave_out(asset, missing)
         self._show(asset)
 
+    def note_publishers(self, asset: str, label: str, two: tuple[str, str]) -> None:
+        """Two publishers send on a channel's key in turn."""
+        if asset in self._known:
+            self._reception.note_publishers(asset, label, two)
+
     def flush(self, asset: str) -> None:
         """Closes the asset's window in progress, after silence."""
         self._feed_learned(asset, self._learning.end(asset))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from service.errors import FrameError
@@ -13,6 +13,7 @@ from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import NS, Frame
 from service.stream.inbox import Arrival, Inbox, Item, Marker, Shed
 from service.stream.left_out import Missing
+from service.stream.publishers import Publishers
 from service.stream.wire.codec import decode
 from service.stream.wire.topics import Channel
 
@@ -35,6 +36,7 @@ class _Heard:
     received: float = 0.0  # when that came, on the monotonic clock [s]
     late_since: float | None = None  # when the others were first seen to have gone on without it, on the pump's clock
     ended: bool = False  # waited for in vain; not waited for again until it sends
+    publishers: Publishers = field(default_factory=Publishers)
 
 
 class _Rhythm:
@@ -69,6 +71,11 @@ class _Rhythm:
             self._seen += 1
         heard.end, heard.received = frame.end_time_ns, received
         heard.late_since, heard.ended = None, False
+
+    def note_publisher(self, label: str, source: str, received: float) -> tuple[str, str] | None:
+        """The two publishers that send on a channel's key in turn; None where there is no proof of that."""
+        heard = self._heard.get(label)
+        return None if heard is None else heard.publishers.note(source, received)
 
     @property
     def limit(self) -> float:
@@ -115,6 +122,8 @@ class FrameConsumer(Protocol):
     def reject(self, channel: Channel, error: FrameError) -> None: ...
 
     def leave_out(self, asset: str, missing: Missing) -> None: ...
+
+    def note_publishers(self, asset: str, label: str, two: tuple[str, str]) -> None: ...
 
     def flush(self, asset: str) -> None: ...
 
@@ -190,7 +199,13 @@ class Pump:
             return
         stream = frame.channel.asset
         new = stream not in self._rhythms
-        self._rhythm(stream).note(frame, arrival.received, self._now)
+        rhythm = self._rhythm(stream)
+        rhythm.note(frame, arrival.received, self._now)
+        if arrival.source is not None:
+            label = frame.channel.label
+            two = rhythm.note_publisher(label, arrival.source, arrival.received)
+            if two is not None:
+                self._consumer.note_publishers(stream, label, two)
         self._consumer.feed(frame)
         if new:
             self._consumer.expect(stream, self._inbox.announced(stream))

@@ -24,6 +24,7 @@ from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
 from service.stream.frames import Frame
 from service.stream.left_out import ANOTHERS, Missing
 from service.stream.position import Position
+from service.stream.publishers import two_publishers
 from service.stream.quality import Quality
 from service.stream.repeats import Repeats
 from service.stream.wire.topics import Channel
@@ -98,6 +99,10 @@ class Reception:
     def leave_out(self, asset: str, missing: Missing) -> None:
         """Frames of a stretch of time were left out before they came here."""
         self._of(asset).assembler.leave_out(missing)
+
+    def note_publishers(self, asset: str, label: str, two: tuple[str, str]) -> None:
+        """Two publishers send on a channel's key in turn: a fault of the next window."""
+        self._of(asset).assembler.note(two_publishers(label, two))
 
     def expect(self, asset: str, labels: Iterable[str]) -> None:
         """Waits for these channels too before the asset's first window."""

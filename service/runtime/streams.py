@@ -113,6 +113,13 @@ class Streams:
         self.moved(stream)
         self._consumer.leave_out(asset, missing)
 
+    def note_publishers(self, stream: str, label: str, two: tuple[str, str]) -> None:
+        """Hands on that two publishers send on a channel's key in turn."""
+        asset = self.asset_of(stream)
+        log.warning("%s: two publishers send on the key of %s: %s and %s", asset, label, *two, extra={"asset": asset})
+        if not self._is_retired(asset):
+            self._consumer.note_publishers(asset, label, two)
+
     def _is_retired(self, asset: str) -> bool:
         """Whether an asset is retired; one that is so no longer is told what has been left out."""
         if self._retired(asset):

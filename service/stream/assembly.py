@@ -37,15 +37,8 @@ from twin.windows import Fault, Window
 
 MOST_CHANNELS = 256  # of one asset; frames of further ones are counted and left out ...
 OTHER_CHANNELS = "other channels"  # ... under this name
-_LEFT_OUT = (
-    "invalid",
-    order.LATE,
-    order.LOST,
-    "shed",
-    "too_many_channels",
-    order.DUPLICATE,
-    order.CONFLICT,
-)  # kinds of frames counted
+# kinds of frames counted
+_LEFT_OUT = ("invalid", order.LATE, order.LOST, "shed", "too_many_channels", order.DUPLICATE, order.CONFLICT)
 _SILENT_AFTER = 4  # times the patience: frames of other keys after which one that sends nothing is not waited for
 
 
@@ -181,8 +174,7 @@ class Assembler:
     def leave_out_all_so_far(self, other: Assembler, cause: str) -> None:
         """What another assembler has received was not received here, and is not to be made windows of."""
         newest = other.position.channels
-        starts = [each.start_ns for each in newest.values()]
-        if starts:
+        if starts := [each.start_ns for each in newest.values()]:
             self._left_out.add(Missing(min(starts), max(starts) + 1, dict.fromkeys(newest, 1), cause))
 
     def _refuse_left_out(self, until: float) -> Iterator[tuple[Window, dict[str, Any]]]:
@@ -322,6 +314,10 @@ class Assembler:
                 kind=kind, channel=label, count=count, action="none",
                 detail="frames left out: their number or time is that of others; do two publishers send on this key?",
             )  # fmt: skip
+
+    def note(self, fault: Fault) -> None:
+        """A fault of the next window, that was found elsewhere."""
+        self._noted[f"{fault.channel} {fault.kind}"] = fault
 
     @property
     def closed_until_ns(self) -> int:

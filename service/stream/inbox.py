@@ -43,6 +43,7 @@ class Arrival(NamedTuple):
     channel: Channel
     payload: bytes
     received: float  # on the monotonic clock [s]
+    source: str | None = None  # who published it, where the network says so
 
     @property
     def stream(self) -> str:
@@ -164,8 +165,8 @@ class Inbox:
         self.refused: Counter[str] = Counter()  # frames by cause
         self.errors = 0  # exceptions in callbacks
 
-    def offer(self, topic: str, payload: bytes) -> bool:
-        """Puts one payload in; False where it had to be left out."""
+    def offer(self, topic: str, payload: bytes, source: str | None = None) -> bool:
+        """Puts one payload in, with who published it; False where it had to be left out."""
         channel = _channel_of(topic, self._prefix)
         admitted = channel is None or self._admits(channel.asset, channel.label)
         with self._changed:
@@ -179,7 +180,7 @@ class Inbox:
                 return False
             if (before := self._growing.pop(channel.asset, None)) is not None:
                 self._add(channel.asset, queue, Shed(channel.asset, before.missing))
-            self._add(channel.asset, queue, Arrival(channel, payload, time.monotonic()))
+            self._add(channel.asset, queue, Arrival(channel, payload, time.monotonic(), source))
             while (victim := self._without_room(channel.asset)) is not None:
                 self._shed(victim)
             return True
@@ -229,10 +230,12 @@ class Inbox:
         with self._changed:
             return tuple(self._announced.get(stream, ()))
 
-    def guarded(self, topic: Callable[[], str], payload: Callable[[], bytes]) -> None:
+    def guarded(
+        self, topic: Callable[[], str], payload: Callable[[], bytes], source: Callable[[], str | None] = lambda: None
+    ) -> None:
         """As `offer`, for callbacks whose exceptions nobody would see: they are counted."""
         try:
-            self.offer(topic(), payload())
+            self.offer(topic(), payload(), source())
         except Exception:
             self.errors += 1
 

@@ -85,7 +85,7 @@ class ZenohTransport:
 
         def received(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.PUT:
-                inbox.guarded(lambda: str(sample.key_expr), sample.payload.to_bytes)
+                inbox.guarded(lambda: str(sample.key_expr), sample.payload.to_bytes, lambda: _publisher_of(sample))
 
         def publisher(sample: zenoh.Sample) -> None:
             topic = str(sample.key_expr).partition("/@adv/")[0]
@@ -320,6 +320,12 @@ class ZenohPublisher:
                     "is the service running, and is the prefix the same?"
                 )
             time.sleep(0.01)
+
+
+def _publisher_of(sample: zenoh.Sample) -> str | None:
+    """Session and number of the publisher of a sample; advanced publishers say it, plain ones do not."""
+    source = sample.source_info
+    return None if source is None else f"{source.source_id.zid}/{source.source_id.eid}"
 
 
 def _matching(publisher: zenoh.Publisher) -> bool:

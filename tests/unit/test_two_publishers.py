@@ -10,6 +10,7 @@ from streams import ACCEL, CHANNELS, bursts, content, unbroken
 
 from service.stream.assembly import Assembler
 from service.stream.frames import NS
+from service.stream.publishers import Publishers, two_publishers
 
 MOST = 2**64 - 1
 
@@ -92,3 +93,45 @@ def test_a_publisher_that_restarts_is_taken_on_soon():
     windows, assembler = windows_of(again)
     assert same_signals(windows) == same_signals(windows_of(frames)[0])
     assert all(kinds.get("conflict", 0) == kinds.get("lost", 0) == 0 for kinds in assembler.counters.values())
+
+
+# -- by the identity that the network gives ------------------------------------------------------------
+
+
+def named(sources, pace=0.5):
+    """The pairs that are named while frames of some publishers come."""
+    publishers, found = Publishers(), []
+    for number, source in enumerate(sources):
+        two = publishers.note(source, 1000.0 + number * pace)
+        found += [two] if two else []
+    return found
+
+
+def test_two_publishers_that_send_in_turn_are_named_with_both_identities():
+    assert named("ab" * 20)[0] == ("a", "b")
+    assert set(named("aaab" * 40)) == set(named("b" * 40 + "aab" * 40)) == {("a", "b")}
+
+
+@pytest.mark.parametrize(
+    "sources",
+    ["a" * 400, "a" * 100 + "b" * 300, "".join(c * 30 for c in "abcdefgh"), "a" * 50 + "abab" + "b" * 300],
+    ids=["one", "started anew", "started again and again", "its last frames come late"],
+)
+def test_a_publisher_that_is_started_anew_is_not_named(sources):
+    assert named(sources) == []
+
+
+def test_frames_on_their_way_in_one_moment_name_nobody():
+    assert named("ab" * 200, pace=0.01) == []
+    assert named("ab" + "b" * 200 + "ab" + "b" * 2000, pace=0.5) == []
+
+
+def test_two_that_are_named_are_a_fault_of_the_next_window_that_changes_nothing_else():
+    assembler, frames = Assembler(), bursts(2)
+    undisturbed = windows_of(frames)[0]
+    assembler.note(two_publishers(ACCEL.label, ("x/1", "y/2")))
+    first, second = [w for frame in frames for w in assembler.add(frame)] + assembler.flush()
+    (fault,) = first.faults
+    assert (fault.kind, fault.channel, first.quality) == ("two_publishers", "accel/y6", "good")
+    assert fault.detail == "x/1 and y/2 send on this key in turn" and second.faults == ()
+    assert same_signals([first, second]) == same_signals(undisturbed)
