@@ -14,7 +14,6 @@ RENAMED = {
     "depth_from": "method",
     "strange": "unattributed_lines",
 }
-OF_RECORDS = ("ways", "depth_from")  # names of version 1 in a window's record
 EARLIER = "The figures are those of an earlier version of gear-twin; the next window renews them."
 
 
@@ -31,9 +30,8 @@ def current_report(report: Mapping[str, Any]) -> dict[str, Any]:
 
 def current_record(record: JsonText) -> Mapping[str, Any]:
     """A window's record in the names of version 2; one that has them is not parsed here."""
-    if any(f'"{name}"' in record.text for name in OF_RECORDS) and any(name in record for name in OF_RECORDS):
-        return _renamed(record)
-    return record
+    written = '"ways"' in record.text or '"depth_from"' in record.text  # as a key, or within some text
+    return _renamed(record) if written and ("ways" in record or "depth_from" in record) else record
 
 
 def _renamed(value: Any) -> Any:
