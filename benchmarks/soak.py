@@ -2,11 +2,13 @@
 
     python -m benchmarks.soak [--assets 20] [--channels 4] [--minutes 30] [--workers 2] [--json OUT] [--data DIR]
 
-A machine with new gears and one at some wear are simulated at 25.6 kHz. Each asset sends the calibration and the first
-window, then 50 s of signal every 52 s, which the service cuts into windows of 10 s; assets are apart in time. Every
-channel of acceleration beyond the first is a copy with its own noise. One more asset sends the bundled campaign of a
-cracked tooth as soon as the one before is processed, with new gears each time, so that a worker traces all the time.
-The twin, the store and the workers are those of `gear-twin serve`.
+A machine with new gears and one at some wear are simulated at 25.6 kHz. Every channel of acceleration beyond the first
+is a copy with its own noise. Each asset first sends the calibration, the new gears and SETTLING in all, as quickly as
+the windows are processed: the twin traces the first windows of any machine that the rig file does not describe exactly,
+and the soak is to show the years after. Then the time begins: each asset sends 50 s of signal every 52 s, which the
+service cuts into windows of 10 s; assets are apart in time. One more asset sends the bundled campaign of a cracked
+tooth as soon as the one before is processed, with new gears each time, so that a worker traces all the time. The twin,
+the store and the workers are those of `gear-twin serve`.
 
 Printed: windows sent and processed, the backlog of each asset, processor time and memory by minute, and the times of
 answers of REST. Ends with 1 where memory grows by more than GROWTH after WARM_UP, the 99th percentile of an answer's
@@ -23,7 +25,7 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +40,7 @@ from service.stream.frames import NS, Frame, SampleFrame
 from service.stream.sources.mcap import RawFrame, Recording
 from service.stream.wire.codec import encode
 from service.stream.wire.topics import Channel
-from service.transport.zenoh import open_publisher
+from service.transport.zenoh import ZenohPublisher, open_publisher
 
 ROOT = Path(__file__).parents[1]
 CRACKED = ROOT / "recordings" / "faulty-campaign.mcap"
@@ -76,6 +78,9 @@ TRACED = "traced"
 FIRST = "accel/y6"
 BEGIN = 1000 * NS  # of a schedule
 PERIOD = 52.0  # of a machine's signal [s]
+SETTLING = 210.0  # of signal that each asset sends before the time begins [s]
+SETTLED_AGO = 3600 * NS  # how long before its sending that signal is dated
+STEP = 10.0  # of the settling signal that is sent at a time [s]
 NOISE = 0.1  # of the copies of the accelerometer [m/s²]
 WARM_UP = 1 / 3  # share of the time after which memory is to be flat
 GROWTH = 1.05
@@ -153,23 +158,44 @@ def schedule(path: Path, seconds: float) -> list[Frame]:
     return [f for f in sorted(sent, key=lambda f: f.end_time_ns) if f.end_time_ns < BEGIN + seconds * NS]
 
 
-def send(
-    path: Path, endpoint: str, assets: int, channels: int, seconds: float, rig: bytes, late: Any, sent: Any
-) -> None:
-    """Publishes all machines' frames in real time; `late` is the most that this fell behind [s]."""
-    frames = schedule(path, seconds)
-    apart = PERIOD / assets
-    names = asset_names(assets)
-    labels = {f.channel for f in frames}
-    order = sorted(
-        ((f.end_time_ns - BEGIN) / NS + k * apart, k, n) for k in range(assets) for n, f in enumerate(frames)
-    )
-    with open_publisher([endpoint]) as publisher:
-        for name in names:
-            publisher.offer_rig(name, rig)
-        publisher.declare(
-            Channel(name, c.kind, f"a{n}" if n else c.name)
-            for name in names for c in labels for n in range(channels if c.kind == "accel" else 1)
+@dataclass(frozen=True, slots=True)
+class Sender:
+    """The machines, and what other processes see of their sending."""
+
+    frames: Sequence[Frame]
+    names: Sequence[str]
+    channels: int
+    sent: Any  # frames of the first channel, by asset
+    late: Any  # the most that sending fell behind [s]
+    settled: Any  # event: the time has begun
+
+    def publish(self, publisher: ZenohPublisher, k: int, n: int, shift: int) -> None:
+        """One frame of one asset, with those of its further accelerometers."""
+        for frame in of_asset(self.frames[n], self.names[k], self.channels, shift):
+            publisher.publish(RawFrame(frame.channel, frame.end_time_ns, encode(frame)))
+            if frame.channel.label == FIRST:
+                self.sent[k] += 1
+
+    def settle(self, publisher: ZenohPublisher, address: str) -> int:
+        """Sends SETTLING of every asset, a step of all at a time once the one before is processed; frames of each."""
+        shift, n = time.time_ns() - SETTLED_AGO - BEGIN, 0
+        for end in np.arange(STEP, SETTLING + STEP / 2, STEP).tolist():
+            first = n
+            while n < len(self.frames) and self.frames[n].end_time_ns < BEGIN + end * NS:
+                n += 1
+            for k in range(len(self.names)):
+                for number in range(first, n):
+                    self.publish(publisher, k, number, shift)
+            while max(backlog(self.sent, self.names, address)) > 1:
+                time.sleep(0.2)
+        return n
+
+    def in_real_time(self, publisher: ZenohPublisher, first: int) -> None:
+        """Sends the frames from one on when they end."""
+        apart, begin = PERIOD / len(self.names), BEGIN + round(SETTLING * NS)
+        order = sorted(
+            ((self.frames[n].end_time_ns - begin) / NS + k * apart, k, n)
+            for k in range(len(self.names)) for n in range(first, len(self.frames))
         )  # fmt: skip
         begun, origin = time.monotonic(), time.time_ns()
         for at, k, n in order:
@@ -177,15 +203,32 @@ def send(
             if at > now:
                 time.sleep(at - now)
             else:
-                late.value = max(late.value, now - at)
-            for frame in of_asset(frames[n], names[k], channels, origin - BEGIN + round(k * apart * NS)):
-                publisher.publish(RawFrame(frame.channel, frame.end_time_ns, encode(frame)))
-                if frame.channel.label == FIRST:
-                    sent[k] += 1
+                self.late.value = max(self.late.value, now - at)
+            self.publish(publisher, k, n, origin - begin + round(k * apart * NS))
 
 
-def keep_tracing(endpoint: str, address: str, seconds: float, rig: bytes, passes: Any) -> None:
+def send(
+    path: Path, endpoint: str, address: str, assets: int, channels: int, seconds: float, rig: bytes,
+    sent: Any, late: Any, settled: Any,
+) -> None:  # fmt: skip
+    """Settles all machines, says so, and publishes their frames in real time."""
+    sender = Sender(schedule(path, SETTLING + seconds), asset_names(assets), channels, sent, late, settled)
+    labels = {f.channel for f in sender.frames}
+    with open_publisher([endpoint]) as publisher:
+        for name in sender.names:
+            publisher.offer_rig(name, rig)
+        publisher.declare(
+            Channel(name, c.kind, f"a{n}" if n else c.name)
+            for name in sender.names for c in labels for n in range(channels if c.kind == "accel" else 1)
+        )  # fmt: skip
+        first = sender.settle(publisher, address)
+        settled.set()
+        sender.in_real_time(publisher, first)
+
+
+def keep_tracing(endpoint: str, address: str, seconds: float, rig: bytes, passes: Any, settled: Any) -> None:
     """Sends the campaign of a cracked tooth again and again, with new gears, as soon as it is processed."""
+    settled.wait()
     with Recording(CRACKED) as recording:
         frames = sorted(recording.frames(_refuse), key=lambda f: f.end_time_ns)
     length, count = frames[-1].end_time_ns - frames[0].start_time_ns, len(bursts(frames))
@@ -238,6 +281,12 @@ def asset_names(count: int) -> list[str]:
     return [f"asset-{k:03d}" for k in range(count)]
 
 
+def backlog(sent: Any, names: Sequence[str], address: str) -> tuple[int, ...]:
+    """Windows of each asset that were sent whole and are not processed."""
+    done = _processed(address)
+    return tuple(closed(sent[k]) - done.get(name, 0) for k, name in enumerate(names))
+
+
 def watch(service: Service, outcome: Outcome, seconds: float, sent: Any, passes: Any) -> None:
     """Asks the service for so long, and notes what it answers and uses."""
     begun, minutes, cpu = time.monotonic(), 0, service.cpu()
@@ -255,13 +304,12 @@ def watch(service: Service, outcome: Outcome, seconds: float, sent: Any, passes:
         outcome.answers.append(1e3 * (time.perf_counter() - asked))
         if now >= 60 * (minutes + 1):
             minutes += 1
-            done = _processed(service.address)
-            backlog = tuple(closed(sent[k]) - done.get(name, 0) for k, name in enumerate(names))
-            outcome.apart = max(outcome.apart, max(backlog) - int(np.median(backlog)))
+            behind = backlog(sent, names, service.address)
+            outcome.apart = max(outcome.apart, max(behind) - int(np.median(behind)))
             used = service.cpu()
             outcome.minutes.append(Minute(
-                minute=now / 60, memory=service.memory(), cpu=(used - cpu) / 60, backlog=backlog,
-                windows=sum(done.get(name, 0) for name in names), traced=passes.value,
+                minute=now / 60, memory=service.memory(), cpu=(used - cpu) / 60, backlog=behind,
+                windows=sum(closed(n) for n in sent) - sum(behind), traced=passes.value,
             ))  # fmt: skip
             cpu = used
             print(line_of(outcome.minutes[-1]), flush=True)
@@ -310,6 +358,7 @@ def main(arguments: list[str] | None = None) -> int:
     outcome, seconds = Outcome(assets=given.assets, channels=given.channels), 60 * given.minutes + 5
     context = multiprocessing.get_context("spawn")
     late, passes, sent = context.Value("d", 0.0), context.Value("q", 0), context.Array("q", given.assets)
+    settled = context.Event()
     with tempfile.TemporaryDirectory() as folder:
         data = given.data or Path(folder)
         data.mkdir(parents=True, exist_ok=True)
@@ -317,15 +366,18 @@ def main(arguments: list[str] | None = None) -> int:
         with Recording(path) as recording:
             rig = recording.rig_text or b""
         with serving(data / "service", PORT, program=("service", "serve"), workers=given.workers) as service:
-            senders = [context.Process(
-                target=send, args=(path, service.endpoint, given.assets, given.channels, seconds, rig, late, sent)
-            )]  # fmt: skip
+            machines = (path, service.endpoint, service.address, given.assets, given.channels, seconds, rig)
+            senders = [context.Process(target=send, args=(*machines, sent, late, settled))]
             if not given.no_traced:
-                senders.append(
-                    context.Process(target=keep_tracing, args=(service.endpoint, service.address, seconds, rig, passes))
-                )
+                traced = (service.endpoint, service.address, seconds, rig, passes, settled)
+                senders.append(context.Process(target=keep_tracing, args=traced))
             for each in senders:
                 each.start()
+            begun = time.monotonic()
+            while not settled.wait(1.0):
+                if not senders[0].is_alive():
+                    raise SystemExit("the sender of the machines ended before they were settled")
+            print(f"{given.assets} machines settled in {time.monotonic() - begun:.0f} s", flush=True)
             watch(service, outcome, seconds, sent, passes)
             for each in senders:
                 each.terminate()

@@ -145,7 +145,7 @@ LINES: tuple[Line, ...] = (
         "Adopt it, dismiss it, or stop the publisher.",
     ),
     Line(
-        "service.runtime.serve",
+        "service.runtime.begun",
         "new assets: %s%s",
         "Whether assets that nobody has declared are adopted or asked for, and why.",
         _NONE,

@@ -7,41 +7,29 @@ committed stays, and what was in progress is taken up from the store by the next
 
 from __future__ import annotations
 
-import gc
 import logging
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, suppress
 from functools import partial
 
-from service.alarms.keeper import AlarmKeeper
-from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.api import create_app
 from service.api.collector import Figures
 from service.api.incoming import Incoming
 from service.errors import StoreError
 from service.logs import figures as log_figures
-from service.long_lived import long_lived
 from service.operation.health import HTTP, RETENTION, WEBHOOKS, Health
 from service.operation.health import SIGNALS as RAW_SIGNALS
 from service.operation.systemd import READY, STOPPING, Watchdog, notify
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
-from service.results.alarm_store import AlarmStore
-from service.results.asset_life import AssetLife
 from service.results.audit_log import AuditLog
-from service.results.baseline_store import BaselineStore
-from service.results.board import Board
-from service.results.change_queue import ChangeQueue
-from service.results.data_folder import BASELINES, SIGNALS, WAITING, database_of, only_service_of
-from service.results.decision_queue import DecisionQueue
-from service.results.rig_proposals import RigProposals
-from service.results.signal_store import SignalStore
+from service.results.data_folder import database_of, only_service_of
 from service.results.sql_store import SqlStore
-from service.results.store import ResultStore, StoredAsset
-from service.results.unknown_assets import UnknownAssets
+from service.results.store import ResultStore
 from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
+from service.runtime.begun import Begun, OpenStore
 from service.runtime.bridging import bridges_of
 from service.runtime.http_gate import GatedSocket
 from service.runtime.http_server import Front, HttpServer, address_of, listening_at
@@ -59,8 +47,6 @@ from service.transport.protocol import OpenTransport
 log = logging.getLogger(__name__)
 
 CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
-
-OpenStore = Callable[[], AbstractContextManager[ResultStore]]
 
 
 def run(
@@ -86,14 +72,11 @@ def run(
         sent = stack.enter_context(sending_traces(settings.otlp))
         stack.enter_context(only_service_of(settings.data))
         listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
-        store = stack.enter_context(_opened(settings, open_store, listening, front, stop))
+        begun = stack.enter_context(_opened(settings, given_rigs, open_store, listening, front, stop))
+        store, board, kept, alarms, rigs = begun.store, begun.board, begun.kept, begun.alarms, begun.rigs
         timing = Timing()
         store.database.took = timing.stored
-        known, board = stack.enter_context(_restored(store))
-        signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
-        kept, alarms = _kept_in(settings, store, board, signals, known)
-        rigs = Rigs(store, board, given_rigs, RigProposals(kept.life.rejected_rigs), asks=kept.unknown.asks)
-        writer, health = SignalWriter(signals), Health(settings.loop_limit)
+        writer, health = SignalWriter(begun.signals), Health(settings.loop_limit)
         raw = stack.enter_context(recording_raw(settings, board, health))
         worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer, health, raw)
         worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
@@ -108,7 +91,7 @@ def run(
             kept.decisions,
             not_ready=worker.not_ready,
             figures=figures,
-            signals=signals,
+            signals=begun.signals,
             alarms=alarms,
             changes=kept.changes,
             baselines=kept.baselines,
@@ -145,17 +128,6 @@ def run(
     return 0
 
 
-def unknown_of(settings: Settings, board: Board, life: AssetLife) -> UnknownAssets:
-    """The list of unknown assets, by the settings; assets that are declared are shown from now on."""
-    renamed = life.routes()
-    for asset in (*settings.assets, *settings.asset_rigs):
-        if board.get(asset) is None and asset not in renamed:
-            board.update(asset)
-    rule, why = settings.rule_of_new_assets
-    log.info("new assets: %s%s", rule, "" if why is None else f" ({why})")
-    return UnknownAssets(asks=rule == "ask", most=settings.unknown_assets, expire=settings.unknown_expire)
-
-
 def turns_of(health: Health) -> Callable[[], None]:
     """What the loop of HTTP does with each turn: it says that it is alive, and to systemd that all loops are."""
     beat, watchdog = health.loop(HTTP), Watchdog(health)
@@ -165,30 +137,6 @@ def turns_of(health: Health) -> Callable[[], None]:
         watchdog()
 
     return turn
-
-
-def _kept_in(
-    settings: Settings, store: ResultStore, board: Board, signals: SignalStore, known: dict[str, StoredAsset]
-) -> tuple[Kept, AlarmKeeper]:
-    """Where results are kept and shown, with the alarms that are open."""
-    life = AssetLife(store.database, settings.data / WAITING)
-    alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
-    are_open = alarms.store.open()
-    for asset in {alarm["asset"] for alarm in are_open}:
-        board.update(asset, alarms=tuple(alarm for alarm in are_open if alarm["asset"] == asset))
-    kept = Kept(
-        store=store,
-        board=board,
-        decisions=DecisionQueue(store),
-        life=life,
-        changes=ChangeQueue(life),
-        unknown=unknown_of(settings, board, life),
-        baselines=BaselineStore(store.database, settings.data / BASELINES),
-        signals=signals,
-        alarms=alarms,
-        known=known,
-    )
-    return kept, alarms
 
 
 def _incoming_of(worker: Worker, kept: Kept, rigs: Rigs) -> Incoming:
@@ -211,15 +159,16 @@ def database_figures(store: ResultStore) -> dict[str, float]:
 
 def _opened(
     settings: Settings,
+    given_rigs: GivenRigs,
     open_store: OpenStore | None,
     listening: GatedSocket,
     front: Front,
     stop: threading.Event | None,
-) -> AbstractContextManager[ResultStore]:
-    """The store, which no other service writes to; waited for where its server is away."""
+) -> AbstractContextManager[Begun]:
+    """The store, which no other service writes to, and what is read of it; waited for where its server is away."""
     own = partial(SqlStore, database_of(settings.data, settings.database), claimed=True)
     return opened(
-        open_store or own,
+        partial(Begun.of, settings, given_rigs, open_store or own),
         listening,
         front=front,
         limits=limits_of(settings),
@@ -227,23 +176,6 @@ def _opened(
         waits=partial(notify, READY),
         stop=stop,
     )
-
-
-@contextmanager
-def _restored(store: ResultStore) -> Iterator[tuple[dict[str, StoredAsset], Board]]:
-    """All assets of the store, and what is shown of them as long as the service runs."""
-    with long_lived():
-        known = {stored.asset: stored for stored in store.all_assets()}
-        board = Board.from_store(store, known.values())
-    try:
-        yield known, board
-    finally:
-        gc.unfreeze()
-
-
-def rules_of(settings: Settings) -> tuple[Rule, ...]:
-    """The alarm rules of assets that have none of their own."""
-    return DEFAULT_RULES if settings.alarm_rules is None else load_rules(settings.alarm_rules)
 
 
 def _twin_of(settings: Settings) -> Twin:

@@ -20,6 +20,7 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
+WAITING = "windows that have been received wait in memory"
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 10.0  # between two attempts [s]; publishers wait longer than that
 
 
@@ -55,8 +56,8 @@ class StorageWatch:
             return False, None
         return True, answer
 
-    def failed(self, error: StoreError | OSError) -> None:
-        """The storage could not be used."""
+    def failed(self, error: StoreError | OSError, meanwhile: str = WAITING) -> None:
+        """The storage could not be used; what that means for the service meanwhile."""
         meant = error if isinstance(error, StoreError) else storage_error(error, self._where) or error
         cause = meant.reason if isinstance(meant, StorageUnavailable) else str(meant)
         self.failures += 1
@@ -65,7 +66,7 @@ class StorageWatch:
         else:
             self._attempts.attempt_number += 1
         self._next = self._clock() + self._pause(self._attempts)
-        self.reason = f"{meant}: windows that have been received wait in memory"
+        self.reason = f"{meant}: {meanwhile}"
         if cause != self._cause:
             log.error("%s, and it is tried again", self.reason)
         self._cause = cause

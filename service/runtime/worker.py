@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.position import PositionModel, not_connected
-from service.errors import NotReachable
+from service.errors import NotReachable, StorageUnavailable
 from service.operation.health import RECEPTION, WORKERS, Health
 from service.operation.journey import Arrived, nobody
 from service.results.asset_life import AssetLife
@@ -59,6 +59,10 @@ from service.transport.protocol import OpenTransport, Transport
 
 LOOK = 5.0  # between two looks whether the database still answers [s]
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
+TICK = 0.1  # between two looks whether the storage may be tried again [s]
+AT_START = "the service goes on as soon as it can be read"
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,6 +227,40 @@ class Worker(threading.Thread):
             self._run(transport, publication, offered)
 
     def _run(self, transport: Transport, publication: StatePublication, offered: OfferedRigs) -> None:
+        positions, streams, between = self._once_stored(partial(self._prepared, transport, publication, offered))
+        with positions, transport.subscribe(self._inbox):
+            self._reason = None
+            assert self._lanes is not None
+            self._lanes.go()
+            pump(
+                self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
+                channel_wait=self._settings.channel_wait, holding=lambda: self._storage.reason is not None,
+            )  # fmt: skip
+
+    def _once_stored(self, prepare: Callable[[], T]) -> T:
+        """What is made of stored results, as soon as the storage can be read; it is made anew after a failure."""
+        while True:
+            self._beat()
+            self._supervised()
+            try:
+                made = prepare()
+            except StorageUnavailable as error:
+                if error.reason == "damaged":
+                    raise
+                self._storage.failed(error, AT_START)
+            else:
+                self._storage.worked()
+                return made
+            while self._storage.pausing:
+                if self._stopping.wait(TICK):
+                    raise Ended
+                self._beat()
+                self._supervised()
+
+    def _prepared(
+        self, transport: Transport, publication: StatePublication, offered: OfferedRigs
+    ) -> tuple[Positions, Streams, Callable[[], None]]:
+        """All that frames go through, as the last run left it: positions, streams, and what is done between frames."""
         kept, computing = self._kept, self._computing
         store, board, life, storage, known = kept.store, kept.board, kept.life, self._storage, kept.known
 
@@ -295,13 +333,7 @@ class Worker(threading.Thread):
             for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                 publication.publish(asset)
 
-        with positions, transport.subscribe(self._inbox):
-            self._reason = None
-            lanes.go()
-            pump(
-                self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
-                channel_wait=self._settings.channel_wait, holding=lambda: storage.reason is not None,
-            )  # fmt: skip
+        return positions, streams, between
 
     def _look_after(
         self, spool: Spool, lanes: Lanes, storage_status: StorageStatus, publication: StatePublication

@@ -322,7 +322,7 @@ class Run:
             words in said for words in ("MemoryError", "annot allocate memory", "failed to map segment")
         )  # Python's own words, of a worker that was starved while it began
         if "Traceback" in said and not starved:
-            self.wrong(said[said.index("Traceback") :][:1500])
+            self.wrong(said[said.rindex("Traceback") :][-1500:])
 
     # -- faults --------------------------------------------------------------------------------------
 
@@ -413,13 +413,9 @@ class Run:
 
     def _disk_full(self, fault: Fault) -> None:
         ballast = self.data / "ballast"
-        with ballast.open("wb") as file:
-            try:
-                while True:
-                    file.write(bytes(65_536))
-                    file.flush()
-            except OSError:
-                pass
+        with ballast.open("wb", buffering=0) as file, suppress(OSError):
+            while True:
+                file.write(bytes(65_536))
         time.sleep(fault.lasts)
         ballast.unlink()
 

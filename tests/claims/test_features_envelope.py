@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from service.files.import_recording import import_recording
 from service.stream.sources.mcap import read_windows
 from twin.errors import NotAvailable, ParameterError
-from twin.features.envelope import kurtogram, modulations, strange_modulations, without_shaft_lines
+from twin.features.envelope import NearBin, kurtogram, modulations, strange_modulations, without_shaft_lines
 from twin.features.extract import pinion_angle
 from twin.features.resample import AngleSignal, on_angle
 from twin.rig import Rig
@@ -91,6 +91,17 @@ def test_rate_and_its_uncertainty_are_those_of_the_scatter():
     assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.35  # 30 values: ± 13 %
     # |1 + m cos|² = 1 + m²/2 + 2m·cos + …
     assert found[0].depth == pytest.approx(0.6 / (1 + 0.045 + 0.3**2 * 120 / 1000), rel=0.15)
+
+
+@pytest.mark.parametrize("n", [180, 4096, 50_021])
+def test_power_between_two_bins_is_that_of_the_whole_sum(n):
+    rng, k = np.random.default_rng(n), np.arange(n)
+    for bin_ in (4, n // 7, n // 2 - 3):
+        x = rng.standard_normal(n) * np.hanning(n) + np.cos(2 * np.pi * (bin_ + 0.3) * k / n)
+        near = NearBin(x, np.exp(-2j * np.pi * k / n), bin_)
+        offsets = np.array([-1.0, -0.37, 0.0, 0.3, 1.0])
+        whole = np.abs(np.exp(-2j * np.pi * np.outer(bin_ + offsets, k) / n) @ x)
+        assert np.sqrt(near.power(offsets)) == pytest.approx(whole, abs=1e-9 * np.abs(x).sum())
 
 
 def test_modulations_by_a_shaft_carry_its_name():

@@ -16,9 +16,9 @@ from service_streams import Service, wait_until, write_recording
 
 from service.errors import StorageUnavailable
 from service.json_text import plain
+from service.results.data_folder import WAITING
 from service.runtime.assess import assess
 from service.runtime.replay import replay
-from service.runtime.serve import WAITING
 from service.runtime.storage_watch import FIRST_PAUSE, LONGEST_PAUSE, StorageWatch
 
 WINDOWS = 6

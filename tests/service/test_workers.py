@@ -17,13 +17,13 @@ import worker_twins
 from service_streams import HERE, Service, wait_until, write_recording
 
 from service.json_text import JsonText, plain
+from service.results.data_folder import SIGNALS, WAITING
 from service.results.json_columns import dump, load, load_text
 from service.results.window_file import write_window
 from service.runtime.assess import assess
 from service.runtime.computing import Ask, Call, WindowToUse
 from service.runtime.packed_state import NEW, PackedState, StoredState
 from service.runtime.replay import replay
-from service.runtime.serve import SIGNALS, WAITING
 from service.runtime.twin_port import gear_twin
 from service.runtime.worker_processes import Processes, usable_cores
 from twin.rig import Rig

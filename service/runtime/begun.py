@@ -1,0 +1,106 @@
+"""What a service reads at its start: all of it, or nothing where the storage is lost meanwhile."""
+
+from __future__ import annotations
+
+import gc
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
+from types import TracebackType
+
+from service.alarms.keeper import AlarmKeeper
+from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
+from service.long_lived import long_lived
+from service.results.alarm_store import AlarmStore
+from service.results.asset_life import AssetLife
+from service.results.baseline_store import BaselineStore
+from service.results.board import Board
+from service.results.change_queue import ChangeQueue
+from service.results.data_folder import BASELINES, SIGNALS, WAITING
+from service.results.decision_queue import DecisionQueue
+from service.results.rig_proposals import RigProposals
+from service.results.signal_store import SignalStore
+from service.results.store import ResultStore, StoredAsset
+from service.results.unknown_assets import UnknownAssets
+from service.runtime.rigs import GivenRigs, Rigs
+from service.runtime.worker import Kept
+from service.settings import Settings
+
+log = logging.getLogger(__name__)
+
+OpenStore = Callable[[], AbstractContextManager[ResultStore]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Begun(AbstractContextManager["Begun"]):
+    """The open store, what was read of it, and where results are kept and shown; closed when it is left."""
+
+    store: ResultStore
+    board: Board
+    signals: SignalStore
+    kept: Kept
+    alarms: AlarmKeeper
+    rigs: Rigs
+    resources: ExitStack
+
+    @classmethod
+    def of(cls, settings: Settings, given_rigs: GivenRigs, open_store: OpenStore) -> Begun:
+        """Opens the store and reads what the service begins with. StorageUnavailable where it is lost meanwhile."""
+        with ExitStack() as stack:
+            store = stack.enter_context(open_store())
+            known, board = stack.enter_context(_restored(store))
+            signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
+            life = AssetLife(store.database, settings.data / WAITING)
+            alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
+            are_open = alarms.store.open()
+            for asset in {alarm["asset"] for alarm in are_open}:
+                board.update(asset, alarms=tuple(alarm for alarm in are_open if alarm["asset"] == asset))
+            kept = Kept(
+                store=store,
+                board=board,
+                decisions=DecisionQueue(store),
+                life=life,
+                changes=ChangeQueue(life),
+                unknown=unknown_of(settings, board, life),
+                baselines=BaselineStore(store.database, settings.data / BASELINES),
+                signals=signals,
+                alarms=alarms,
+                known=known,
+            )
+            rigs = Rigs(store, board, given_rigs, RigProposals(life.rejected_rigs), asks=kept.unknown.asks)
+            resources = stack.pop_all()
+        return cls(store=store, board=board, signals=signals, kept=kept, alarms=alarms, rigs=rigs, resources=resources)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.resources.close()
+
+
+@contextmanager
+def _restored(store: ResultStore) -> Iterator[tuple[dict[str, StoredAsset], Board]]:
+    """All assets of the store, and what is shown of them as long as the service runs."""
+    with long_lived():
+        known = {stored.asset: stored for stored in store.all_assets()}
+        board = Board.from_store(store, known.values())
+    try:
+        yield known, board
+    finally:
+        gc.unfreeze()
+
+
+def unknown_of(settings: Settings, board: Board, life: AssetLife) -> UnknownAssets:
+    """The list of unknown assets, by the settings; assets that are declared are shown from now on."""
+    renamed = life.routes()
+    for asset in (*settings.assets, *settings.asset_rigs):
+        if board.get(asset) is None and asset not in renamed:
+            board.update(asset)
+    rule, why = settings.rule_of_new_assets
+    log.info("new assets: %s%s", rule, "" if why is None else f" ({why})")
+    return UnknownAssets(asks=rule == "ask", most=settings.unknown_assets, expire=settings.unknown_expire)
+
+
+def rules_of(settings: Settings) -> tuple[Rule, ...]:
+    """The alarm rules of assets that have none of their own."""
+    return DEFAULT_RULES if settings.alarm_rules is None else load_rules(settings.alarm_rules)
