@@ -220,6 +220,7 @@ class Postgresql:
         """One connection, which holds what the service claims."""
         name = "gear-twin" if self.claims is None else self.claims.application
         engine = self._engine(STATEMENT_WAIT, name, pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
+        event.listen(engine, "connect", _keep_commits)
         if self.claims is not None:
             event.listen(engine, "connect", self.claims.take)
         return engine
@@ -277,3 +278,12 @@ class Postgresql:
             reason="connection lost",
             unknown=True,
         )
+
+
+def _keep_commits(connection: Any, _: object) -> None:
+    """A confirmed commit outlives a crash of the server, even one that is set to confirm before it has written."""
+    with connection.cursor() as cursor:
+        cursor.execute(
+            "SELECT set_config('synchronous_commit', 'on', false) WHERE current_setting('synchronous_commit') = 'off'"
+        )
+    connection.commit()

@@ -41,7 +41,7 @@ ABUSE = (
 
 
 class KeptServer(PostgresqlServer):  # type: ignore[misc]
-    """A database server that keeps what it has committed when it is killed; the machine itself goes on."""
+    """A database server that can be started again at once after it was killed."""
 
     def start(self) -> None:
         """Starts it; the processes of a killed one may need a moment to end."""
@@ -53,12 +53,6 @@ class KeptServer(PostgresqlServer):  # type: ignore[misc]
                 if time.monotonic() > deadline:
                     raise
                 time.sleep(0.5)
-
-
-def committed_at_once(url_of: KeptServer) -> None:
-    """Undoes what makes the tests' servers quick: a commit that was confirmed must outlive the server."""
-    url_of.sql("ALTER SYSTEM SET synchronous_commit = on")
-    url_of.sql("SELECT pg_reload_conf()")
 
 
 def flip(path: Path, rng: random.Random, most: int = 4) -> None:

@@ -37,7 +37,7 @@ from service_streams import ROOT, Service, free_port, write_recording
 from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
 from tests.chaos.comparison import disturbed, expected_windows, same
-from tests.chaos.faults import FAULTS, SQLITE_ALONE, KeptServer, committed_at_once
+from tests.chaos.faults import FAULTS, SQLITE_ALONE, KeptServer
 from tests.chaos.processes import children_of, ended, is_tracker, own_disk
 
 WINDOWS = 8
@@ -162,7 +162,6 @@ class Run:
                 stack.enter_context(own_disk(self.data))
             if self.schedule.postgresql:
                 self.server = stack.enter_context(KeptServer())
-                committed_at_once(self.server)
                 self.server.sql("CREATE DATABASE twin")
                 self.service.given["DATABASE"] = self.server.url("twin")
             stack.callback(self._end_all)

@@ -39,6 +39,13 @@ def test_a_service_whose_connection_was_dropped_goes_on_and_keeps_others_out(pos
             SqlStore(postgresql, claimed=True)
 
 
+def test_a_commit_is_confirmed_once_it_is_written_whatever_the_server_is_set_to(postgresql, postgresql_server):
+    """A server that confirmed first lost windows that had been acknowledged, when it was killed."""
+    assert postgresql_server.sql("SHOW synchronous_commit") == [("off",)]
+    with SqlStore(postgresql) as store, store.database.transaction() as db:
+        assert db.exec_driver_sql("SHOW synchronous_commit").scalar_one() == "on"
+
+
 def test_a_session_of_its_own_that_the_server_takes_for_alive_is_ended(postgresql):
     with SqlStore(postgresql, claimed=True) as store:
         fakes.take(store, None, "unsw", 0, 100.0)
