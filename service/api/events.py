@@ -23,7 +23,7 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
 
 # what happens to an asset; service/page/machine.js listens to all of them
 KINDS = ("window", "update", "effect", "rul", "data_fault", "status", "alarm", "change", "question", "inspection")
-PAGE = 500  # events read from the store at once
+PAGE = 100  # events read from the store at once: the first come as soon after a long history as after a short one
 PING_S = 15
 RETRY_MS = 1000
 LARGEST_ID = 2**63 - 1
