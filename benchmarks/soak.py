@@ -78,9 +78,9 @@ TRACED = "traced"
 FIRST = "accel/y6"
 BEGIN = 1000 * NS  # of a schedule
 PERIOD = 52.0  # of a machine's signal [s]
-SETTLING = 210.0  # of signal that each asset sends before the time begins [s]
+SETTLING = 220.0  # of signal that each asset sends before the time begins [s]: 22 windows, to the end of a burst
 SETTLED_AGO = 3600 * NS  # how long before its sending that signal is dated
-STEP = 10.0  # of the settling signal that is sent at a time [s]
+WAITING = 4  # windows of all assets that may wait while the machines settle
 NOISE = 0.1  # of the copies of the accelerometer [m/s²]
 WARM_UP = 1 / 3  # share of the time after which memory is to be flat
 GROWTH = 1.05
@@ -169,34 +169,34 @@ class Sender:
     late: Any  # the most that sending fell behind [s]
     settled: Any  # event: the time has begun
 
-    def publish(self, publisher: ZenohPublisher, k: int, n: int, shift: int) -> None:
+    def publish(self, publisher: ZenohPublisher, k: int, frame: Frame, shift: int) -> None:
         """One frame of one asset, with those of its further accelerometers."""
-        for frame in of_asset(self.frames[n], self.names[k], self.channels, shift):
-            publisher.publish(RawFrame(frame.channel, frame.end_time_ns, encode(frame)))
-            if frame.channel.label == FIRST:
+        for one in of_asset(frame, self.names[k], self.channels, shift):
+            publisher.publish(RawFrame(one.channel, one.end_time_ns, encode(one)))
+            if one.channel.label == FIRST:
                 self.sent[k] += 1
 
-    def settle(self, publisher: ZenohPublisher, address: str) -> int:
-        """Sends SETTLING of every asset, a step of all at a time once the one before is processed; frames of each."""
-        shift, n = time.time_ns() - SETTLED_AGO - BEGIN, 0
-        for end in np.arange(STEP, SETTLING + STEP / 2, STEP).tolist():
-            first = n
-            while n < len(self.frames) and self.frames[n].end_time_ns < BEGIN + end * NS:
-                n += 1
+    def settle(self, publisher: ZenohPublisher, address: str) -> None:
+        """Sends SETTLING of every asset, a burst of each in turn, so that few windows wait."""
+        shift = time.time_ns() - SETTLED_AGO - BEGIN
+        for burst in bursts([f for f in self.frames if f.end_time_ns < BEGIN + SETTLING * NS]):
             for k in range(len(self.names)):
-                for number in range(first, n):
-                    self.publish(publisher, k, number, shift)
-            while max(backlog(self.sent, self.names, address)) > 1:
-                time.sleep(0.2)
-        return n
+                while sum(backlog(self.sent, self.names, address)) > WAITING:
+                    time.sleep(0.1)
+                for frame in sorted(burst, key=lambda f: f.end_time_ns):
+                    self.publish(publisher, k, frame, shift)
+        while max(backlog(self.sent, self.names, address)) > 0:
+            time.sleep(0.1)
 
-    def in_real_time(self, publisher: ZenohPublisher, first: int) -> None:
-        """Sends the frames from one on when they end."""
+    def in_real_time(self, publisher: ZenohPublisher) -> None:
+        """Sends the frames after SETTLING when they end."""
         apart, begin = PERIOD / len(self.names), BEGIN + round(SETTLING * NS)
+        frames = [f for f in self.frames if f.end_time_ns >= begin]
         order = sorted(
-            ((self.frames[n].end_time_ns - begin) / NS + k * apart, k, n)
-            for k in range(len(self.names)) for n in range(first, len(self.frames))
-        )  # fmt: skip
+            ((f.end_time_ns - begin) / NS + k * apart, k, n)
+            for k in range(len(self.names))
+            for n, f in enumerate(frames)
+        )
         begun, origin = time.monotonic(), time.time_ns()
         for at, k, n in order:
             now = time.monotonic() - begun
@@ -204,7 +204,7 @@ class Sender:
                 time.sleep(at - now)
             else:
                 self.late.value = max(self.late.value, now - at)
-            self.publish(publisher, k, n, origin - begin + round(k * apart * NS))
+            self.publish(publisher, k, frames[n], origin - begin + round(k * apart * NS))
 
 
 def send(
@@ -221,9 +221,9 @@ def send(
             Channel(name, c.kind, f"a{n}" if n else c.name)
             for name in sender.names for c in labels for n in range(channels if c.kind == "accel" else 1)
         )  # fmt: skip
-        first = sender.settle(publisher, address)
+        sender.settle(publisher, address)
         settled.set()
-        sender.in_real_time(publisher, first)
+        sender.in_real_time(publisher)
 
 
 def keep_tracing(endpoint: str, address: str, seconds: float, rig: bytes, passes: Any, settled: Any) -> None:
