@@ -30,7 +30,7 @@ def shared_is_here() -> bool:
 
 def may_be_skipped(marks: set[str], environment: Mapping[str, str], shared_here: bool) -> bool:
     """Whether a test with these marks may be skipped."""
-    if "containers" in marks and not environment.get("GEAR_TWIN_COMPOSE"):
+    if "containers" in marks and not environment.get("GEAR_TWIN_TEST_COMPOSE"):
         return True
     return not environment.get("CI") or ("shared" in marks and not shared_here)
 

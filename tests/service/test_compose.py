@@ -2,7 +2,7 @@
 
 Needs an engine and the images, so it runs only where the command is named:
     docker compose -f docker/compose.yml build
-    GEAR_TWIN_COMPOSE='docker compose' .venv/bin/python -m pytest -m slow tests/service/test_compose.py
+    GEAR_TWIN_TEST_COMPOSE='docker compose' .venv/bin/python -m pytest -m slow tests/service/test_compose.py
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import pytest
 from service_streams import free_port
 
 ROOT = Path(__file__).parents[2]
-COMPOSE = shlex.split(os.environ.get("GEAR_TWIN_COMPOSE", ""))
+COMPOSE = shlex.split(os.environ.get("GEAR_TWIN_TEST_COMPOSE", ""))
 PROJECT = "gear-twin-test"
 READY, REPLAYED = 60.0, 300.0  # [s]
 ASK = """
@@ -31,7 +31,7 @@ for path in sys.argv[1:]:
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.containers,
-    pytest.mark.skipif(not COMPOSE, reason="GEAR_TWIN_COMPOSE does not name a command such as 'docker compose'"),
+    pytest.mark.skipif(not COMPOSE, reason="GEAR_TWIN_TEST_COMPOSE does not name a command such as 'docker compose'"),
 ]
 
 

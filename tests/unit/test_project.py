@@ -215,7 +215,7 @@ def test_linear_algebra_runs_on_one_thread_unless_the_environment_says_otherwise
         ({"shared"}, {"CI": "true"}, False, True),
         ({"shared"}, {"CI": "true"}, True, False),
         ({"containers"}, {"CI": "true"}, True, True),
-        ({"containers"}, {"CI": "true", "GEAR_TWIN_COMPOSE": "docker compose"}, True, False),
+        ({"containers"}, {"CI": "true", "GEAR_TWIN_TEST_COMPOSE": "docker compose"}, True, False),
     ],
 )
 def test_a_skipped_test_is_a_failure_on_the_build_machine_unless_its_data_are_absent(
