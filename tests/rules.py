@@ -1,7 +1,8 @@
 """Rules of a test run on the build machine.
 
-Where `CI` is set a skipped test is a failure: nothing is left out unseen. Two things may be missing there: the
-reference data beside the project, for tests marked `shared`, and a container engine, for those marked `containers`.
+Where `CI` is set a skipped test is a failure: nothing is left out unseen. Three things may be missing there: the
+reference data beside the project, for tests marked `shared`, a container engine, for those marked `containers`, and
+Prometheus, for those marked `prometheus`.
 Longer proofs (`slow`) come last, and none begins after GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how
 many.
 """
@@ -16,6 +17,7 @@ from pathlib import Path
 import pytest
 
 BESIDE = Path(__file__).resolve().parents[1].parent / "shared"
+NAMED_BY = {"containers": "GEAR_TWIN_TEST_COMPOSE", "prometheus": "GEAR_TWIN_TEST_PROMETHEUS"}
 CHOSEN = pytest.StashKey[int]()
 
 
@@ -30,7 +32,7 @@ def shared_is_here() -> bool:
 
 def may_be_skipped(marks: set[str], environment: Mapping[str, str], shared_here: bool) -> bool:
     """Whether a test with these marks may be skipped."""
-    if "containers" in marks and not environment.get("GEAR_TWIN_TEST_COMPOSE"):
+    if any(mark in marks and not environment.get(variable) for mark, variable in NAMED_BY.items()):
         return True
     return not environment.get("CI") or ("shared" in marks and not shared_here)
 

@@ -37,6 +37,7 @@ DID_NOT_OCCUR = (
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.prometheus,
     pytest.mark.skipif(not (FOLDER / "promtool").is_file(), reason="GEAR_TWIN_TEST_PROMETHEUS names no folder of it"),
 ]
 
