@@ -62,6 +62,7 @@ class Threads:
             "workers": 0,
             "workers_busy": 0,
             "worker_deaths": 0,
+            "worker_servers_replaced": 0,
             "twin_calls_waiting": self._calls.qsize(),
             "twin_call_seconds": max((time.monotonic() - since for since in began), default=0.0),
         }

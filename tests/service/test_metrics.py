@@ -51,6 +51,7 @@ def test_service_that_has_run_exports_all_of_the_catalogue_and_nothing_else(tmp_
     opcua = f"opc.tcp://127.0.0.1:{free_port()}/gear-twin"
     recording = write_recording(tmp_path / "short.mcap", 4)
     given = {"MQTT": "mqtt://127.0.0.1:1", "MQTT_INPUTS": str(inputs), "OPCUA": opcua}
+    given |= {"RAW_FOLDER": str(tmp_path / "raw"), "RAW_SPARE_GB": "0"}
     with service(tmp_path / "data", **given) as running:
         replay(recording, [running.endpoint], 0)
         wait_until(lambda: len(running.windows()) == 4, 20.0)
