@@ -23,6 +23,7 @@ from service.api.limits import Limits
 from service.results import database, migrate
 from service.results.board import Board
 from service.results.sql_store import SqlStore
+from service.runtime import delivery
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -39,6 +40,13 @@ def new_files_are_copied(tmp_path_factory):
         return upgrade(backend)
 
     with patch.object(database, "upgrade", copied):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def publishers_look_often():
+    """A replay learns within 0.2 s that all is stored, not within 1 s."""
+    with patch.object(delivery, "_ASK_AGAIN", (0.05, 0.2)):
         yield
 
 

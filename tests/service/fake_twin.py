@@ -11,12 +11,8 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from service.__main__ import leave
 from service.contract.estimate import Estimate
-from service.runtime import pump
-from service.runtime.serve import run
 from service.runtime.twin_port import Twin
-from service.settings import Settings
 from twin.errors import NotAvailable
 from twin.fallen_count import CountFellError
 
@@ -163,6 +159,11 @@ TWIN = Twin(
 )  # fmt: skip
 
 
-if __name__ == "__main__":
+if __name__ == "__main__":  # the service is not imported before: worker processes import this file
+    from service.__main__ import leave
+    from service.runtime import pump
+    from service.runtime.serve import run
+    from service.settings import Settings
+
     pump.JOINED = JOINED
     leave(run(Settings(), twin=TWIN))

@@ -31,7 +31,8 @@ from service.stream.wire.topics import topic_of
 from service.transport.zenoh import ZenohTransport, open_publisher, open_session
 from twin.rig import Rig
 
-IDLE = 1.5  # [s]
+IDLE = 0.7  # silence that ends a window [s]
+WAIT = 3.0  # for a channel that the others have gone on without [s]
 
 
 @pytest.fixture
@@ -78,7 +79,8 @@ def receiving(endpoint, pipeline):
         transport.subscribe(inbox),
         patch.object(pump, "JOINED", JOINED),
     ):
-        thread = threading.Thread(target=pump.pump, args=(inbox, pipeline, stop, IDLE, positions))
+        given = inbox, pipeline, stop, IDLE, positions
+        thread = threading.Thread(target=pump.pump, args=given, kwargs={"channel_wait": WAIT})
         thread.start()
         try:
             yield inbox
