@@ -67,18 +67,17 @@ def machine(
     size = np.where(meshing, mesh * 2.0 / (orders / TEETH[0]), size) * (0.6 + 0.8 * load)
     phase = phase + 0.4 * load * pattern.normal(size=orders.size)
     out = {}
+    lines = {}
     for sensor, seed_of_way in (("a", 1), ("b", 2)):
-        way = np.random.default_rng(seed_of_way)
-        turn = way.uniform(-1, 1, orders.size)
-        x = np.zeros(t.size)
-        for o, s, p, extra in zip(orders, size, phase, turn, strict=True):
-            g = 1.0 + 0j
-            if gain is not None and sensor == "b":
-                g = complex(np.asarray(gain(np.array([o * speed])))[0])
-            modulation = 1.0
-            if foreign is not None and abs(o % TEETH[0]) < 1e-9:
-                modulation = 1 + 0.2 * np.cos(foreign * θ)
-            x += modulation * s * abs(g) * np.cos(o * θ + p + extra + np.angle(g))
+        turn = np.random.default_rng(seed_of_way).uniform(-1, 1, orders.size)
+        way = np.ones(orders.size) if gain is None or sensor == "a" else np.asarray(gain(orders * speed))
+        lines[sensor] = size * way * np.exp(1j * (phase + turn))
+    modulated = meshing if foreign is not None else np.zeros(orders.size, bool)
+    summed = _waves(θ, lines, ~modulated), _waves(θ, lines, modulated)
+    for sensor in lines:
+        x = summed[0][sensor]
+        if foreign is not None:
+            x = x + (1 + 0.2 * np.cos(foreign * θ)) * summed[1][sensor]
         if third:
             for n in (1, 2, 3, 5):
                 x += 0.15 * np.cos(n * float(THIRD) * θ + n)
@@ -94,6 +93,19 @@ def machine(
     edges = Edges(per_rev=1, first_index=int(turns[0]), times=(2 * np.pi * turns - θ[0]) / (2 * np.pi * speed))
     torque = Samples(start=0.0, rate=100.0, values=np.full(int(100 * seconds), 20 * load))
     return Window(start_time_ns=seed, accelerations=out, torques={"pinion": torque}, encoders={"pinion": edges})
+
+
+def _waves(θ, lines, chosen):
+    """Of each sensor the real part of Σ a_k e^{ikθ/3} over the lines a_k, k = 1, 2, …, that are chosen."""
+    out = {sensor: np.zeros(θ.size) for sensor in lines}
+    step = np.exp(1j * θ / 3)
+    wave = np.ones(θ.size, complex)
+    for k in range(np.flatnonzero(chosen).max(initial=-1) + 1):
+        wave *= step
+        if chosen[k]:
+            for sensor, a in lines.items():
+                out[sensor] += a[k].real * wave.real - a[k].imag * wave.imag
+    return out
 
 
 def parts(window, shafts=SHAFTS, name="w"):
