@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from typing import Any
 
 import numpy as np
@@ -92,29 +91,21 @@ def decode(channel: Channel, payload: bytes) -> Frame:
 
 
 def encode(frame: Frame) -> bytes:
-    """The payload of a frame, byte for byte as protobuf writes it; numbers that are 0 are left out."""
-    parts = [_START_TAG, frame.start_time_ns.to_bytes(8, "little")]
+    """The payload of a frame."""
     if isinstance(frame, EncoderFrame):
-        for tag, number in (
-            (b"\x10", frame.edges_per_rev),
-            (_SEQUENCE_TAG, frame.sequence),
-            (b"\x20", frame.first_edge_index),
-        ):
-            parts += [tag, _varint(number)] if number else []
-        values, tag = frame.edge_offsets_ns.astype("<f8", copy=False).tobytes(), b"\x2a"
+        message = pb.EncoderFrame(
+            start_time_ns=frame.start_time_ns,
+            edges_per_rev=frame.edges_per_rev,
+            sequence=frame.sequence,
+            first_edge_index=frame.first_edge_index,
+        )
+        message.edge_offset_ns.extend(frame.edge_offsets_ns.tolist())
     else:
-        parts += [b"\x11", struct.pack("<d", frame.sample_rate)]
-        parts += [_SEQUENCE_TAG, _varint(frame.sequence)] if frame.sequence else []
-        values, tag = frame.values.astype("<f4", copy=False).tobytes(), b"\x22"
-    return b"".join([*parts, tag, _varint(len(values)), values] if values else parts)
-
-
-def _varint(number: int) -> bytes:
-    digits = []
-    while number > 0x7F:
-        digits.append(number & 0x7F | 0x80)
-        number >>= 7
-    return bytes([*digits, number])
+        message = pb.SampleFrame(
+            start_time_ns=frame.start_time_ns, sample_rate_hz=frame.sample_rate, sequence=frame.sequence
+        )
+        message.values.extend(frame.values.tolist())
+    return message.SerializeToString()
 
 
 def schema_data() -> bytes:
