@@ -283,26 +283,29 @@ OF_PROCESSING = (
 
 RAW = "where `[raw] folder` is set"
 OF_STORAGE = (
-    _gauge("raw_recordings", f"raw recordings in their folder, {RAW}"),
-    _gauge("raw_recording_bytes", "the same in bytes; bounded by `[raw] keep_gb`", unit="byte"),
+    _gauge("raw_recordings", "raw recordings in their folder", only=RAW),
+    _gauge("raw_recording_bytes", "the same in bytes; bounded by `[raw] keep_gb`", unit="byte", only=RAW),
     _gauge(
         "raw_recording_newest_seconds",
         "end of the newest frame in a raw recording, Unix time; 0 before the first",
         "Old while frames come: see `raw_recording_stopped` and the log.",
         unit="s",
+        only=RAW,
     ),
     _gauge(
         "raw_recording_stopped",
         "1 while raw recordings cannot be written",
         "The log says why: free space, or repair the disk; it goes on by itself. Windows are not affected.",
+        only=RAW,
     ),
-    _counter("raw_frames_recorded", "frames written to raw recordings"),
+    _counter("raw_frames_recorded", "frames written to raw recordings", only=RAW),
     _counter(
         "raw_frames_left_out",
         "frames that are missing in raw recordings: the disk is too slow, full or fails",
         "Record to a faster disk; see `raw_recording_stopped`.",
+        only=RAW,
     ),
-    _counter("raw_recordings_deleted", "raw recordings deleted by age or for room, since the start"),
+    _counter("raw_recordings_deleted", "raw recordings deleted by age or for room, since the start", only=RAW),
     _gauge("storage_unavailable", "1 while the database or the disk cannot be used", STORAGE),
     _counter("storage_failures", "failed attempts to store something", STORAGE),
     _gauge(
