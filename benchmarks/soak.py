@@ -271,9 +271,12 @@ def _processed(address: str) -> dict[str, int]:
 
 
 def closed(frames: int) -> int:
-    """Windows that so many frames of one channel make: two of calibration, then one every 10 s."""
+    """Windows that so many frames of one channel close: two of calibration, then one every 10 s.
+
+    The first frame after a window closes it.
+    """
     calibration, window = 12, 40
-    return min(2, frames // calibration) + max(0, frames - 2 * calibration) // window
+    return min(2, (frames - 1) // calibration) + max(0, frames - 1 - 2 * calibration) // window if frames else 0
 
 
 def asset_names(count: int) -> list[str]:
