@@ -32,6 +32,7 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
+from prometheus_client.parser import text_string_to_metric_families
 
 from benchmarks.long_recording import bursts, repeated
 from benchmarks.long_run.service import Service, serving
@@ -181,12 +182,20 @@ class Sender:
         shift = time.time_ns() - SETTLED_AGO - BEGIN
         for burst in bursts([f for f in self.frames if f.end_time_ns < BEGIN + SETTLING * NS]):
             for k in range(len(self.names)):
-                while sum(backlog(self.sent, self.names, address)) > WAITING:
-                    time.sleep(0.1)
                 for frame in sorted(burst, key=lambda f: f.end_time_ns):
                     self.publish(publisher, k, frame, shift)
-        while max(backlog(self.sent, self.names, address)) > 0:
-            time.sleep(0.1)
+                self.wait(address, WAITING)
+        self.wait(address, 0)
+
+    def wait(self, address: str, most: int) -> None:
+        """Until all frames that were sent are received, and at most so many windows wait."""
+        while True:
+            received = _by_asset(address, "gear_twin_frames")
+            if all(received.get(name, 0) >= sent for name, sent in zip(self.names, self.sent, strict=True)) and (
+                sum(backlog(self.names, address)) <= most
+            ):
+                return
+            time.sleep(0.2)
 
     def in_real_time(self, publisher: ZenohPublisher) -> None:
         """Sends the frames after SETTLING when they end."""
@@ -270,27 +279,26 @@ def _processed(address: str) -> dict[str, int]:
 # -- what is seen --------------------------------------------------------------------------------------
 
 
-def closed(frames: int) -> int:
-    """Windows that so many frames of one channel close: two of calibration, then one every 10 s.
-
-    The first frame after a window closes it.
-    """
-    calibration, window = 12, 40
-    return min(2, (frames - 1) // calibration) + max(0, frames - 1 - 2 * calibration) // window if frames else 0
-
-
 def asset_names(count: int) -> list[str]:
     """Names of so many assets."""
     return [f"asset-{k:03d}" for k in range(count)]
 
 
-def backlog(sent: Any, names: Sequence[str], address: str) -> tuple[int, ...]:
-    """Windows of each asset that were sent whole and are not processed."""
-    done = _processed(address)
-    return tuple(closed(sent[k]) - done.get(name, 0) for k, name in enumerate(names))
+def backlog(names: Sequence[str], address: str) -> tuple[int, ...]:
+    """Windows of each asset that are received whole and are not processed."""
+    waiting = _by_asset(address, "gear_twin_backlog_windows")
+    return tuple(int(waiting.get(name, 0)) for name in names)
 
 
-def watch(service: Service, outcome: Outcome, seconds: float, sent: Any, passes: Any) -> None:
+def _by_asset(address: str, metric: str) -> dict[str, float]:
+    """A metric of every asset; of the first accelerometer, where it has channels."""
+    with urllib.request.urlopen(address + "/metrics", timeout=60) as answer:
+        families = {family.name: family for family in text_string_to_metric_families(answer.read().decode())}
+    samples = families[metric].samples if metric in families else []
+    return {s.labels["asset"]: s.value for s in samples if s.labels.get("channel", FIRST) == FIRST}
+
+
+def watch(service: Service, outcome: Outcome, seconds: float, passes: Any) -> None:
     """Asks the service for so long, and notes what it answers and uses."""
     begun, minutes, cpu = time.monotonic(), 0, service.cpu()
     names, rng = asset_names(outcome.assets), np.random.default_rng(1)
@@ -307,12 +315,13 @@ def watch(service: Service, outcome: Outcome, seconds: float, sent: Any, passes:
         outcome.answers.append(1e3 * (time.perf_counter() - asked))
         if now >= 60 * (minutes + 1):
             minutes += 1
-            behind = backlog(sent, names, service.address)
+            behind = backlog(names, service.address)
             outcome.apart = max(outcome.apart, max(behind) - int(np.median(behind)))
             used = service.cpu()
             outcome.minutes.append(Minute(
                 minute=now / 60, memory=service.memory(), cpu=(used - cpu) / 60, backlog=behind,
-                windows=sum(closed(n) for n in sent) - sum(behind), traced=passes.value,
+                windows=sum(done for name, done in _processed(service.address).items() if name != TRACED),
+                traced=passes.value,
             ))  # fmt: skip
             cpu = used
             print(line_of(outcome.minutes[-1]), flush=True)
@@ -381,7 +390,7 @@ def main(arguments: list[str] | None = None) -> int:
                 if not senders[0].is_alive():
                     raise SystemExit("the sender of the machines ended before they were settled")
             print(f"{given.assets} machines settled in {time.monotonic() - begun:.0f} s", flush=True)
-            watch(service, outcome, seconds, sent, passes)
+            watch(service, outcome, seconds, passes)
             for each in senders:
                 each.terminate()
                 each.join()
