@@ -8,7 +8,7 @@ the windows are processed: the twin traces the first windows of any machine that
 and the soak is to show the years after. Then the time begins: each asset sends 50 s of signal every 52 s, which the
 service cuts into windows of 10 s; assets are apart in time. One more asset sends the bundled campaign of a cracked
 tooth as soon as the one before is processed, with new gears each time, so that a worker traces all the time. The twin,
-the store and the workers are those of `gear-twin serve`.
+the store and the workers are those of `gear-twin serve`, with the setting `worker_cache_bytes` at CACHE.
 
 Printed: windows sent and processed, the backlog of each asset, processor time and memory by minute, and the times of
 answers of REST. Ends with 1 where memory grows by more than GROWTH after WARM_UP, the 99th percentile of an answer's
@@ -83,6 +83,7 @@ SETTLING = 220.0  # of signal that each asset sends before the time begins [s]: 
 SETTLED_AGO = 3600 * NS  # how long before its sending that signal is dated
 WAITING = 4  # windows of all assets that may wait while the machines settle
 NOISE = 0.1  # of the copies of the accelerometer [m/s²]
+CACHE = 64 * 2**20  # wear curves that a worker keeps [bytes]: full within the warm-up, as the default is after hours
 WARM_UP = 1 / 3  # share of the time after which memory is to be flat
 GROWTH = 1.05
 SLOWEST = 50.0  # [ms]
@@ -377,7 +378,9 @@ def main(arguments: list[str] | None = None) -> int:
         path = simulated(data)
         with Recording(path) as recording:
             rig = recording.rig_text or b""
-        with serving(data / "service", PORT, program=("service", "serve"), workers=given.workers) as service:
+        with serving(
+            data / "service", PORT, program=("service", "serve"), workers=given.workers, worker_cache_bytes=CACHE
+        ) as service:
             machines = (path, service.endpoint, service.address, given.assets, given.channels, seconds, rig)
             senders = [context.Process(target=send, args=(*machines, sent, late, settled))]
             if not given.no_traced:
