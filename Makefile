@@ -37,7 +37,9 @@ $(VENV)/.python:
 	$(PYTHON) -m venv $(VENV)
 	@touch $@
 
-$(VENV)/.installed: requirements.lock pyproject.toml | $(VENV)/.python
+KERNELS := setup.py $(wildcard twin/compiled/source/*)
+
+$(VENV)/.installed: requirements.lock pyproject.toml $(KERNELS) | $(VENV)/.python
 	@echo 'installing what the program needs: about a minute'
 	@$(PIP) --require-hashes -r requirements.lock
 	@$(PIP) --no-deps --editable .
@@ -125,5 +127,5 @@ lock:
 		--extra plant -c requirements-dev.lock pyproject.toml -o requirements-plant.lock
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .gear-twin .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) twin/compiled/*.so build dist *.egg-info .gear-twin .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

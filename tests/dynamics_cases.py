@@ -5,7 +5,8 @@ from functools import lru_cache
 import numpy as np
 
 from tests.mesh_pairs import UNSW_RIG
-from twin.dynamics.harmonic_balance import Contacts, SteadyState, solve_through_contact_loss
+from twin.dynamics.contact_loss import solve_through_contact_loss
+from twin.dynamics.harmonic_balance import Contacts, SteadyState
 from twin.dynamics.integrator import Motion
 from twin.dynamics.structure import direction
 from twin.model import Calibration, Condition, Model

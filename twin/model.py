@@ -13,7 +13,8 @@ from math import pi
 
 import numpy as np
 
-from twin.dynamics.harmonic_balance import SteadyState, solve_through_contact_loss
+from twin.dynamics.contact_loss import solve_through_contact_loss
+from twin.dynamics.harmonic_balance import SteadyState
 from twin.dynamics.mesh import PairMesh
 from twin.dynamics.structure import Structure, direction
 from twin.errors import ParameterError

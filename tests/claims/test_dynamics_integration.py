@@ -18,7 +18,8 @@ from tests.dynamics_cases import (
     torques,
     worn,
 )
-from twin.dynamics.harmonic_balance import Action, Contacts, solve, solve_through_contact_loss
+from twin.dynamics.contact_loss import solve_through_contact_loss
+from twin.dynamics.harmonic_balance import Action, Contacts, solve
 from twin.dynamics.hunting import HuntingPeriod
 from twin.dynamics.integrator import integrate, modal_start, steady_start
 from twin.dynamics.mesh import PairMesh

@@ -17,7 +17,8 @@ A_c    further actions of the same contacts on the structure, Σ_p w_cp·σ_p·F
 f_l    loads that do not depend on the motion (unbalance, torque ripple), along a direction of their own
 
 Newton's method with GMRES, contact forces in the time domain, the structure in the frequency domain,
-FFT between; preconditioner 1/(k̄(1 + iωτ) + 1/G), and the low harmonics solved directly where contact is lost. Starts
+FFT between, all compiled (twin/compiled); preconditioner 1/(k̄(1 + iωτ) + 1/G), and the low harmonics
+solved directly, at the neighbouring state that it starts from or, where contact is lost, anew at every step. Starts
 from the quasi-static solution.
 
 Source   alternating frequency/time harmonic balance: T. M. Cameron, J. H. Griffin, J. Appl. Mech. 56
@@ -28,33 +29,26 @@ Holds    responses that repeat with the period; others do not converge, which `c
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from math import pi
 
 import numpy as np
 from scipy.fft import irfft, rfft
 
-from twin.dynamics.gmres import gmres
-from twin.dynamics.low_harmonics import low_harmonic_inverse
+from twin.compiled import CompiledBalance, Progress, Solution, quasi_static, split
+from twin.dynamics.low_harmonics import LowHarmonics
 from twin.dynamics.structure import Structure
 from twin.errors import NotConverged, ParameterError
 
-Map = Callable[[np.ndarray], np.ndarray]
-
 MAX_NEWTON = 40
 MAX_STALLED = 12  # Newton steps with little progress, while contacts open and close
-MAX_HALVINGS = 8
 TOLERANCE = 1e-9  # of the mean force
-WIDEST = 30.0  # rounding of the contacts' corner at the start of the continuation through contact loss, of F/k̄
-SHARP = 3e-3  # rounding from which the corner itself is tried, of F/k̄
-MAX_STAGES = 40
-LONG, MAX_LONG = (
-    8192,
-    1200,
-)  # samples of a period from which the whole continuation may take so many products with its Jacobian
-BEYOND_MODES = 2.0  # harmonics solved directly under contact loss reach this far beyond the fastest mode
-MAX_LOW_HARMONICS = 300
+NEAR_MODES, MAX_NEAR = 1.4, 128  # harmonics solved directly at a neighbouring state: of the fastest mode's; at most
+PARTED_MODES, MAX_PARTED = 2.0, 300  # the same where contact is lost
+PARTED = 0.2  # slope of the contacts, of its mean, below which contact counts as lost
+STALE = 12  # products a Newton step from which a neighbour's low harmonics are not handed on
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -113,6 +107,7 @@ class SteadyState:
     products: int = 0  # with the Jacobian, all iterations together
     directions: tuple[np.ndarray, ...] = field(default=(), repr=False)
     loads: tuple[Load, ...] = field(default=(), repr=False)
+    low_harmonics: LowHarmonics | None = field(default=None, repr=False)  # for a neighbouring state
 
     @property
     def contact_loss(self) -> float:
@@ -140,79 +135,13 @@ class SteadyState:
 
 
 def quasi_static_deflection(contacts: Contacts, mean_force: float) -> np.ndarray:
-    """d (n,) [m] at which the drive flanks carry the mean force at every instant, without dynamics.
-
-    Newton's method on a convex, piecewise linear function: monotone from above, exact after as many
-    steps as there are contacts.
-    """
-    drive = contacts.side > 0
-    k, e = contacts.stiffness[drive], contacts.separation[drive]
-    d = (mean_force / k).max(axis=0) + np.max(-e, axis=0)
-    before = None
-    for _ in range(k.shape[0] + 1):
-        touching = d + e > 0
-        if before is not None and np.array_equal(touching, before):
-            break
-        before = touching
-        closed = k * touching
-        d = d - ((closed * (d + e)).sum(axis=0) - mean_force) / closed.sum(axis=0)
-    return d
+    """d (n,) [m] at which the drive flanks carry the mean force at every instant, without dynamics."""
+    return quasi_static(contacts.stiffness, contacts.separation, contacts.side, mean_force)
 
 
 def _lines(values: np.ndarray) -> np.ndarray:
     """Two-sided Fourier coefficients of a record, k ≥ 0; (n,) → (n//2 + 1,)."""
     return rfft(values, norm="forward")
-
-
-def solve_through_contact_loss(
-    structure: Structure,
-    contacts: Contacts,
-    mean_force: float,
-    *,
-    loads: tuple[Load, ...] = (),
-    start: np.ndarray | SteadyState | None = None,
-    tolerance: float = TOLERANCE,
-) -> SteadyState:
-    """As `solve`; where that fails, rounds the corner at which contacts open and sharpens it step by step.
-
-    Rounded over 30 F/k̄ hardly any contact is ever lost and the solution is easily found; each stage starts from
-    the one before, and one that fails is tried again with a smaller change. The last is the sharp corner itself. Over
-    many mesh periods the continuation is cut short: where it is that long, it hardly ever converges.
-    """
-    room = MAX_LONG if contacts.samples > LONG else None
-    steady = solve(structure, contacts, mean_force, loads=loads, start=start, tolerance=tolerance, most=room)
-    if steady.converged:
-        return steady
-    deflection = mean_force / float(contacts.stiffness.mean())
-    rounding, ratio = WIDEST * deflection, 0.5
-    reached: tuple[float, np.ndarray | None] = (rounding, None)
-    room = None if room is None else room - steady.products
-    for _ in range(MAX_STAGES):
-        if room is not None and room <= 0:
-            break
-        stage = solve(
-            structure,
-            contacts,
-            mean_force,
-            loads=loads,
-            start=reached[1],
-            tolerance=tolerance,
-            rounding=rounding,
-            most=room,
-        )
-        room = None if room is None else room - stage.products
-        if stage.converged:
-            if rounding == 0:
-                return stage
-            reached = rounding, stage.deflection
-            if stage.iterations < 10:
-                ratio = max(0.1, ratio**1.5)
-        elif reached[1] is None or ratio > 0.9:
-            break
-        else:
-            ratio **= 0.5
-        rounding = ratio * reached[0] if ratio * reached[0] > SHARP * deflection else 0.0
-    return steady
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -243,33 +172,35 @@ class Balance:
         if not mean_force > 0:
             raise ParameterError(f"mean_force = {mean_force:g} N must be positive: the gears are driven forward")
         self.contacts, self.mean_force, self.loads, self.rounding = contacts, mean_force, loads, rounding
-        n, ω, τ = contacts.samples, contacts.omega, contacts.damping_time
-        iω = 1j * ω
-        if n % 2 == 0:
-            iω[-1] = 0  # the derivative of the Nyquist line is not real
-        self.omega = ω
-        self.closing = 1 + iω * τ  # from the lines of d to those of d + τ·d'
-
-        def spectrum(values: np.ndarray) -> np.ndarray:
-            """Lines (n//2 + 1,) from those of k ≥ 1; the Nyquist line of a real signal is real."""
-            lines = np.concatenate(([0], values))
-            if n % 2 == 0:
-                lines[-1] = lines[-1].real
-            return lines
-
-        def to_mesh(a: np.ndarray) -> np.ndarray:
-            return structure.receptance(ω[1:], a, structure.mesh)
-
-        G = to_mesh(structure.mesh)
-        self.inverse = spectrum(1 / G)
-        self.ratios = [spectrum(to_mesh(action.direction) / G) for action in contacts.actions]
+        n, period, τ = contacts.samples, contacts.period, contacts.damping_time
+        if n % 2:
+            raise ParameterError(f"samples = {n} a period must be even")
+        self.omega = contacts.omega
+        self.closing = _closing(n, period, τ)  # from the lines of d to those of d + τ·d'
+        self.inverse = _inverse(structure, n, period)
+        self.ratios = np.zeros((len(contacts.actions), self.omega.size), dtype=complex)
         for ratio, action in zip(self.ratios, contacts.actions, strict=True):
+            G = _receptance(structure, n, period, structure.mesh.tobytes())
+            ratio[:] = _spectrum(_receptance(structure, n, period, action.direction.tobytes()) / G)
             ratio[0] = action.mean
-        self._driven = spectrum(sum((to_mesh(load.direction) * load.lines[1:] for load in loads), np.zeros_like(G)))
+        self.driven = np.zeros(self.omega.size, dtype=complex)
+        for load in loads:
+            self.driven += _spectrum(_receptance(structure, n, period, load.direction.tobytes()) * load.lines[1:])
         self._side = contacts.side[:, None]
         self._open_by = contacts.separation + τ * contacts.separation_rate
-        self._signed_stiffness = self._side * contacts.stiffness
-        self._weighted_stiffness = [action.weight * self._signed_stiffness for action in contacts.actions]
+        self._fastest = structure.modes[0].max() / self.omega[1]
+
+    @cached_property
+    def compiled(self) -> CompiledBalance:
+        """The same for the kernels."""
+        contacts = self.contacts
+        weights = np.empty((len(contacts.actions), *contacts.stiffness.shape))
+        for weight, action in zip(weights, contacts.actions, strict=True):
+            weight[:] = action.weight
+        return CompiledBalance(
+            contacts.stiffness, self._open_by, contacts.side, weights, split(self.closing), split(self.inverse),
+            split(self.ratios), split(self.driven), self.mean_force, self.rounding,
+        )  # fmt: skip
 
     def at(self, d_hat: np.ndarray) -> Evaluated:
         """Residual and contacts for the lines of d (n//2 + 1,)."""
@@ -279,49 +210,139 @@ class Balance:
             penetration, closed = (x + root) / 2, (1 + x / root) / 2
         else:
             penetration, closed = np.maximum(x, 0.0), x > 0
-        residual = _lines((self._signed_stiffness * penetration).sum(axis=0)) + self.inverse * (d_hat - self._driven)
-        for weighted, ratio in zip(self._weighted_stiffness, self.ratios, strict=True):
-            residual += ratio * _lines((weighted * penetration).sum(axis=0))
+        forces = self._side * self.contacts.stiffness * penetration
+        residual = _lines(forces.sum(axis=0)) + self.inverse * (d_hat - self.driven)
+        for action, ratio in zip(self.contacts.actions, self.ratios, strict=True):
+            residual += ratio * _lines((action.weight * forces).sum(axis=0))
         residual[0] -= self.mean_force
         return Evaluated(residual=residual, penetration=penetration, closed=closed)
 
     def tangents(self, closed: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         """Stiffness of the closed contacts against d, of the mesh force and of every action; (n,) each [N/m]."""
-        tangent = (self.contacts.stiffness * closed).sum(axis=0)
-        return tangent, [(self._side * weighted * closed).sum(axis=0) for weighted in self._weighted_stiffness]
+        stiffness = self.contacts.stiffness * closed
+        return stiffness.sum(axis=0), [(action.weight * stiffness).sum(axis=0) for action in self.contacts.actions]
 
-    def size(self, found: Evaluated) -> float:
-        """Largest residual, of the mean force."""
-        return float(np.abs(found.residual).max()) / self.mean_force
+    def lowest(self, beyond: float) -> int:
+        """How many of the lowest lines reach so far beyond the structure's fastest mode."""
+        return min(int(beyond * self._fastest) + 2, self.contacts.samples // 4)
 
-    def state(
-        self,
-        d_hat: np.ndarray,
-        found: Evaluated,
-        static: np.ndarray,
-        iterations: int,
-        converged: bool,
-        products: int = 0,
-    ) -> SteadyState:
-        """The motion as a steady state."""
+    def low_harmonics(self, tangent: np.ndarray, tangents: Iterable[np.ndarray], count: int) -> LowHarmonics:
+        """The lowest lines where the contacts have these slopes."""
+        mean = float(tangent.mean()) or float(self.contacts.stiffness.mean())
+        return LowHarmonics(
+            ratios=(np.ones(self.omega.size), *self.ratios),
+            tangents=(tangent - mean, *tangents),
+            to_closing=self.closing / (mean * self.closing + self.inverse),
+            count=count,
+        )
+
+    def reached(self, d_hat: np.ndarray) -> Solution:
+        """The contacts at the lines of a motion (n//2 + 1,)."""
+        found = self.at(d_hat)
         forces = self.contacts.stiffness * found.penetration
-        mesh_force = (self._side * forces).sum(axis=0)
-        actions = self.contacts.actions
-        return SteadyState(
+        tangent, tangents = self.tangents(found.closed)
+        signed = self._side * forces
+        return Solution(
+            progress=Progress(float(np.abs(found.residual).max()) / self.mean_force, 0, 0, 0),
             deflection=irfft(d_hat, self.contacts.samples, norm="forward"),
+            forces=forces,
+            force_lines=_lines(signed.sum(axis=0)),
+            action_lines=np.array([_lines((action.weight * signed).sum(axis=0)) for action in self.contacts.actions]),
+            tangent=tangent,
+            action_tangents=np.array(tangents),
+        )
+
+    def state(self, reached: Solution, static: np.ndarray, *, converged: bool = True) -> SteadyState:
+        """The motion that was reached as a steady state."""
+        return SteadyState(
+            deflection=reached.deflection,
             quasi_static=static,
-            contact_forces=forces,
-            mesh_force=mesh_force,
-            force_lines=_lines(mesh_force),
-            action_lines=tuple(_lines((a.weight * self._side * forces).sum(axis=0)) for a in actions),
+            contact_forces=reached.forces,
+            mesh_force=self.contacts.side @ reached.forces,
+            force_lines=reached.force_lines,
+            action_lines=tuple(reached.action_lines),
             omega=self.omega,
-            residual=self.size(found),
-            iterations=iterations,
+            residual=reached.progress.residual,
+            iterations=reached.progress.iterations,
             converged=converged,
-            products=products,
-            directions=tuple(a.direction for a in actions),
+            products=reached.progress.products,
+            directions=tuple(action.direction for action in self.contacts.actions),
             loads=self.loads,
         )
+
+    def search(
+        self, start: np.ndarray, static: np.ndarray, near: LowHarmonics | None, tolerance: float, most: float
+    ) -> SteadyState:
+        """Newton's method from a deflection (n,); near: the low harmonics of a neighbouring state.
+
+        Where contact is lost, the low harmonics are solved anew at every step.
+        """
+        direct = self.lowest(PARTED_MODES)
+        parted = PARTED if direct <= MAX_PARTED else -1.0
+        reached = self.compiled.newton(
+            start, None if near is None else near.inverse, tolerance,
+            most_steps=MAX_NEWTON, most_products=most, parted=parted, stalled=0,
+        )  # fmt: skip
+        done = reached.progress
+        lost = False
+        while done.residual > tolerance and done.iterations < MAX_NEWTON and done.stalled < MAX_STALLED:
+            if done.products >= most:
+                break
+            lost = True
+            own = self.low_harmonics(reached.tangent, reached.action_tangents, direct)
+            reached = self.compiled.newton(
+                reached.deflection, own.inverse, tolerance,
+                most_steps=1, most_products=most, parted=-1.0, stalled=done.stalled,
+            )  # fmt: skip
+            step = reached.progress
+            done = Progress(
+                step.residual, done.iterations + step.iterations, done.products + step.products, step.stalled
+            )
+        found = self.state(reached._replace(progress=done), static, converged=done.residual <= tolerance)
+        count = self.lowest(NEAR_MODES)
+        if count > MAX_NEAR:
+            return found
+        if near is None or lost or done.products > STALE * max(done.iterations, 1):
+            near = self.low_harmonics(reached.tangent, reached.action_tangents, count)
+        return replace(found, low_harmonics=near)
+
+    def along_branch(
+        self, d_hat: np.ndarray, low: np.ndarray | None, tolerance: float
+    ) -> tuple[Progress, np.ndarray, np.ndarray, np.ndarray | None]:
+        """At a motion with rounded contacts: J⁻¹·(−R) and J⁻¹·(−∂R/∂ln ε), each to a relative tolerance, and the
+        inverse of the low harmonics, made here where it is not given."""
+        count = self.lowest(PARTED_MODES)
+        if low is None and count <= MAX_PARTED:
+            low = self.low_harmonics(*self.tangents(self.at(d_hat).closed), count).inverse
+        return *self.compiled.branch_solutions(d_hat, low, tolerance), low
+
+
+@lru_cache(maxsize=16)
+def _closing(samples: int, period: float, damping_time: float) -> np.ndarray:
+    """Lines of 1 + iωτ; the derivative of the Nyquist line is not real."""
+    lines = 1 + 2j * pi / period * damping_time * np.arange(samples // 2 + 1)
+    lines[-1] = 1
+    return lines
+
+
+@lru_cache(maxsize=16)
+def _receptance(structure: Structure, samples: int, period: float, direction: bytes) -> np.ndarray:
+    """Of the mesh to a force along a direction, at the harmonics k ≥ 1 of a period."""
+    ω = 2 * pi / period * np.arange(1, samples // 2 + 1)
+    return structure.receptance(ω, np.frombuffer(direction), structure.mesh)
+
+
+@lru_cache(maxsize=16)
+def _inverse(structure: Structure, samples: int, period: float) -> np.ndarray:
+    """Lines of 1/G."""
+    return _spectrum(1 / _receptance(structure, samples, period, structure.mesh.tobytes()))
+
+
+def _spectrum(values: np.ndarray) -> np.ndarray:
+    """Lines (n//2 + 1,) from those of k ≥ 1; the Nyquist line of a real signal is real."""
+    lines = np.concatenate(([0], values))
+    lines[-1] = lines[-1].real
+    return lines
 
 
 def solve(
@@ -343,60 +364,13 @@ def solve(
     Others as `Balance`. Returns a SteadyState whose `converged` says whether it may be used.
     """
     balance = Balance(structure, contacts, mean_force, loads, rounding)
-    n, ω, closing, inverse, ratios = (
-        contacts.samples, balance.omega, balance.closing, balance.inverse, balance.ratios,
-    )  # fmt: skip
-
-    def unchanged(u: np.ndarray) -> np.ndarray:
-        return u
-
-    low_harmonics = min(int(BEYOND_MODES * structure.modes[0].max() / ω[1]) + 2, n // 4)
-    static = quasi_static_deflection(contacts, mean_force)
+    static, near = quasi_static_deflection(contacts, mean_force), None
     if start is None:
-        start = static
+        deflection = static
     elif isinstance(start, SteadyState):
-        start = static + (start.deflection - start.quasi_static)
-    d_hat = _lines(np.asarray(start, dtype=float))
-    found = balance.at(d_hat)
-    size = balance.size(found)
-    iterations = stuck = products = 0
-    while size > tolerance and iterations < MAX_NEWTON and stuck < MAX_STALLED and (most is None or products < most):
-        tangent, tangents = balance.tangents(found.closed)
-        k_mean = float(tangent.mean()) or float(contacts.stiffness.mean())
-        precondition = 1 / (k_mean * closing + inverse)
-        to_closing = closing * precondition
-
-        def jacobian(u, to_closing=to_closing, varying=tangent - k_mean, tangents=tangents):
-            """The residual's change for the change P·u of d; u itself where the stiffness is k̄ throughout."""
-            nonlocal products
-            products += 1
-            change = irfft(to_closing * u, n, norm="forward")
-            out = u + _lines(varying * change)
-            for weighted, ratio in zip(tangents, ratios, strict=True):
-                out += ratio * _lines(weighted * change)
-            return out
-
-        coarse: Map = unchanged
-        if low_harmonics <= MAX_LOW_HARMONICS and tangent.min() < 0.2 * k_mean:
-            terms = [(np.ones(ω.size), tangent - k_mean), *zip(ratios, tangents, strict=True)]
-            coarse = low_harmonic_inverse(terms, to_closing, low_harmonics)
-
-        forcing = min(1e-2, max(0.1 * size, 0.1 * tolerance / size))
-
-        def preconditioned(u: np.ndarray, A: Map = jacobian, M: Map = coarse) -> np.ndarray:
-            return A(M(u))
-
-        correction = precondition * coarse(gmres(preconditioned, -found.residual, forcing))
-        step = 1.0
-        for _ in range(MAX_HALVINGS):
-            trial = balance.at(d_hat + step * correction)
-            gain = np.linalg.norm(trial.residual) / np.linalg.norm(found.residual)
-            if gain < 1:
-                break
-            step /= 2
-        stuck = stuck + 1 if gain >= 0.9 else 0
-        d_hat = d_hat + step * correction
-        found = trial
-        size = balance.size(found)
-        iterations += 1
-    return balance.state(d_hat, found, static, iterations, size <= tolerance, products)
+        deflection = static + (start.deflection - start.quasi_static)
+        if start.low_harmonics is not None and start.low_harmonics.lines == balance.omega.size:
+            near = start.low_harmonics
+    else:
+        deflection = start
+    return balance.search(deflection, static, near, tolerance, np.inf if most is None else most)

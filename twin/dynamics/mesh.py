@@ -99,6 +99,11 @@ class PairMesh:
         return self.phase + self.pair.base_pitch * np.array(ROWS)[:, None]
 
     @cached_property
+    def sliding_arm(self) -> np.ndarray:
+        """|s| of every drive contact, in rising order of s, one row behind the other (3·n,) [m]."""
+        return np.abs(np.sort(self.positions, axis=1).reshape(-1))
+
+    @cached_property
     def back_positions(self) -> np.ndarray:
         """s_b of every back contact (3, n) [m]; moves against s."""
         p = self.pair.base_pitch

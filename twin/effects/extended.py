@@ -22,7 +22,8 @@ from math import pi
 
 import numpy as np
 
-from twin.dynamics.harmonic_balance import SteadyState, solve_through_contact_loss
+from twin.dynamics.contact_loss import solve_through_contact_loss
+from twin.dynamics.harmonic_balance import SteadyState
 from twin.effects.response import Effect, Response, solve_with
 from twin.effects.setup import SensorGain, contacts_of, sampled, setup_of
 from twin.errors import NotConverged

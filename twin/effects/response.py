@@ -14,7 +14,8 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from twin.dynamics.harmonic_balance import Contacts, SteadyState, solve, solve_through_contact_loss
+from twin.dynamics.contact_loss import solve_through_contact_loss
+from twin.dynamics.harmonic_balance import Contacts, SteadyState, solve
 from twin.dynamics.sensitivity import Linearised
 from twin.dynamics.structure import direction
 from twin.effects.facts import Facts

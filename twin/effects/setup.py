@@ -25,8 +25,8 @@ from functools import lru_cache
 from math import lcm, pi
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
+from twin.compiled import spline
 from twin.dynamics.harmonic_balance import Action, Contacts, Load
 from twin.dynamics.hunting import SAMPLES, HuntingPeriod, Passages
 from twin.dynamics.mesh import ROWS, PairMesh
@@ -300,8 +300,8 @@ def _depths(profiles: Sequence[WornProfile], s: np.ndarray) -> tuple[np.ndarray,
     if len(profiles) == 1:
         depth, slope = first.at(s)
         return depth[None], slope[None]
-    values = np.stack([profile.mean for profile in profiles], axis=1)
+    values, shape = np.stack([profile.mean for profile in profiles]), (len(profiles), *s.shape)
     if not values.any():
-        return np.zeros((len(profiles), *s.shape)), np.zeros((len(profiles), *s.shape))
-    spline = CubicSpline(first.positions, values)
-    return np.moveaxis(spline(s), -1, 0), np.moveaxis(spline(s, 1), -1, 0)
+        return np.zeros(shape), np.zeros(shape)
+    depth, slope = spline(first.positions[0], first.spacing, values, s.ravel())
+    return depth.reshape(shape), slope.reshape(shape)

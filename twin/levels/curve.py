@@ -25,6 +25,7 @@ from scipy.interpolate import PchipInterpolator
 
 from twin.dynamics.harmonic_balance import Contacts
 from twin.dynamics.hunting import Error, HuntingPeriod, Passages
+from twin.dynamics.integrator import integrate, steady_start
 from twin.dynamics.structure import direction
 from twin.errors import ParameterError
 from twin.levels.wear import Wear, quasi_static_state
@@ -86,8 +87,6 @@ def level_curve(
     duration    of the motion that is evaluated at every depth [s]
     unevenness  standard deviation of the depth from gear tooth to gear tooth, of the depth; drawn with `seed`
     """
-    from twin.dynamics.integrator import integrate, steady_start  # compiled: loads numba, which a service never needs
-
     if np.any(np.diff(depths) <= 0):
         raise ParameterError("depths must rise")
     fine = resolved(model, condition)

@@ -35,6 +35,7 @@ from math import pi, sin
 
 import numpy as np
 
+from twin.compiled import averages
 from twin.dynamics.mesh import ROWS, PairMesh
 from twin.errors import ParameterError
 from twin.geometry import GearPair
@@ -88,17 +89,22 @@ def wear_per_revolution(mesh: PairMesh, contact_forces: np.ndarray, half_width: 
         rows = len(ROWS)
         parts = [slices * contact_forces[i * rows : (i + 1) * rows] for i in range(slices)]
         return np.array([wear_per_revolution(mesh, part, half_width) for part in parts])
-    n = mesh.samples
-    order = np.argsort(mesh.phase, kind="stable")  # time order → rising s
-    force = contact_forces[: len(ROWS), order].reshape(-1)  # rows follow each other along s
-    s = mesh.positions[:, order].reshape(-1)
-    spacing = mesh.pair.base_pitch / n
     if not half_width > 0:
         raise ParameterError(f"contact half-width = {half_width:g} m must be positive; micrometres?")
-    weights = _elliptic_weights(half_width, spacing)
-    worn = np.convolve(np.convolve(force * np.abs(s), weights, mode="same"), weights, mode="same")
+    n = mesh.samples
     stride, rest = divmod(n, POINTS_PER_PITCH)
     if rest:
         raise ParameterError(f"{n} samples a mesh period must be a multiple of {POINTS_PER_PITCH} profile points")
+    half = n // 2  # samples from the pitch point on: the first half of the period, then the second of the one before
+    force = contact_forces[: len(ROWS)]
+    along = np.concatenate((force[:, half:], force[:, :half]), axis=1).reshape(-1)  # rows follow each other along s
     ratio = 1 + mesh.pair.teeth[0] / mesh.pair.teeth[1]
-    return ratio**2 * np.append(worn, 0.0)[::stride]
+    weights = _elliptic_weights(half_width, mesh.pair.base_pitch / n)
+    return ratio**2 * averages(along * mesh.sliding_arm, _twice(weights.tobytes()), stride)
+
+
+@lru_cache(maxsize=32)
+def _twice(weights: bytes) -> np.ndarray:
+    """The weights of averaging twice."""
+    once = np.frombuffer(weights)
+    return np.convolve(once, once)

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
+from twin.compiled import spline
 from twin.errors import ParameterError
 from twin.geometry import GearPair
 
@@ -50,10 +50,6 @@ class WornProfile:
         return cls(positions=s, depth=np.zeros_like(s), active=(pair.path_start, pair.path_end))
 
     @cached_property
-    def _spline(self) -> CubicSpline:
-        return CubicSpline(self.positions, self.mean)
-
-    @cached_property
     def mean(self) -> np.ndarray:
         """Mean depth over the face (m,) [m]."""
         return self.depth if self.depth.ndim == 1 else self.depth.mean(axis=0)
@@ -83,7 +79,13 @@ class WornProfile:
         """Mean depth over the face [m] and its slope along s at any positions within the grid; C2."""
         if not self.depth.any():
             return np.zeros_like(s), np.zeros_like(s)
-        return self._spline(s), self._spline(s, 1)
+        depth, slope = spline(self.positions[0], self.spacing, self.mean[None], s.ravel())
+        return depth.reshape(s.shape), slope.reshape(s.shape)
+
+    @property
+    def spacing(self) -> float:
+        """Of the grid [m]."""
+        return float(self.positions[-1] - self.positions[0]) / (self.positions.size - 1)
 
     @cached_property
     def on_active(self) -> np.ndarray:

@@ -1,0 +1,298 @@
+"""The compiled kernels of the twin, written in C (`source/`), called on numpy arrays.
+
+They are compiled when the package is installed (`setup.py`) and loaded here. What they compute is stated where they are
+used: twin/dynamics (balance, contact loss, integrator, stability) and twin/wear (profiles).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import POINTER, Structure, byref, c_double, c_int, c_int64, c_void_p
+from typing import NamedTuple
+
+import numpy as np
+
+LIBRARY = __file__.removesuffix("__init__.py") + "kernels.so"
+
+
+def _load() -> ctypes.CDLL:
+    try:
+        library = ctypes.CDLL(LIBRARY)
+    except OSError as error:
+        raise ImportError(
+            f"the compiled kernels of gear-twin cannot be loaded ({error}): install it again, by `make install`"
+        ) from error
+    doubles, count = c_void_p, c_int64
+    library.newton.argtypes = [POINTER(_Balance), doubles, c_double, c_double, count, c_double, POINTER(_Progress),
+                               POINTER(_Answer)]  # fmt: skip
+    library.branch_solutions.argtypes = [POINTER(_Balance), doubles, c_double, *[doubles] * 4, POINTER(_Progress)]
+    library.to_lines.argtypes = library.to_samples.argtypes = [count, doubles, doubles]
+    library.linear_solution.argtypes = [POINTER(_Balance), doubles, doubles, c_double, *[doubles] * 3,
+                                        POINTER(_Progress)]  # fmt: skip
+    library.quasi_static.argtypes = [count, count, doubles, doubles, doubles, c_double, doubles]
+    library.integrate.argtypes = [POINTER(_Motion), count, count, *[doubles] * 6]
+    library.monodromy.argtypes = [count, count, count, doubles, doubles, doubles, c_double, doubles]
+    library.spline.argtypes = [count, count, c_double, c_double, doubles, count, doubles, doubles, doubles]
+    library.averages.argtypes = [count, doubles, count, doubles, count, doubles]
+    for name in (
+        "to_lines",
+        "to_samples",
+        "newton",
+        "branch_solutions",
+        "linear_solution",
+        "integrate",
+        "monodromy",
+        "spline",
+    ):
+        getattr(library, name).restype = c_int
+    for name in ("quasi_static", "averages"):
+        getattr(library, name).restype = None
+    return library
+
+
+class _Balance(Structure):
+    _fields_ = (
+        *((name, c_int64) for name in ("contacts", "samples", "actions", "low")),
+        *((name, c_void_p) for name in ("stiffness", "open_by", "side", "weights", "closing", "inverse", "ratios",
+                                        "driven", "low_inverse")),
+        ("mean_force", c_double), ("rounding", c_double),
+    )  # fmt: skip
+
+
+class _Progress(Structure):
+    _fields_ = (*((name, c_int64) for name in ("iterations", "products", "stalled")), ("residual", c_double))
+
+
+class _Answer(Structure):
+    _fields_ = tuple(
+        (name, c_void_p) for name in ("forces", "force_lines", "action_lines", "tangent", "action_tangents")
+    )
+
+
+class _Motion(Structure):
+    _fields_ = (
+        *((name, c_int64) for name in ("modes", "contacts", "samples", "actions", "responses")),
+        *((name, c_void_p) for name in ("omega2", "damping", "mesh", "load", "directions", "seen", "stiffness",
+                                        "separation", "separation_rate", "side", "weights")),
+        *((name, c_double) for name in ("damping_time", "first", "speed", "speed_rate", "step")),
+    )  # fmt: skip
+
+
+_kernels = _load()
+
+
+def _given(values: np.ndarray) -> np.ndarray:
+    """As the kernels read it: doubles in one block."""
+    return np.ascontiguousarray(values, dtype=float)
+
+
+def _at(values: np.ndarray) -> int:
+    return values.ctypes.data
+
+
+def _checked(status: int) -> None:
+    if status:
+        raise MemoryError("no memory for the compiled kernels")
+
+
+def split(lines: np.ndarray) -> np.ndarray:
+    """Complex lines (…, m) as the kernels read them: real parts, then imaginary parts (…, 2m)."""
+    return np.concatenate((lines.real, lines.imag), axis=-1)
+
+
+def joined(lines: np.ndarray) -> np.ndarray:
+    """The kernels' lines (…, 2m) as complex ones (…, m)."""
+    m = lines.shape[-1] // 2
+    return lines[..., :m] + 1j * lines[..., m:]
+
+
+def to_lines(samples: np.ndarray) -> np.ndarray:
+    """Two-sided Fourier coefficients k ≥ 0 of a record; (n,) → (n//2 + 1,) complex, n even."""
+    x, out = _given(samples), np.empty(samples.size + 2)
+    _checked(_kernels.to_lines(x.size, _at(x), _at(out)))
+    return joined(out)
+
+
+def to_samples(lines: np.ndarray) -> np.ndarray:
+    """The record of such coefficients; (m,) → (2m − 2,)."""
+    given, out = split(lines), np.empty(2 * lines.size - 2)
+    _checked(_kernels.to_samples(out.size, _at(given), _at(out)))
+    return out
+
+
+class Progress(NamedTuple):
+    """What a solution has come to."""
+
+    residual: float  # largest, of the mean force
+    iterations: int
+    products: int
+    stalled: int  # last steps without progress
+
+
+class Solution(NamedTuple):
+    """What `CompiledBalance.newton` leaves at the motion that it reached."""
+
+    progress: Progress
+    deflection: np.ndarray  # (n,) [m]
+    forces: np.ndarray  # of every contact (p, n) [N]
+    force_lines: np.ndarray  # of the mesh force (m,) complex [N]
+    action_lines: np.ndarray  # of every action (a, m) complex
+    tangent: np.ndarray  # slope of the mesh force against d (n,) [N/m]
+    action_tangents: np.ndarray  # of every action (a, n)
+
+
+class CompiledBalance:
+    """The equations of one period, ready for the kernels; see twin/dynamics/harmonic_balance.py.
+
+    stiffness, open_by  k_p and e_p + τ·e_p' of every contact (p, n)
+    side                (p,) +1 or −1
+    weights             of every action and contact (a, p, n)
+    closing, inverse    lines of 1 + iωτ and of 1/G, as `split` gives them (2m,)
+    ratios              G_c/G of every action, likewise (a, 2m)
+    driven              lines of d under the loads alone, likewise (2m,)
+    mean_force [N], rounding [m]
+    """
+
+    def __init__(
+        self,
+        stiffness: np.ndarray,
+        open_by: np.ndarray,
+        side: np.ndarray,
+        weights: np.ndarray,
+        closing: np.ndarray,
+        inverse: np.ndarray,
+        ratios: np.ndarray,
+        driven: np.ndarray,
+        mean_force: float,
+        rounding: float,
+    ) -> None:
+        self.contacts, self.samples = stiffness.shape
+        self.actions = len(ratios)
+        self._kept = tuple(_given(a) for a in (stiffness, open_by, side, weights, closing, inverse, ratios, driven))
+        self._balance = _Balance(self.contacts, self.samples, self.actions, 0, *map(_at, self._kept), None,
+                                 mean_force, rounding)  # fmt: skip
+
+    def _with(self, low: np.ndarray | None) -> _Balance:
+        """With the inverse of the low harmonics (2·low, 2·low) in single precision."""
+        self._low = low
+        self._balance.low = 0 if low is None else len(low) // 2
+        self._balance.low_inverse = None if low is None else _at(low)
+        return self._balance
+
+    def newton(
+        self,
+        start: np.ndarray,
+        low: np.ndarray | None,
+        tolerance: float,
+        *,
+        most_steps: int,
+        most_products: float,
+        parted: float,
+        stalled: int,
+    ) -> Solution:
+        """Newton's method from a deflection (n,).
+
+        low      inverse of the low harmonics (2·low, 2·low), single precision
+        parted   share of the mean slope below which the contacts part, so that no step is taken
+        stalled  steps without progress before these
+        """
+        n, lines = self.samples, self.samples // 2 + 1
+        deflection = np.array(start, dtype=float)
+        forces, tangent = np.empty((self.contacts, n)), np.empty(n)
+        force_lines, action_lines = np.empty(2 * lines), np.empty((self.actions, 2 * lines))
+        action_tangents = np.empty((self.actions, n))
+        answer = _Answer(*map(_at, (forces, force_lines, action_lines, tangent, action_tangents)))
+        done = _Progress(0, 0, stalled, 0.0)
+        _checked(_kernels.newton(byref(self._with(low)), _at(deflection), tolerance, parted, most_steps, most_products,
+                                 byref(done), byref(answer)))  # fmt: skip
+        return Solution(
+            progress=Progress(done.residual, done.iterations, done.products, done.stalled), deflection=deflection,
+            forces=forces, force_lines=joined(force_lines), action_lines=joined(action_lines), tangent=tangent,
+            action_tangents=action_tangents,
+        )  # fmt: skip
+
+    def linear_solution(
+        self, d_hat: np.ndarray, right: np.ndarray, low: np.ndarray | None, tolerance: float
+    ) -> tuple[Progress, np.ndarray]:
+        """J⁻¹·right at the lines of a motion, (m,) complex each; the progress tells the residual of the right side."""
+        d, given = split(d_hat), split(right)
+        out = np.empty_like(d)
+        tangent, action_tangents = np.empty(self.samples), np.empty((self.actions, self.samples))
+        done = _Progress()
+        _checked(_kernels.linear_solution(
+            byref(self._with(low)), _at(d), _at(given), tolerance, _at(out), _at(tangent), _at(action_tangents),
+            byref(done),
+        ))  # fmt: skip
+        return Progress(done.residual, done.iterations, done.products, done.stalled), joined(out)
+
+    def branch_solutions(
+        self, d_hat: np.ndarray, low: np.ndarray | None, tolerance: float
+    ) -> tuple[Progress, np.ndarray, np.ndarray]:
+        """J⁻¹·(−R) and J⁻¹·(−∂R/∂ln rounding) at the lines of a motion (m,) complex, each to a relative tolerance."""
+        lines = split(d_hat)
+        step, slope = np.empty_like(lines), np.empty_like(lines)
+        tangent, action_tangents = np.empty(self.samples), np.empty((self.actions, self.samples))
+        done = _Progress()
+        _checked(_kernels.branch_solutions(
+            byref(self._with(low)), _at(lines), tolerance, _at(step), _at(slope), _at(tangent), _at(action_tangents),
+            byref(done),
+        ))  # fmt: skip
+        return Progress(done.residual, done.iterations, done.products, done.stalled), joined(step), joined(slope)
+
+
+def quasi_static(stiffness: np.ndarray, separation: np.ndarray, side: np.ndarray, mean_force: float) -> np.ndarray:
+    """d (n,) at which the drive flanks (side > 0) of contacts (p, n) carry the mean force at every instant."""
+    k, e, σ, out = _given(stiffness), _given(separation), _given(side), np.empty(stiffness.shape[1])
+    _kernels.quasi_static(*stiffness.shape, _at(k), _at(e), _at(σ), mean_force, _at(out))
+    return out
+
+
+def integrate(
+    modal: dict[str, np.ndarray],
+    contacts: dict[str, np.ndarray],
+    phase: dict[str, float],
+    steps: int,
+    keep: int,
+    start: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, ...]:
+    """Runge–Kutta of order 4 in modal coordinates; twin/dynamics/integrator.py says what it is for.
+
+    modal     omega2, damping, mesh, load (m,), directions (a, m), seen (r, m)
+    contacts  stiffness, separation, separation_rate (p, n), side (p,), weights (a, p, n)
+    phase     damping_time, first, speed, speed_rate, step
+
+    Returns displacement and acceleration (kept, r), deflection and mesh force (kept,), and where it ends (m,) each.
+    """
+    kept = {name: _given(values) for name, values in (modal | contacts).items()}
+    x, v = np.array(start[0], dtype=float), np.array(start[1], dtype=float)
+    count, responses = steps // keep + 1, len(modal["seen"])
+    seen, accelerated = np.empty((count, responses)), np.empty((count, responses))
+    d, force = np.empty(count), np.empty(count)
+    motion = _Motion(modes=x.size, contacts=len(kept["stiffness"]), samples=kept["stiffness"].shape[1],
+                     actions=len(modal["directions"]), responses=responses,
+                     **{name: _at(values) for name, values in kept.items()}, **phase)  # fmt: skip
+    _checked(_kernels.integrate(byref(motion), steps, keep, *map(_at, (x, v, seen, accelerated, d, force))))
+    return seen, accelerated, d, force, x, v
+
+
+def monodromy(modes: np.ndarray, directions: np.ndarray, impulses: np.ndarray, damping_time: float) -> np.ndarray:
+    """Of exact steps of the modes (m, 2, 2), directions (f, m) and impulses (f, n) of forces; (2m, 2m)."""
+    given = [_given(values) for values in (modes, directions, impulses)]
+    out = np.empty((2 * len(modes), 2 * len(modes)))
+    _checked(_kernels.monodromy(len(modes), impulses.shape[1], len(impulses), *map(_at, given), damping_time, _at(out)))
+    return out
+
+
+def spline(first: float, spacing: float, values: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic splines (not-a-knot) through evenly spaced points (curves, m), m ≥ 5: values and slopes (curves, k)."""
+    y, x = _given(values), _given(at)
+    out, slopes = np.empty((len(y), x.size)), np.empty((len(y), x.size))
+    _checked(_kernels.spline(*y.shape, first, spacing, _at(y), x.size, _at(x), _at(out), _at(slopes)))
+    return out, slopes
+
+
+def averages(values: np.ndarray, weights: np.ndarray, stride: int) -> np.ndarray:
+    """Averages around every `stride`-th of n values, weights (2·reach + 1,) centred on it; (n//stride + 1,)."""
+    x, w, out = _given(values), _given(weights), np.empty(values.size // stride + 1)
+    _kernels.averages(x.size, _at(x), w.size // 2, _at(w), stride, _at(out))
+    return out

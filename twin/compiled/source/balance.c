@@ -1,0 +1,517 @@
+/* The balance of one period: contacts in time, structure in lines; Newton's method with GMRES.
+
+       R(d) = lines(F) + sum_c r_c lines(A_c) + (d - d_driven)/G - F_mean
+       A u  = u + lines(t samples(w P u)) + sum_c r_c lines(t_c samples(w P u)),   w = (1 + i omega tau)/(k (1 + i omega tau) + 1/G)
+
+   P is the inverse of A on the lowest lines where it is given, and the identity on the others. Lines are vectors over the
+   reals: a product with a signal in time mixes lines and their conjugates. See twin/dynamics/harmonic_balance.py.
+
+   Source: C. T. Kelley, Solving Nonlinear Equations with Newton's Method, SIAM 2003, ch. 3; Y. Saad, M. H. Schultz, SIAM
+   J. Sci. Stat. Comput. 7 (1986) 856-869 */
+
+#include "kernels.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6 };
+
+typedef struct {
+    const balance *of;
+    const plan *plan;
+    size_t n, m, actions;
+    double *lines, *correction, *weight, *scale, *residual, *trial, *found; /* 2m each */
+    double *motion, *work, *force, *varying;                              /* n each */
+    double *action_forces;                                                /* (a, n) */
+    double *basis;                                                        /* (LONGEST + 1, 2m) */
+} space;
+
+static int open_space(space *s, const balance *b)
+{
+    size_t n = (size_t)b->samples, m = n / 2 + 1, a = (size_t)b->actions;
+    *s = (space){.of = b, .plan = fft_plan(n), .n = n, .m = m, .actions = a};
+    double *next = malloc(((LONGEST + 8) * 2 * m + (4 + a) * n) * sizeof(double));
+    if (!next || !s->plan) {
+        free(next);
+        return 0;
+    }
+    double **lines[] = {&s->lines, &s->correction, &s->weight, &s->scale, &s->residual, &s->trial, &s->found};
+    double **samples[] = {&s->motion, &s->work, &s->force, &s->varying};
+    for (size_t i = 0; i < sizeof lines / sizeof *lines; i++, next += 2 * m)
+        *lines[i] = next;
+    for (size_t i = 0; i < sizeof samples / sizeof *samples; i++, next += n)
+        *samples[i] = next;
+    s->action_forces = next;
+    s->basis = next + a * n;
+    return 1;
+}
+
+static void close_space(space *s) { free(s->lines); }
+
+FOR_EVERY_CPU static double dot(const double *restrict a, const double *restrict b, size_t count)
+{
+    double total = 0.0;
+    for (size_t i = 0; i < count; i++)
+        total += a[i] * b[i];
+    return total;
+}
+
+FOR_EVERY_CPU static void add(double *restrict to, double factor, const double *restrict what, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        to[i] += factor * what[i];
+}
+
+/* out = a*b of complex lines */
+FOR_EVERY_CPU static void multiply(const double *restrict a, const double *restrict b, double *restrict out, size_t m)
+{
+    for (size_t k = 0; k < m; k++) {
+        out[k] = a[k] * b[k] - a[m + k] * b[m + k];
+        out[m + k] = a[k] * b[m + k] + a[m + k] * b[k];
+    }
+}
+
+FOR_EVERY_CPU static void add_product(double *restrict to, const double *restrict a, const double *restrict b, size_t m)
+{
+    for (size_t k = 0; k < m; k++) {
+        to[k] += a[k] * b[k] - a[m + k] * b[m + k];
+        to[m + k] += a[k] * b[m + k] + a[m + k] * b[k];
+    }
+}
+
+FOR_EVERY_CPU static void invert(const double *restrict a, double *restrict out, size_t m)
+{
+    for (size_t k = 0; k < m; k++) {
+        double square = a[k] * a[k] + a[m + k] * a[m + k];
+        out[k] = a[k] / square;
+        out[m + k] = -a[m + k] / square;
+    }
+}
+
+/* Adds one contact's force and slope at the motion d + tau*d'. */
+FOR_EVERY_CPU static void sharp_contact(const double *restrict motion, const double *restrict k, const double *restrict e,
+                                        double side, double *restrict force, double *restrict tangent, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        double x = side * motion[i] + e[i], stiffness = x > 0.0 ? k[i] : 0.0;
+        force[i] += side * stiffness * x;
+        tangent[i] += stiffness;
+    }
+}
+
+FOR_EVERY_CPU static void round_contact(const double *restrict motion, const double *restrict k, const double *restrict e,
+                                        double side, double rounding, double *restrict force, double *restrict tangent,
+                                        size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        double x = side * motion[i] + e[i], root = sqrt(x * x + rounding * rounding);
+        force[i] += side * k[i] * 0.5 * (x + root);
+        tangent[i] += k[i] * 0.5 * (1.0 + x / root);
+    }
+}
+
+FOR_EVERY_CPU static void act(const double *restrict motion, const double *restrict k, const double *restrict e,
+                              const double *restrict weight, double side, double rounding, double *restrict force,
+                              double *restrict tangent, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        double x = side * motion[i] + e[i], root = sqrt(x * x + rounding * rounding);
+        force[i] += weight[i] * side * k[i] * 0.5 * (x + root);
+        tangent[i] += weight[i] * k[i] * (root > 0.0 ? 0.5 * (1.0 + x / root) : 0.0);
+    }
+}
+
+static void contacts_at(const space *s, double *tangent, double *action_tangents)
+{
+    const balance *b = s->of;
+    size_t n = s->n, p = (size_t)b->contacts;
+    memset(s->force, 0, n * sizeof(double));
+    memset(tangent, 0, n * sizeof(double));
+    if (s->actions) {
+        memset(s->action_forces, 0, s->actions * n * sizeof(double));
+        memset(action_tangents, 0, s->actions * n * sizeof(double));
+    }
+    for (size_t i = 0; i < p; i++) {
+        const double *k = b->stiffness + i * n, *e = b->open_by + i * n;
+        if (b->rounding > 0.0)
+            round_contact(s->motion, k, e, b->side[i], b->rounding, s->force, tangent, n);
+        else
+            sharp_contact(s->motion, k, e, b->side[i], s->force, tangent, n);
+        for (size_t c = 0; c < s->actions; c++)
+            act(s->motion, k, e, b->weights + (c * p + i) * n, b->side[i], b->rounding, s->action_forces + c * n,
+                action_tangents + c * n, n);
+    }
+}
+
+/* Residual at the lines of d; its square over all lines, and the largest of a line. */
+static double residual_at(const space *s, const double *d, double *residual, double *tangent, double *action_tangents,
+                          double *largest)
+{
+    const balance *b = s->of;
+    size_t m = s->m;
+    multiply(b->closing, d, s->lines, m);
+    fft_to_samples(s->plan, s->lines, s->motion);
+    contacts_at(s, tangent, action_tangents);
+    fft_to_lines(s->plan, s->force, residual);
+    for (size_t k = 0; k < 2 * m; k++)
+        s->lines[k] = d[k] - b->driven[k];
+    add_product(residual, b->inverse, s->lines, m);
+    for (size_t c = 0; c < s->actions; c++) {
+        fft_to_lines(s->plan, s->action_forces + c * s->n, s->lines);
+        add_product(residual, b->ratios + 2 * c * m, s->lines, m);
+    }
+    residual[0] -= b->mean_force;
+    double most = 0.0;
+    for (size_t k = 0; k < m; k++) {
+        double square = residual[k] * residual[k] + residual[m + k] * residual[m + k];
+        most = square > most ? square : most;
+    }
+    *largest = sqrt(most);
+    return dot(residual, residual, 2 * m);
+}
+
+FOR_EVERY_CPU static float dot_single(const float *restrict a, const float *restrict b, size_t count)
+{
+    float total = 0.0f;
+    for (size_t i = 0; i < count; i++)
+        total += a[i] * b[i];
+    return total;
+}
+
+/* out = P u */
+static void precondition(const space *s, const double *u, double *out)
+{
+    size_t m = s->m, low = (size_t)s->of->low;
+    memcpy(out, u, 2 * m * sizeof(double));
+    if (!low)
+        return;
+    float *given = (float *)s->work; /* 2*low <= n/2 singles */
+    for (size_t k = 0; k < low; k++) {
+        given[k] = (float)u[k];
+        given[low + k] = (float)u[m + k];
+    }
+    for (size_t k = 0; k < low; k++) {
+        out[k] = dot_single(s->of->low_inverse + k * 2 * low, given, 2 * low);
+        out[m + k] = dot_single(s->of->low_inverse + (low + k) * 2 * low, given, 2 * low);
+    }
+}
+
+FOR_EVERY_CPU static void times(const double *restrict a, const double *restrict b, double *restrict out, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        out[i] = a[i] * b[i];
+}
+
+/* out = A u */
+static void product(const space *s, const double *u, const double *action_tangents, double *out)
+{
+    size_t n = s->n, m = s->m;
+    precondition(s, u, out);
+    multiply(s->weight, out, s->lines, m);
+    fft_to_samples(s->plan, s->lines, s->motion);
+    times(s->varying, s->motion, s->work, n);
+    fft_to_lines(s->plan, s->work, s->lines);
+    add(out, 1.0, s->lines, 2 * m);
+    for (size_t c = 0; c < s->actions; c++) {
+        times(action_tangents + c * n, s->motion, s->work, n);
+        fft_to_lines(s->plan, s->work, s->lines);
+        add_product(out, s->of->ratios + 2 * c * m, s->lines, m);
+    }
+}
+
+/* out with |A out - right| <= tolerance |right|, or as near as LONGEST steps come; returns the number of products. */
+static int64_t krylov(const space *s, const double *right, double tolerance, const double *action_tangents, double *out)
+{
+    size_t all = 2 * s->m;
+    double R[LONGEST][LONGEST], cosine[LONGEST], sine[LONGEST], remaining[LONGEST + 1], column[LONGEST + 1];
+    double size = sqrt(dot(right, right, all));
+    memset(out, 0, all * sizeof(double));
+    if (size == 0.0)
+        return 0;
+    for (size_t k = 0; k < all; k++)
+        s->basis[k] = right[k] / size;
+    remaining[0] = size;
+    int steps = 0;
+    int64_t products = 0;
+    for (int j = 0; j < LONGEST; j++) {
+        double *w = s->basis + (size_t)(j + 1) * all;
+        product(s, s->basis + (size_t)j * all, action_tangents, w);
+        products++;
+        double before = sqrt(dot(w, w, all)), length = before;
+        memset(column, 0, sizeof column);
+        for (int turn = 0; turn < 2; turn++) { /* once more where one pass has lost orthogonality */
+            for (int i = 0; i <= j; i++) {
+                double h = dot(s->basis + (size_t)i * all, w, all);
+                column[i] += h;
+                add(w, -h, s->basis + (size_t)i * all, all);
+            }
+            length = sqrt(dot(w, w, all));
+            if (length > 0.1 * before)
+                break;
+        }
+        for (int i = 0; i < j; i++) {
+            double a = column[i], b = column[i + 1];
+            column[i] = cosine[i] * a + sine[i] * b;
+            column[i + 1] = cosine[i] * b - sine[i] * a;
+        }
+        double diagonal = hypot(column[j], length);
+        if (diagonal == 0.0) /* the operator is singular in this direction: nothing more to gain */
+            break;
+        cosine[j] = column[j] / diagonal;
+        sine[j] = length / diagonal;
+        column[j] = diagonal;
+        for (int i = 0; i <= j; i++)
+            R[i][j] = column[i];
+        remaining[j + 1] = -sine[j] * remaining[j];
+        remaining[j] *= cosine[j];
+        steps = j + 1;
+        if (fabs(remaining[j + 1]) <= tolerance * size || length == 0.0)
+            break;
+        for (size_t k = 0; k < all; k++)
+            w[k] /= length;
+    }
+    for (int i = steps - 1; i >= 0; i--) {
+        for (int k = i + 1; k < steps; k++)
+            remaining[i] -= R[i][k] * remaining[k];
+        remaining[i] /= R[i][i];
+    }
+    for (int i = 0; i < steps; i++)
+        add(out, remaining[i], s->basis + (size_t)i * all, all);
+    return products;
+}
+
+static double mean_of(const double *values, size_t n)
+{
+    double total = 0.0;
+    for (size_t i = 0; i < n; i++)
+        total += values[i];
+    return total / (double)n;
+}
+
+/* Scale 1/(k (1 + i omega tau) + 1/G), weight w, and the slopes' departure from their mean. */
+static void linearise(const space *s, const double *tangent)
+{
+    const balance *b = s->of;
+    double mean = mean_of(tangent, s->n);
+    if (mean == 0.0)
+        mean = mean_of(b->stiffness, (size_t)b->contacts * s->n);
+    for (size_t i = 0; i < s->n; i++)
+        s->varying[i] = tangent[i] - mean;
+    for (size_t k = 0; k < 2 * s->m; k++)
+        s->lines[k] = mean * b->closing[k] + b->inverse[k];
+    invert(s->lines, s->scale, s->m);
+    multiply(b->closing, s->scale, s->weight, s->m);
+}
+
+static double smallest(const double *values, size_t n)
+{
+    double least = values[0];
+    for (size_t i = 1; i < n; i++)
+        least = values[i] < least ? values[i] : least;
+    return least;
+}
+
+/* The forces of the contacts at s->motion, and their lines; the residual's lines are overwritten. */
+static void report(const space *s, const answer *a)
+{
+    const balance *b = s->of;
+    size_t n = s->n, p = (size_t)b->contacts;
+    memset(s->force, 0, n * sizeof(double));
+    for (size_t i = 0; i < p; i++) {
+        const double *k = b->stiffness + i * n, *e = b->open_by + i * n;
+        double *out = a->forces + i * n, side = b->side[i];
+        for (size_t j = 0; j < n; j++) {
+            double x = side * s->motion[j] + e[j];
+            double closed = b->rounding > 0.0 ? 0.5 * (x + sqrt(x * x + b->rounding * b->rounding)) : x > 0.0 ? x : 0.0;
+            out[j] = k[j] * closed;
+            s->force[j] += side * out[j];
+        }
+    }
+    fft_to_lines(s->plan, s->force, a->force_lines);
+    for (size_t c = 0; c < s->actions; c++) {
+        memset(s->work, 0, n * sizeof(double));
+        for (size_t i = 0; i < p; i++) {
+            const double *weight = b->weights + (c * p + i) * n, *force = a->forces + i * n;
+            for (size_t j = 0; j < n; j++)
+                s->work[j] += weight[j] * b->side[i] * force[j];
+        }
+        fft_to_lines(s->plan, s->work, a->action_lines + 2 * c * s->m);
+    }
+}
+
+/* Newton steps towards the motion at which the balance holds, from `deflection` (n), which they overwrite.
+
+   parted      share of the mean slope below which the contacts part, so that no step is taken
+   most        Newton steps, products
+   so_far      in: `stalled` steps without progress before these; out: all of it
+   Returns 0, or -1 where there is no memory. */
+int newton(const balance *b, double *deflection, double tolerance, double parted, int64_t most_steps,
+           double most_products, progress *so_far, const answer *out)
+{
+    space s;
+    if (!open_space(&s, b))
+        return -1;
+    size_t all = 2 * s.m;
+    double *d = malloc(all * sizeof(double));
+    if (!d) {
+        close_space(&s);
+        return -1;
+    }
+    fft_to_lines(s.plan, deflection, d);
+    int64_t iterations = 0, products = 0, stalled = so_far->stalled;
+    double step = 0.0, before = 0.0, total = 0.0, size = 0.0;
+    for (;;) {
+        for (int halving = 0; halving < MAX_HALVINGS; halving++) {
+            memcpy(s.trial, d, all * sizeof(double));
+            if (step > 0.0)
+                add(s.trial, step, s.correction, all);
+            total = residual_at(&s, s.trial, s.found, out->tangent, out->action_tangents, &size);
+            if (total < before || step == 0.0 || halving == MAX_HALVINGS - 1)
+                break;
+            step *= 0.5;
+        }
+        if (step > 0.0)
+            stalled = total >= 0.81 * before ? stalled + 1 : 0;
+        size /= b->mean_force;
+        memcpy(d, s.trial, all * sizeof(double));
+        if (size <= tolerance || iterations >= most_steps || (double)products >= most_products || stalled >= MAX_STALLED
+            || smallest(out->tangent, s.n) < parted * mean_of(out->tangent, s.n))
+            break;
+        linearise(&s, out->tangent);
+        for (size_t k = 0; k < all; k++)
+            s.residual[k] = -s.found[k];
+        double wanted = fmin(1e-2, fmax(0.1 * size, 0.1 * tolerance / size));
+        products += krylov(&s, s.residual, wanted, out->action_tangents, s.found);
+        precondition(&s, s.found, s.trial);
+        multiply(s.scale, s.trial, s.correction, s.m);
+        step = 1.0;
+        before = total;
+        iterations++;
+    }
+    report(&s, out);
+    fft_to_samples(s.plan, d, deflection);
+    so_far->iterations = iterations;
+    so_far->products = products;
+    so_far->stalled = stalled;
+    so_far->residual = size;
+    free(d);
+    close_space(&s);
+    return 0;
+}
+
+/* The two solutions that follow a branch of rounded contacts: J step = -R and J slope = -dR/d(ln rounding).
+
+   d               lines (2m) of the motion
+   step, slope     (2m) out
+   tangent, action_tangents  (n), (a, n) out: slopes of the contacts
+   Returns 0, or -1 where there is no memory. */
+int branch_solutions(const balance *b, const double *d, double tolerance, double *step, double *slope, double *tangent,
+                     double *action_tangents, progress *done)
+{
+    space s;
+    if (!open_space(&s, b))
+        return -1;
+    size_t n = s.n, all = 2 * s.m, p = (size_t)b->contacts;
+    double size, e2 = b->rounding * b->rounding;
+    residual_at(&s, d, s.residual, tangent, action_tangents, &size);
+    memset(s.force, 0, n * sizeof(double));
+    if (s.actions)
+        memset(s.action_forces, 0, s.actions * n * sizeof(double));
+    for (size_t i = 0; i < p; i++) /* of max(0, x): e^2/(2 sqrt(x^2 + e^2)) against ln e */
+        for (size_t j = 0; j < n; j++) {
+            double x = b->side[i] * s.motion[j] + b->open_by[i * n + j];
+            double force = b->side[i] * b->stiffness[i * n + j] * 0.5 * e2 / sqrt(x * x + e2);
+            s.force[j] += force;
+            for (size_t c = 0; c < s.actions; c++)
+                s.action_forces[c * n + j] += b->weights[(c * p + i) * n + j] * force;
+        }
+    fft_to_lines(s.plan, s.force, s.correction);
+    for (size_t c = 0; c < s.actions; c++) {
+        fft_to_lines(s.plan, s.action_forces + c * n, s.lines);
+        add_product(s.correction, b->ratios + 2 * c * s.m, s.lines, s.m);
+    }
+    linearise(&s, tangent);
+    for (size_t k = 0; k < all; k++) {
+        s.residual[k] = -s.residual[k];
+        s.correction[k] = -s.correction[k];
+    }
+    int64_t products = krylov(&s, s.residual, tolerance, action_tangents, s.found);
+    precondition(&s, s.found, s.trial);
+    multiply(s.scale, s.trial, step, s.m);
+    products += krylov(&s, s.correction, tolerance, action_tangents, s.found);
+    precondition(&s, s.found, s.trial);
+    multiply(s.scale, s.trial, slope, s.m);
+    *done = (progress){.products = products, .residual = size / b->mean_force};
+    close_space(&s);
+    return 0;
+}
+
+/* J x = right at the lines d (2m) of a motion: x (2m) out, GMRES begun anew up to RESTARTS times.
+
+   tangent, action_tangents  (n), (a, n) out: slopes of the contacts
+   done                      out: products, and the residual that is left, of the right side
+   Returns 0, or -1 where there is no memory. */
+int linear_solution(const balance *b, const double *d, const double *right, double tolerance, double *x, double *tangent,
+                    double *action_tangents, progress *done)
+{
+    space s;
+    if (!open_space(&s, b))
+        return -1;
+    size_t all = 2 * s.m;
+    double largest, size = sqrt(dot(right, right, all)), left = size;
+    residual_at(&s, d, s.residual, tangent, action_tangents, &largest);
+    linearise(&s, tangent);
+    memcpy(s.residual, right, all * sizeof(double));
+    memset(x, 0, all * sizeof(double));
+    *done = (progress){0};
+    for (int turn = 0; turn < RESTARTS && left > tolerance * size; turn++) {
+        done->products += krylov(&s, s.residual, tolerance * size / left, action_tangents, s.found);
+        product(&s, s.found, action_tangents, s.trial);
+        done->products++;
+        add(s.residual, -1.0, s.trial, all);
+        precondition(&s, s.found, s.trial);
+        multiply(s.scale, s.trial, s.correction, s.m);
+        add(x, 1.0, s.correction, all);
+        left = sqrt(dot(s.residual, s.residual, all));
+        done->iterations++;
+    }
+    done->residual = size > 0.0 ? left / size : 0.0;
+    close_space(&s);
+    return 0;
+}
+
+/* d (n) at which the drive flanks (side > 0) carry the mean force at every instant, without dynamics: Newton's method on
+   a convex, piecewise linear function, exact after as many steps as there are contacts. */
+void quasi_static(int64_t contacts, int64_t samples, const double *stiffness, const double *separation,
+                  const double *side, double mean_force, double *out)
+{
+    size_t n = (size_t)samples;
+    for (size_t j = 0; j < n; j++) {
+        double largest = 0.0, nearest = -INFINITY;
+        for (int64_t i = 0; i < contacts; i++)
+            if (side[i] > 0.0) {
+                largest = fmax(largest, mean_force / stiffness[(size_t)i * n + j]);
+                nearest = fmax(nearest, -separation[(size_t)i * n + j]);
+            }
+        double d = largest + nearest;
+        int64_t touched = -1;
+        for (int64_t turn = 0; turn <= contacts; turn++) {
+            double carried = 0.0, slope = 0.0;
+            int64_t touching = 0;
+            for (int64_t i = 0; i < contacts; i++) {
+                double x = d + separation[(size_t)i * n + j];
+                if (side[i] > 0.0 && x > 0.0) {
+                    carried += stiffness[(size_t)i * n + j] * x;
+                    slope += stiffness[(size_t)i * n + j];
+                    touching++;
+                }
+            }
+            if (touching == touched)
+                break;
+            touched = touching;
+            d -= (carried - mean_force) / slope;
+        }
+        out[j] = d;
+    }
+}
