@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import gc
+import tracemalloc
 from dataclasses import dataclass
 
 import pytest
 
+from tests.dynamics_cases import model
+from twin.effects import EFFECTS
+from twin.effects.extended import extend
+from twin.model import Condition
 from twin.updating.path_cache import PathCache
+from twin.wear.path import WearPath
 
 MB = 2**20
 
@@ -53,3 +60,28 @@ def test_more_machines_than_fit_slow_down_gradually(assets, least):
 
 def test_twelve_machines_fit_by_default():
     assert turns(12, PathCache().budget) == pytest.approx(1 - 1 / 40)
+
+
+@pytest.mark.parametrize("effects", [(), (EFFECTS["misalignment"](lead_gap=30e-6),)], ids=["plain", "sliced"])
+def test_a_path_takes_the_memory_that_it_says(effects):
+    """The budget is kept by what paths say of themselves; tracemalloc sees every array of numpy."""
+    worn = extend(model(), effects)
+
+    def made(speed_hz: float) -> WearPath:
+        path = WearPath(worn, Condition(speed_hz=speed_hz, torque=10.0), worn.unworn, 100e-6)
+        for depth in (3e-6, 9e-6, 15e-6):
+            path.profile_at(depth)
+        return path
+
+    made(9.0)  # fills the caches that all paths share
+    gc.collect()
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        paths = [made(10.0 + 0.1 * k) for k in range(12)]
+        gc.collect()
+        taken = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    said = sum(path.nbytes for path in paths)
+    assert 0.8 * taken < said < 1.25 * taken

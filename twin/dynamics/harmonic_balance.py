@@ -110,6 +110,13 @@ class SteadyState:
     low_harmonics: LowHarmonics | None = field(default=None, repr=False)  # for a neighbouring state
 
     @property
+    def nbytes(self) -> int:
+        """Memory of its own arrays [bytes]."""
+        own = (self.deflection, self.quasi_static, self.contact_forces, self.mesh_force, self.force_lines, self.omega)
+        low = 0 if self.low_harmonics is None else self.low_harmonics.nbytes
+        return sum(values.nbytes for values in (*own, *self.action_lines)) + low
+
+    @property
     def contact_loss(self) -> float:
         """Share of the period in which no contact carries load."""
         return float(np.mean(self.contact_forces.sum(axis=0) == 0))

@@ -36,6 +36,12 @@ class LowHarmonics:
         """n//2 + 1."""
         return self.to_closing.size
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of its own arrays [bytes]."""
+        made = 2 * self.count * 2 * self.count * 4 if "inverse" in self.__dict__ else 0
+        return sum(values.nbytes for values in (*self.ratios, *self.tangents, self.to_closing)) + made
+
     @cached_property
     def inverse(self) -> np.ndarray:
         """A⁻¹ (2m, 2m) over the lines' real parts, then their imaginary parts; single precision."""

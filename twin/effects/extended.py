@@ -150,8 +150,8 @@ def window_lines(model: Model, profile: WornProfile, condition: Condition) -> Wi
         lines=MeshLines(
             transmission_error=response.transmission_error(orders[:LINES]),
             mean=response.mean_transmission_error,
-            pinion_motion=motion[step - 1 :: step][:LINES],
-            acceleration=heard[:LINES],
+            pinion_motion=motion[step - 1 :: step][:LINES].copy(),
+            acceleration=heard[:LINES].copy(),
         ),
         beyond=heard[LINES:],
         contact_loss=response.steady.contact_loss,

@@ -24,11 +24,15 @@ from twin.wear.profile import WornProfile
 LINES = 12  # mesh harmonics kept of every response
 BLOCK, MARGIN = 4, 10  # points of a stretch of the spline through the profiles, and beyond it on either side
 KEPT_SPLINES = 4  # stretches of the spline that are kept
+STATES, PROFILES = 2, 4  # steady states and profiles that a path holds to go on from: its last ones, and those half-way
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MeshLines:
-    """Complex lines of mesh harmonics 1 … LINES of one steady state, (LINES,) each, and the mean."""
+    """Complex lines of mesh harmonics 1 … LINES of one steady state, (LINES,) each, and the mean.
+
+    Copies: a slice would keep all lines of the state in memory.
+    """
 
     transmission_error: np.ndarray  # [m]
     mean: float  # of the transmission error [m]
@@ -38,10 +42,10 @@ class MeshLines:
     @classmethod
     def of(cls, model: Model, steady: SteadyState, condition: Condition) -> MeshLines:
         return cls(
-            transmission_error=model.transmission_error_lines(steady)[:LINES],
+            transmission_error=model.transmission_error_lines(steady)[:LINES].copy(),
             mean=model.mean_transmission_error(steady, condition),
-            pinion_motion=model.pinion_motion_lines(steady)[:LINES],
-            acceleration=model.acceleration_lines(steady)[:LINES],
+            pinion_motion=model.pinion_motion_lines(steady)[:LINES].copy(),
+            acceleration=model.acceleration_lines(steady)[:LINES].copy(),
         )
 
 
@@ -127,9 +131,14 @@ class WearPath:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the points computed so far [bytes]."""
+        """Memory of the points computed so far, of the splines through them and of the states to go on from [bytes]."""
         lines = 3 * LINES * 16
-        return len(self._depth) * (self.profiles[0].nbytes + lines + 16)
+        points = len(self._depth) * (self.profiles[0].nbytes + lines + 64)
+        splines = sum(spline.c.nbytes + spline.x.nbytes for spline in self._splines.values())
+        states = (
+            0 if self._last is None else STATES * self._last.steady.nbytes + PROFILES * self._last.profile.depth.nbytes
+        )
+        return points + splines + states
 
     @property
     def final_rate(self) -> np.ndarray:
