@@ -26,6 +26,7 @@ FLAGS = [
     "-fno-trapping-math",
     "-freciprocal-math",
     "-fno-math-errno",
+    "-pthread",
 ]
 OWN = shlex.split(os.environ.get("CC", "")) or (["cc"] if shutil.which("cc") else [])
 

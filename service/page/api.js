@@ -42,3 +42,16 @@ export async function send(method, path, body, { signal } = {}) {
 
 export const pathOf = (asset, ...parts) =>
   ["/v1/assets", encodeURIComponent(asset), ...parts.map(encodeURIComponent)].join("/");
+
+// Asks in turn; the answer, or null where one that was asked for later has come first, so that no old state is drawn.
+export function newestOf(ask) {
+  let [asked, answered] = [0, 0];
+  return async (...given) => {
+    asked += 1;
+    const own = asked;
+    const answer = await ask(...given);
+    if (own < answered) return null;
+    answered = own;
+    return answer;
+  };
+}

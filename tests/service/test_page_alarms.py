@@ -50,6 +50,24 @@ def test_alarm_is_acknowledged_by_name_with_a_note(open_page, keeper):
     assert "raised" in said and "cleared" in said and "closed" in said
 
 
+def test_an_answer_that_a_later_one_has_overtaken_is_not_drawn(open_page, keeper, store, board):
+    """The list of open alarms, asked for first, arrives after the list of all."""
+    page = open_page(ALARMS)
+    keeper.window("unsw", 1_800_000_000 * 10**9, {"index": 4, "quality": "good"}, report_of(CRACKED), OK)
+    held = []
+    page.route("**/alarms?state=open", lambda route: held.append(route))
+    with page.expect_request("**/alarms?state=open"):
+        fakes.take(store, board, "unsw", 90, 19500.0)
+    with page.expect_response("**/alarms?state=all"):
+        page.get_by_label("closed alarms too").check()
+    page.wait_for_selector("[data-alarm='4']")
+    before = page.locator("[data-alarm]").count()
+    with page.expect_response("**/alarms?state=open"):
+        held[0].fulfill(json=[])
+    page.wait_for_timeout(300)
+    assert page.locator("[data-alarm]").count() == before
+
+
 def test_what_is_typed_outlives_a_new_alarm(open_page, keeper, store, board):
     page = open_page(ALARMS)
     alarm = page.locator("[data-alarm='1']")

@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from twin.dynamics.harmonic_balance import Balance, Load, solve
 from twin.dynamics.low_harmonics import LowHarmonics
 from twin.effects import EFFECTS
 from twin.effects.setup import contacts_of, setup_of
+from twin.errors import ParameterError
 
 RNG = np.random.default_rng(7)
 LENGTHS = [2, 4, 6, 10, 14, 18, 22, 64, 100, 250, 256, 512, 1024, 1216, 2 * 101, 2310, 64 * 19 * 52]
@@ -145,6 +148,64 @@ def test_low_harmonics_are_inverted_exactly_where_the_operator_has_no_others():
 def test_lines_are_split_and_joined():
     lines = RNG.standard_normal((3, 5)) + 1j * RNG.standard_normal((3, 5))
     assert np.array_equal(compiled.joined(compiled.split(lines)), lines)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: compiled.to_lines(np.zeros(7)),
+        lambda: compiled.to_lines(np.zeros(0)),
+        lambda: compiled.spline(0.0, 1.0, np.zeros((1, 4)), np.zeros(3)),
+        lambda: compiled.averages(np.zeros(8), np.ones(4), 1),
+        lambda: compiled.quasi_static(np.ones((3, 8)), np.zeros((3, 6)), np.ones(3), 1.0),
+        lambda: compiled.monodromy(np.zeros((2, 2, 2)), np.zeros((1, 3)), np.zeros((1, 8)), 0.0),
+        lambda: solve(model().structure, contacts(worn(TEN, 50e-6), TEN, 512), 500.0, start=np.zeros(510)),
+        lambda: balance_of_512().compiled.linear_solution(np.zeros(200, complex), np.zeros(257, complex), None, 1e-6),
+        lambda: balance_of_512().compiled.branch_solutions(np.zeros(257, complex), np.eye(8), 1e-6),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused_before_a_kernel_reads_them(call):
+    with pytest.raises(ParameterError):
+        call()
+
+
+def balance_of_512() -> Balance:
+    return Balance(model().structure, contacts(worn(TEN, 50e-6), TEN, 512), model().mean_force(TEN))
+
+
+def test_no_number_gives_no_number():
+    value, slope = compiled.spline(0.0, 1.0, np.arange(6.0)[None], np.array([2.0, np.nan]))
+    assert value[0, 0] == pytest.approx(2.0)
+    assert np.isnan(value[0, 1]) and np.isnan(slope[0, 1])
+
+
+def test_linear_solutions_are_those_of_the_derivative():
+    balance, twin = balance_of_512(), model()
+    d_hat = compiled.to_lines(solve(twin.structure, balance.contacts, balance.mean_force).deflection)
+    right = 1e-3 * balance.mean_force * compiled.to_lines(RNG.standard_normal(512))
+    done, x = balance.compiled.linear_solution(d_hat, right, None, 1e-10)
+    assert done.residual <= 1e-10
+    h = 1e-4 / np.abs(np.fft.irfft(x, norm="forward")).max() * 1e-6  # 0.1 nm: no contact opens or closes
+    changed = (balance.at(d_hat + h * x).residual - balance.at(d_hat - h * x).residual) / (2 * h)
+    assert np.linalg.norm(changed - right) < 1e-4 * np.linalg.norm(right)
+
+
+def test_threads_that_end_leave_nothing_behind():
+    """A service without worker processes computes every window in a thread of its own."""
+    record = np.zeros(2**16)
+
+    def used() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+    def many(count: int) -> int:
+        for _ in range(count):
+            thread = threading.Thread(target=compiled.to_lines, args=(record,))
+            thread.start()
+            thread.join()
+        return used()
+
+    before = many(20)
+    assert many(200) - before < 50e6  # a plan of this length takes 2.6 MB: 520 MB if they stayed
 
 
 def test_missing_kernels_say_what_to_do():

@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twin.errors import ParameterError
+
 LIBRARY = __file__.removesuffix("__init__.py") + "kernels.so"
 
 
@@ -81,9 +83,15 @@ class _Motion(Structure):
 _kernels = _load()
 
 
-def _given(values: np.ndarray) -> np.ndarray:
-    """As the kernels read it: doubles in one block."""
-    return np.ascontiguousarray(values, dtype=float)
+def _given(values: np.ndarray, *shape: int | None) -> np.ndarray:
+    """As the kernels read it, doubles in one block, of this shape; None stands for any length.
+
+    The kernels do not look again: what is too short would be read beyond its end.
+    """
+    out = np.ascontiguousarray(values, dtype=float)
+    if len(out.shape) != len(shape) or any(n not in (have, None) for n, have in zip(shape, out.shape, strict=True)):
+        raise ParameterError(f"an array of shape {out.shape} in place of {shape}")
+    return out
 
 
 def _at(values: np.ndarray) -> int:
@@ -108,7 +116,9 @@ def joined(lines: np.ndarray) -> np.ndarray:
 
 def to_lines(samples: np.ndarray) -> np.ndarray:
     """Two-sided Fourier coefficients k ≥ 0 of a record; (n,) → (n//2 + 1,) complex, n even."""
-    x, out = _given(samples), np.empty(samples.size + 2)
+    if samples.size % 2 or not samples.size:
+        raise ParameterError(f"a record of {samples.size} samples: an even number is needed")
+    x, out = _given(samples, None), np.empty(samples.size + 2)
     _checked(_kernels.to_lines(x.size, _at(x), _at(out)))
     return joined(out)
 
@@ -166,14 +176,21 @@ class CompiledBalance:
         mean_force: float,
         rounding: float,
     ) -> None:
-        self.contacts, self.samples = stiffness.shape
-        self.actions = len(ratios)
-        self._kept = tuple(_given(a) for a in (stiffness, open_by, side, weights, closing, inverse, ratios, driven))
+        p, n = self.contacts, self.samples = stiffness.shape
+        a, lines = self.actions, self.lines = len(ratios), n + 2
+        self._kept = (
+            _given(stiffness, p, n), _given(open_by, p, n), _given(side, p), _given(weights, a, p, n),
+            _given(closing, lines), _given(inverse, lines), _given(ratios, a, lines), _given(driven, lines),
+        )  # fmt: skip
         self._balance = _Balance(self.contacts, self.samples, self.actions, 0, *map(_at, self._kept), None,
                                  mean_force, rounding)  # fmt: skip
 
     def _with(self, low: np.ndarray | None) -> _Balance:
         """With the inverse of the low harmonics (2·low, 2·low) in single precision."""
+        if low is not None:
+            if low.dtype != np.float32 or low.shape != (len(low), len(low)) or len(low) > self.lines:
+                raise ParameterError(f"low harmonics {low.dtype} {low.shape} of {self.samples} samples")
+            low = np.ascontiguousarray(low)
         self._low = low
         self._balance.low = 0 if low is None else len(low) // 2
         self._balance.low_inverse = None if low is None else _at(low)
@@ -196,10 +213,10 @@ class CompiledBalance:
         parted   share of the mean slope below which the contacts part, so that no step is taken
         stalled  steps without progress before these
         """
-        n, lines = self.samples, self.samples // 2 + 1
-        deflection = np.array(start, dtype=float)
+        n = self.samples
+        deflection = _given(start, n).copy()
         forces, tangent = np.empty((self.contacts, n)), np.empty(n)
-        force_lines, action_lines = np.empty(2 * lines), np.empty((self.actions, 2 * lines))
+        force_lines, action_lines = np.empty(self.lines), np.empty((self.actions, self.lines))
         action_tangents = np.empty((self.actions, n))
         answer = _Answer(*map(_at, (forces, force_lines, action_lines, tangent, action_tangents)))
         done = _Progress(0, 0, stalled, 0.0)
@@ -215,7 +232,7 @@ class CompiledBalance:
         self, d_hat: np.ndarray, right: np.ndarray, low: np.ndarray | None, tolerance: float
     ) -> tuple[Progress, np.ndarray]:
         """J⁻¹·right at the lines of a motion, (m,) complex each; the progress tells the residual of the right side."""
-        d, given = split(d_hat), split(right)
+        d, given = _given(split(d_hat), self.lines), _given(split(right), self.lines)
         out = np.empty_like(d)
         tangent, action_tangents = np.empty(self.samples), np.empty((self.actions, self.samples))
         done = _Progress()
@@ -229,7 +246,7 @@ class CompiledBalance:
         self, d_hat: np.ndarray, low: np.ndarray | None, tolerance: float
     ) -> tuple[Progress, np.ndarray, np.ndarray]:
         """J⁻¹·(−R) and J⁻¹·(−∂R/∂ln rounding) at the lines of a motion (m,) complex, each to a relative tolerance."""
-        lines = split(d_hat)
+        lines = _given(split(d_hat), self.lines)
         step, slope = np.empty_like(lines), np.empty_like(lines)
         tangent, action_tangents = np.empty(self.samples), np.empty((self.actions, self.samples))
         done = _Progress()
@@ -242,8 +259,9 @@ class CompiledBalance:
 
 def quasi_static(stiffness: np.ndarray, separation: np.ndarray, side: np.ndarray, mean_force: float) -> np.ndarray:
     """d (n,) at which the drive flanks (side > 0) of contacts (p, n) carry the mean force at every instant."""
-    k, e, σ, out = _given(stiffness), _given(separation), _given(side), np.empty(stiffness.shape[1])
-    _kernels.quasi_static(*stiffness.shape, _at(k), _at(e), _at(σ), mean_force, _at(out))
+    p, n = stiffness.shape
+    k, e, σ, out = _given(stiffness, p, n), _given(separation, p, n), _given(side, p), np.empty(n)
+    _kernels.quasi_static(p, n, _at(k), _at(e), _at(σ), mean_force, _at(out))
     return out
 
 
@@ -263,13 +281,19 @@ def integrate(
 
     Returns displacement and acceleration (kept, r), deflection and mesh force (kept,), and where it ends (m,) each.
     """
-    kept = {name: _given(values) for name, values in (modal | contacts).items()}
-    x, v = np.array(start[0], dtype=float), np.array(start[1], dtype=float)
-    count, responses = steps // keep + 1, len(modal["seen"])
+    m, (p, n) = len(modal["omega2"]), contacts["stiffness"].shape
+    actions, responses = len(modal["directions"]), len(modal["seen"])
+    shapes = {
+        "omega2": (m,), "damping": (m,), "mesh": (m,), "load": (m,), "directions": (actions, m),
+        "seen": (responses, m), "stiffness": (p, n), "separation": (p, n), "separation_rate": (p, n), "side": (p,),
+        "weights": (actions, p, n),
+    }  # fmt: skip
+    kept = {name: _given(values, *shapes[name]) for name, values in (modal | contacts).items()}
+    x, v = _given(start[0], m).copy(), _given(start[1], m).copy()
+    count = steps // keep + 1
     seen, accelerated = np.empty((count, responses)), np.empty((count, responses))
     d, force = np.empty(count), np.empty(count)
-    motion = _Motion(modes=x.size, contacts=len(kept["stiffness"]), samples=kept["stiffness"].shape[1],
-                     actions=len(modal["directions"]), responses=responses,
+    motion = _Motion(modes=m, contacts=p, samples=n, actions=actions, responses=responses,
                      **{name: _at(values) for name, values in kept.items()}, **phase)  # fmt: skip
     _checked(_kernels.integrate(byref(motion), steps, keep, *map(_at, (x, v, seen, accelerated, d, force))))
     return seen, accelerated, d, force, x, v
@@ -277,15 +301,18 @@ def integrate(
 
 def monodromy(modes: np.ndarray, directions: np.ndarray, impulses: np.ndarray, damping_time: float) -> np.ndarray:
     """Of exact steps of the modes (m, 2, 2), directions (f, m) and impulses (f, n) of forces; (2m, 2m)."""
-    given = [_given(values) for values in (modes, directions, impulses)]
-    out = np.empty((2 * len(modes), 2 * len(modes)))
-    _checked(_kernels.monodromy(len(modes), impulses.shape[1], len(impulses), *map(_at, given), damping_time, _at(out)))
+    m, (forces, n) = len(modes), impulses.shape
+    given = _given(modes, m, 2, 2), _given(directions, forces, m), _given(impulses, forces, n)
+    out = np.empty((2 * m, 2 * m))
+    _checked(_kernels.monodromy(m, n, forces, *map(_at, given), damping_time, _at(out)))
     return out
 
 
 def spline(first: float, spacing: float, values: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cubic splines (not-a-knot) through evenly spaced points (curves, m), m ≥ 5: values and slopes (curves, k)."""
-    y, x = _given(values), _given(at)
+    y, x = _given(values, None, None), _given(at, None)
+    if y.shape[1] < 5:
+        raise ParameterError(f"a spline through {y.shape[1]} points: at least 5 are needed")
     out, slopes = np.empty((len(y), x.size)), np.empty((len(y), x.size))
     _checked(_kernels.spline(*y.shape, first, spacing, _at(y), x.size, _at(x), _at(out), _at(slopes)))
     return out, slopes
@@ -293,6 +320,8 @@ def spline(first: float, spacing: float, values: np.ndarray, at: np.ndarray) -> 
 
 def averages(values: np.ndarray, weights: np.ndarray, stride: int) -> np.ndarray:
     """Averages around every `stride`-th of n values, weights (2·reach + 1,) centred on it; (n//stride + 1,)."""
-    x, w, out = _given(values), _given(weights), np.empty(values.size // stride + 1)
+    x, w, out = _given(values, None), _given(weights, None), np.empty(values.size // stride + 1)
+    if w.size % 2 == 0:
+        raise ParameterError(f"{w.size} weights have no middle: an odd number is needed")
     _kernels.averages(x.size, _at(x), w.size // 2, _at(w), stride, _at(out))
     return out

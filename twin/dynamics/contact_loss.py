@@ -21,9 +21,9 @@ from dataclasses import dataclass, replace
 from math import exp, inf, log
 
 import numpy as np
-from scipy.fft import rfft
 from scipy.signal import resample
 
+from twin.compiled import to_lines, to_samples
 from twin.dynamics.harmonic_balance import TOLERANCE, Balance, Contacts, Load, SteadyState, solve
 from twin.dynamics.integrator import integrate, longest_step, steady_start
 from twin.dynamics.stability import largest_multiplier
@@ -68,13 +68,14 @@ def solve_through_contact_loss(
     """As `solve`; where that fails, by the branch from rounded contacts.
 
     Over many mesh periods the search is cut short: where it is that long, it hardly ever converges. Motions that do
-    not last count as not converged.
+    not last count as not converged; where there are loads, or the period is that long, no other motion is sought.
     """
     room = MAX_LONG if contacts.samples > LONG else None
     steady = solve(structure, contacts, mean_force, loads=loads, start=start, tolerance=tolerance, most=room)
     if steady.converged:
         return steady
-    found = Branch(structure, contacts, mean_force, loads, tolerance, room).sharp()
+    left = None if room is None else room - steady.products
+    found = Branch(structure, contacts, mean_force, loads, tolerance, left).sharp()
     if found is None:
         return steady
     if largest_multiplier(structure, contacts, found) <= STABLE:
@@ -123,15 +124,14 @@ class Branch:
     def sharp(self) -> SteadyState | None:
         """The solution with sharp corners at the end of the branch; None where it is not reached."""
         rounding = WIDEST * self._unit
-        first = solve(*self._problem, loads=self._loads, tolerance=NEAR, rounding=rounding)
+        first = self._solved(None, tolerance=NEAR, rounding=rounding)
         if not first.converged:
             return None
-        d_hat = rfft(first.deflection, norm="forward")
+        d_hat = to_lines(first.deflection)
         _, _, slope = self._linear(d_hat, log(rounding))
-        point: Point | None = Point(d_hat=d_hat, log_rounding=log(rounding), slope=slope, forward=-1.0)
+        point = Point(d_hat=d_hat, log_rounding=log(rounding), slope=slope, forward=-1.0)
         length, tried = FIRST, log(SHARP * self._unit)
         for _ in range(MAX_STEPS):
-            assert point is not None
             following, corrections = self._next(point, length)
             if following is None:
                 length /= 2
@@ -142,7 +142,7 @@ class Branch:
                 length = min(1.5 * length, LONGEST)
             point = following
             if point.log_rounding < tried:
-                found = self._sharpened(point)
+                found = self._solved(to_samples(point.d_hat), tolerance=self._tolerance)
                 if found.converged:
                     return found
                 tried = point.log_rounding - log(4.0)
@@ -150,10 +150,14 @@ class Branch:
                 return None
         return None
 
-    def _sharpened(self, point: Point) -> SteadyState:
-        n = self._problem[1].samples
-        start = np.fft.irfft(point.d_hat, n, norm="forward")
-        return solve(*self._problem, loads=self._loads, start=start, tolerance=self._tolerance)
+    def _solved(self, start: np.ndarray | None, *, tolerance: float, rounding: float = 0.0) -> SteadyState:
+        """By Newton's method, within the products that are left."""
+        most = None if self._room == inf else max(int(self._room), 0)
+        found = solve(
+            *self._problem, loads=self._loads, start=start, tolerance=tolerance, rounding=rounding, most=most
+        )  # fmt: skip
+        self._room -= found.products
+        return found
 
     def _linear(self, d_hat: np.ndarray, log_rounding: float) -> tuple[float, np.ndarray, np.ndarray]:
         """Residual of the mean force, Newton's step at a fixed ε, and ∂d̂/∂ln ε."""

@@ -35,9 +35,8 @@ from functools import cached_property, lru_cache
 from math import pi
 
 import numpy as np
-from scipy.fft import irfft, rfft
 
-from twin.compiled import CompiledBalance, Progress, Solution, quasi_static, split
+from twin.compiled import CompiledBalance, Progress, Solution, quasi_static, split, to_lines, to_samples
 from twin.dynamics.low_harmonics import LowHarmonics
 from twin.dynamics.structure import Structure
 from twin.errors import NotConverged, ParameterError
@@ -146,11 +145,6 @@ def quasi_static_deflection(contacts: Contacts, mean_force: float) -> np.ndarray
     return quasi_static(contacts.stiffness, contacts.separation, contacts.side, mean_force)
 
 
-def _lines(values: np.ndarray) -> np.ndarray:
-    """Two-sided Fourier coefficients of a record, k ≥ 0; (n,) → (n//2 + 1,)."""
-    return rfft(values, norm="forward")
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Evaluated:
     """The balance at one motion."""
@@ -211,16 +205,16 @@ class Balance:
 
     def at(self, d_hat: np.ndarray) -> Evaluated:
         """Residual and contacts for the lines of d (n//2 + 1,)."""
-        x = self._side * irfft(self.closing * d_hat, self.contacts.samples, norm="forward") + self._open_by
+        x = self._side * to_samples(self.closing * d_hat) + self._open_by
         if self.rounding:
             root = np.sqrt(x**2 + self.rounding**2)
             penetration, closed = (x + root) / 2, (1 + x / root) / 2
         else:
             penetration, closed = np.maximum(x, 0.0), x > 0
         forces = self._side * self.contacts.stiffness * penetration
-        residual = _lines(forces.sum(axis=0)) + self.inverse * (d_hat - self.driven)
+        residual = to_lines(forces.sum(axis=0)) + self.inverse * (d_hat - self.driven)
         for action, ratio in zip(self.contacts.actions, self.ratios, strict=True):
-            residual += ratio * _lines((action.weight * forces).sum(axis=0))
+            residual += ratio * to_lines((action.weight * forces).sum(axis=0))
         residual[0] -= self.mean_force
         return Evaluated(residual=residual, penetration=penetration, closed=closed)
 
@@ -251,10 +245,10 @@ class Balance:
         signed = self._side * forces
         return Solution(
             progress=Progress(float(np.abs(found.residual).max()) / self.mean_force, 0, 0, 0),
-            deflection=irfft(d_hat, self.contacts.samples, norm="forward"),
+            deflection=to_samples(d_hat),
             forces=forces,
-            force_lines=_lines(signed.sum(axis=0)),
-            action_lines=np.array([_lines((action.weight * signed).sum(axis=0)) for action in self.contacts.actions]),
+            force_lines=to_lines(signed.sum(axis=0)),
+            action_lines=np.array([to_lines((action.weight * signed).sum(axis=0)) for action in self.contacts.actions]),
             tangent=tangent,
             action_tangents=np.array(tangents),
         )

@@ -14,8 +14,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from scipy.fft import rfft
-
+from twin.compiled import to_lines
 from twin.dynamics.harmonic_balance import (
     MAX_NEAR,
     NEAR_MODES,
@@ -47,7 +46,7 @@ class Linearised:
         loads: tuple[Load, ...] = (),
     ) -> None:
         self._balance = Balance(structure, contacts, mean_force, loads)
-        self.d_hat = rfft(steady.deflection, norm="forward")
+        self.d_hat = to_lines(steady.deflection)
         found = self._balance.at(self.d_hat)
         count = self._balance.lowest(NEAR_MODES)
         self._low = None

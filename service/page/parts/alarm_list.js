@@ -1,6 +1,6 @@
 // Alarms as a list, the most urgent first: what it is, what to do, and a form to acknowledge or clear each by name.
 
-import { pathOf, send } from "../api.js";
+import { newestOf, pathOf, send } from "../api.js";
 import { element, keepingFocus } from "../dom.js";
 import { ago, dateTime, instant, number, sentence } from "../format.js";
 import { busy, field, valuesOf } from "../forms.js";
@@ -92,6 +92,7 @@ function card(alarm, { withAsset, signal, done }) {
 export function alarmList({ signal, load, withAsset = false }) {
   let all = false;
   let drawn = "";
+  const newest = newestOf(load);
   const summary = element("p", { className: "counts", role: "status" });
   const list = element("div", { className: "alarms" });
   const closed = element("label", {}, element("input", { type: "checkbox", dataset: { key: "closed-alarms" },
@@ -100,7 +101,8 @@ export function alarmList({ signal, load, withAsset = false }) {
     element("form", { className: "filters", onsubmit: (event) => event.preventDefault() }, closed), summary, list);
 
   async function refresh() {
-    const alarms = await load(all);
+    const alarms = await newest(all);
+    if (alarms === null) return;
     const now = JSON.stringify([alarms, Math.floor(Date.now() / 60_000)]); // "… ago" grows by itself
     if (now === drawn) return;
     drawn = now;

@@ -1,6 +1,6 @@
 // The alarm rules of one machine: what is watched, what has been learned, and an editor.
 
-import { send } from "../api.js";
+import { newestOf, send } from "../api.js";
 import { element, keepingFocus } from "../dom.js";
 import { dateTime, instant, number } from "../format.js";
 import { busy, field, valuesOf } from "../forms.js";
@@ -72,6 +72,7 @@ function ruleOf(values) {
 
 // The panel; `load()` gives the rules as the service has them.
 export function alarmRules({ base, signal, load, depthKnown }) {
+  const newest = newestOf(load);
   const root = element("section", { className: "panel", id: "alarm-rules" });
   let kept = null; // as the service has them
   let draft = null; // as they are edited here; null where they are not
@@ -133,7 +134,9 @@ export function alarmRules({ base, signal, load, depthKnown }) {
 
   async function refresh() {
     if (draft !== null) return; // what is being edited stays
-    kept = await load();
+    const found = await newest();
+    if (found === null || draft !== null) return;
+    kept = found;
     draw();
   }
 

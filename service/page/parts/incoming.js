@@ -1,6 +1,6 @@
 // What waits for a person: machines that send frames and that nobody has adopted, and rig files that came on the stream.
 
-import { pathOf, send } from "../api.js";
+import { newestOf, pathOf, send } from "../api.js";
 import { element, keepingFocus, panel } from "../dom.js";
 import { ago, dateTime, instant, revolutions as count } from "../format.js";
 import { busy, field } from "../forms.js";
@@ -71,12 +71,16 @@ export function incoming({ get, signal, changed }) {
         button("Reject", `reject ${digest}`, decide(path, { decision: "reject", digest }, `The rig file for ${asset} is rejected.`))));
   }
 
+  const newest = newestOf(() => Promise.all([get("/v1/unknown-assets", { signal }), get("/v1/rig-proposals", { signal })])
+    .catch((error) => {
+      if (error.status === 404) return [NONE, []]; // a service that has neither
+      throw error;
+    }));
+
   async function refresh() {
-    const [found, proposed] = await Promise.all([get("/v1/unknown-assets", { signal }), get("/v1/rig-proposals", { signal })])
-      .catch((error) => {
-        if (error.status === 404) return [NONE, []]; // a service that has neither
-        throw error;
-      });
+    const waiting = await newest();
+    if (waiting === null) return;
+    const [found, proposed] = waiting;
     const now = JSON.stringify([found.assets, proposed, Math.floor(Date.now() / 30_000)]); // "last seen" grows by itself
     if (now === drawn) return;
     drawn = now;

@@ -1,5 +1,6 @@
 // All machines, the most severe first: state, what to do, data, depth, life, course, last seen.
 
+import { newestOf } from "../api.js";
 import { element, keepingFocus, svg } from "../dom.js";
 import { KIND_WORDS, LEVELS, ago, dateTime, duration, fixed, instant, levelWord, number, range, sentence } from "../format.js";
 import { dataBadge, levelBadge } from "../parts/health.js";
@@ -112,7 +113,8 @@ function filters(filter, draw) {
 }
 
 export async function show(root, { signal, get, connected }) {
-  let assets = await get("/v1/assets", { signal });
+  const newest = newestOf(() => get("/v1/assets", { signal }));
+  let assets = await newest();
   connected(true);
   const filter = { text: "", level: "", retired: false };
   const summary = element("div");
@@ -144,7 +146,8 @@ export async function show(root, { signal, get, connected }) {
   }
 
   async function renewed() {
-    [assets] = await Promise.all([get("/v1/assets", { signal }), waiting.refresh()]);
+    const [found] = await Promise.all([newest(), waiting.refresh()]);
+    assets = found ?? assets;
     connected(true);
     draw();
   }

@@ -6,6 +6,7 @@
 #include "kernels.h"
 
 #include <math.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -91,16 +92,58 @@ static plan *new_plan(size_t n)
     return p;
 }
 
-static _Thread_local plan *kept[KEPT_PLANS];
-static _Thread_local unsigned long calls;
+/* The plans of a thread, freed when it ends: a service may compute every window in a thread of its own. */
+
+typedef struct {
+    plan *plan[KEPT_PLANS];
+    unsigned long calls;
+} plans;
+
+static pthread_key_t key;
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static int has_key;
+
+static void free_plan(plan *p)
+{
+    if (p)
+        free(p->table);
+    free(p);
+}
+
+static void free_plans(void *kept)
+{
+    for (size_t i = 0; i < KEPT_PLANS; i++)
+        free_plan(((plans *)kept)->plan[i]);
+    free(kept);
+}
+
+static void make_key(void) { has_key = pthread_key_create(&key, free_plans) == 0; }
+
+static plans *of_thread(void)
+{
+    pthread_once(&once, make_key);
+    plans *kept = has_key ? pthread_getspecific(key) : NULL;
+    if (kept || !has_key)
+        return kept;
+    kept = calloc(1, sizeof *kept);
+    if (kept && pthread_setspecific(key, kept)) {
+        free(kept);
+        return NULL;
+    }
+    return kept;
+}
 
 const plan *fft_plan(size_t n)
 {
+    plans *own = of_thread();
+    if (!own)
+        return NULL;
+    plan **kept = own->plan;
     size_t oldest = 0;
-    calls++;
+    own->calls++;
     for (size_t i = 0; i < KEPT_PLANS; i++) {
         if (kept[i] && kept[i]->samples == n) {
-            kept[i]->used = calls;
+            kept[i]->used = own->calls;
             return kept[i];
         }
         if (!kept[i] || (kept[oldest] && kept[i]->used < kept[oldest]->used))
@@ -109,11 +152,8 @@ const plan *fft_plan(size_t n)
     plan *made = new_plan(n);
     if (!made)
         return NULL;
-    if (kept[oldest]) {
-        free(kept[oldest]->table);
-        free(kept[oldest]);
-    }
-    made->used = calls;
+    free_plan(kept[oldest]);
+    made->used = own->calls;
     kept[oldest] = made;
     return made;
 }

@@ -31,7 +31,8 @@ FOR_EVERY_CPU static double force_at(const motion *q, double at, double d, doubl
     if (part < 1e-6)
         part = 0.0;
     double wrapped = fmod(whole, (double)n);
-    size_t i = (size_t)(wrapped < 0.0 ? wrapped + (double)n : wrapped), j = (i + 1) % n;
+    wrapped = wrapped < 0.0 ? wrapped + (double)n : wrapped;
+    size_t i = wrapped > 0.0 ? (size_t)wrapped : 0, j = (i + 1) % n; /* of NaN 0: the motion is NaN then */
     double force = 0.0;
     for (size_t c = 0; c < (size_t)q->actions; c++)
         actions[c] = 0.0;
@@ -125,14 +126,17 @@ FOR_EVERY_CPU int integrate(const motion *q, int64_t steps, int64_t keep, double
 
    modes       exact step of every mode (m, 2, 2)
    directions  of the mesh force, then of every action, over the modes (1 + a, m)
-   impulses    slopes of the contacts times the step (1 + a, n) */
+   impulses    slopes of the contacts times the step (1 + a, n)
+
+   Within the step of the contacts d stays and d + tau*d' decays by a = tau * (mesh . impulse), which is taken exactly. */
 FOR_EVERY_CPU int monodromy(int64_t m_, int64_t n_, int64_t forces, const double *modes, const double *directions,
                             const double *impulses, double damping_time, double *out)
 {
     size_t m = (size_t)m_, n = (size_t)n_, all = 2 * m;
-    double *restrict seen = malloc(all * sizeof(double));
+    double *restrict seen = malloc((all + m) * sizeof(double));
     if (!seen)
         return -1;
+    double *restrict impulse = seen + all;
     memset(out, 0, all * all * sizeof(double));
     for (size_t r = 0; r < all; r++)
         out[r * all + r] = 1.0;
@@ -143,13 +147,19 @@ FOR_EVERY_CPU int monodromy(int64_t m_, int64_t n_, int64_t forces, const double
             for (size_t j = 0; j < all; j++)
                 seen[j] += directions[r] * (x[j] + damping_time * v[j]);
         }
+        double decay = 0.0;
         for (size_t r = 0; r < m; r++) {
-            double *restrict x = out + r * all, *restrict v = out + (m + r) * all, impulse = 0.0;
+            impulse[r] = 0.0;
             for (size_t c = 0; c < (size_t)forces; c++)
-                impulse += directions[c * m + r] * impulses[c * n + i];
+                impulse[r] += directions[c * m + r] * impulses[c * n + i];
+            decay += damping_time * directions[r] * impulse[r];
+        }
+        double share = fabs(decay) > 1e-12 ? -expm1(-decay) / decay : 1.0;
+        for (size_t r = 0; r < m; r++) {
+            double *restrict x = out + r * all, *restrict v = out + (m + r) * all;
             double a = modes[4 * r], b = modes[4 * r + 1], c = modes[4 * r + 2], d = modes[4 * r + 3];
             for (size_t j = 0; j < all; j++) {
-                double before = x[j], rate = v[j] - impulse * seen[j];
+                double before = x[j], rate = v[j] - share * impulse[r] * seen[j];
                 x[j] = a * before + b * rate;
                 v[j] = c * before + d * rate;
             }

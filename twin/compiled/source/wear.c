@@ -36,7 +36,7 @@ FOR_EVERY_CPU int spline(int64_t curves, int64_t points, double first, double sp
         M[m - 1] = 2.0 * M[m - 2] - M[m - 3];
         for (size_t j = 0; j < k; j++) {
             double x = (at[j] - first) / spacing, whole = floor(x);
-            whole = whole < 0.0 ? 0.0 : whole > (double)(m - 2) ? (double)(m - 2) : whole;
+            whole = whole > 0.0 ? fmin(whole, (double)(m - 2)) : 0.0; /* of NaN, too, which gives NaN */
             size_t i = (size_t)whole;
             double u = x - whole, v = 1.0 - u, a = M[i] / 6.0, b = M[i + 1] / 6.0;
             value[j] = v * y[i] + u * y[i + 1] + (v * v - 1.0) * v * a + (u * u - 1.0) * u * b;
