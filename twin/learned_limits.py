@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from math import exp, log, pi, sqrt
 
 import numpy as np
-from scipy.special import stdtrit
 
 from twin.thresholds import deciding
 
@@ -105,6 +104,8 @@ class OperatingPoint:
 
 def deviations(windows: int, rate: float) -> float:
     """k: how many robust standard deviations a limit with a false-alarm rate lies above the median."""
+    from scipy.special import stdtrit  # loads scipy, which a start of the service does without
+
     return float(stdtrit(MAD_EFFICIENCY * (windows - 1), 1 - rate)) * sqrt(1 + pi / (2 * windows))
 
 

@@ -14,7 +14,6 @@ from typing import Any
 
 from twin.errors import NotAvailable, ParameterError
 from twin.geometry.gear_pair import GearPair
-from twin.mesh.stiffness import PairStiffness
 from twin.rig_derived import Get
 from twin.rig_estimated import PARTS
 from twin.rig_schema import DEGREES_OF_FREEDOM, TORSION_CHAINS, TORSION_LINKS
@@ -195,6 +194,8 @@ def _pair_stiffness(get: Get, pair: GearPair | None) -> None:
     if fault is not None:
         raise ParameterError(fault)
     if pair is not None:
+        from twin.mesh.stiffness import PairStiffness  # loads scipy, which a start of the service does without
+
         PairStiffness.given(pair, s, k)
 
 

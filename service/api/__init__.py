@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI
 from starlette.middleware.gzip import GZipMiddleware
@@ -33,7 +34,9 @@ from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore
-from service.signals.library import Library
+
+if TYPE_CHECKING:
+    from service.signals.library import Library
 
 COMPRESSED_FROM = 1000  # size from which an answer is compressed [bytes]; event streams never are
 COMPRESSION = 5  # of gzip, 1 … 9: nearly as small as 9 in a third of its time
@@ -85,7 +88,7 @@ def create_app(
     app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
     app.state.signals = signals
     app.state.health = health or Health()
-    app.state.library = None if signals is None else Library(signals, store, board)
+    app.state.library = None if signals is None else _library(signals, store, board)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
     app.state.changes = changes or _changes_in(store)
     app.state.baselines = baselines
@@ -149,6 +152,18 @@ def _outcome(change: Any) -> str | None:
     """The outcome of a queued change; None while it waits."""
     refused = getattr(change, "refused", None)
     return f"refused: {refused}" if refused is not None else DONE if change.done else None
+
+
+def _library(signals: SignalStore, store: ResultStore, board: Board) -> Callable[[], Library]:
+    """The views of the windows that are kept, made when somebody first asks for one."""
+
+    @cache
+    def opened() -> Library:
+        from service.signals.library import Library  # loads half of the twin, which a start does without
+
+        return Library(signals, store, board)
+
+    return opened
 
 
 def _version() -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import numpy as np
 from fastapi import APIRouter, Path, Query, Request
@@ -19,13 +20,13 @@ from service.contract.base import iso_time
 from service.errors import NotKept
 from service.results.signal_thinning import KeptWindow
 from service.signals import tables
-from service.signals.library import Library
-from service.signals.subject import UnknownChannel
 from service.signals.trends import Trends, trends_of
-from service.signals.view import MOST_POINTS, X_DIGITS, as_json, rounded
-from service.signals.views import VIEWS, ViewOptions
-from service.signals.waterfall import KINDS, Waterfall
+from service.signals.view import MOST_POINTS, X_DIGITS, UnknownChannel, ViewOptions, as_json, rounded
 from twin.errors import TwinError
+
+if TYPE_CHECKING:  # they load half of the twin
+    from service.signals.library import Library
+    from service.signals.waterfall import Waterfall
 
 router = APIRouter(prefix="/v1/assets", tags=["signals"], route_class=Guarded)
 
@@ -118,7 +119,7 @@ def signals(request: Request, asset: str) -> Any:
             "asset": asset,
             "windows": [_listed(w) for w in kept],
             "channels": list(channels),
-            "views": list(VIEWS),
+            "views": list(get_args(ViewName)),
             "bytes": sum(w.bytes for w in kept),
             "reason": reason,
         }
@@ -165,7 +166,6 @@ def view(request: Request, asset: str, index: Index, view: ViewName, query: Anno
 @needs(Role.read)
 def waterfall(request: Request, asset: str, query: Annotated[WaterfallQuery, Query()]) -> Any:
     """Spectra of all windows that are kept over one another."""
-    assert query.view in KINDS
     snapshot_of(request, asset)
     library = _library(request)
     if library is None:
@@ -235,7 +235,8 @@ def indicators(request: Request, asset: str, query: Annotated[IndicatorQuery, Qu
 
 
 def _library(request: Request) -> Library | None:
-    return request.app.state.library
+    opened: Callable[[], Library] | None = request.app.state.library
+    return None if opened is None else opened()
 
 
 def _listed(window: KeptWindow) -> dict[str, Any]:

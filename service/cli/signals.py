@@ -70,8 +70,8 @@ def signals(
     from service.errors import InputError
     from service.json_text import wrote_json
     from service.signals.recorded import recorded_subject
-    from service.signals.view import MOST_POINTS, as_json
-    from service.signals.views import VIEWS, ViewOptions
+    from service.signals.view import MOST_POINTS, ViewOptions, as_json
+    from service.signals.views import VIEWS
     from twin.errors import TwinError
 
     if out is not None and out.suffix.lower() not in FORMATS:

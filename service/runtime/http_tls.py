@@ -9,8 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from cryptography import x509
-
 from service.errors import InputError
 
 VERSIONS = {"1.2": ssl.TLSVersion.TLSv1_2, "1.3": ssl.TLSVersion.TLSv1_3}
@@ -50,6 +48,8 @@ def context_of(tls: Tls) -> ssl.SSLContext:
 
 def load_certificate(context: ssl.SSLContext, tls: Tls) -> None:
     """Loads certificate and key, also again: new connections use them."""
+    from cryptography import x509  # few services on one machine have TLS
+
     try:
         first = x509.load_pem_x509_certificates(tls.certificate.read_bytes())[0]
     except (OSError, ValueError) as error:

@@ -27,6 +27,7 @@ from twin.rig import Rig
 T = TypeVar("T")
 
 KEPT = 64  # assets whose rig, twin and state a worker has at hand; those of others are loaded again
+NICENESS = 10  # of a worker: frames are received and requests are answered before windows are computed
 MOST_RECORDS = 200  # log records that one call sends back
 
 Machine = tuple[Callable[[Any], Twin], Any, Rig]
@@ -90,6 +91,8 @@ def begin(log_level: int, cache_bytes: int) -> None:
     """Prepares a worker: it ends with the service, and not by signals that are meant for that."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     root = logging.getLogger()
     root.handlers[:] = [_records]

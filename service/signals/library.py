@@ -16,8 +16,8 @@ from service.results.signal_store import SignalStore
 from service.results.signal_thinning import KeptWindow
 from service.results.store import ResultStore
 from service.signals.subject import Modelling, Subject
-from service.signals.view import View
-from service.signals.views import VIEWS, ViewOptions
+from service.signals.view import View, ViewOptions
+from service.signals.views import VIEWS
 from service.signals.waterfall import Row, Waterfall, row_of, waterfall
 from twin.errors import NotAvailable, TwinError
 from twin.features.window_features import WindowFeatures

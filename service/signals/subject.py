@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from service.errors import InputError
+from service.signals.view import UnknownChannel
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack, angle_track
 from twin.features.extract import extract, pinion_angle
@@ -28,14 +28,6 @@ UNITS = {"accel": "m/s²", "torque": "N·m", "encoder": "rad", TRANSMISSION_ERRO
 MICROMETRE = 1e-6
 
 Modelling = Callable[[WindowFeatures], "ModelledLines"]
-
-
-class UnknownChannel(InputError):
-    """A channel that the window does not have; `known` are those it has."""
-
-    def __init__(self, channel: str, known: tuple[str, ...]) -> None:
-        super().__init__(f"the window has no channel {channel!r}; it has {', '.join(known) or 'none'}")
-        self.known = known
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -206,4 +198,4 @@ class Subject:
         return (f"the window is {self.window.quality}: {'; '.join(found)}",) if found else ()
 
 
-__all__ = ["TRANSMISSION_ERROR", "Modelling", "Subject", "UnknownChannel", "WindowError"]
+__all__ = ["TRANSMISSION_ERROR", "Modelling", "Subject", "WindowError"]

@@ -8,8 +8,30 @@ from typing import Any
 
 import numpy as np
 
+from service.errors import InputError
+
 MOST_POINTS = 20_000
 DIGITS, X_DIGITS = 6, 10  # significant ones in JSON
+
+
+class UnknownChannel(InputError):
+    """A channel that the window does not have; `known` are those it has."""
+
+    def __init__(self, channel: str, known: tuple[str, ...]) -> None:
+        super().__init__(f"the window has no channel {channel!r}; it has {', '.join(known) or 'none'}")
+        self.known = known
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewOptions:
+    """What may be chosen of a view; what does not concern one is not read by it."""
+
+    channel: str | None = None  # label; None for the reference accelerometer
+    shaft: str = "pinion"  # whose turns a synchronous average is over
+    averaged: bool = False  # whether a spectrum is averaged over segments
+    rms: bool = False  # whether a spectrum shows RMS instead of peak amplitudes
+    band: tuple[float, float] | None = None  # of the envelope [Hz]; None for the most impulsive one
+    without_lines: bool = False  # whether lines of the shafts are removed before the envelope is taken
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -14,7 +14,7 @@ import numpy as np
 from service.signals.flank import flank
 from service.signals.markers import markers_of
 from service.signals.subject import TRANSMISSION_ERROR, Subject
-from service.signals.view import Axis, Series, View
+from service.signals.view import Axis, Series, View, ViewOptions
 from twin.errors import NotAvailable, WindowError
 from twin.features.envelope import envelope_spectrum, kurtogram, without_shaft_lines
 from twin.features.gaps import filled
@@ -28,18 +28,6 @@ PER_TURN = 4096  # points of a synchronous average at most
 MODELLED = (
     "Modelled: the twin as it is now, with all it has learned, at this window's speed and torque and a wear depth of"
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ViewOptions:
-    """What may be chosen of a view; what does not concern one is not read by it."""
-
-    channel: str | None = None  # label; None for the reference accelerometer
-    shaft: str = "pinion"  # whose turns a synchronous average is over
-    averaged: bool = False  # whether a spectrum is averaged over segments
-    rms: bool = False  # whether a spectrum shows RMS instead of peak amplitudes
-    band: tuple[float, float] | None = None  # of the envelope [Hz]; None for the most impulsive one
-    without_lines: bool = False  # whether lines of the shafts are removed before the envelope is taken
 
 
 def waveform(subject: Subject, options: ViewOptions) -> View:

@@ -10,9 +10,9 @@ import numpy as np
 from service.errors import NotKept
 from service.results.signal_thinning import KeptWindow
 from service.signals.markers import markers_of
-from service.signals.subject import Subject, UnknownChannel
-from service.signals.view import Marker
-from service.signals.views import VIEWS, ViewOptions
+from service.signals.subject import Subject
+from service.signals.view import Marker, UnknownChannel, ViewOptions
+from service.signals.views import VIEWS
 from twin.errors import NotAvailable, TwinError
 from twin.rig import Rig
 

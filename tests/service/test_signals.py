@@ -15,8 +15,8 @@ from test_api import Client
 from service.api import create_app
 from service.results.signal_store import SignalStore
 from service.signals.subject import Subject
-from service.signals.view import Axis, Series, View, as_json, extremes, peaks, rounded
-from service.signals.views import VIEWS, ViewOptions
+from service.signals.view import Axis, Series, View, ViewOptions, as_json, extremes, peaks, rounded
+from service.signals.views import VIEWS
 from twin.errors import NotAvailable, ParameterError
 from twin.features.spectra import SCALLOPING
 from twin.rig import Rig

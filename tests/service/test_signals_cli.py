@@ -12,7 +12,8 @@ from service_streams import write_recording
 from service.cli import run
 from service.cli.assessing import windowing
 from service.signals.recorded import recorded_subject
-from service.signals.views import VIEWS, ViewOptions
+from service.signals.view import ViewOptions
+from service.signals.views import VIEWS
 
 
 @pytest.fixture(scope="module")

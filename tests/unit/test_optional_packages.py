@@ -24,7 +24,7 @@ def test_no_module_that_the_service_runs_loads_an_optional_package():
 
 def test_a_start_of_the_service_loads_nothing_that_only_drawing_or_computing_needs():
     later = {
-        "matplotlib", "PIL", "scipy.stats", "scipy.signal", "pandas", "alembic", "twin.step", "twin.tracing.trace",
+        "matplotlib", "PIL", "scipy", "pandas", "alembic", "twin.step", "twin.tracing.trace",
         "service.contract.estimate", "service.signals.pictures", "service.report.content",
     }  # fmt: skip
     code = (

@@ -28,7 +28,6 @@ from functools import lru_cache
 from math import cos, pi, sin, tan
 
 import numpy as np
-from scipy.optimize import brentq
 
 from twin.errors import ParameterError
 from twin.geometry.involute import involute, roll_angle
@@ -170,6 +169,8 @@ def _undercut_point(tooth: ToothForm) -> tuple[float, float]:
             f"at least {2 * tooth.addendum / tooth.module / sin(tooth.pressure_angle) ** 2:.0f} teeth are "
             "free of undercut"
         )
+    from scipy.optimize import brentq  # loads scipy, which a start of the service does without
+
     i = crossings[0]
     γ_form = float(brentq(outside, γ[i], γ[i + 1], xtol=1e-14))
     x, y = tooth.fillet_point(γ_form)

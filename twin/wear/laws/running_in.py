@@ -29,7 +29,6 @@ from math import inf
 from typing import ClassVar, Self
 
 import numpy as np
-from scipy.special import lambertw
 
 from twin.errors import ParameterError
 from twin.wear.laws.law import LawParameter
@@ -70,6 +69,8 @@ class RunningIn:
 
     def factor(self, worn: np.ndarray) -> np.ndarray:
         """Wear coefficient over K where so much has been lost [m]; any shape → the same."""
+        from scipy.special import lambertw  # loads scipy, which a start of the service does without
+
         a = self.initial_ratio - 1
         return 1 + lambertw(a * np.exp(a * (1 - np.asarray(worn) / self.depth))).real
 
