@@ -66,7 +66,7 @@ async def asset(
     """The whole state: the same JSON as `gear-twin assess`."""
     whole = snapshot_of(request, asset).whole
     shown = whole["windows"]
-    return answer(request, {**whole, "windows": [dict(record) for record in shown[max(len(shown) - windows, 0) :]]})
+    return answer(request, {**whole, "windows": list(shown[max(len(shown) - windows, 0) :])})
 
 
 @router.get("/{asset}/wear", response_model=Wear | NotAvailable, responses=ERRORS)
@@ -126,7 +126,7 @@ class HistoryQuery(BaseModel):
 @needs(Role.read)
 def windows(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
     """Window records, oldest first: a page by cursor, or a long history thinned."""
-    return answer(request, [dict(w.record) for w in history(request, asset, query)])
+    return answer(request, [w.record for w in history(request, asset, query)])
 
 
 @router.get("/{asset}/trend", response_model=list[models.TrendPoint], responses=ERRORS)
