@@ -3,7 +3,7 @@
     python -m benchmarks [--quick]
 
 Ends with a non-zero status where an aim is missed by more than a factor of two: that is no noise of the machine.
-`--quick` leaves the hour-long recording at six minutes, and the tracing out.
+`--quick` leaves the hour-long recording at six minutes, and tracing and many machines out.
 """
 
 from __future__ import annotations
@@ -11,13 +11,15 @@ from __future__ import annotations
 import argparse
 import sys
 
-from benchmarks import bench_dynamics, bench_ingest, bench_pipeline, bench_store, bench_tracing
+from benchmarks import bench_dynamics, bench_ingest, bench_pipeline, bench_running, bench_store, bench_tracing
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="All benchmarks in one run.")
     parser.add_argument(
-        "--quick", action="store_true", help="a long recording of six minutes instead of an hour, and no tracing"
+        "--quick",
+        action="store_true",
+        help="a long recording of six minutes; no tracing, one machine",
     )
     chosen = parser.parse_args()
     bench_dynamics.main()
@@ -30,6 +32,8 @@ def main() -> int:
     if not chosen.quick:
         print()
         figures += bench_tracing.main()
+        print()
+        figures += bench_running.main()
     missed = [figure for figure in figures if figure.missed]
     for figure in missed:
         print(f"missed: {figure.what} {figure.value:.3g} {figure.unit}, aim {figure.aim:g}", file=sys.stderr)

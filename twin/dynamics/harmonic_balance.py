@@ -131,12 +131,16 @@ class SteadyState:
 
     def lines(self, structure: Structure, response: np.ndarray) -> np.ndarray:
         """Complex amplitudes of a response direction for k ≥ 1 (n//2,): x(t) = Re Σ X_k e^{iω_k t}."""
-        ω = self.omega[1:]
-        x = -structure.receptance(ω, structure.mesh, response) * self.force_lines[1:]
+        n, lowest = self.deflection.size, float(self.omega[1])
+
+        def moved(by: np.ndarray) -> np.ndarray:
+            return _receptance(structure, n, lowest, by.tobytes(), response.tobytes())
+
+        x = -moved(structure.mesh) * self.force_lines[1:]
         for a, A in zip(self.directions, self.action_lines, strict=True):
-            x = x - structure.receptance(ω, a, response) * A[1:]
+            x = x - moved(a) * A[1:]
         for load in self.loads:
-            x = x + structure.receptance(ω, load.direction, response) * load.lines[1:]
+            x = x + moved(load.direction) * load.lines[1:]
         return 2 * x
 
 
@@ -177,16 +181,19 @@ class Balance:
         if n % 2:
             raise ParameterError(f"samples = {n} a period must be even")
         self.omega = contacts.omega
+        lowest, mesh = float(self.omega[1]), structure.mesh.tobytes()
         self.closing = _closing(n, period, τ)  # from the lines of d to those of d + τ·d'
-        self.inverse = _inverse(structure, n, period)
+        self.inverse = _inverse(structure, n, lowest)
+        self._split = _split(structure, n, period, lowest, τ)
         self.ratios = np.zeros((len(contacts.actions), self.omega.size), dtype=complex)
         for ratio, action in zip(self.ratios, contacts.actions, strict=True):
-            G = _receptance(structure, n, period, structure.mesh.tobytes())
-            ratio[:] = _spectrum(_receptance(structure, n, period, action.direction.tobytes()) / G)
+            G = _receptance(structure, n, lowest, mesh, mesh)
+            ratio[:] = _spectrum(_receptance(structure, n, lowest, action.direction.tobytes(), mesh) / G)
             ratio[0] = action.mean
         self.driven = np.zeros(self.omega.size, dtype=complex)
         for load in loads:
-            self.driven += _spectrum(_receptance(structure, n, period, load.direction.tobytes()) * load.lines[1:])
+            moved = _receptance(structure, n, lowest, load.direction.tobytes(), mesh)
+            self.driven += _spectrum(moved * load.lines[1:])
         self._side = contacts.side[:, None]
         self._open_by = contacts.separation + τ * contacts.separation_rate
         self._fastest = structure.modes[0].max() / self.omega[1]
@@ -199,7 +206,7 @@ class Balance:
         for weight, action in zip(weights, contacts.actions, strict=True):
             weight[:] = action.weight
         return CompiledBalance(
-            contacts.stiffness, self._open_by, contacts.side, weights, split(self.closing), split(self.inverse),
+            contacts.stiffness, self._open_by, contacts.side, weights, *self._split,
             split(self.ratios), split(self.driven), self.mean_force, self.rounding,
         )  # fmt: skip
 
@@ -326,17 +333,24 @@ def _closing(samples: int, period: float, damping_time: float) -> np.ndarray:
     return lines
 
 
-@lru_cache(maxsize=16)
-def _receptance(structure: Structure, samples: int, period: float, direction: bytes) -> np.ndarray:
-    """Of the mesh to a force along a direction, at the harmonics k ≥ 1 of a period."""
-    ω = 2 * pi / period * np.arange(1, samples // 2 + 1)
-    return structure.receptance(ω, np.frombuffer(direction), structure.mesh)
+@lru_cache(maxsize=64)
+def _receptance(structure: Structure, samples: int, lowest: float, force: bytes, response: bytes) -> np.ndarray:
+    """From a force along one direction to the response along another, at all harmonics of the lowest [rad/s]."""
+    ω = lowest * np.arange(1, samples // 2 + 1)
+    return structure.receptance(ω, np.frombuffer(force), np.frombuffer(response))
 
 
 @lru_cache(maxsize=16)
-def _inverse(structure: Structure, samples: int, period: float) -> np.ndarray:
+def _inverse(structure: Structure, samples: int, lowest: float) -> np.ndarray:
     """Lines of 1/G."""
-    return _spectrum(1 / _receptance(structure, samples, period, structure.mesh.tobytes()))
+    mesh = structure.mesh.tobytes()
+    return _spectrum(1 / _receptance(structure, samples, lowest, mesh, mesh))
+
+
+@lru_cache(maxsize=16)
+def _split(structure: Structure, samples: int, period: float, lowest: float, τ: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lines of 1 + iωτ and of 1/G as the kernels read them."""
+    return split(_closing(samples, period, τ)), split(_inverse(structure, samples, lowest))
 
 
 def _spectrum(values: np.ndarray) -> np.ndarray:

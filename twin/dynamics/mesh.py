@@ -14,7 +14,7 @@ Source   physics of the loaded spur mesh as in the paper's eqs 3–5, with e_t o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import pi
 
 import numpy as np
@@ -29,6 +29,7 @@ from twin.mesh.stiffness import PairStiffness
 from twin.wear.profile import WornProfile
 
 ROWS = (-1, 0, 1)  # tooth pairs that can touch at one instant, counted from the one nearest the pitch point
+SIDES = np.array([1.0] * len(ROWS) + [-1.0] * len(ROWS))  # of every contact: +1 drive flank, −1 back flank
 APART = 1.0  # gap of a pair that is out of reach [m]
 REACH = 1e-3  # corner contact farther apart than this never closes [m]
 
@@ -120,6 +121,12 @@ class PairMesh:
         """The same for the back flanks."""
         return self.stiffness(self.back_positions), *self.corner(self.back_positions)
 
+    @cached_property
+    def _gaps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gap [m] of every contact of unworn teeth, drive flanks first, and its slope along s (6, n)."""
+        (_, gap, slope), (_, gap_b, slope_b) = self.drive_tables, self.back_tables
+        return np.concatenate((gap, gap_b + self.pair.backlash)), np.concatenate((slope, -slope_b))
+
     def contacts(
         self,
         profile: WornProfile,
@@ -135,14 +142,23 @@ class PairMesh:
         if not pinion_speed_hz > 0:
             raise ParameterError(f"pinion_speed_hz = {pinion_speed_hz:g} Hz must be positive")
         speed = 2 * pi * pinion_speed_hz * self.pair.base_radius[0]  # s' [m/s]
-        k, gap, slope = self.drive_tables
+        gap, slope = (table.copy() for table in self._gaps)
         worn, worn_slope = profile.at(self.positions)
-        k_b, gap_b, slope_b = self.back_tables
+        gap[: len(ROWS)] += worn
+        slope[: len(ROWS)] += worn_slope
         return Contacts(
-            stiffness=stiffness_scale * np.concatenate((k, k_b)),
-            separation=-np.concatenate((gap + worn, gap_b + self.pair.backlash)),
-            separation_rate=-speed * np.concatenate((slope + worn_slope, -slope_b)),
-            side=np.array([1.0] * len(ROWS) + [-1.0] * len(ROWS)),
+            stiffness=_stiffness(self, stiffness_scale),
+            separation=np.negative(gap, out=gap),
+            separation_rate=np.multiply(slope, -speed, out=slope),
+            side=SIDES,
             damping_time=damping_time,
             period=self.pair.base_pitch / speed,
         )
+
+
+@lru_cache(maxsize=16)
+def _stiffness(mesh: PairMesh, scale: float) -> np.ndarray:
+    """Of every contact, drive flanks first (6, n) [N/m]; read-only, since the contacts of all profiles share it."""
+    table = scale * np.concatenate((mesh.drive_tables[0], mesh.back_tables[0]))
+    table.flags.writeable = False
+    return table

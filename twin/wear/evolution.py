@@ -23,7 +23,7 @@ Source   E. Hairer, S. P. Nørsett, G. Wanner, Solving Ordinary Differential Equ
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from twin.dynamics.harmonic_balance import SteadyState
 from twin.dynamics.mesh import PairMesh
@@ -49,6 +49,12 @@ class WearPoint:
 def step_size(depth: float, largest: float) -> float:
     """Depth of the next step [m]: 0.2 µm at first, a tenth of what is worn later, never above `largest`."""
     return min(max(0.2e-6, 0.1 * depth), largest)
+
+
+def _further(before: SteadyState, now: SteadyState, ratio: float) -> SteadyState:
+    """The present state with the motion to which the change since an earlier one leads, so many times as far on."""
+    changed = (now.deflection - now.quasi_static) - (before.deflection - before.quasi_static)
+    return replace(now, deflection=now.deflection + ratio * changed)
 
 
 def stable_step(mesh: PairMesh, mean_force: float) -> float:
@@ -82,6 +88,8 @@ def evolve(
         raise ParameterError(f"largest_step = {largest_step:g} m is outside (0, 1e-4); micrometres?")
     work, profile, slices = 0.0, start, len(start.slices)
     steady = solver(profile, None).require_converged()
+    before: SteadyState | None = None
+    taken = 0.0
     largest = min(largest_step, stable_step(mesh, float(steady.force_lines[0].real)))
     while True:
         yield WearPoint(work=work, profile=profile, steady=steady)
@@ -91,8 +99,9 @@ def evolve(
         longest = min(largest, law.longest_step(profile.max_depth))
         dx = min(step(profile.max_depth, longest), longest) / float(rate[..., profile.on_active].max())
         between = profile.worn_by(0.5 * dx * rate)
-        halfway = solver(between, steady).require_converged()
+        near = steady if before is None else _further(before, steady, dx / taken)
+        halfway = solver(between, near).require_converged()
         work_there = wear_per_revolution(mesh, halfway.contact_forces, half_width, slices)
         grown = dx * law.rate(work_there, between.depth)
         work, profile = work + dx, profile.worn_by(grown)
-        steady = solver(profile, halfway).require_converged()
+        steady, before, taken = solver(profile, _further(steady, halfway, 1.0)).require_converged(), halfway, dx
