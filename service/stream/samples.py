@@ -139,14 +139,17 @@ def _drop_unusable(
     label: str, values: np.ndarray, holes: int, limits: tuple[float, float], unit: str, faults: list[Fault]
 ) -> int:
     """Makes NaN of what cannot have been measured; how many samples that concerns, beside the holes."""
-    finite = np.isfinite(values)
     low, high = limits
-    outside = finite & ((values < low) | (values > high))
-    values[~finite | outside] = np.nan
+    bad = beyond = 0
+    if not (values.min() >= low and values.max() <= high):  # or one is not a number
+        finite = np.isfinite(values)
+        outside = finite & ((values < low) | (values > high))
+        values[~finite | outside] = np.nan
+        bad, beyond = int(np.count_nonzero(~finite)) - holes, int(np.count_nonzero(outside))
     spiked = spikes(values)
-    values[spiked] = np.nan
-    bad = int(np.count_nonzero(~finite)) - holes
-    beyond, single = int(np.count_nonzero(outside)), int(np.count_nonzero(spiked))
+    single = int(np.count_nonzero(spiked))
+    if single:
+        values[spiked] = np.nan
     for kind, count, detail in (
         ("nan", bad, "samples not finite"),
         ("out_of_range", beyond, f"samples outside [{low:g}, {high:g}] {unit}, which the sensor cannot measure"),
@@ -178,7 +181,8 @@ def _note_gaps(
 
 def _note_dead_or_clipped(label: str, kind: ChannelKind, values: np.ndarray, faults: list[Fault]) -> None:
     """A record without any variation, and extreme values that repeat: the sensor or its converter was at its end."""
-    finite = values[np.isfinite(values)]
+    known = np.isfinite(values)
+    finite = values if known.all() else values[known]
     if finite.size < 2 * _FLAT_RUN:
         return
     low, high = finite.min(), finite.max()
@@ -202,12 +206,13 @@ def samples_at_end_of_range(finite: np.ndarray, sign: int) -> int:
     The tail of a vibration thins out towards its extreme. A clipped one ends in a level that holds far more samples
     than the level before it, or stays there for several samples in a row.
     """
-    signed = sign * finite
-    extreme = signed.max()
-    at = signed == extreme
-    count = int(at.sum())
-    before = signed[~at].max(initial=-np.inf)
-    piled = count >= _PILE and count > _PILE * int((signed == before).sum())
+    at = finite == (finite.max() if sign > 0 else finite.min())
+    count = int(np.count_nonzero(at))
+    if count < min(_PILE, _FLAT_RUN):
+        return 0
+    others = finite[~at]
+    before = others.max(initial=-np.inf) if sign > 0 else others.min(initial=np.inf)
+    piled = count >= _PILE and count > _PILE * int(np.count_nonzero(finite == before))
     return count if piled or _in_runs(at) else 0
 
 

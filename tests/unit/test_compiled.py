@@ -221,3 +221,21 @@ def test_a_load_that_nothing_answers_changes_nothing():
     plain = solve(twin.structure, table, twin.mean_force(TEN))
     loaded = solve(twin.structure, table, twin.mean_force(TEN), loads=(silent,))
     assert np.array_equal(plain.deflection, loaded.deflection)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 16, 1000, 65537, 100_000])
+@pytest.mark.parametrize("digits", [1, 3, 15])
+def test_the_middle_of_a_record_is_that_of_numpy(count, digits):
+    values = np.round(RNG.standard_normal(count) * 10.0 ** RNG.integers(-3, 4), digits)
+    values[RNG.random(count) < 0.1] = RNG.choice([np.nan, np.inf, -np.inf, 0.0, -0.0])
+    found, finite = compiled.middle(values), values[np.isfinite(values)]
+    assert found.finite == finite.size
+    if finite.size:
+        distance = np.abs(finite - np.median(finite))
+        assert tuple(found)[1:] == (finite.min(), finite.max(), np.median(finite), np.median(distance))
+    else:
+        assert np.isnan(found[1:]).all()
+
+
+def test_a_record_of_nothing_has_no_middle():
+    assert compiled.middle(np.empty(0)).finite == 0

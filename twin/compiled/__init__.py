@@ -1,7 +1,7 @@
 """The compiled kernels of the twin, written in C (`source/`), called on numpy arrays.
 
 They are compiled when the package is installed (`setup.py`) and loaded here. What they compute is stated where they are
-used: twin/dynamics (balance, contact loss, integrator, stability) and twin/wear (profiles).
+used: twin/dynamics (balance, contact loss, integrator, stability), twin/wear (profiles) and twin/features (despike).
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ def _load() -> ctypes.CDLL:
     library.integrate.argtypes = [POINTER(_Motion), count, count, *[doubles] * 6]
     library.monodromy.argtypes = [count, count, count, doubles, doubles, doubles, c_double, doubles]
     library.spline.argtypes = [count, count, c_double, c_double, doubles, count, doubles, doubles, doubles]
+    library.middle.argtypes, library.middle.restype = [count, doubles, doubles], c_int64
     library.averages.argtypes = [count, doubles, count, doubles, count, doubles]
     for name in (
         "to_lines",
@@ -327,3 +328,22 @@ def averages(values: np.ndarray, weights: np.ndarray, stride: int) -> np.ndarray
         raise ParameterError(f"{w.size} weights have no middle: an odd number is needed")
     _kernels.averages(x.size, _at(x), w.size // 2, _at(w), stride, _at(out))
     return out
+
+
+class Middle(NamedTuple):
+    """Of the finite ones among some values: how many they are, and their order statistics; NaN where there are none."""
+
+    finite: int
+    low: float
+    high: float
+    median: float
+    deviation: float  # median distance from the median
+
+
+def middle(values: np.ndarray) -> Middle:
+    """Extremes, median and median distance from the median of the finite ones among values (n,)."""
+    x, out = _given(values, None), np.empty(4)
+    finite = _kernels.middle(x.size, _at(x), _at(out))
+    if finite < 0:
+        raise MemoryError("no memory for the compiled kernels")
+    return Middle(finite, *(out.tolist() if finite else 4 * [float("nan")]))

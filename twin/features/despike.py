@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.compiled import middle
 from twin.thresholds import deciding
 
 FEWEST = 16  # finite samples from which a scale can be told
@@ -51,15 +52,17 @@ DEFAULT = SpikeThresholds()
 def spikes(values: np.ndarray, thresholds: SpikeThresholds = DEFAULT) -> np.ndarray:
     """Which samples are spikes; values (n,), NaN where missing → (n,) bool."""
     found = np.zeros(values.size, dtype=bool)
-    finite = np.isfinite(values)
-    if np.count_nonzero(finite) < FEWEST:
+    record = middle(values)
+    if record.finite < FEWEST:
         return found
-    distance = np.abs(values - np.median(values[finite]))
-    scale = 1.4826 * float(np.median(distance[finite]))
+    scale = 1.4826 * record.deviation
     if scale == 0:  # most samples are equal: steps of the converter are no spikes
-        steps = np.diff(np.unique(values[finite]))
+        steps = np.diff(np.unique(values[np.isfinite(values)]))
         scale = float(steps.min()) if steps.size else 0.0
-    distance[~finite] = 0.0
+    if max(record.high - record.median, record.median - record.low) <= thresholds.deviations * scale:
+        return found
+    distance = np.abs(values - record.median)
+    distance[~np.isfinite(values)] = 0.0
     places = np.flatnonzero(distance > thresholds.deviations * scale)
     for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
         if 0 < run.size <= thresholds.longest:
