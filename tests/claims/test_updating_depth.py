@@ -137,5 +137,7 @@ def test_standard_deviation_of_lines_that_say_nothing_is_infinite_not_a_crash():
         lines=np.zeros(HARMONICS, dtype=complex), from_unworn=True, lines_std=np.full(HARMONICS, 1e-9),
         mean=None, mean_std=float("nan"), phase=None, phase_std=3.0,
     )  # fmt: skip
-    found = estimate_depth(still, lambda d: (np.zeros(HARMONICS, dtype=complex), 0.0), 0.0, DEEPEST)
+    found = estimate_depth(
+        still, lambda d: (np.zeros((d.size, HARMONICS), dtype=complex), np.zeros(d.size)), 0.0, DEEPEST
+    )
     assert found.std == float("inf")

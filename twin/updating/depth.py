@@ -113,28 +113,33 @@ class DepthEstimate:
     band: tuple[float, float] | None = None  # 5 and 95 % [m] where they do not follow from the standard deviation
 
 
-Response = Callable[[float], tuple[np.ndarray, float]]  # depth → m_k, less m_k(0) if from unworn, (HARMONICS,); m_0
+Response = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Depths (m,) → m_k, less m_k(0) if from unworn (m, HARMONICS), and m_0 (m,)."""
 
 
 def best_phase(model: np.ndarray, gauge: Gauge, weight: np.ndarray) -> float:
-    """ψ that fits the lines at a given depth: a scan, then Newton steps, prior included."""
-    k = np.arange(1, model.size + 1)
-    product = np.conj(model) * gauge.lines * weight
+    """ψ that fits the lines at a given depth, prior included; model and weight (HARMONICS,)."""
+    return float(_best_phases(model[None], gauge, weight[None])[0])
+
+
+def _best_phases(models: np.ndarray, gauge: Gauge, weights: np.ndarray) -> np.ndarray:
+    """ψ that fits the lines at each of m depths: a scan, then Newton steps; both (m, HARMONICS) → (m,)."""
+    k = np.arange(1, models.shape[1] + 1)
+    products = np.conj(models) * gauge.lines * weights
     prior = np.zeros_like(PHASES)
     if gauge.phase is not None:
         prior = 0.5 * (_wrap(PHASES - gauge.phase) / gauge.phase_std) ** 2
-    cost = -(TURNS @ product).real + prior
-    ψ = float(PHASES[np.argmin(cost)])
+    ψ = PHASES[np.argmin(prior - (products @ TURNS.T).real, axis=1)]
+    going = np.ones(ψ.size, dtype=bool)
     for _ in range(6):
-        turned = np.exp(-1j * k * ψ) * product
-        gradient, curvature = -float((k * turned).imag.sum()), float((k**2 * turned).real.sum())
+        turned = np.exp(-1j * k * ψ[:, None]) * products
+        gradient, curvature = -(k * turned).imag.sum(axis=1), (k**2 * turned).real.sum(axis=1)
         if gauge.phase is not None:
-            gradient += float(_wrap(ψ - gauge.phase)) / gauge.phase_std**2
+            gradient += _wrap(ψ - gauge.phase) / gauge.phase_std**2
             curvature += 1 / gauge.phase_std**2
-        if curvature <= 0:
-            break
-        ψ -= min(max(gradient / curvature, -0.05), 0.05)
-    return float(_wrap(ψ))
+        going &= curvature > 0
+        ψ = np.where(going, ψ - np.clip(gradient / np.where(going, curvature, 1.0), -0.05, 0.05), ψ)
+    return _wrap(ψ)
 
 
 def _wrap(angle):
@@ -142,26 +147,33 @@ def _wrap(angle):
     return -(((-np.asarray(angle)) + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _misfit(depth: float, gauge: Gauge, response: Response) -> tuple[float, float, float]:
-    """2·J of the lines, what the mean adds to it, and the phase, at a depth [m]."""
-    model, mean = response(depth)
-    σ2 = (gauge.scatter * np.abs(model)) ** 2 + gauge.lines_std**2 + DEPTH.floor**2
-    ψ = best_phase(model, gauge, 1 / σ2)
-    k = np.arange(1, model.size + 1)
-    J = float((np.abs(np.exp(1j * k * ψ) * model - gauge.lines) ** 2 / σ2).sum() + np.log(σ2).sum())
+def _misfits(depths: np.ndarray, gauge: Gauge, response: Response) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """2·J of the lines, what the mean adds to it, and the phase, at depths (m,) [m]; (m,) each."""
+    models, means = response(depths)
+    σ2 = (gauge.scatter * np.abs(models)) ** 2 + gauge.lines_std**2 + DEPTH.floor**2
+    ψ = _best_phases(models, gauge, 1 / σ2)
+    k = np.arange(1, models.shape[1] + 1)
+    left = np.abs(np.exp(1j * k * ψ[:, None]) * models - gauge.lines) ** 2 / σ2
+    J = left.sum(axis=1) + np.log(σ2).sum(axis=1)
     if gauge.phase is not None:
-        J += float(_wrap(ψ - gauge.phase) / gauge.phase_std) ** 2
-    added = 0.0 if gauge.mean is None else ((mean - gauge.mean) / gauge.mean_std) ** 2
+        J += (_wrap(ψ - gauge.phase) / gauge.phase_std) ** 2
+    added = np.zeros_like(means) if gauge.mean is None else ((means - gauge.mean) / gauge.mean_std) ** 2
     return J, added, ψ
+
+
+def _misfit(depth: float, gauge: Gauge, response: Response) -> tuple[float, float, float]:
+    """The same at one depth [m]."""
+    J, added, ψ = _misfits(np.array([depth]), gauge, response)
+    return float(J[0]), float(added[0]), float(ψ[0])
 
 
 def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest: float) -> DepthEstimate:
     """The depth between two bounds [m] that explains the gauge best, by a scan and Brent's method."""
     grid = shallowest + (deepest - shallowest) * np.linspace(0, 1, SCANNED) ** 1.5
-    scanned = np.array([_misfit(d, gauge, response)[:2] for d in grid])
+    by_lines, by_mean, _ = _misfits(grid, gauge, response)
 
     def best(mean_weight: float) -> float:
-        i = int(np.argmin(scanned[:, 0] + mean_weight * scanned[:, 1]))
+        i = int(np.argmin(by_lines + mean_weight * by_mean))
         low, high = grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]
 
         def cost(d: float) -> float:
@@ -175,11 +187,9 @@ def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest:
     lines, mean, ψ = _misfit(depth, gauge, response)
     J = lines + mean
     step = max(0.02 * depth, 0.3e-6)
-    up, mean_up = response(min(depth + step, deepest))
-    down, mean_down = response(max(depth - step, shallowest))
-    width = min(depth + step, deepest) - max(depth - step, shallowest)
-    slope, mean_slope = (up - down) / width, (mean_up - mean_down) / width
-    model, _ = response(depth)
+    high, low = min(depth + step, deepest), max(depth - step, shallowest)
+    (up, down, model), (mean_up, mean_down, _) = response(np.array([high, low, depth]))
+    slope, mean_slope = (up - down) / (high - low), float(mean_up - mean_down) / (high - low)
     noise2 = gauge.lines_std**2
     σ2 = (gauge.scatter * np.abs(model)) ** 2 + noise2 + DEPTH.floor**2
     information = float((np.abs(slope) ** 2 / σ2).sum())

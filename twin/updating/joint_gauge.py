@@ -266,15 +266,14 @@ def _observed(gauge: Gauge, own: Own, depths: np.ndarray) -> tuple[np.ndarray, n
     H[:, :HARMONICS, :HARMONICS] = np.eye(HARMONICS)
     H[:, -1, ZERO], H[:, -1, COMPLIANCE] = 1.0, own.load / UNIT
     size, noise = np.hypot(np.abs(gauge.lines), DEPTH.floor), np.hypot(gauge.lines_std, DEPTH.floor)
-    _, mean_before = own.response(float(depths[0]))
     deviations = 0.0 if gauge.from_unworn else JOINT.unworn_teeth * own.unworn
-    for i, d in enumerate(depths):
-        model, mean = own.response(float(d))
-        m = np.hypot(np.abs(model), DEPTH.floor)  # a line below the floor says nothing of its size
-        z[i, :-1] = np.log(size / m)
-        R[i, :-1] = (noise**2 + deviations**2) / m**2 + gauge.scatter**2
-        z[i, -1] = 0.0 if gauge.mean is None else (gauge.mean - mean) / UNIT
-        H[i, -1, GROWTH] = (mean - mean_before) / UNIT
+    models, means = own.response(depths)
+    m = np.hypot(np.abs(models), DEPTH.floor)  # a line below the floor says nothing of its size
+    z[:, :-1] = np.log(size / m)
+    R[:, :-1] = (noise**2 + deviations**2) / m**2 + gauge.scatter**2
+    if gauge.mean is not None:
+        z[:, -1] = (gauge.mean - means) / UNIT
+    H[:, -1, GROWTH] = (means - means[0]) / UNIT
     R[:, -1] = (gauge.mean_std / UNIT) ** 2
     return z, H, R
 
@@ -284,7 +283,7 @@ def _summary(gauge: Gauge, response: Response, depths: np.ndarray, p: np.ndarray
     low, median, high = (_quantile(depths, p, q) for q in (0.05, 0.5, 0.95))
     wider = float(np.sqrt(max(misfit, 1.0)))
     low, high = median - wider * (median - low), median + wider * (high - median)
-    model, _ = response(median)
+    (model,), _ = response(np.array([median]))
     std = float(np.hypot(max(high - median, median - low) / Z95, DEPTH.floor))
     shape = DEPTH.shape_scatter * median**2
     density = p / np.gradient(depths) if depths.size > 1 else p

@@ -178,12 +178,13 @@ def _response(expectation: Expectation, gauge: Gauge, new: np.ndarray, mean: flo
     """
     start = expectation.curve.start_depth
 
-    def response(depth: float) -> tuple[np.ndarray, float]:
-        if depth >= start:
-            return expectation.gauge(depth, gauge.pinion_only, gauge.from_unworn)
-        lines, at_start = expectation.gauge(start, gauge.pinion_only, gauge.from_unworn)
-        share = depth / start
+    def response(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        lines, means = expectation.gauge(np.maximum(depths, start), gauge.pinion_only, gauge.from_unworn)
+        early = depths < start
+        share = depths[early] / start
         before = 0.0 if gauge.from_unworn else new
-        return before + share * (lines - before), mean + share * (at_start - mean)
+        lines[early] = before + share[:, None] * (lines[early] - before)
+        means[early] = mean + share * (means[early] - mean)
+        return lines, means
 
     return response

@@ -127,22 +127,19 @@ class Expectation:
             acceleration=base.acceleration * ratio.acceleration,
         )
 
-    def gauge(self, depth: float, pinion_only: bool, from_unworn: bool) -> tuple[np.ndarray, float]:
-        """The lines that the encoders see at a depth [m], or what wear changed of them, and the mean [m]."""
-        base, ratio = self.curve.lines_at(depth), self.ratio
-        if from_unworn and self.unworn is not None:
-            both = self.lines(depth), self.unworn
-            now, new = (x.pinion_motion if pinion_only else x.transmission_error for x in both)
-            return (now - new)[:HARMONICS], both[0].mean
-        start = self.curve.lines_at(0.0) if from_unworn else None
-        if pinion_only:
-            seen, scale = base.pinion_motion, ratio.pinion_motion
-            before = None if start is None else start.pinion_motion
-        else:
-            seen, scale = base.transmission_error, ratio.transmission_error
-            before = None if start is None else start.transmission_error
-        changed = seen * scale if before is None else seen * scale - before * scale
-        return changed[:HARMONICS], base.mean + ratio.mean
+    def gauge(self, depths: np.ndarray, pinion_only: bool, from_unworn: bool) -> tuple[np.ndarray, np.ndarray]:
+        """The lines that the encoders see at depths (m,) [m], or what wear changed of them (m, HARMONICS), and the mean
+        (m,) [m]."""
+        quantity = "pinion_motion" if pinion_only else "transmission_error"
+        scale = getattr(self.ratio, quantity)
+        base, mean = self.curve.over(depths, quantity, "mean")
+        seen = base * scale
+        if from_unworn:
+            new = self.unworn
+            seen = seen - (
+                self.curve.over(np.zeros(1), quantity)[0][0] * scale if new is None else getattr(new, quantity)
+            )
+        return seen[:, :HARMONICS], mean + self.ratio.mean
 
 
 def band_rms(lines: np.ndarray, frequencies: np.ndarray, band: tuple[float, float], noise: float) -> float:

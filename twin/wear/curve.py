@@ -173,3 +173,15 @@ class MasterCurve:
             pinion_motion=(1 - t) * a.pinion_motion + t * b.pinion_motion,
             acceleration=(1 - t) * a.acceleration + t * b.acceleration,
         )
+
+    def over(self, depths: np.ndarray, *quantities: str) -> list[np.ndarray]:
+        """Quantities of `lines_at` at several depths (m,) [m]: (m, LINES) each, or (m,) of the mean."""
+        self.path.reach(float(depths.max()))
+        known = self.depth
+        if known.size == 1:
+            return [np.repeat(self.path.table(quantity), depths.size, axis=0) for quantity in quantities]
+        i = np.clip(np.searchsorted(known, depths) - 1, 0, known.size - 2)
+        t = np.clip((depths - known[i]) / (known[i + 1] - known[i]), 0.0, 1.0)
+        tables = [self.path.table(quantity) for quantity in quantities]
+        shares = [t if table.ndim == 1 else t[:, None] for table in tables]
+        return [(1 - s) * table[i] + s * table[i + 1] for s, table in zip(shares, tables, strict=True)]

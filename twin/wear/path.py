@@ -72,6 +72,7 @@ class WearPath:
         self._work: list[float] = []
         self._arrays = np.empty(0), np.empty(0)
         self._last: WearPoint | None = None
+        self._tables: dict[str, np.ndarray] = {}
         self._splines: dict[tuple[int, int], CubicSpline] = {}
         self._source: Iterator[WearPoint] = evolve(
             model.mesh,
@@ -129,16 +130,24 @@ class WearPath:
             self._arrays = np.array(self._depth), np.array(self._work)
         return self._arrays
 
+    def table(self, quantity: str) -> np.ndarray:
+        """One quantity of `MeshLines` at all points computed so far, (m, LINES) or, of the mean, (m,)."""
+        kept = self._tables.get(quantity)
+        if kept is None or len(kept) != len(self.lines):
+            kept = self._tables[quantity] = np.array([getattr(lines, quantity) for lines in self.lines])
+        return kept
+
     @property
     def nbytes(self) -> int:
         """Memory of the points computed so far, of the splines through them and of the states to go on from [bytes]."""
         lines = 3 * LINES * 16
         points = len(self._depth) * (self.profiles[0].nbytes + lines + 64)
+        tables = sum(table.nbytes for table in self._tables.values())
         splines = sum(spline.c.nbytes + spline.x.nbytes for spline in self._splines.values())
         states = (
             0 if self._last is None else STATES * self._last.steady.nbytes + PROFILES * self._last.profile.depth.nbytes
         )
-        return points + splines + states
+        return points + tables + splines + states
 
     @property
     def final_rate(self) -> np.ndarray:
