@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 WORKERS ?= 2
 ARGS ?=
 
-.PHONY: help install install-dev install-formats install-plant demo serve test test-slow test-all chaos bench figures evaluate check format site lint-docker sbom audit lock clean
+.PHONY: help install install-dev install-formats install-plant demo serve test test-slow test-all chaos bench peers figures evaluate check format site lint-docker sbom audit lock clean
 
 help:
 	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
@@ -19,6 +19,7 @@ help:
 	@echo 'make test         the test suite; test-slow: the longer proofs; test-all: both'
 	@echo 'make chaos        faults and attacks drawn from seeds (ARGS="--count N --seed S": how many, which)'
 	@echo 'make bench        all benchmarks, with their aims'
+	@echo 'make peers        gear-twin and its peers (exudyn, ROSS, ProgPy, scipy, mcap) on the same problems'
 	@echo 'make evaluate     campaigns with undeclared effects: named, and errors before and after (ARGS=--help: options)'
 	@echo 'make figures      writes the tables of figures in README and docs anew (ARGS=PART: one of them)'
 	@echo 'make check        ruff and mypy; format: put the code in form; lint-docker: the Dockerfile'
@@ -86,6 +87,9 @@ chaos: install-dev
 
 bench: install-dev
 	$(BIN)/python -m benchmarks $(ARGS)
+
+peers: install-dev
+	$(BIN)/python -m benchmarks.peers $(ARGS)
 
 figures: install-dev
 	$(BIN)/python -m benchmarks.figures $(ARGS)

@@ -1,0 +1,1 @@
+"""gear-twin and its peers, side by side in one run."""
