@@ -18,7 +18,7 @@ REQUIREMENTS: Mapping[str, tuple[str, ...]] = {
     "exudyn": ("exudyn==1.13.6", "numba==0.68.1", "numpy==2.4.6"),
     "mcap": ("mcap==1.6.0", "numpy==2.4.6", "protobuf==7.36.2"),
     "progpy": ("progpy==1.9.0", "numpy==2.4.6", "scipy==1.17.1"),
-    "ross": ("ross-rotordynamics==2.3.0", "plotly<6"),
+    "ross": ("ross-rotordynamics==2.3.0", "numba==0.68.1", "numpy==2.4.6", "plotly==5.24.1", "scipy==1.17.1"),
     "scipy": ("numpy==2.4.6", "scipy==1.17.1"),
 }
 MADE_FROM = "made-from.txt"
@@ -51,7 +51,7 @@ def run_quietly(command: Sequence[str]) -> None:
 def python_of(name: str, folder: Path, run: Run = run_quietly) -> Path:
     """The interpreter of a peer's environment, which is made if need be; Unavailable where that fails."""
     home, requirements = folder / name, REQUIREMENTS[name]
-    python = home / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    python = home / "bin" / "python"
     made_from = "\n".join((f"python {sys.version_info.major}.{sys.version_info.minor}", *requirements, ""))
     kept = home / MADE_FROM
     if python.exists() and kept.is_file() and kept.read_text(encoding="utf-8") == made_from:

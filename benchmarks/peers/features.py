@@ -90,8 +90,8 @@ def agreement(own: WindowFeatures, name: str) -> Callable[[Mapping[str, Any]], s
 def rows(ask: Ask, folder: Path) -> list[Row]:
     rig, window = taken(folder)
     answer = ask("scipy", "features", problem(folder, rig, window))
-    all_of_them = shortest(lambda: extract(rig, window), times=10)
-    alone = shortest(lambda: same_alone(rig, window), times=10)
+    all_of_them = shortest(lambda: extract(rig, window))
+    alone = shortest(lambda: same_alone(rig, window))
     own = extract(rig, window)
     shown = (
         ("all features; four by hand", all_of_them, "cubic"),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from benchmarks.peers.asking import Answer
@@ -63,6 +63,16 @@ def row(what: str, own: float, answer: Answer, time: str, check: Callable[[Mappi
     if answer.missing:
         return Row(what=what, peer=answer.peer, own=own, theirs=None, check=f"not available: {answer.missing}")
     return Row(what=what, peer=answer.peer, own=own, theirs=answer.times[time], check=check(answer.values))
+
+
+def quickest(rounds: Sequence[Sequence[Row]]) -> list[Row]:
+    """The rows with the shortest times of both sides over several rounds of the same rows."""
+
+    def of_one(same: tuple[Row, ...]) -> Row:
+        theirs = [row.theirs for row in same if row.theirs is not None]
+        return replace(same[-1], own=min(row.own for row in same), theirs=min(theirs, default=None))
+
+    return [of_one(same) for same in zip(*rounds, strict=True)]
 
 
 def table(rows: Iterable[Row]) -> str:

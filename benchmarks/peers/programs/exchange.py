@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+LEAST = 0.5  # measured at least, all calls together: the shortest of many is that of a quiet moment [s]
 Found = tuple[dict[str, float], dict[str, Any]]  # times [s] and values, by name
 
 
@@ -33,31 +34,31 @@ def read_problem(path: str | Path) -> dict[str, Any]:
 
 
 def shortest(run: Callable[[], object], times: int = 5, count: int = 1) -> float:
-    """Shortest processor time of one call [s], of `times` measurements of `count` calls, after one to warm up."""
-    run()
-    best = float("inf")
-    for _ in range(times):
-        begun = process_time()
+    """Shortest processor time of one call [s], of at least `times` measurements of `count` calls, after one call."""
+
+    def several(nothing: None) -> None:
         for _ in range(count):
             run()
-        best = min(best, process_time() - begun)
-    return best / count
+
+    return shortest_after(lambda: None, several, times) / count
 
 
 def shortest_after(prepare: Callable[[], Any], run: Callable[[Any], object], times: int = 5) -> float:
     """The same of a call with something that is prepared anew for each, outside of the time."""
-    best = float("inf")
-    for _ in range(times + 1):
+    run(prepare())
+    best, done, spent = float("inf"), 0, 0.0
+    while done < times or spent < LEAST:
         given = prepare()
         begun = process_time()
         run(given)
-        best = min(best, process_time() - begun)
+        taken = process_time() - begun
+        best, done, spent = min(best, taken), done + 1, spent + taken
     return best
 
 
-def per_step(run: Callable[[int], object], short: int, long: int, times: int = 15) -> float:
+def per_step(run: Callable[[int], object], short: int, long: int) -> float:
     """Processor time of one step [s]: what a longer run takes beyond a shorter one, so that no set-up counts."""
-    return (shortest(lambda: run(long), times) - shortest(lambda: run(short), times)) / (long - short)
+    return (shortest(lambda: run(long)) - shortest(lambda: run(short))) / (long - short)
 
 
 def serve(package: str, tasks: Mapping[str, Callable[[dict[str, Any]], Found]]) -> None:

@@ -73,7 +73,7 @@ def life(problem: dict[str, Any]) -> Found:
     times = {
         "steps": shortest(lambda: predicted("steps", median / 60), times=3),
         "one_step": shortest(lambda: predicted("one_step", lambda t, x: (to_go - x["x"]) / x["k"] * (1 + 1e-12))),
-        "direct": shortest(at_once, times=20),
+        "direct": shortest(at_once),
     }
     return times, lives
 
@@ -109,7 +109,7 @@ def filters(problem: dict[str, Any]) -> Found:
         ("unscented", lambda: gaussian(UnscentedKalmanFilter)),
         ("particles", particles),
     ):
-        times[name] = shortest_after(begin, followed, times=10) / len(revolutions)
+        times[name] = shortest_after(begin, followed) / len(revolutions)
         mean = followed(begin()).x.mean
         values[name] = [float(mean["x"]), float(mean["k"])]
     return times, values

@@ -81,7 +81,7 @@ def both(problem: dict[str, Any]) -> Found:
         ("cubic_all", CubicSpline, 1),
         ("linear", straight, a_turn),
     ):
-        times[name] = shortest(lambda by=by, every=every: features(problem, by, every), times=10)  # type: ignore[misc]
+        times[name] = shortest(lambda by=by, every=every: features(problem, by, every))  # type: ignore[misc]
         found = features(problem, by, every)
         values[name] = {key: found[key] for key in ("rms", "acceleration", "transmission_error")}
     return times, values
