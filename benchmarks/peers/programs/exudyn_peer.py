@@ -2,7 +2,7 @@
 
 The coordinates are the modes of the model without its mesh, with sparse stiffness and damping, but for one, which is
 the mesh deflection. The contacts are then one connector on one coordinate, whose force is a user function of a few
-numbers; that is about ten times as fast as a function of all coordinates of the model. The function is written three
+numbers; that is about seven times as fast as a function of all coordinates of the model. The function is written three
 times: in Python, with its loop compiled by numba, and as a symbolic user function, which exudyn evaluates in C++ and
 which holds the tables as a tree of conditions. The module is the one without range checks and with AVX2; nothing is
 written to files; accelerations at the end of a step, which nobody reads, are not computed, and the constant mass matrix
