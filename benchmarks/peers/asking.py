@@ -7,7 +7,7 @@ import os
 import subprocess
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -32,15 +32,25 @@ Ask = Callable[[str, str, Path], Answer]  # peer, task, problem
 
 
 def ask_in(folder: Path) -> Ask:
-    """Asks peers whose environments are in a folder."""
-    return partial(_asked, folder)
+    """Asks peers whose environments are in a folder; one that cannot be had is tried once."""
 
+    @cache
+    def python(name: str) -> Path | str:
+        try:
+            return python_of(name, folder)
+        except Unavailable as why:
+            return str(why)
 
-def _asked(folder: Path, name: str, task: str, problem: Path) -> Answer:
-    try:
-        return answered(name, python_of(name, folder), task, problem)
-    except Unavailable as why:
-        return Answer(peer=name, missing=str(why))
+    def ask(name: str, task: str, problem: Path) -> Answer:
+        found = python(name)
+        if isinstance(found, str):
+            return Answer(peer=name, missing=found)
+        try:
+            return answered(name, found, task, problem)
+        except Unavailable as why:
+            return Answer(peer=name, missing=str(why))
+
+    return ask
 
 
 def answered(name: str, python: Path, task: str, problem: Path) -> Answer:
