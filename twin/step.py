@@ -18,7 +18,7 @@ from twin.capabilities.modelled import answer_of, recent_residuals, state_after
 from twin.encoder_pair.assessing import assess_pair
 from twin.errors import NotAvailable, WindowError
 from twin.fallen_count import with_count_checked
-from twin.features.extract import extract
+from twin.features.extract import WindowSignals, extract
 from twin.features.non_gear import non_gear_features
 from twin.features.window_features import WindowFeatures
 from twin.inspected import with_inspections
@@ -73,7 +73,8 @@ def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> 
 
 def _context(rig: Rig, state: State, window: Window, options: Options) -> Context:
     """The window's features; WindowError where it has neither a level nor a speed nor a pair in motion."""
-    count, features = counted(state.count, extract(rig, window))
+    signals = WindowSignals(rig, window)
+    count, features = counted(state.count, extract(rig, window, signals))
     pair = None if rig.has(*NEEDED) else assess_pair(rig, window, state.windows_seen)
     if features.rms is None and features.speed_hz is None and not isinstance(pair, EncoderPair):
         reasons = [*features.unavailable.values(), *([pair.reason] if isinstance(pair, Unavailable) else [])]
@@ -89,18 +90,20 @@ def _context(rig: Rig, state: State, window: Window, options: Options) -> Contex
         state=replace(state, running=marks),
         window=window,
         options=options,
-        input=_window_input(rig, state, window, features, options),
+        signals=signals,
+        input=_window_input(signals, state, features, options),
         pair=pair,
     )
 
 
-def _window_input(rig: Rig, state: State, window: Window, features: WindowFeatures, options: Options) -> WindowInput:
+def _window_input(signals: WindowSignals, state: State, features: WindowFeatures, options: Options) -> WindowInput:
+    rig, window = signals.rig, signals.window
     return WindowInput(
         index=state.windows_seen,
         features=features,
         level_fault=_fault_of(window, f"accel/{features.sensor}", LEVEL_FAULTS),
         torque_fault=_fault_of(window, "torque/pinion", TORQUE_FAULTS),
-        non_gear=non_gear_features(rig, window) if options.trace else None,
+        non_gear=non_gear_features(rig, window, signals=signals) if options.trace else None,
     )
 
 

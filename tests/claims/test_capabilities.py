@@ -10,7 +10,7 @@ from twin.assessment import LevelReading, Residual, Wear
 from twin.capabilities import CAPABILITIES, modelled
 from twin.capabilities.context import Context, carried_over
 from twin.errors import NotConverged
-from twin.features.extract import extract
+from twin.features.extract import WindowSignals, extract
 from twin.options import Options
 from twin.state import State
 from twin.step import step
@@ -20,9 +20,10 @@ STATE = State.from_dict(state_v1("unsw-short"))
 
 
 def context(rig, window, state=STATE, **options):
-    features = extract(rig, window)
+    signals = WindowSignals(rig, window)
+    features = extract(rig, window, signals)
     return Context(
-        rig=rig, state=state, window=window, options=Options(**options),
+        rig=rig, state=state, window=window, options=Options(**options), signals=signals,
         input=WindowInput(index=state.windows_seen, features=features), pair=None,
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from service.files.import_recording import import_recording
 from service.stream.sources.mcap import read_windows
 from twin.errors import NotAvailable, ParameterError
-from twin.features.envelope import NearBin, kurtogram, modulations, strange_modulations, without_shaft_lines
+from twin.features.envelope import Carrier, NearBins, kurtogram, modulations, strange_modulations, without_shaft_lines
 from twin.features.extract import pinion_angle
 from twin.features.resample import AngleSignal, on_angle
 from twin.rig import Rig
@@ -86,7 +86,7 @@ def test_rate_and_its_uncertainty_are_those_of_the_scatter():
     for seed in range(30):
         rng = np.random.default_rng(seed)
         x = (1 + 0.3 * np.cos(2 * np.pi * 17.37 * t + seed)) * np.cos(2 * np.pi * 400.1 * t)
-        found = modulations(x + 0.3 * rng.standard_normal(t.size), 2000.0, (340.0, 460.0))
+        found = modulations(Carrier(x + 0.3 * rng.standard_normal(t.size), 2000.0), (340.0, 460.0))
         errors.append((found[0].rate - 17.37) / found[0].rate_std)
     assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.35  # 30 values: ± 13 %
     # |1 + m cos|² = 1 + m²/2 + 2m·cos + …
@@ -96,25 +96,33 @@ def test_rate_and_its_uncertainty_are_those_of_the_scatter():
 @pytest.mark.parametrize("n", [180, 4096, 50_021])
 def test_power_between_two_bins_is_that_of_the_whole_sum(n):
     rng, k = np.random.default_rng(n), np.arange(n)
-    for bin_ in (4, n // 7, n // 2 - 3):
-        x = rng.standard_normal(n) * np.hanning(n) + np.cos(2 * np.pi * (bin_ + 0.3) * k / n)
-        near = NearBin(x, np.exp(-2j * np.pi * k / n), bin_)
-        offsets = np.array([-1.0, -0.37, 0.0, 0.3, 1.0])
-        whole = np.abs(np.exp(-2j * np.pi * np.outer(bin_ + offsets, k) / n) @ x)
-        assert np.sqrt(near.power(offsets)) == pytest.approx(whole, abs=1e-9 * np.abs(x).sum())
+    bins = np.array([4, n // 7, n // 2 - 3])
+    x = rng.standard_normal(n) * np.hanning(n) + np.cos(2 * np.pi * (bins[1] + 0.3) * k / n)
+    offsets = np.array([[-1.0, -0.37, 0.0, 0.3, 1.0], [-0.9, 0.1, 0.2, 0.3, 0.4], [0.0, 0.5, 1.0, -0.5, -1.0]])
+    found = NearBins(x, bins).power(offsets)
+    for bin_, near, power in zip(bins, offsets, found, strict=True):
+        whole = np.abs(np.exp(-2j * np.pi * np.outer(bin_ + near, k) / n) @ x)
+        assert np.sqrt(power) == pytest.approx(whole, abs=1e-9 * np.abs(x).sum())
+
+
+def test_bands_as_narrow_as_asked_for_are_left_out_and_the_others_are_the_same():
+    x = np.random.default_rng(4).standard_normal(8192)
+    every, wide = kurtogram(x, PER_TURN), kurtogram(x, PER_TURN, wider_than=50.0)
+    assert wide == tuple(b for b in every if b.high - b.low > 50.0) and 0 < len(wide) < len(every)
+    assert kurtogram(x, PER_TURN, wider_than=1e4) == ()
 
 
 def test_modulations_by_a_shaft_carry_its_name():
     t = np.arange(20000) / 2000
     x = (1 + 0.3 * np.cos(2 * np.pi * 10 * t) + 0.2 * np.cos(2 * np.pi * 13.7 * t)) * np.cos(2 * np.pi * 400 * t)
     x += 0.1 * np.random.default_rng(0).standard_normal(t.size)
-    found = modulations(x, 2000.0, (340.0, 460.0), (("pinion", 10.0),))
+    found = modulations(Carrier(x, 2000.0), (340.0, 460.0), (("pinion", 10.0),))
     assert {round(m.rate, 1): m.shaft for m in found if m.over_floor > 1000} == {10.0: "pinion", 13.7: None}
 
 
 def test_what_cannot_be_is_refused():
     with pytest.raises(ParameterError, match="band"):
-        modulations(np.ones(1000), 1000.0, (400.0, 600.0))
+        modulations(Carrier(np.ones(1000), 1000.0), (400.0, 600.0))
     with pytest.raises(NotAvailable, match="kurtogram"):
         kurtogram(np.ones(100), 100.0, (10.0, 20.0))
 
@@ -129,7 +137,7 @@ def test_the_measured_rig_is_modulated_at_39_58_hz_round_its_mesh_line(shared, t
     rates, stds = [], []
     for sensor in ("ch01", "ch11", "ch14", "ch20"):
         s = window.accelerations[sensor]
-        found = modulations(s.values, s.rate, (646.6, 886.6), (("pinion", speed), ("gear", speed / 2)))
+        found = modulations(Carrier(s.values, s.rate), (646.6, 886.6), (("pinion", speed), ("gear", speed / 2)))
         line = min(found, key=lambda m: abs(m.rate - 39.58))
         assert line.shaft is None and line.false_alarm < 1e-6
         rates.append(line.rate)

@@ -3,13 +3,16 @@
 import json
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from twin.features.extract import extract
+from twin.errors import NotAvailable
+from twin.features.extract import WindowSignals, extract
 from twin.features.gaps import filled, taper
+from twin.features.non_gear import non_gear_features
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.windows import Edges, Samples, Window
@@ -176,3 +179,33 @@ def test_short_gaps_are_bridged_and_long_ones_and_ends_are_marked():
     weight = taper(usable, 2)
     assert weight[[0, 6, 7, 8]].tolist() == [0, 0, 0, 0]
     assert 0 < weight[5] < weight[4] <= 1 and 0 < weight[9] < 1
+
+
+def test_features_that_share_their_signals_are_those_of_each_alone(rig):
+    for one in (window(), window(encoders={})):
+        signals = WindowSignals(rig, one)
+        assert extract(rig, one, signals).to_dict() == extract(rig, one).to_dict()
+        shared, alone = non_gear_features(rig, one, signals=signals), non_gear_features(rig, one)
+        assert shared is not None and alone is not None and shared.to_dict() == alone.to_dict()
+
+
+def test_an_angle_that_is_not_known_is_sought_once(rig, monkeypatch):
+    asked = []
+
+    def refused(*given):
+        asked.append(given)
+        raise NotAvailable("no channel gives the angle")
+
+    monkeypatch.setattr("twin.features.extract.pinion_angle", refused)
+    signals = WindowSignals(rig, window())
+    assert extract(rig, window(), signals).unavailable["speed_hz"] == "no channel gives the angle"
+    assert non_gear_features(rig, window(), signals=signals) is None
+    assert len(asked) == 1
+
+
+def test_the_reference_accelerometer_alone_is_kept_on_angle(rig):
+    one = window()
+    two = replace(one, accelerations={**one.accelerations, "x": replace(one.accelerations["y6"])})
+    signals = WindowSignals(rig, two)
+    assert signals.on_angle("y6") is signals.on_angle("y6")
+    assert signals.on_angle("x") is not signals.on_angle("x")

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from twin.errors import NotAvailable, ParameterError
 from twin.features.noise_floor import exceedance, median_bias, noise_floor, power_spectrum, threshold
-from twin.features.orders import hann
+from twin.features.transforms import hann
 
 N = 16384
 

@@ -30,8 +30,8 @@ from twin.baseline.reading import HIGHEST, TURNS_PER_PERIOD, USABLE, common_peri
 from twin.baseline.spacing import Spacing, SpacingThresholds
 from twin.errors import WindowError
 from twin.features.angle import AngleTrack
-from twin.features.orders import hann
 from twin.features.resample import AngleSignal, on_angle, spline_response
+from twin.features.transforms import hann
 from twin.thresholds import deciding
 from twin.windows import Samples
 

@@ -24,8 +24,8 @@ from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack
 from twin.features.extract import pinion_angle
 from twin.features.mesh_speed import mesh_speed
-from twin.features.orders import hann
 from twin.features.resample import AngleSignal, on_angle, spline_response
+from twin.features.transforms import hann
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.windows import Window

@@ -23,8 +23,8 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from twin.baseline.reading import FLOOR_ORDERS, USABLE, common_period
 from twin.features.angle import AngleTrack
-from twin.features.orders import hann
 from twin.features.resample import on_angle
+from twin.features.transforms import hann
 from twin.thresholds import deciding
 from twin.windows import Samples
 

@@ -12,6 +12,7 @@ from twin.assessment import (
     Unexplained,
     WindowAssessment,
 )
+from twin.features.extract import WindowSignals
 from twin.features.window_features import WindowFeatures
 from twin.options import Options
 from twin.rig import Rig
@@ -30,6 +31,7 @@ class Context:
     state: State
     window: Window
     options: Options
+    signals: WindowSignals  # of the window, computed where they are asked for
     input: WindowInput  # the window's features
     pair: EncoderPair | Unavailable | None  # motion of the encoder pair; None where it was not asked for
 

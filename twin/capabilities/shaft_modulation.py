@@ -10,7 +10,6 @@ from twin.assessment import Modulation, Unavailable
 from twin.baseline.modulation import against_baseline
 from twin.capabilities.context import Context, Draft
 from twin.errors import TwinError
-from twin.features.extract import pinion_angle
 from twin.features.modulation import modulations
 
 
@@ -26,7 +25,7 @@ def assess(context: Context, draft: Draft) -> Draft:
     """The draft with the modulations of every accelerometer; unchanged where the speed is not known."""
     window, rig = context.window, context.rig
     try:
-        track = pinion_angle(rig, window, window.accelerations)
+        track = context.signals.track
     except TwinError:  # the record says already why there is no speed
         return draft
     found: list[Modulation] = []

@@ -1,12 +1,14 @@
 """The compiled kernels of the twin, written in C (`source/`), called on numpy arrays.
 
 They are compiled when the package is installed (`setup.py`) and loaded here. What they compute is stated where they are
-used: twin/dynamics (balance, contact loss, integrator, stability), twin/wear (profiles) and twin/features (despike).
+used: twin/dynamics (balance, contact loss, integrator, stability), twin/wear (profiles) and twin/features (despike,
+interpolation, noise floor).
 """
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from ctypes import POINTER, Structure, byref, c_double, c_int, c_int64, c_void_p
 from typing import NamedTuple
 
@@ -37,6 +39,11 @@ def _load() -> ctypes.CDLL:
     library.spline.argtypes = [count, count, c_double, c_double, doubles, count, doubles, doubles, doubles]
     library.middle.argtypes, library.middle.restype = [count, doubles, doubles], c_int64
     library.averages.argtypes = [count, doubles, count, doubles, count, doubles]
+    library.quintic_coefficients.argtypes = [count, doubles, doubles]
+    library.quintic_at.argtypes = library.linear_at.argtypes = [count, doubles, count, doubles, doubles]
+    library.cubics_at.argtypes = [count, doubles, doubles, count, doubles, doubles, doubles]
+    library.noise_floor.argtypes = [count, doubles, doubles, count, count, doubles, *[c_double] * 4, count, doubles,
+                                    doubles]  # fmt: skip
     for name in (
         "to_lines",
         "to_samples",
@@ -46,9 +53,10 @@ def _load() -> ctypes.CDLL:
         "integrate",
         "monodromy",
         "spline",
+        "noise_floor",
     ):
         getattr(library, name).restype = c_int
-    for name in ("quasi_static", "averages"):
+    for name in ("quasi_static", "averages", "quintic_coefficients", "quintic_at", "linear_at", "cubics_at"):
         getattr(library, name).restype = None
     return library
 
@@ -347,3 +355,78 @@ def middle(values: np.ndarray) -> Middle:
     if finite < 0:
         raise MemoryError("no memory for the compiled kernels")
     return Middle(finite, *(out.tolist() if finite else 4 * [float("nan")]))
+
+
+def quintic_coefficients(values: np.ndarray) -> np.ndarray:
+    """B-spline coefficients of degree 5 of values mirrored about the first and the last; (n,) → (n,)."""
+    x = _given(values, None)
+    out = np.empty(x.size)
+    if x.size:
+        _kernels.quintic_coefficients(x.size, _at(x), _at(out))
+    return out
+
+
+def _interpolated(kernel: Callable[..., None], values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    v, x = _given(values, None), _given(at, None)
+    if not v.size:
+        raise ParameterError("no values to interpolate between")
+    out = np.empty(x.size)
+    kernel(v.size, _at(v), x.size, _at(x), _at(out))
+    return out
+
+
+def quintic_at(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The spline of coefficients (n,) at positions counted in samples (m,); NaN where a position is not finite."""
+    return _interpolated(_kernels.quintic_at, coefficients, at)
+
+
+def linear_at(values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Values (n,) at positions counted in samples (m,), on straight lines; beyond the ends the outermost values."""
+    return _interpolated(_kernels.linear_at, values, at)
+
+
+def cubics_at(knots: np.ndarray, cubics: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values and slopes of piecewise cubics at each place; (m + 1,), (4, m), (k,) → (k,), (k,).
+
+    knots   not falling
+    cubics  coefficients of (x − knot)³ … (x − knot)⁰ of every piece
+    """
+    x, places = _given(knots, None), _given(at, None)
+    if x.size < 2:
+        raise ParameterError(f"{x.size} knots bound no piece")
+    c, value, slope = _given(cubics, 4, x.size - 1), np.empty(places.size), np.empty(places.size)
+    _kernels.cubics_at(x.size - 1, _at(x), _at(c), places.size, _at(places), _at(value), _at(slope))
+    return value, slope
+
+
+def noise_floor(
+    power: np.ndarray,
+    known: np.ndarray,
+    block: int,
+    *,
+    least: int,
+    bias: np.ndarray,
+    first: tuple[float, float],
+    clipped: float,
+    correlation: float,
+    passes: int,
+) -> tuple[np.ndarray, float] | None:
+    """Floor (n,) of a power (n,) and its degrees of freedom, of twin/features/noise_floor.py; None if lines fill all.
+
+    known        (n,) bool, bins of lines
+    block        bins over which the floor is taken for level, at most n, of which `least` must be no line's
+    bias         of the median of 0 … block values (block + 1,)
+    first        quantile of the first pass, and its bias
+    clipped      probability at which a bin is taken for part of a line
+    correlation  of neighbouring bins
+    """
+    p, lines, biases = _given(power, None), np.ascontiguousarray(known, dtype=bool), _given(bias, block + 1)
+    if lines.shape != p.shape or not 0 < block <= p.size:
+        raise ParameterError(f"a power of {p.size} bins, lines {lines.shape} and blocks of {block}")
+    floor, freedom = np.empty(p.size), np.empty(1)
+    status = _kernels.noise_floor(p.size, _at(p), _at(lines), block, least, _at(biases), *first, clipped, correlation,
+                                  passes, _at(floor), _at(freedom))  # fmt: skip
+    if status > 0:
+        return None
+    _checked(status)
+    return floor, float(freedom[0])

@@ -19,11 +19,13 @@ Holds    speed changes slower than one in three turns; no reversal within the wi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import pi
 
 import numpy as np
 from scipy.interpolate import BSpline, PPoly, make_lsq_spline
 
+from twin import compiled
 from twin.errors import WindowError
 from twin.windows import Edges
 
@@ -32,31 +34,45 @@ GROUPS_PER_TURN = 64  # edges are averaged in groups of at most 1/64 turn before
 FEWEST_TURNS = 3.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class AngleTrack:
     """Smoothed absolute pinion angle θ against time t, over one window."""
 
     start: float  # θ at the first edge [rad]
     stop: float  # θ at the last edge [rad]
-    spline: PPoly  # t(θ − start) [s]
+    knots: np.ndarray  # θ − start at which a piece of t(θ − start) ends and the next begins (m + 1,) [rad]
+    cubics: np.ndarray  # coefficients of (θ − start − knot)³ … ⁰ of every piece (4, m) [s]
     source: str  # which channel the angle comes from
     speed_std: float = 0.0  # standard deviation of the mean speed [Hz]
 
+    def time_and_slowness(self, angle) -> tuple[np.ndarray, np.ndarray]:
+        """Time [s] and dt/dθ [s/rad] at each smoothed angle [rad]; any shape → two of the same."""
+        x = np.asarray(angle - self.start, dtype=float)
+        time, slowness = compiled.cubics_at(self.knots, self.cubics, x.ravel())
+        return time.reshape(x.shape), slowness.reshape(x.shape)
+
     def time(self, angle) -> np.ndarray:
         """Time [s] at which the pinion is at each smoothed angle [rad]; (n,) → (n,)."""
-        return self.spline(angle - self.start)
+        return self.time_and_slowness(angle)[0]
 
     def slowness(self, angle) -> np.ndarray:
         """dt/dθ [s/rad] at each smoothed angle [rad]; (n,) → (n,)."""
-        return self.spline(angle - self.start, 1)
+        return self.time_and_slowness(angle)[1]
 
     def angle(self, time, guess) -> np.ndarray:
         """Smoothed angle [rad] at each time [s], from a guess within hundredths of a radian; (n,) → (n,)."""
-        return guess + (time - self.time(guess)) / self.slowness(guess)
+        at_guess, slowness = self.time_and_slowness(guess)
+        return guess + (time - at_guess) / slowness
+
+    @cached_property
+    def ends(self) -> tuple[float, float]:
+        """Time [s] of the first edge and of the last."""
+        first, last = self.time(np.array([self.start, self.stop]))
+        return float(first), float(last)
 
     def angle_at(self, time: float) -> float:
         """Smoothed angle [rad] at one time [s] between the first edge and the last."""
-        first, last = self.time(np.array([self.start, self.stop]))
+        first, last = self.ends
         angle = self.start + (time - first) / (last - first) * (self.stop - self.start)
         for _ in range(20):
             better = float(np.clip(self.angle(time, angle), self.start, self.stop))
@@ -73,8 +89,8 @@ class AngleTrack:
     @property
     def speed(self) -> float:
         """Mean pinion speed [Hz]."""
-        first, last = self.time(np.array([self.start, self.stop]))
-        return float(self.turns / (last - first))
+        first, last = self.ends
+        return self.turns / (last - first)
 
     @property
     def revolutions(self) -> float:
@@ -97,6 +113,8 @@ def grouped(position, values, size: int) -> tuple[np.ndarray, np.ndarray]:
     n = values.size // size * size
     rows = values[:n].reshape(-1, size)
     good = np.isfinite(rows)
+    if good.all():
+        return position[:n].reshape(-1, size).sum(axis=1) / size, rows.sum(axis=1) / size
     count = good.sum(axis=1)
     keep = count > 0
     count = count[keep]
@@ -124,9 +142,9 @@ def fit_track(
     spline = make_lsq_spline(x, time - slope * x, full, k=3)
     line = BSpline(full, slope * np.convolve(full[1:-1], np.ones(3) / 3, "valid"), 3)
     whole = PPoly.from_spline(BSpline(full, spline.c + line.c, 3))
-    if np.any(whole(np.linspace(0, span, 8 * pieces + 1), 1) <= 0):
+    if np.any(compiled.cubics_at(whole.x, whole.c, np.linspace(0, span, 8 * pieces + 1))[1] <= 0):
         raise WindowError(f"{source}: the angle does not rise steadily; encoder reversed, or edges out of order?")
-    return AngleTrack(start=start, stop=stop, spline=whole, source=source)
+    return AngleTrack(start=start, stop=stop, knots=whole.x, cubics=whole.c, source=source)
 
 
 def edge_angles(edges: Edges, ratio: float = 1.0) -> np.ndarray:

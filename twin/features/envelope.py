@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import factorial, pi, sqrt
 
 import numpy as np
@@ -30,8 +31,8 @@ from scipy import fft
 from twin.errors import NotAvailable, ParameterError
 from twin.features.level import TAPERED, tukey
 from twin.features.noise_floor import exceedance, noise_floor
-from twin.features.orders import hann
 from twin.features.resample import AngleSignal
+from twin.features.transforms import hann, power_of, powers
 
 FALSE_ALARM = 1e-3
 LEVELS = 6  # the kurtogram's narrowest band is half the sampling rate over 2^LEVELS
@@ -42,6 +43,7 @@ TRIM = 0.15  # share of the record at each end that the Hann window leaves too l
 MOST_FOUND = 24
 SEARCHED = 0.6  # share of the band's width up to which rates are sought
 BLOCKS = 256  # parts of a record in which the phase near a bin is expanded
+TERMS = 4  # of the series
 EDGE = 0.1  # share of the band over which each of its edges falls
 
 
@@ -82,7 +84,7 @@ def without_shaft_lines(signal: AngleSignal, teeth: tuple[int, int]) -> AngleSig
     n = signal.values.size
     weight = hann(n)
     spectrum = fft.rfft(weight * (signal.values - (weight @ signal.values) / weight.sum()))
-    power = np.abs(spectrum) ** 2
+    power = power_of(spectrum)
     standing = power / noise_floor(power).power
     per_bin = 2 * pi / (n * signal.step)
     highest = 0.98 * (power.size - 1) * per_bin
@@ -121,8 +123,9 @@ def _ramped(size: int) -> np.ndarray:
 
 def _beats(size: int) -> np.ndarray:
     """Noise power in the squared envelope's spectrum for white noise in a band, over that at rate 0; (size,)."""
-    power = np.abs(fft.fft(_ramped(size) ** 2, 2 * size)) ** 2
-    return np.abs(fft.ifft(power)[:size]) / np.sum(_ramped(size) ** 4)
+    weight = _ramped(size) ** 2
+    length = fft.next_fast_len(2 * size, real=True)
+    return np.abs(fft.irfft(power_of(fft.rfft(weight, length)), length)[:size]) / np.sum(weight**2)
 
 
 def _analytic(spectrum, low: int, high: int, oversampling: int = 1) -> np.ndarray:
@@ -130,15 +133,18 @@ def _analytic(spectrum, low: int, high: int, oversampling: int = 1) -> np.ndarra
     size = high - low
     band = np.zeros(size * oversampling, dtype=complex)
     band[:size] = spectrum[low:high] * _ramped(size)
-    return fft.ifft(band) * band.size
+    return fft.ifft(band, norm="forward", overwrite_x=True)
 
 
-def kurtogram(values, rate: float, band: tuple[float, float] | None = None) -> tuple[BandKurtosis, ...]:
+def kurtogram(
+    values, rate: float, band: tuple[float, float] | None = None, wider_than: float = 0.0
+) -> tuple[BandKurtosis, ...]:
     """Spectral kurtosis of bands of falling width, the most impulsive over its own scatter first.
 
-    values  (n,) without gaps
-    rate    values per unit of the grid
-    band    where to look; up to 0.45·rate where not given
+    values      (n,) without gaps
+    rate        values per unit of the grid
+    band        where to look; up to 0.45·rate where not given
+    wider_than  width of a band from which it is examined, in cycles per unit
     """
     n = len(values)
     spectrum = fft.rfft(tukey(n) * (np.asarray(values) - np.mean(values))) * (2 / n)
@@ -147,20 +153,20 @@ def kurtogram(values, rate: float, band: tuple[float, float] | None = None) -> t
     out = []
     for parts in sorted({p for k in range(LEVELS + 1) for p in (2**k, 3 * 2**k)}):
         size = (last - first) // parts
-        if size < LEAST_VALUES:
+        if size < LEAST_VALUES or size * rate / n <= wider_than:
             break
         for i in range(parts):
             a = first + i * size
             ends = int(TAPERED * size) + 1
-            power = np.abs(_analytic(spectrum, a, a + size)[ends:-ends]) ** 2
+            power = power_of(_analytic(spectrum, a, a + size)[ends:-ends])
             mean = power.mean()
             if mean <= 0:
                 continue
-            kurtosis = float((power**2).mean() / mean**2 - 2)
+            kurtosis = float((power @ power) / power.size / mean**2 - 2)
             out.append(
                 BandKurtosis(low=a * rate / n, high=(a + size) * rate / n, kurtosis=kurtosis, std=2 / sqrt(power.size))
             )
-    if not out:
+    if last - first < LEAST_VALUES or not spectrum[first:last].any():
         raise NotAvailable(f"the kurtogram is not available: {last - first} bins in the band, {LEAST_VALUES} needed")
     return tuple(sorted(out, key=lambda b: -b.deviation))
 
@@ -172,53 +178,76 @@ def _shaft_of(rate: float, tolerance: float, shafts: Sequence[tuple[str, float]]
     return None
 
 
-class NearBin:
-    """Power of a record near one bin of its spectrum, at any rate, from few numbers.
+class NearBins:
+    """Power of a record near some bins of its spectrum, at any rate, from few numbers.
 
     F(b + δ) = Σ x·exp(−2πi·(b + δ)·k/n) is expanded in each of BLOCKS parts of the record about the part's centre,
     where the phase 2π·δ·u is small: below π/BLOCKS for |δ| ≤ 1, so that the series to u³ is good to 1e-9 of Σ |x|.
     """
 
-    def __init__(self, values: np.ndarray, roots: np.ndarray, bin_: int) -> None:
-        """The record, values (n,) real, near one of its bins; roots (n,) exp(−2πi·k/n), which bins share."""
-        n = values.size
+    def __init__(self, values: np.ndarray, bins: np.ndarray) -> None:
+        """The record, values (n,) real, near its bins (m,)."""
+        n, m = values.size, bins.size
         length = -(-n // BLOCKS)
-        turned = np.zeros(length * BLOCKS, dtype=complex)
-        turned[:n] = values * roots[bin_ * np.arange(n) % n]
+        padded = np.zeros(BLOCKS * length)
+        padded[:n] = values
         u = (np.arange(length) - 0.5 * (length - 1)) / n
-        self._moments = turned.reshape(BLOCKS, length) @ np.stack([u**p / factorial(p) for p in range(4)], axis=1)
-        self._centres = np.arange(BLOCKS) * length / n
+        series = np.stack([u**p / factorial(p) for p in range(TERMS)])
+        turn = np.exp(-2j * pi / n * (np.outer(np.arange(length), bins) % n))  # within a part, (length, m)
+        columns = (turn[:, :, None] * series.T[:, None, :]).reshape(length, m * TERMS)
+        moments = padded.reshape(BLOCKS, length) @ np.concatenate((columns.real, columns.imag), axis=1)
+        start = np.exp(-2j * pi / n * (np.outer(np.arange(BLOCKS) * length, bins) % n))  # of a part, (BLOCKS, m)
+        whole = (moments[:, : m * TERMS] + 1j * moments[:, m * TERMS :]).reshape(BLOCKS, m, TERMS)
+        self._moments = (whole * start[:, :, None]).transpose(1, 2, 0)  # (m, TERMS, BLOCKS)
+        self._step = length / n  # from centre to centre, of the record
 
     def power(self, offsets: np.ndarray) -> np.ndarray:
-        """|F|² at the bin plus each of the offsets, which lie within ±1; (m,) in, (m,) out."""
-        turn = -2j * pi * offsets[:, None]
-        return np.abs(np.sum(np.exp(turn * self._centres) * (turn ** np.arange(4) @ self._moments.T), axis=1)) ** 2
+        """|F|² at every bin plus each of its offsets, which lie within ±1; (m, k) → (m, k)."""
+        turn = -2j * pi * offsets
+        series = turn[:, :, None] ** np.arange(TERMS) @ self._moments  # (m, k, BLOCKS)
+        phase = powers(np.exp(turn * self._step).ravel(), BLOCKS).T.reshape(series.shape)
+        return power_of(np.sum(phase * series, axis=2))
 
 
-def _refined(near: NearBin, unit: float) -> float:
-    """Offset of a spectral peak from its bin, by parabolas through the logarithm of its power."""
-    offset, reach = 0.0, 0.5
+def _refined(near: NearBins, unit: np.ndarray) -> np.ndarray:
+    """Offsets of spectral peaks from their bins, by parabolas through the logarithm of their power; (m,) → (m,)."""
+    offset, reach, going = np.zeros(unit.size), 0.5, np.ones(unit.size, dtype=bool)
     for _ in range(4):
-        p = np.log(near.power(offset + reach * np.array([-1.0, 0.0, 1.0])) + unit)
-        curve = p[0] - 2 * p[1] + p[2]
-        if curve >= 0:
-            return offset
-        offset += reach * float(np.clip(0.5 * (p[0] - p[2]) / curve, -1.0, 1.0))
+        p = np.log(near.power(offset[:, None] + reach * np.array([-1.0, 0.0, 1.0])) + unit[:, None])
+        curve = p[:, 0] - 2 * p[:, 1] + p[:, 2]
+        going &= ~(curve >= 0)
+        step = 0.5 * (p[:, 0] - p[:, 2]) / np.where(going, curve, -1.0)
+        offset += np.where(going, reach * np.clip(step, -1.0, 1.0), 0.0)
         reach *= 0.3
     return offset
 
 
-def _squared_envelope(values, rate: float, band: tuple[float, float]) -> tuple[int, int, np.ndarray]:
-    """First and last bin of a band, and the squared envelope within it on a grid just fine enough."""
-    n = len(values)
-    duration = n / rate
-    low, high = int(np.ceil(band[0] * duration)), int(band[1] * duration)
-    if not 0 <= low < high - 48 or band[1] > rate / 2:
-        raise ParameterError(
-            f"band {band[0]:g} … {band[1]:g} must lie within 0 … {rate / 2:g} and be {48 / duration:.3g} wide at least"
-        )
-    spectrum = fft.rfft(np.asarray(values) - np.mean(values)) * (2 / n)
-    return low, high, np.abs(_analytic(spectrum, low, high, 2)) ** 2
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """A record whose bands are demodulated; its spectrum is computed once, when it is first asked for."""
+
+    values: np.ndarray  # (n,) on an even grid of time or angle, without gaps
+    rate: float  # values per unit of the grid: the sampling rate [Hz], or values per pinion turn
+
+    @property
+    def duration(self) -> float:
+        """Length of the record, in units of the grid."""
+        return len(self.values) / self.rate
+
+    @cached_property
+    def spectrum(self) -> np.ndarray:
+        """One-sided spectrum without the mean, amplitudes of lines; complex (n//2 + 1,)."""
+        return fft.rfft(np.asarray(self.values) - np.mean(self.values)) * (2 / len(self.values))
+
+    def squared_envelope(self, band: tuple[float, float]) -> tuple[int, np.ndarray]:
+        """How many bins a band has, and the squared envelope within it on a grid just fine enough, (2·bins,)."""
+        low, high = int(np.ceil(band[0] * self.duration)), int(band[1] * self.duration)
+        if not 0 <= low < high - 48 or band[1] > self.rate / 2:
+            raise ParameterError(
+                f"band {band[0]:g} … {band[1]:g} must lie within 0 … {self.rate / 2:g} and be "
+                f"{48 / self.duration:.3g} wide at least"
+            )
+        return high - low, power_of(_analytic(self.spectrum, low, high, 2))
 
 
 def envelope_spectrum(values, rate: float, band: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -230,44 +259,38 @@ def envelope_spectrum(values, rate: float, band: tuple[float, float]) -> tuple[n
     rate    values per unit of the grid
     band    in cycles per unit
     """
-    low, high, s = _squared_envelope(values, rate, band)
+    bins, s = Carrier(values, rate).squared_envelope(band)
     weight = hann(s.size)
     mean = float(weight @ s / weight.sum())
     if mean <= 0:
         raise NotAvailable(f"no envelope: the signal has nothing between {band[0]:g} and {band[1]:g}")
     amplitude = 2 / weight.sum() * np.abs(fft.rfft(weight * (s / mean - 1)))
     amplitude[0] = 0.0
-    count = int(SEARCHED * (high - low))  # beyond, too few pairs of bins beat
+    count = int(SEARCHED * bins)  # beyond, too few pairs of bins beat
     return np.arange(count) * rate / len(values), amplitude[:count]
 
 
 def modulations(
-    values,
-    rate: float,
+    carrier: Carrier,
     band: tuple[float, float],
     shafts: Sequence[tuple[str, float]] = (),
     false_alarm: float = FALSE_ALARM,
 ) -> tuple[Modulation, ...]:
     """Lines of the squared envelope's spectrum of a band, those of no shaft first, then the strongest.
 
-    values       (n,) on an even grid of time or angle, without gaps
-    rate         values per unit of the grid: the sampling rate [Hz], or values per pinion turn
     band         in cycles per unit
     shafts       names and rates of shafts, in cycles per unit
     false_alarm  probability that noise alone gives one line or more
     """
-    n = len(values)
-    duration = n / rate
-    low, high, s = _squared_envelope(values, rate, band)
+    duration = carrier.duration
+    bins, s = carrier.squared_envelope(band)
     weight = hann(s.size)
     mean = float(weight @ s / weight.sum())
     if mean <= 0:
         return ()
-    s = s / mean - 1
-    weighted = weight * s
-    power = np.abs(fft.rfft(weighted)) ** 2
-    searched = power[: int(SEARCHED * (high - low))]  # beyond, too few pairs of bins beat
-    beats = _beats(high - low)[: searched.size]
+    weighted = weight * (s / mean - 1)
+    searched = power_of(fft.rfft(weighted)[: int(SEARCHED * bins)])  # beyond, too few pairs of bins beat
+    beats = _beats(bins)[: searched.size]
     floor = noise_floor(searched / beats)
     ratio = searched / beats / floor.power
     over = floor.threshold(false_alarm, searched.size - 4)
@@ -280,21 +303,21 @@ def modulations(
     w2 = weight**2
     # the peak of |Σ w·s·exp| answers to noise in quadrature, weighted by w·t
     steadiness = float(w2 @ t2) / float(w2.sum()) / float(weight @ t2) ** 2
+    noise = floor.power[peaks] * beats[peaks]
+    rates = (peaks + _refined(NearBins(weighted, peaks), 1e-6 * noise)) / duration
     out = []
-    roots = np.exp(-2j * pi * np.arange(s.size) / s.size)
-    for i in peaks.tolist():
-        at = i + _refined(NearBin(weighted, roots, i), float(floor.power[i] * beats[i]) * 1e-6)
-        depth = 2 * sqrt(power[i]) / float(weight.sum())
-        variance = 2 * float(floor.power[i] * beats[i]) * steadiness / (2 * pi * depth) ** 2
+    for i, at, level in zip(peaks.tolist(), rates.tolist(), noise.tolist(), strict=True):
+        depth = 2 * sqrt(searched[i]) / float(weight.sum())
+        variance = 2 * level * steadiness / (2 * pi * depth) ** 2
         q = float(exceedance(ratio[i], floor.freedom))
         out.append(
             Modulation(
-                rate=at / duration,
+                rate=at,
                 rate_std=sqrt(variance),
                 depth=depth,
                 over_floor=float(ratio[i]),
                 false_alarm=float(-np.expm1(searched.size * np.log1p(-min(q, 0.5)))),
-                shaft=_shaft_of(at / duration, 1.5 / duration, shafts),
+                shaft=_shaft_of(at, 1.5 / duration, shafts),
             )
         )
     return tuple(sorted(out, key=lambda m: (m.shaft is not None, -m.over_floor)))
@@ -310,4 +333,4 @@ def strange_modulations(
     per_turn = 2 * pi / signal.step
     best = kurtogram(rest, per_turn)[0]
     shafts = (("pinion", 1.0), ("gear", teeth[0] / teeth[1]))
-    return best, modulations(rest, per_turn, (best.low, best.high), shafts, false_alarm)
+    return best, modulations(Carrier(rest, per_turn), (best.low, best.high), shafts, false_alarm)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from twin.features.level import band_level
 from twin.features.lines import mesh_keys, noise_rms, read_lines, shaft_keys
 from twin.features.mesh_speed import mesh_track
 from twin.features.orders import mesh_bands
-from twin.features.resample import AngleSignal, on_angle, spline_response
+from twin.features.resample import AngleGrid, AngleSignal, angle_grid, on_angle, spline_response
 from twin.features.transmission_error import pinion_motion, transmission_error
 from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.rig import Rig
@@ -37,7 +38,7 @@ USABLE_RATE = 0.45  # lines are read up to this share of the sampling rate
 
 
 def _valid_share(values) -> float:
-    return float(np.isfinite(values).mean()) if len(values) else 0.0
+    return np.count_nonzero(np.isfinite(values)) / len(values) if len(values) else 0.0
 
 
 class _Collector:
@@ -97,6 +98,48 @@ def reference(rig: Rig, window: Window) -> tuple[str, Samples]:
     return name, window.accelerations[name]
 
 
+class WindowSignals:
+    """What several features of one window are computed from; each part is computed once, when it is first asked for."""
+
+    def __init__(self, rig: Rig, window: Window) -> None:
+        self.rig, self.window = rig, window
+        self._grids: dict[tuple[float, float, int], AngleGrid] = {}
+
+    @cached_property
+    def _track(self) -> AngleTrack | TwinError:
+        try:
+            return pinion_angle(self.rig, self.window, self.window.accelerations)
+        except TwinError as error:
+            return error
+
+    @property
+    def track(self) -> AngleTrack:
+        """The smoothed pinion angle; an error that says why it is not known."""
+        if isinstance(self._track, TwinError):
+            raise self._track
+        return self._track
+
+    def _grid(self, samples: Samples) -> AngleGrid:
+        clock = samples.rate, samples.start, samples.values.size
+        if clock not in self._grids:
+            self._grids[clock] = angle_grid(samples, self.track)
+        return self._grids[clock]
+
+    @cached_property
+    def _reference_on_angle(self) -> tuple[AngleSignal, float]:
+        samples = reference(self.rig, self.window)[1]
+        return on_angle(samples, self.track, grid=self._grid(samples))
+
+    def on_angle(self, name: str) -> tuple[AngleSignal, float]:
+        """An accelerometer on an even grid of pinion angle, and its samples per turn; the reference one's is kept."""
+        samples = self.window.accelerations[name]
+        try:
+            kept = reference(self.rig, self.window)[1] is samples
+        except NotAvailable:
+            kept = False
+        return self._reference_on_angle if kept else on_angle(samples, self.track, grid=self._grid(samples))
+
+
 def _base_radius(rig: Rig) -> float | None:
     radius = rig.get("gears.pinion.base_radius")
     if radius is None and rig.has("gears.module", "gears.pressure_angle_deg", "gears.pinion.teeth"):
@@ -115,9 +158,10 @@ def _attenuated(signal: AngleSignal, per_turn: float):
     return lambda orders: [(signal.values, spline_response(orders / per_turn))]
 
 
-def _acceleration(out: _Collector, rig: Rig, samples: Samples, track: AngleTrack) -> None:
+def _acceleration(out: _Collector, signals: WindowSignals, name: str) -> None:
+    rig, samples, track = signals.rig, signals.window.accelerations[name], signals.track
     try:
-        signal, per_turn = on_angle(samples, track)
+        signal, per_turn = signals.on_angle(name)
     except WindowError as error:
         out.missing("acceleration mesh_bands noise_rms", str(error))
         return
@@ -178,8 +222,8 @@ def _transmission_error(out: _Collector, rig: Rig, window: Window, track: AngleT
     out.add("pinion_motion", alone)
 
 
-def _level(out: _Collector, rig: Rig, window: Window, share: dict[str, float]) -> Samples | None:
-    """RMS of the reference accelerometer; its samples, None where there are none."""
+def _level(out: _Collector, rig: Rig, window: Window, share: dict[str, float]) -> str | None:
+    """RMS of the reference accelerometer; its name, None where there is none."""
     try:
         name, samples = reference(rig, window)
     except NotAvailable as error:
@@ -193,7 +237,7 @@ def _level(out: _Collector, rig: Rig, window: Window, share: dict[str, float]) -
     else:
         out.values["rms"] = level.rms
         share[f"accel/{name}"] = level.valid_share
-    return samples
+    return name
 
 
 def _mean_torque(out: _Collector, window: Window) -> Samples | None:
@@ -208,13 +252,14 @@ def _mean_torque(out: _Collector, window: Window) -> Samples | None:
     return samples
 
 
-def _indicators(out: _Collector, rig: Rig, window: Window, track: AngleTrack | None) -> None:
-    """Condition indicators of every accelerometer."""
+def _indicators(out: _Collector, signals: WindowSignals, angle: bool) -> None:
+    """Condition indicators of every accelerometer; whether the angle is known."""
+    rig = signals.rig
     teeth = rig.teeth if rig.has("gears.pinion.teeth", "gears.gear.teeth") else None
     found: dict[str, SensorIndicators] = {}
-    for name, samples in window.accelerations.items():
+    for name, samples in signals.window.accelerations.items():
         try:
-            found[name] = sensor_indicators(samples, track, teeth)
+            found[name] = sensor_indicators(samples, partial(signals.on_angle, name) if angle else None, teeth)
         except WindowError as error:
             out.missing(f"indicators/{name}", str(error))
     out.values["indicators"] = found
@@ -235,25 +280,29 @@ def _motion(out: _Collector, track: AngleTrack) -> None:
         out.missing("revolutions", "no encoder counts the revolutions")
 
 
-def extract(rig: Rig, window: Window) -> WindowFeatures:
-    """Features of one window; what its channels or the rig do not allow is None with a reason."""
+def extract(rig: Rig, window: Window, signals: WindowSignals | None = None) -> WindowFeatures:
+    """Features of one window; what its channels or the rig do not allow is None with a reason.
+
+    signals  of this window, where other features are computed from them, too
+    """
+    signals = signals or WindowSignals(rig, window)
     out = _Collector()
     share = {f"accel/{k}": _valid_share(s.values) for k, s in window.accelerations.items()}
     share |= {f"torque/{k}": _valid_share(s.values) for k, s in window.torques.items()}
     share |= {f"encoder/{k}": _valid_share(e.times) for k, e in window.encoders.items()}
-    samples = _level(out, rig, window, share)
+    name = _level(out, rig, window, share)
     torque = _mean_torque(out, window)
     try:
-        track = pinion_angle(rig, window, window.accelerations)
+        track = signals.track
     except TwinError as error:
         names = "speed_hz revolutions noise_rms mesh_bands acceleration transmission_error torque"
         out.missing(names, str(error))
-        _indicators(out, rig, window, None)
+        _indicators(out, signals, angle=False)
     else:
         _motion(out, track)
-        _indicators(out, rig, window, track)
-        if samples is not None:
-            _acceleration(out, rig, samples, track)
+        _indicators(out, signals, angle=True)
+        if name is not None:
+            _acceleration(out, signals, name)
         if torque is not None:
             _torque(out, rig, torque, track)
         _transmission_error(out, rig, window, track)

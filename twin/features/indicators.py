@@ -27,21 +27,25 @@ Holds    an average with at least 4 values a tooth; indicators of windows of one
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
+from scipy import fft
 
 from twin.assessment import GearIndicators, SensorIndicators
 from twin.errors import ParameterError, TwinError, WindowError
-from twin.features.angle import AngleTrack
 from twin.features.orders import synchronous_average
-from twin.features.resample import AngleSignal, on_angle
+from twin.features.resample import AngleSignal
 from twin.windows import Samples
 
 PER_TOOTH = 4  # values of an average, at least
 LEAST_TURNS = 3  # of a gear that an average is made of: fewer leave most of the noise in it
 ROUNDING = 1e-9  # of the average's RMS with its mean: what is smaller is rounding
 GEARS = ("pinion", "gear")
+
+AgainstAngle = Callable[[], tuple[AngleSignal, float]]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -61,36 +65,44 @@ def gear_signals(average, teeth: int) -> GearSignals:
     x = np.asarray(average, dtype=float)
     if x.size < PER_TOOTH * teeth:
         raise ParameterError(f"{x.size} values over {teeth} teeth; at least {PER_TOOTH} a tooth are needed")
-    X = np.fft.rfft(x) * (2 / x.size)
+    X = fft.rfft(x) * (2 / x.size)
     X[0] = 0.0
     if x.size % 2 == 0:
         X[-1] /= 2
     order = np.arange(X.size)
     off = np.minimum(order % teeth, -order % teeth)
     meshing = (off == 0) & (order > 0)
-    regular = meshing | (order == 1) | ((off == 1) & (order > 1))
-
-    def back(mask) -> np.ndarray:
-        Y = np.where(mask, X, 0.0) * (x.size / 2)
-        if x.size % 2 == 0:
-            Y[-1] *= 2
-        return np.fft.irfft(Y, x.size)
-
+    first_two = meshing | (order == 1)
+    parts = np.where(np.stack((first_two | ((off == 1) & (order > 1)), first_two)), X, 0.0) * (x.size / 2)
+    if x.size % 2 == 0:
+        parts[:, -1] *= 2
+    regular, periodic = fft.irfft(parts, x.size)
+    average = x - x.mean()
     return GearSignals(
-        average=back(order > 0),
-        regular=back(regular),
-        residual=back((order > 0) & ~meshing & (order != 1)),
-        difference=back((order > 0) & ~regular),
+        average=average,
+        regular=regular,
+        residual=average - periodic,
+        difference=average - regular,
         spectrum=X,
         teeth=teeth,
     )
 
 
-def normalised_moment(x, half: int) -> float | None:
-    """μ_2h/μ_2^h: kurtosis for h = 2, M6A for 3, M8A for 4; (n,) → number, None of a constant."""
+def normalised_moments(x, halves: Sequence[int]) -> list[float | None]:
+    """μ_2h/μ_2^h for rising h: kurtosis for 2, M6A for 3, M8A for 4; (n,) → one for each h, None of a constant."""
     d = np.asarray(x, dtype=float) - np.mean(x)
-    rms = np.sqrt(np.mean(d**2))
-    return float(np.mean((d / rms) ** (2 * half))) if rms > 0 else None
+    square = d * d
+    mean = float(square.mean())
+    if not mean > 0:
+        return [None for _ in halves]
+    square /= mean
+    power = square
+    out: list[float | None] = []
+    for h in range(2, max(halves) + 1):
+        power = power * square
+        if h in halves:
+            out.append(float(power.mean()))
+    return out
 
 
 def gear_indicators(average, teeth: int, turns: int = 1) -> GearIndicators:
@@ -100,7 +112,7 @@ def gear_indicators(average, teeth: int, turns: int = 1) -> GearIndicators:
     rms, mesh = _rms(s.average), float(amplitude[teeth::teeth].sum())
     scale = _rms(np.asarray(average, dtype=float))
     present = _rms(s.difference) > ROUNDING * scale
-    moments = [normalised_moment(s.difference, h) if present else None for h in (2, 3, 4)]
+    moments = normalised_moments(s.difference, (2, 3, 4)) if present else [None] * 3
     residual = s.residual if _rms(s.residual) > ROUNDING * scale else np.zeros_like(s.residual)
     return GearIndicators(
         turns=turns,
@@ -110,12 +122,12 @@ def gear_indicators(average, teeth: int, turns: int = 1) -> GearIndicators:
         m8a=moments[2],
         energy_ratio=_ratio(_rms(s.difference), _rms(s.regular), scale),
         sideband_level_factor=_ratio(float(amplitude[teeth - 1] + amplitude[teeth + 1]), rms, scale),
-        residual_moments=(float(np.mean(residual**2)), float(np.mean(residual**4))),
+        residual_moments=(float(residual @ residual) / residual.size, float(np.mean((residual * residual) ** 2))),
     )
 
 
 def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
+    return sqrt(float(x @ x) / x.size)
 
 
 def _ratio(above: float, below: float, scale: float) -> float | None:
@@ -124,22 +136,24 @@ def _ratio(above: float, below: float, scale: float) -> float | None:
 
 
 def sensor_indicators(
-    samples: Samples, track: AngleTrack | None = None, teeth: tuple[int, int] | None = None
+    samples: Samples, against_angle: AgainstAngle | None = None, teeth: tuple[int, int] | None = None
 ) -> SensorIndicators:
     """Indicators of one accelerometer's samples; WindowError where not one of them is valid.
 
-    track  the pinion's angle, None where it is not known
-    teeth  numbers of teeth of pinion and gear, None where they are not known
+    against_angle  gives the samples on an even grid of pinion angle and how many of them a turn has; None where the
+                   angle is not known
+    teeth          numbers of teeth of pinion and gear, None where they are not known
     """
-    values = samples.values[np.isfinite(samples.values)]
+    finite = np.isfinite(samples.values)
+    values = samples.values if finite.all() else samples.values[finite]
     if values.size == 0:
         raise WindowError("not one of the channel's samples is valid")
     x = values - values.mean()
     rms = _rms(x)
-    gears, unavailable = _of_gears(samples, track, teeth)
+    gears, unavailable = _of_gears(against_angle, teeth)
     return SensorIndicators(
         rms=rms,
-        kurtosis=normalised_moment(x, 2),
+        kurtosis=normalised_moments(x, (2,))[0],
         crest_factor=_ratio(float(np.abs(x).max()), rms, 0.0),
         gears=gears,
         unavailable=unavailable,
@@ -147,14 +161,16 @@ def sensor_indicators(
 
 
 def _of_gears(
-    samples: Samples, track: AngleTrack | None, teeth: tuple[int, int] | None
+    against_angle: AgainstAngle | None, teeth: tuple[int, int] | None
 ) -> tuple[dict[str, GearIndicators], dict[str, str]]:
     """Indicators by gear, and why those of a gear are not there."""
-    if track is None or teeth is None:
-        reason = "no shaft angle is known" if track is None else "the rig file does not give both numbers of teeth"
+    if against_angle is None or teeth is None:
+        reason = (
+            "no shaft angle is known" if against_angle is None else "the rig file does not give both numbers of teeth"
+        )
         return {}, dict.fromkeys(GEARS, reason)
     try:
-        signal, per_turn = on_angle(samples, track)
+        signal, per_turn = against_angle()
     except WindowError as error:
         return {}, dict.fromkeys(GEARS, str(error))
     gears: dict[str, GearIndicators] = {}

@@ -19,6 +19,7 @@ from scipy import fft
 
 from twin.errors import NotAvailable, WindowError
 from twin.features.gaps import filled, runs
+from twin.features.transforms import bins_within, power_of
 from twin.windows import Samples
 
 LONGEST_REPAIR = 2  # samples that a straight line may bridge
@@ -51,10 +52,10 @@ def _band_energy(values, rate: float, band: tuple[float, float]) -> tuple[float,
     x = w * (values - (w @ values) / w.sum())
     length = fft.next_fast_len(values.size, real=True)
     X = fft.rfft(x, length)
-    f = np.arange(X.size) * rate / length
-    inside = (f >= band[0]) & (f <= band[1])
-    power = np.abs(X[inside]) ** 2
-    once = (f[inside] == 0) | (f[inside] == rate / 2)
+    inside = bins_within(band, lambda k: k * rate / length, X.size)
+    power = power_of(X[inside])
+    f = np.arange(inside.start, inside.stop) * rate / length
+    once = (f == 0) | (f == rate / 2)
     return float((2 * power.sum() - power[once].sum()) / length), float(w @ w)
 
 

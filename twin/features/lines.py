@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy import fft
 
 from twin.errors import NotAvailable
 from twin.features.gaps import runs
-from twin.features.orders import hann, order_lines
+from twin.features.orders import order_lines
 from twin.features.resample import AngleSignal
+from twin.features.transforms import bins_within, hann, power_of
 from twin.features.window_features import Key, MeasuredLines
 
 
@@ -63,14 +63,17 @@ def noise_rms(signal: AngleSignal, speed: float, band: tuple[float, float]) -> f
     mean, and lines, which do not fill all bins, hardly move it. Taken from the longest stretch without a gap.
     Where every tooth differs (pitch errors), lines fill the bins between the orders: then an upper bound.
     """
-    start, stop = max(runs(signal.usable), key=lambda r: r[1] - r[0])
-    values = signal.values[start:stop]
-    weight = hann(values.size)
-    length = fft.next_fast_len(values.size, real=True)
-    spectrum = fft.rfft(weight * (values - (weight @ values) / weight.sum()), length)
-    frequency = np.arange(spectrum.size) * 2 * np.pi / (length * signal.step) * speed
-    inside = spectrum[(frequency >= band[0]) & (frequency <= band[1])][3:]
-    power = 2 * np.abs(inside) ** 2 / (length * (weight @ weight))
+    if not signal.usable.all():
+        start, stop = max(runs(signal.usable), key=lambda r: r[1] - r[0])
+        signal = AngleSignal(
+            start=signal.start + start * signal.step,
+            step=signal.step,
+            values=signal.values[start:stop],
+            usable=signal.usable[start:stop],
+        )
+    weight = hann(signal.values.size)
+    within = bins_within(band, lambda k: signal.order_of_bin(k) * speed, signal.spectrum.size)
+    power = 2 * power_of(signal.spectrum[within][3:]) / (signal.length * (weight @ weight))
     blocks = power[: power.size // 64 * 64].reshape(-1, 64)
     if blocks.size == 0:
         raise NotAvailable(f"the noise floor is not available: {power.size} spectral bins in the band are too few")

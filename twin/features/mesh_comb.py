@@ -18,7 +18,7 @@ from scipy.ndimage import median_filter
 
 from twin.errors import NotAvailable
 from twin.features.gaps import filled
-from twin.features.orders import hann
+from twin.features.transforms import hann, power_of
 from twin.windows import Samples
 
 HARMONICS = 5
@@ -34,7 +34,7 @@ def averaged_power(samples: Samples) -> tuple[np.ndarray, float]:
     n = min(values.size, round(SEGMENT * samples.rate))
     starts = range(0, values.size - n + 1, max(1, n // 2))
     values = values - values.mean()
-    power = sum(np.abs(fft.rfft(hann(n) * values[a : a + n])) ** 2 for a in starts)
+    power = np.sum([power_of(fft.rfft(hann(n) * values[a : a + n])) for a in starts], axis=0)
     return power, samples.rate / n
 
 

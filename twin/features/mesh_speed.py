@@ -19,7 +19,7 @@ Holds    nominal speed known to 3 %; speed within the window steady to 0.4/(numb
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,8 +30,8 @@ from twin.errors import NotAvailable, WindowError
 from twin.features.angle import AngleTrack, fit_track
 from twin.features.gaps import filled
 from twin.features.mesh_comb import check_comb, comb_search, over_floor
-from twin.features.orders import hann
 from twin.features.resample import on_angle
+from twin.features.transforms import hann
 from twin.rig import Rig
 from twin.windows import Samples
 
@@ -58,14 +58,32 @@ class MeshSpeed:
     track: AngleTrack
 
 
-def envelope(samples: Samples, frequency: float, half_width: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """The signal around one frequency, shifted to zero, at a low rate.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MeshLine:
+    """One mesh line of one sensor, demodulated."""
 
-    returns times [s] (m,), complex values (m,), and the power of the line over the floor beside it
-    """
+    name: str
+    harmonic: int
+    weight: float
+    times: np.ndarray  # [s], (m,)
+    phase: np.ndarray  # of the mesh, less 2π·mesh_hz·t [rad], (m,)
+
+
+def _transform(samples: Samples) -> tuple[np.ndarray, int]:
+    """One-sided spectrum of a record without its mean, and how many values it is of."""
     values, _ = filled(samples.values, samples.values.size)
     n = fft.next_fast_len(values.size)
-    spectrum = fft.rfft(values - values.mean(), n)
+    return fft.rfft(values - values.mean(), n), n
+
+
+def envelope(
+    samples: Samples, spectrum: np.ndarray, n: int, frequency: float, half_width: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """The signal around one frequency, shifted to zero, at a low rate.
+
+    spectrum, n  of `_transform`, (n//2 + 1,) complex
+    returns times [s] (m,), complex values (m,), and the power of the line over the floor beside it
+    """
     width = samples.rate / n
     centre = round(frequency / width)
     reach = max(4, round(half_width / width))
@@ -80,55 +98,57 @@ def envelope(samples: Samples, frequency: float, half_width: float) -> tuple[np.
     low[-reach:] = inside[:reach]
     z = fft.ifft(low)
     times = np.arange(m) * n / samples.rate / m
-    keep = times < values.size / samples.rate
+    keep = times < samples.values.size / samples.rate
     z, times = z[keep], times[keep]
     z = z * np.exp(2j * np.pi * (centre * width - frequency) * times)
     return samples.start + times, z, float(power.sum() / (floor * power.size))
 
 
-def line_phases(
-    accelerations: Mapping[str, Samples], mesh_hz: float, half_width: float, harmonics: tuple[int, ...]
-) -> list[tuple[float, str, np.ndarray, np.ndarray]]:
-    """Weight, name, times and mesh phase (less 2π·mesh_hz·t) of the best lines, best first."""
+def line_phases(accelerations: Mapping[str, Samples], mesh_hz: float, half_width: float) -> list[MeshLine]:
+    """The mesh lines of all sensors with their phases, best first."""
     found = []
     for name, samples in accelerations.items():
-        for k in harmonics:
+        spectrum, n = _transform(samples)
+        for k in FOLLOWED[0]:
             try:
-                times, z, strength = envelope(samples, k * mesh_hz, half_width)
+                times, z, strength = envelope(samples, spectrum, n, k * mesh_hz, half_width)
             except NotAvailable:
                 continue
             phase = np.unwrap(np.angle(z)) / k
-            found.append((k**2 * strength, f"accel/{name} mesh {k}", times, phase))
-    return sorted(found, key=lambda line: -line[0])[:BEST_LINES]
+            line = MeshLine(
+                name=f"accel/{name} mesh {k}", harmonic=k, weight=k**2 * strength, times=times, phase=phase
+            )  # fmt: skip
+            found.append(line)
+    return sorted(found, key=lambda line: -line.weight)
 
 
-def agreed_phase(lines, half_width: float) -> Phase | None:
+def agreed_phase(lines: Sequence[MeshLine], half_width: float) -> Phase | None:
     """The mesh phase that most lines agree on, as their weighted mean.
 
-    lines       of `line_phases`
     half_width  of the lines' envelopes [Hz]: twice its inverse is left out, half at each end
     returns times [s] (m,), phase less 2π·mesh·t [rad] (m,), the names of the lines that agree, and the
     standard deviation of the mesh frequency [Hz]: their scatter, at least a hundredth of a spectral bin (a
     tenth for one line); None where fewer than 60 % of the lines agree
     """
-    times = lines[0][2]
+    times = lines[0].times
     inner = (times > times[0] + 0.5 / half_width) & (times < times[-1] - 0.5 / half_width)
     if inner.sum() < 16:
         raise WindowError(f"{times[-1] - times[0]:.3g} s are too short to follow the phase of the mesh lines")
     t = times[inner]
     bin_width = 1 / (t[-1] - t[0])
-    phases = np.array([np.interp(t, line_times, p) for _, _, line_times, p in lines])
+    phases = np.array([np.interp(t, line.times, line.phase) for line in lines])
     phases -= phases.mean(axis=1, keepdims=True)
     slopes = np.polyfit(t, phases.T, 1)[0] / (2 * np.pi)
     middle = np.sort(slopes)[slopes.size // 2]
     agree = np.flatnonzero(np.abs(slopes - middle) < 0.1 * bin_width)  # not a non-gear tone, nor a lost phase
     if agree.size < LEAST_AGREED * slopes.size:
         return None
-    share = np.array([lines[i][0] for i in agree])
+    agreeing = [lines[i] for i in agree.tolist()]
+    share = np.array([line.weight for line in agreeing])
     share /= share.sum()
     scatter = float(np.sqrt(share @ (slopes[agree] - share @ slopes[agree]) ** 2))
     std = max(scatter, bin_width * (0.1 if agree.size == 1 else 0.01))
-    return t, share @ phases[agree], tuple(lines[i][1] for i in agree), float(std)
+    return t, share @ phases[agree], tuple(line.name for line in agreeing), float(std)
 
 
 def rival_spacing(
@@ -193,8 +213,10 @@ def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nom
     check_comb(comb, wanted)
     coarse = comb.frequency
     half_width = 0.4 * coarse / max(teeth)
+    lines = line_phases(usable, coarse, half_width)
     for harmonics in FOLLOWED:
-        agreed = agreed_phase(line_phases(usable, coarse, half_width, harmonics), half_width)
+        followed = [line for line in lines if line.harmonic in harmonics]
+        agreed = agreed_phase(followed[:BEST_LINES], half_width)
         if agreed is not None:
             break
     else:

@@ -25,12 +25,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from twin import compiled
 from twin.errors import NotAvailable, ParameterError
 
 BLOCK = 96  # bins
 HANN_CORRELATION = 1.0 + 2 * (4 / 9 + 1 / 36)  # Σ over lags of the squared correlation of Hann bins
 CLIPPED = 1e-4  # probability at which a bin is taken for part of a line while the floor is estimated
 PASSES = 4
+FIRST_QUANTILE = 0.25  # in place of the median in the first pass
 LEAST_BINS = 12  # a block with fewer bins between lines takes its neighbours' floor
 
 
@@ -78,23 +80,6 @@ def power_spectrum(values, weight) -> np.ndarray:
     return np.abs(fft.rfft(weight * (values - mean))) ** 2
 
 
-def _blocks(n: int, block: int) -> np.ndarray:
-    """Bin numbers of half-overlapping blocks, (blocks, block); the last ends with the spectrum."""
-    starts = np.arange(0, max(n - block, 0) + 1, max(block // 2, 1))
-    if starts[-1] != n - block:
-        starts = np.append(starts, n - block)
-    return starts[:, None] + np.arange(block)
-
-
-def _quantile(ordered, count, q: float) -> np.ndarray:
-    """Quantile of each row's first `count` values, which are in order; (b, n), (b,) → (b,)."""
-    at = q * (count - 1)
-    low = at.astype(int)
-    row = np.arange(count.size)
-    below, above = ordered[row, low], ordered[row, np.minimum(low + 1, count - 1)]
-    return below + (at - low) * (above - below)
-
-
 def noise_floor(power, lines=None, block: int = BLOCK) -> NoiseFloor:
     """Floor of a Hann spectrum's power, between its lines.
 
@@ -105,24 +90,14 @@ def noise_floor(power, lines=None, block: int = BLOCK) -> NoiseFloor:
     power = np.asarray(power, dtype=float)
     if power.size < 2 * LEAST_BINS:
         raise NotAvailable(f"the noise floor is not available: {power.size} bins are too few, {2 * LEAST_BINS} needed")
-    index = _blocks(power.size, min(block, power.size))
-    known = np.zeros(power.size, dtype=bool) if lines is None else np.asarray(lines, dtype=bool).copy()
-    centres = index.mean(axis=1)
-    bins = np.arange(power.size)
-    out, quantile = known, 0.25
-    for _ in range(PASSES):
-        blocks = np.where(out[index], np.nan, power[index])
-        count = np.isfinite(blocks).sum(axis=1)
-        good = count >= LEAST_BINS
-        if not good.any():
-            raise NotAvailable("the noise floor is not available: lines fill the whole spectrum")
-        level = _quantile(np.sort(blocks[good], axis=1), count[good], quantile)
-        bias = median_bias(count[good]) if quantile == 0.5 else -np.log1p(-quantile)
-        log_level = np.log(np.maximum(level / bias, np.finfo(float).tiny))
-        floor = np.exp(np.interp(bins, centres[good], log_level))
-        freedom = float(np.log(2) ** 2 * np.median(count[good]) / HANN_CORRELATION)
-        high = power > floor * threshold(CLIPPED, 1, freedom)
-        high[1:] |= high[:-1].copy()
-        high[:-1] |= high[1:].copy()
-        out, quantile = known | high, 0.5
+    block = min(block, power.size)
+    known = np.zeros(power.size, dtype=bool) if lines is None else np.asarray(lines, dtype=bool)
+    found = compiled.noise_floor(
+        power, known, block, least=LEAST_BINS, bias=median_bias(np.arange(block + 1)),
+        first=(FIRST_QUANTILE, -float(np.log1p(-FIRST_QUANTILE))), clipped=CLIPPED, correlation=HANN_CORRELATION,
+        passes=PASSES,
+    )  # fmt: skip
+    if found is None:
+        raise NotAvailable("the noise floor is not available: lines fill the whole spectrum")
+    floor, freedom = found
     return NoiseFloor(power=floor, freedom=freedom)

@@ -28,20 +28,22 @@ from typing import Any
 
 import numpy as np
 from scipy import fft
-from scipy.ndimage import median_filter
+from scipy.ndimage import maximum_filter1d
 
 from twin.errors import TwinError
-from twin.features.envelope import kurtogram, modulations, without_shaft_lines
-from twin.features.extract import pinion_angle, reference
-from twin.features.orders import hann
-from twin.features.resample import AngleSignal, on_angle
+from twin.features.envelope import Carrier, kurtogram, modulations, without_shaft_lines
+from twin.features.extract import WindowSignals, reference
+from twin.features.resample import AngleSignal
 from twin.features.tones import CLOSE, Tone, window_tones
+from twin.features.transforms import hann, power_of
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.windows import Window
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
 MOST_LINES = 12
+LINE_REACH = 4  # bins to either side that a line is the highest of
+AROUND = 61  # bins that the noise near a line is taken from
 MESH_HARMONICS = range(1, 99)
 FEWEST_PULSES = 16  # from which a scatter is computed
 SCATTER = 20.0  # of a third difference over that of a pulse: 1² + 3² + 3² + 1²
@@ -130,6 +132,12 @@ class NonGearFeatures:
         )
 
 
+def _around(power: np.ndarray, bins: np.ndarray) -> np.ndarray:
+    """Mean power of noise near bins, from the median of AROUND; beyond the ends as at them; (n,), (m,) → (m,)."""
+    near = np.clip(bins[:, None] + np.arange(-(AROUND // 2), AROUND // 2 + 1), 0, power.size - 1)
+    return np.sort(power[near], axis=1)[:, AROUND // 2] / np.log(2)
+
+
 def off_order_lines(
     signal: AngleSignal,
     teeth: tuple[int, int],
@@ -151,7 +159,7 @@ def off_order_lines(
     spectrum = fft.rfft(weight * (v - (weight @ v) / weight.sum()), length) * (2 / weight.sum())
     step = 2 * pi / (length * signal.step)
     turns = v.size * signal.step / (2 * pi)
-    amplitude = np.abs(spectrum[: min(spectrum.size, int(top / speed_hz / step))])
+    amplitude = np.sqrt(power_of(spectrum[: min(spectrum.size, int(top / speed_hz / step))]))
     order = step * np.arange(amplitude.size)
     z1, gear = teeth[0], teeth[0] / teeth[1]
     from_shaft = np.minimum(np.abs(order - np.rint(order)), np.abs(order - gear * np.rint(order / gear)))
@@ -161,18 +169,16 @@ def off_order_lines(
     if index.size < 64:
         return []
     power = amplitude[index] ** 2
-    around = median_filter(power, 61, mode="nearest") / np.log(2)
     at = np.array(MESH_HARMONICS) * z1
     mesh = np.array(
         [amplitude[max(0, round(o / step) - 3) : round(o / step) + 4].max(initial=0.0) for o in at.tolist()]
     )
-    least = limits.least_amplitude * noise_floor
+    highest = power >= maximum_filter1d(power, 2 * LINE_REACH + 1, mode="nearest")
+    peaks = 1 + np.flatnonzero((highest & (np.sqrt(power) >= limits.least_amplitude * noise_floor))[1:-1])
+    peaks = peaks[power[peaks] >= limits.stands_out * _around(power, peaks)]
     out = []
-    for i in range(1, index.size - 1):
+    for i in peaks.tolist():
         a = float(np.sqrt(power[i]))
-        highest = power[max(i - 4, 0) : i + 5].max()
-        if a < least or power[i] < limits.stands_out * around[i] or power[i] < highest:
-            continue
         near = np.abs(at - order[index[i]]) < limits.near_mesh
         skirt = np.maximum(limits.of_mesh, 2 * pi * at[near] * speed_hz * timing_error) * mesh[near]
         if a > skirt.max(initial=0.0):
@@ -191,17 +197,24 @@ class _Impacts:
 
 
 def non_gear_features(
-    rig: Rig, window: Window, limits: NonGearFeatureThresholds = THRESHOLDS
+    rig: Rig,
+    window: Window,
+    limits: NonGearFeatureThresholds = THRESHOLDS,
+    signals: WindowSignals | None = None,
 ) -> NonGearFeatures | None:
-    """Non-gear features of the reference accelerometer; None where there is none, or no speed."""
+    """Non-gear features of the reference accelerometer; None where there is none, or no speed.
+
+    signals  of this window, where other features are computed from them, too
+    """
+    signals = signals or WindowSignals(rig, window)
     try:
-        _, samples = reference(rig, window)
-        track = pinion_angle(rig, window, window.accelerations)
-        signal, _ = on_angle(samples, track)
+        name, samples = reference(rig, window)
+        track = signals.track
+        signal, _ = signals.on_angle(name)
         error = timing_error(window, track.source)
         tones = [
             tone
-            for tone in window_tones(samples, track, rig.teeth)
+            for tone in window_tones(samples, track, rig.teeth, signal=signal)
             if not _may_be_of_a_shaft(tone, rig.teeth, track.speed, 1 / window.duration, error)
         ]
         lines = off_order_lines(
@@ -255,19 +268,19 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
     top, per_turn = rig.band[1], 2 * pi / signal.step
     try:
         rest = without_shaft_lines(signal, rig.teeth).values
-        wide = [b for b in kurtogram(rest, per_turn) if b.high - b.low > limits.least_width * top / speed_hz]
+        wide = kurtogram(rest, per_turn, wider_than=limits.least_width * top / speed_hz)
     except TwinError as reason:
         return _Impacts(fault=f"impacts are not searched for: {reason}")
     if not wide:
         return _Impacts(fault="impacts are not searched for: no band of the acceleration is wide enough")
-    band = max(wide, key=lambda b: b.kurtosis)
+    band, carrier = max(wide, key=lambda b: b.kurtosis), Carrier(rest, per_turn)
     rates: tuple[tuple[float, float], ...] = ()
     modulation: tuple[tuple[str, float], ...] = ()
     try:
         noise = (limits.noise_from * top / speed_hz, 0.45 * per_turn)
-        modulation = tuple(_by_shaft(rest, per_turn, noise, shafts, limits.same_rate))
+        modulation = tuple(_by_shaft(carrier, noise, shafts, limits.same_rate))
         if band.kurtosis > limits.impulsive:
-            seen = modulations(rest, per_turn, (band.low, band.high), shafts, 1e-3)
+            seen = modulations(carrier, (band.low, band.high), shafts, 1e-3)
             rates = tuple((float(m.rate), float(m.depth)) for m in seen if m.shaft is None)
     except TwinError as reason:
         fault = f"the envelope is not examined: {reason}"
@@ -276,14 +289,13 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
 
 
 def _by_shaft(
-    rest: np.ndarray,
-    per_turn: float,
+    carrier: Carrier,
     band: tuple[float, float],
     shafts: Sequence[tuple[str, float]],
     same_rate: float,
 ) -> list[tuple[str, float]]:
     """Shafts whose own order modulates the noise of a band of orders, and how deep: by one, it varies once a turn."""
-    seen = modulations(rest, per_turn, band, shafts, 1e-3)
+    seen = modulations(carrier, band, shafts, 1e-3)
     out = []
     for name, order in shafts:
         depths = [float(m.depth) for m in seen if abs(m.rate / order - 1) < same_rate]

@@ -20,7 +20,6 @@ Source   D. C. Rife, R. R. Boorstyn, Bell Syst. Tech. J. 55 (1976) 1389–1410 (
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from math import pi, sqrt
 
 import numpy as np
@@ -28,7 +27,8 @@ from scipy import fft
 
 from twin.errors import WindowError
 from twin.features.gaps import taper
-from twin.features.resample import AngleSignal, at, coefficients
+from twin.features.resample import AngleSignal, at
+from twin.features.transforms import bins_within, hann, power_of, powers
 
 RESOLUTION = 1.2  # least distance of two lines, times the turns covered
 FEWEST_TURNS = 3.0
@@ -49,14 +49,6 @@ class OrderLines:
         return complex(self.amplitudes[int(np.argmin(np.abs(self.orders - order)))])
 
 
-@lru_cache(maxsize=4)
-def hann(n: int) -> np.ndarray:
-    """Hann window (n,) symmetric about its middle, nowhere zero; read-only."""
-    window = np.sin(pi * (np.arange(n) + 0.5) / n) ** 2
-    window.flags.writeable = False
-    return window
-
-
 def window_weight(signal: AngleSignal) -> np.ndarray:
     """Hann window (n,) that also falls to zero, over a quarter turn, towards what was lost."""
     weight = hann(signal.values.size)
@@ -72,47 +64,52 @@ class _Transform:
         self.n, self.columns = n, int(np.ceil(sqrt(n)))
         self.rows = -(-n // self.columns)
         o = np.asarray(orders)
-        fast = step * np.arange(self.columns)
-        slow = step * (self.columns * np.arange(self.rows) - (n - 1) / 2)
-        self.fast = np.exp(1j * np.outer(fast, o))  # (columns, orders)
-        self.slow = np.exp(1j * np.outer(slow, o))  # (rows, orders)
+        fast = powers(np.exp(1j * step * o), self.columns)
+        self.fast = np.concatenate((fast.real, fast.imag), axis=1)  # (columns, 2·orders)
+        middle = np.exp(-0.5j * (n - 1) * step * o)
+        self.slow = powers(np.exp(1j * step * self.columns * o), self.rows) * middle  # (rows, orders)
 
     def forward(self, x) -> np.ndarray:
         """(n,) real → (orders,) complex."""
         padded = np.zeros(self.rows * self.columns)
         padded[: self.n] = x
-        block = padded.reshape(self.rows, self.columns)
-        inner = block @ self.fast.real - 1j * (block @ self.fast.imag)
-        return np.einsum("ro,ro->o", inner, self.slow.conj())
+        inner = padded.reshape(self.rows, self.columns) @ self.fast
+        cosine, sine = inner[:, : self.slow.shape[1]], inner[:, self.slow.shape[1] :]
+        return np.sum((cosine - 1j * sine) * self.slow.conj(), axis=0)
 
     def back(self, X) -> np.ndarray:
         """Re Σ_o X_o exp(i·o·φ_n); (orders,) complex → (n,) real."""
         left = self.slow * X
-        block = left.real @ self.fast.real.T - left.imag @ self.fast.imag.T
+        block = np.concatenate((left.real, -left.imag), axis=1) @ self.fast.T
         return block.reshape(-1)[: self.n]
 
 
-def _hann_transform(δ, n: int, step: float) -> np.ndarray:
-    """Σ hann·exp(−i·δ·φ) in closed form; real, any shape."""
-    half = 0.5 * step * δ
-    numerator = np.sin(n * half)
+def _hann_transforms(orders, n: int, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Σ hann·exp(−i·δ·φ) at the differences δ of all pairs of orders, and at their sums; real, two of (o, o).
 
-    def dirichlet(shift, sign):  # sin(n·(half + shift)) = sign·numerator
-        below = np.sin(half + shift)
-        small = np.abs(below) < 1e-12
-        return np.where(small, float(n), sign * numerator / np.where(small, 1.0, below))
-
-    return 0.5 * dirichlet(0.0, 1) + 0.25 * (dirichlet(pi / n, -1) + dirichlet(-pi / n, -1))
-
-
-def _window_transform(δ, weight, step: float, gaps: bool) -> np.ndarray:
-    """Σ weight·exp(−i·δ·φ).
-
-    With gaps from every m-th value, the weight being smooth, and zero beyond the reach of its tapers.
+    Σ = sin(n·h)·sin²(s/2)·(2·cos²(s/2) − sin²h)/(sin h·(sin²s − sin²h)),   h = δ·step/2,   s = π/n;
+    n/2 at h = 0 and n/4 at h = ±s
     """
+    half = 0.5 * step * orders
+    fast, slow = np.exp(1j * n * half), np.exp(1j * half)
+    s = pi / n
+
+    def at(sign: int) -> np.ndarray:
+        above = np.outer(fast.imag, fast.real) + sign * np.outer(fast.real, fast.imag)
+        below = np.outer(slow.imag, slow.real) + sign * np.outer(slow.real, slow.imag)
+        square = below**2
+        beyond = np.sin(s) ** 2 - square
+        middle, edge = np.abs(below) < 1e-12, np.abs(beyond) < 1e-12 * np.sin(2 * s)
+        divisor = np.where(middle | edge, 1.0, below * beyond)
+        out = above * np.sin(0.5 * s) ** 2 * (2 * np.cos(0.5 * s) ** 2 - square) / divisor
+        return np.where(middle, 0.5 * n, np.where(edge, 0.25 * n, out))
+
+    return at(-1), at(1)
+
+
+def _gaps_transform(δ, weight, step: float) -> np.ndarray:
+    """Σ weight·exp(−i·δ·φ) from every m-th value, the weight being smooth; zero beyond the reach of its tapers."""
     n = weight.size
-    if not gaps:
-        return _hann_transform(δ, n, step)
     m = max(1, int(2 * pi / step / WEIGHTS_PER_TURN))
     thin = weight[(n - 1) % m // 2 :: m]
     thin = thin[: (n - 1) // m + 1]
@@ -134,13 +131,26 @@ def resolved(orders, turns: float) -> np.ndarray:
     return keep
 
 
-def _solve(c, orders, weight, step: float, gaps: bool) -> tuple[np.ndarray, np.ndarray]:
+def _solve(c, orders, weight, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Amplitudes from the windowed transforms c, and how much the coupling of lines widens their errors."""
+    zero = np.flatnonzero(orders == 0)  # the mean has no imaginary part
+    c[zero] = c[zero].real
+    A, B = _hann_transforms(orders, weight.size, step)
+    G = 0.5 * np.stack((A + B, A - B))  # of real and of imaginary parts, which do not mix
+    G[1, zero, :] = G[1, :, zero] = 0.0
+    G[1, zero, zero] = 1.0
+    inverse = np.linalg.inv(G)
+    widening = np.sqrt(np.maximum(np.diagonal(inverse, 0, 1, 2) * np.diagonal(G, 0, 1, 2), 1.0))
+    return inverse[0] @ c.real + 1j * (inverse[1] @ c.imag), widening.max(axis=0)
+
+
+def _solve_with_gaps(c, orders, weight, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """The same where the record has gaps, so that real and imaginary parts mix."""
     n = len(orders)
-    A = 0.5 * _window_transform(orders[:, None] - orders[None, :], weight, step, gaps)
-    B = 0.5 * _window_transform(orders[:, None] + orders[None, :], weight, step, gaps)
+    A = 0.5 * _gaps_transform(orders[:, None] - orders[None, :], weight, step)
+    B = 0.5 * _gaps_transform(orders[:, None] + orders[None, :], weight, step)
     G = np.block([[(A + B).real, (B - A).imag], [(A + B).imag, (A - B).real]])
-    for j in np.flatnonzero(orders == 0):  # the mean has no imaginary part
+    for j in np.flatnonzero(orders == 0):
         G[n + j, :] = G[:, n + j] = 0.0
         G[n + j, n + j] = 1.0
         c[j] = c[j].real
@@ -150,13 +160,14 @@ def _solve(c, orders, weight, step: float, gaps: bool) -> tuple[np.ndarray, np.n
     return X[:n] + 1j * X[n:], np.maximum(widening[:n], widening[n:])
 
 
-def _floor(power, orders, turns: float, per_bin: float) -> np.ndarray:
-    """Mean power of the floor around each order, from the median of its neighbours; (m,), (n,) → (n,)."""
+def _floor(spectrum, orders, turns: float, per_bin: float) -> np.ndarray:
+    """Mean |spectrum|² of the floor around each order, from the median of its neighbours; (m,), (n,) → (n,)."""
     offsets = np.arange(2.0, 12.0, 0.5) / turns
     around = np.concatenate((-offsets[::-1], offsets))
     bins = np.abs(np.rint((np.asarray(orders)[:, None] + around) / per_bin).astype(int))
-    bins = np.where(bins >= power.size, 2 * (power.size - 1) - bins, bins)
-    return np.median(power[np.clip(bins, 0, power.size - 1)], axis=1) / np.log(2)
+    bins = np.where(bins >= spectrum.size, 2 * (spectrum.size - 1) - bins, bins)
+    power = np.sort(power_of(spectrum[np.clip(bins, 0, spectrum.size - 1)]), axis=1)
+    return (power[:, around.size // 2 - 1] + power[:, around.size // 2]) / (2 * np.log(2))
 
 
 def order_lines(signal: AngleSignal, orders, parts=None) -> OrderLines:
@@ -171,7 +182,6 @@ def order_lines(signal: AngleSignal, orders, parts=None) -> OrderLines:
     if turns < FEWEST_TURNS:
         raise WindowError(f"{turns:.2f} pinion turns are too few to read lines; at least {FEWEST_TURNS:g} are needed")
     n, step = signal.values.size, signal.step
-    gaps = not signal.usable.all()
     weight = window_weight(signal)
     total = weight.sum()
     turns *= total / (0.5 * n)  # what gaps leave
@@ -188,12 +198,11 @@ def order_lines(signal: AngleSignal, orders, parts=None) -> OrderLines:
         for values, attenuation in parts:
             centred = values - (weight @ values) / total
             c += transform.forward(weight * centred) / np.asarray(attenuation)[keep]
-    X, widening = _solve(c, wanted, weight, step, gaps)
+    solve = _solve if signal.usable.all() else _solve_with_gaps
+    X, widening = solve(c, wanted, weight, step)
 
     rest = weight * (x - transform.back(X))
-    length = fft.next_fast_len(n, real=True)
-    power = np.abs(fft.rfft(rest, length)) ** 2 * (2 / total) ** 2
-    floor = _floor(power, wanted, turns, 2 * pi / (length * step))
+    floor = (2 / total) ** 2 * _floor(fft.rfft(rest, signal.length), wanted, turns, signal.order_of_bin(1))
     std = np.sqrt(floor / 2) * widening
     zero = wanted == 0
     X[zero] += mean
@@ -213,18 +222,15 @@ def mesh_bands(signal: AngleSignal, teeth: int, harmonics: int = 5, sidebands: f
     The band's edges lie two resolution steps outside the outermost sidebands, so those count in full; NaN
     where the band reaches beyond half the sampling rate.
     """
-    n, step = signal.values.size, signal.step
     weight = window_weight(signal)
-    x = weight * (signal.values - (weight @ signal.values) / weight.sum())
-    length = fft.next_fast_len(n, real=True)
-    power = 2 * np.abs(fft.rfft(x, length)) ** 2 / (length * (weight @ weight))
-    order = np.arange(power.size) * 2 * pi / (length * step)
+    spectrum = signal.spectrum if signal.usable.all() else signal.spectrum_under(weight)
     margin = min(2 / signal.turns, 0.45)
     out = np.full(harmonics, np.nan)
     for k in range(1, harmonics + 1):
         low, high = k * teeth - sidebands - margin, k * teeth + sidebands + margin
-        if high < pi / step:
-            out[k - 1] = sqrt(power[(order >= low) & (order <= high)].sum())
+        if high < pi / signal.step:
+            inside = spectrum[bins_within((low, high), signal.order_of_bin, spectrum.size)]
+            out[k - 1] = sqrt(2 * power_of(inside).sum() / (signal.length * (weight @ weight)))
     return out
 
 
@@ -241,7 +247,9 @@ def synchronous_average(signal: AngleSignal, period_turns: float, points: int) -
         raise WindowError(f"a synchronous average over {period_turns:g} turns needs more than {signal.turns:.2f} turns")
     angles = period * (first + np.arange((last - first) * points) / points)
     position = (angles - signal.start) / signal.step
-    values = at(coefficients(signal.values), position).reshape(-1, points)
+    values = at(signal.coefficients, position).reshape(-1, points)
+    if signal.usable.all():
+        return values.mean(axis=0), len(values)
     near = np.clip(np.rint(position).astype(int), 0, signal.usable.size - 1)
     whole = signal.usable[near].reshape(-1, points).all(axis=1)
     if not whole.any():

@@ -24,8 +24,8 @@ from scipy import fft
 
 from twin.errors import WindowError
 from twin.features.gaps import filled
-from twin.features.orders import hann
 from twin.features.resample import AngleSignal, spline_response
+from twin.features.transforms import hann
 
 LEAST_VALUES = 16
 NOISE_BANDWIDTH = 1.5  # of the Hann window [bins]

@@ -39,8 +39,8 @@ from twin.errors import NotAvailable
 from twin.features.angle import AngleTrack
 from twin.features.gaps import filled, taper
 from twin.features.noise_floor import exceedance, noise_floor, threshold
-from twin.features.orders import hann
-from twin.features.resample import on_angle
+from twin.features.resample import AngleSignal, on_angle
+from twin.features.transforms import fast_length_below, hann, power_of
 from twin.windows import Samples
 
 BAND = (5.0, 2200.0)  # [Hz]
@@ -113,31 +113,25 @@ class _Record:
         return self.start + 0.5 * (self.weight.size - 1) / self.rate
 
 
-def _fast_length(n: int) -> int:
-    while fft.next_fast_len(n, real=True) != n:
-        n -= 1
-    return n
-
-
-def _record(samples: Samples, track: AngleTrack) -> _Record:
+def _record(samples: Samples, track: AngleTrack, signal: AngleSignal | None) -> _Record:
     """The windowed spectrum of a channel over the time that the angle covers."""
-    first, last = track.time(np.array([track.start, track.stop]))
+    first, last = track.ends
     low = max(0, int(np.ceil((first - samples.start) * samples.rate)))
     high = min(samples.values.size, int((last - samples.start) * samples.rate))
     if high - low < 1024 or not np.isfinite(samples.values[low:high]).any():
         raise NotAvailable(f"non-gear tones are not available: {max(high - low, 0)} samples and angles in common")
-    n = _fast_length(high - low)
+    n = fast_length_below(high - low)
     values, usable = filled(samples.values[low : low + n], 2)
     weight = hann(n) * taper(usable, round(0.02 * samples.rate))
     if (weight @ weight) < 0.3 * (hann(n) @ hann(n)):
         raise NotAvailable("non-gear tones are not available: gaps take most of the record")
     spectrum = fft.rfft(weight * (values - (weight @ values) / weight.sum()))
-    floor = noise_floor(np.abs(spectrum) ** 2)
+    floor = noise_floor(power_of(spectrum))
     grid = np.linspace(track.start, track.stop, max(64, int(64 * track.turns)))
-    signal, _ = on_angle(samples, track)
+    if signal is None:
+        signal, _ = on_angle(samples, track)
     turned = signal.values * hann(signal.values.size) * taper(signal.usable, round(0.2 * 2 * pi / signal.step))
-    length = fft.next_fast_len(turned.size, real=True)
-    power = np.abs(fft.rfft(turned, length)) ** 2 * (n / turned.size) ** 2
+    power = power_of(fft.rfft(turned, signal.length)) * (n / turned.size) ** 2
     start = samples.start + low / samples.rate
     times = track.time(grid)
     w2, t2 = weight**2, np.linspace(-1, 1, n) ** 2
@@ -157,17 +151,19 @@ def _record(samples: Samples, track: AngleTrack) -> _Record:
         standing=power / noise_floor(power).power,
         widening=float(n * (w2 @ w2) / w2.sum() ** 2),
         time_widening=float(n * ((w2 * w2) @ t2) / (w2.sum() * (w2 @ t2))),
-        order_step=2 * pi / (length * signal.step),
+        order_step=signal.order_of_bin(1),
     )
 
 
-def _energy(power, centre: int, half: int = 2) -> float:
-    return float(power[max(centre - half, 0) : centre + half + 1].sum())
+def _energies(power, centres) -> np.ndarray:
+    """Power of each bin with two on either side of it, (m,), (n,) → (n,)."""
+    bins = np.asarray(centres)[:, None] + np.arange(-2, 3)
+    return np.where((bins >= 0) & (bins < power.size), power[np.clip(bins, 0, power.size - 1)], 0.0).sum(axis=1)
 
 
 def _peaks(record: _Record, band: tuple[float, float], false_alarm: float) -> tuple[np.ndarray, int]:
     """Bins of peaks over the floor that are not clearly sharper against angle, strongest first; bins searched."""
-    power = np.abs(record.spectrum) ** 2
+    power = power_of(record.spectrum)
     low, high = (int(np.ceil(f * record.duration)) for f in (band[0], min(band[1], 0.45 * record.rate)))
     low = max(low, 3)
     inner = power[low:high]
@@ -176,9 +172,9 @@ def _peaks(record: _Record, band: tuple[float, float], false_alarm: float) -> tu
     over = threshold(false_alarm, high - low, record.freedom)
     found = low + np.flatnonzero(is_peak & (ratio > over))
     scale = 1 / (record.duration * record.speed * record.order_step)
-    kept = [j for j in map(int, found) if _energy(record.ordered, int(j * scale + 0.5)) < 1.05 * _energy(power, j)]
-    kept.sort(key=lambda j: -float(power[j] / record.floor[j]))
-    return np.array(kept[:MOST_PEAKS], dtype=int), high - low
+    ordered = (found * scale + 0.5).astype(int)
+    kept = found[_energies(record.ordered, ordered) < 1.05 * _energies(power, found)]
+    return kept[np.argsort(-(power[kept] / record.floor[kept]), kind="stable")][:MOST_PEAKS], high - low
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -398,13 +394,15 @@ def window_tones(
     teeth: tuple[int, int],
     band: tuple[float, float] = BAND,
     false_alarm: float = FALSE_ALARM,
+    signal: AngleSignal | None = None,
 ) -> tuple[Tone, ...]:
     """Tones of one window that are steadier in hertz than in order, strongest evidence first.
 
     band         where they are sought [Hz]
     false_alarm  probability that noise alone gives one or more in the band
+    signal       the samples on an even grid of pinion angle, where they are known so
     """
-    tones = _record_tones(_record(samples, track), teeth, band, false_alarm)
+    tones = _record_tones(_record(samples, track, signal), teeth, band, false_alarm)
     return tuple(sorted(tones, key=lambda tone: -tone.evidence))
 
 

@@ -29,6 +29,7 @@ from math import pi
 
 import numpy as np
 
+from twin import compiled
 from twin.errors import NotAvailable, WindowError
 from twin.features.angle import AngleTrack, angle_track
 from twin.features.gaps import filled, runs
@@ -83,9 +84,11 @@ def departure(edges: Edges, ratio: float, track: AngleTrack, shift: float, grid)
         Δ[start:stop] = np.linspace(*ends, stop - start + 2)[1:-1]
     position = (grid - φ0) / spacing
     for _ in range(2):
-        position = (grid + np.interp(position, np.arange(Δ.size), Δ) - φ0) / spacing
-    near = np.clip(np.rint(position).astype(int), 0, times.size - 1)
-    return at(coefficients(Δ), position), usable[near] & (position > -0.5) & (position < times.size - 0.5)
+        position = (grid + compiled.linear_at(Δ, position) - φ0) / spacing
+    inside = (position > -0.5) & (position < times.size - 0.5)
+    if not usable.all():
+        inside &= usable[np.clip(np.rint(position).astype(int), 0, times.size - 1)]
+    return at(coefficients(Δ), position), inside
 
 
 def pinion_motion(pinion: Edges, base_radius: float | None, track: AngleTrack) -> tuple[AngleSignal, str]:

@@ -15,7 +15,7 @@ from scipy import fft
 from scipy.ndimage import median_filter
 
 from twin.assessment import Mistake
-from twin.features.orders import hann
+from twin.features.transforms import hann
 from twin.plausibility.context import Examined, listed
 from twin.plausibility.thresholds import SamplingThresholds
 from twin.windows import Samples

@@ -16,8 +16,8 @@ from scipy.ndimage import median_filter
 
 from twin.assessment import Mistake
 from twin.errors import TwinError
-from twin.features.orders import hann
 from twin.features.resample import on_angle
+from twin.features.transforms import hann
 from twin.plausibility.context import Examined
 from twin.plausibility.thresholds import SpeedThresholds
 from twin.windows import Samples
