@@ -23,7 +23,7 @@ from functools import cached_property
 from math import pi
 
 import numpy as np
-from scipy.interpolate import BSpline, PPoly, make_lsq_spline
+from scipy.interpolate import PPoly, make_lsq_spline
 
 from twin import compiled
 from twin.errors import WindowError
@@ -131,7 +131,7 @@ def fit_track(
     while True:
         knots = np.linspace(0.0, span, pieces + 1)
         x = angle - start
-        counts = np.histogram(x, knots)[0]
+        counts = np.diff(np.append(np.searchsorted(x, knots[:-1]), np.searchsorted(x, span, side="right")))
         if pieces == 1 or ((counts >= 2).all() and x.size >= pieces + 8):
             break
         pieces = max(1, pieces // 2)  # gaps: fewer knots than would stand on nothing
@@ -140,8 +140,8 @@ def fit_track(
     full = np.concatenate(([0.0] * 3, knots, [span] * 3))
     slope = (time[-1] - time[0]) / (x[-1] - x[0])
     spline = make_lsq_spline(x, time - slope * x, full, k=3)
-    line = BSpline(full, slope * np.convolve(full[1:-1], np.ones(3) / 3, "valid"), 3)
-    whole = PPoly.from_spline(BSpline(full, spline.c + line.c, 3))
+    line = slope * np.convolve(full[1:-1], np.ones(3) / 3, "valid")
+    whole = PPoly.from_spline((full, spline.c + line, 3))
     if np.any(compiled.cubics_at(whole.x, whole.c, np.linspace(0, span, 8 * pieces + 1))[1] <= 0):
         raise WindowError(f"{source}: the angle does not rise steadily; encoder reversed, or edges out of order?")
     return AngleTrack(start=start, stop=stop, knots=whole.x, cubics=whole.c, source=source)

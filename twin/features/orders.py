@@ -69,10 +69,11 @@ class _Transform:
         middle = np.exp(-0.5j * (n - 1) * step * o)
         self.slow = powers(np.exp(1j * step * self.columns * o), self.rows) * middle  # (rows, orders)
 
-    def forward(self, x) -> np.ndarray:
-        """(n,) real → (orders,) complex."""
-        padded = np.zeros(self.rows * self.columns)
-        padded[: self.n] = x
+    def forward(self, x, weight=1.0) -> np.ndarray:
+        """Of x·weight, (n,) real → (orders,) complex."""
+        padded = np.empty(self.rows * self.columns)
+        np.multiply(x, weight, out=padded[: self.n])
+        padded[self.n :] = 0.0
         inner = padded.reshape(self.rows, self.columns) @ self.fast
         cosine, sine = inner[:, : self.slow.shape[1]], inner[:, self.slow.shape[1] :]
         return np.sum((cosine - 1j * sine) * self.slow.conj(), axis=0)
@@ -192,16 +193,16 @@ def order_lines(signal: AngleSignal, orders, parts=None) -> OrderLines:
     x = signal.values - mean
     transform = _Transform(n, step, wanted)
     if parts is None:
-        c = transform.forward(weight * x)
+        c = transform.forward(x, weight)
     else:
         c = np.zeros(wanted.size, dtype=complex)
         for values, attenuation in parts:
-            centred = values - (weight @ values) / total
-            c += transform.forward(weight * centred) / np.asarray(attenuation)[keep]
+            c += transform.forward(values - (weight @ values) / total, weight) / np.asarray(attenuation)[keep]
     solve = _solve if signal.usable.all() else _solve_with_gaps
     X, widening = solve(c, wanted, weight, step)
 
-    rest = weight * (x - transform.back(X))
+    rest = x - transform.back(X)
+    rest *= weight
     floor = (2 / total) ** 2 * _floor(fft.rfft(rest, signal.length), wanted, turns, signal.order_of_bin(1))
     std = np.sqrt(floor / 2) * widening
     zero = wanted == 0

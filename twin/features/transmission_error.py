@@ -78,7 +78,8 @@ def departure(edges: Edges, ratio: float, track: AngleTrack, shift: float, grid)
     times, usable = filled(edges.times, LONGEST_GAP)
     φ = φ0 + spacing * np.arange(times.size)
     Δ = φ - track.angle(times, φ)
-    for start, stop in runs(~usable):  # a straight line in Δ, not in time, where edges are lost
+    whole = bool(usable.all())
+    for start, stop in () if whole else runs(~usable):  # a straight line in Δ, not in time, where edges are lost
         before, after = Δ[max(start - 1, 0)], Δ[min(stop, Δ.size - 1)]
         ends = (after, after) if start == 0 else (before, before if stop == Δ.size else after)
         Δ[start:stop] = np.linspace(*ends, stop - start + 2)[1:-1]
@@ -86,7 +87,7 @@ def departure(edges: Edges, ratio: float, track: AngleTrack, shift: float, grid)
     for _ in range(2):
         position = (grid + compiled.linear_at(Δ, position) - φ0) / spacing
     inside = (position > -0.5) & (position < times.size - 0.5)
-    if not usable.all():
+    if not whole:
         inside &= usable[np.clip(np.rint(position).astype(int), 0, times.size - 1)]
     return at(coefficients(Δ), position), inside
 
