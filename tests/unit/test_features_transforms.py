@@ -5,6 +5,7 @@ import pytest
 from scipy import fft
 
 from twin.features.orders import _hann_transforms
+from twin.features.tones import _Local
 from twin.features.transforms import bins_within, fast_length_below, hann, power_of, powers
 
 
@@ -50,3 +51,25 @@ def test_hanns_own_transform_at_differences_and_sums_of_orders_is_the_direct_sum
     for sign, values in zip((-1, 1), found, strict=True):
         δ = orders[:, None] + sign * orders
         assert values == pytest.approx((hann(n) * np.cos(δ[:, :, None] * φ)).sum(axis=2), abs=1e-10 * n)
+
+
+def local_model():
+    rng, m = np.random.default_rng(3), 4 * 17
+    time = np.linspace(-1.0, 1.0, m)
+    return _Local(
+        y=np.zeros(17, complex), noise=1.0, w=hann(m), time=time, turn=0.3 * time**2, ν=rng.standard_normal(m),
+        centre=40.0, speed=10.0,
+    )  # fmt: skip
+
+
+def test_bins_about_a_peak_are_those_of_the_whole_transform():
+    local, signals = local_model(), np.random.default_rng(4).standard_normal((3, 68)) + 1j
+    whole = np.fft.fft(local.w * signals, axis=1, norm="forward").T
+    assert local.bins(signals) == pytest.approx(np.concatenate((whole[-8:], whole[:9])), abs=1e-14)
+    assert local.bins(signals[:0]).shape == (17, 0)
+
+
+def test_evenly_spaced_lines_are_the_lines_of_their_frequencies():
+    local, frequencies = local_model(), 39.0 + 0.25 * np.arange(9)
+    assert local.even(39.0, 0.25, 9, locked=False) == pytest.approx(local.tones(frequencies), abs=1e-12)
+    assert local.even(39.0, 0.25, 9, locked=True) == pytest.approx(local.orders(frequencies / 10.0), abs=1e-12)

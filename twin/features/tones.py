@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import pi, sqrt
 
 import numpy as np
@@ -40,7 +41,7 @@ from twin.features.angle import AngleTrack
 from twin.features.gaps import filled, taper
 from twin.features.noise_floor import exceedance, noise_floor, threshold
 from twin.features.resample import AngleSignal, on_angle
-from twin.features.transforms import fast_length_below, hann, power_of
+from twin.features.transforms import fast_length_below, hann, power_of, powers
 from twin.windows import Samples
 
 BAND = (5.0, 2200.0)  # [Hz]
@@ -177,6 +178,16 @@ def _peaks(record: _Record, band: tuple[float, float], false_alarm: float) -> tu
     return kept[np.argsort(-(power[kept] / record.floor[kept]), kind="stable")][:MOST_PEAKS], high - low
 
 
+@lru_cache(maxsize=16)
+def _fourier(bins: int) -> np.ndarray:
+    """Fourier matrix of FINE·bins values, about bin 0; (FINE·bins, bins) complex, read-only."""
+    m = FINE * bins
+    turns = np.outer(np.arange(m), np.arange(bins) - bins // 2) % m / m
+    matrix = np.exp(-2j * pi * turns) / m
+    matrix.flags.writeable = False
+    return matrix
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Local:
     """The bins round one peak and what a model of them is made of."""
@@ -192,13 +203,17 @@ class _Local:
 
     def bins(self, signals) -> np.ndarray:
         """Spectrum of signals (c, m) about the middle bin, under the window; (k, c)."""
-        reach = self.y.size // 2
-        whole = fft.fft(self.w * signals, axis=1).T / self.time.size
-        return np.concatenate((whole[-reach:], whole[: reach + 1]))
+        return ((self.w * signals) @ _fourier(self.y.size)).T
 
     def tones(self, frequencies) -> np.ndarray:
         """Steady tones of amplitude 1; (c,) → (c, m)."""
         return np.exp(2j * pi * np.outer(np.asarray(frequencies) - self.centre, self.time))
+
+    def even(self, first: float, step: float, count: int, locked: bool) -> np.ndarray:
+        """The same at evenly spaced frequencies, or lines of these frequencies at mean speed locked to the angle."""
+        wander = self.turn / self.speed if locked else 0.0
+        start = np.exp(1j * (first * wander + 2 * pi * (first - self.centre) * self.time))
+        return start * powers(np.exp(1j * step * (wander + 2 * pi * self.time)), count)
 
     def orders(self, orders) -> np.ndarray:
         """Lines of amplitude 1 locked to the angle; (c,) → (c, m)."""
@@ -215,7 +230,8 @@ def _local(record: _Record, bin_: int) -> _Local | None:
     at = np.arange(m) * (n / m)
     time = record.start + at / record.rate
     θ = np.interp(time, record.angle_time, record.angle)
-    speed = np.gradient(θ, time)
+    beside = np.diff(θ) / np.diff(time)
+    speed = np.concatenate((beside[:1], (θ[2:] - θ[:-2]) / (time[2:] - time[:-2]), beside[-1:]))
     ν = speed - speed.mean()
     wandered = θ - record.middle_angle - 2 * pi * record.speed * (time - record.middle)
     return _Local(
@@ -255,11 +271,11 @@ def _basis(columns) -> np.ndarray:
 def _gains(y, Q, columns) -> tuple[np.ndarray, np.ndarray]:
     """How much of |y|² each column takes that the basis Q leaves, and the amplitude it then has; (k, c) → (c,)."""
     rest = columns - Q @ (Q.conj().T @ columns)
-    size = np.sum(np.abs(rest) ** 2, axis=0)
-    whole = np.sum(np.abs(columns) ** 2, axis=0)
+    size = np.sum(power_of(rest), axis=0)
+    whole = np.sum(power_of(columns), axis=0)
     inner = np.where(size > COLLINEAR * whole, rest.conj().T @ y, 0.0)
     size = np.maximum(size, COLLINEAR * whole)
-    return np.abs(inner) ** 2 / size, inner / size
+    return power_of(inner) / size, inner / size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -333,13 +349,15 @@ def _tone(
     reach = (local.y.size // 2 + 2) * spacing
     near = local.bins(local.tones([f for f in known if abs(f - local.centre) < reach]))
     lines = local.orders(_order_lines(record, local, teeth))
-    locked = local.bins(np.concatenate((lines, lines * local.ν)))
-    Q = _basis(np.concatenate((near, locked), axis=1))
+    columns = local.bins(np.concatenate((lines, lines * local.ν)))
+    Q = _basis(np.concatenate((near, columns), axis=1))
     if Q.shape[1] > FULL * local.y.size:
         return None
     trial = local.centre + np.arange(-1.5, 1.51, 0.2) * spacing
-    gain, _ = _gains(local.y, Q, local.bins(local.tones(trial)))
-    other, _ = _gains(local.y, Q, local.bins(local.orders(trial / local.speed)))
+    gain, other = (
+        _gains(local.y, Q, local.bins(local.even(float(trial[0]), 0.2 * spacing, trial.size, locked)))[0]
+        for locked in (False, True)
+    )
     if gain.max() < max(over * local.noise * record.widening, 0.98 * other.max()):
         return None
     fit = _refine(local, Q, float(trial[np.argmax(gain)]), spacing)
@@ -359,7 +377,7 @@ def _tone(
         if more < extra + 6 * sqrt(extra) + 8:
             fit = alone
     toned = local.bins(local.tones([fit.frequency]))[:, 0] * fit.amplitude
-    order = np.linalg.lstsq(local.bins(lines), local.y - toned, rcond=1e-2)[0]
+    order = np.linalg.lstsq(columns[:, : len(lines)], local.y - toned, rcond=1e-2)[0]
     if order.size and abs(fit.amplitude) < LEAKAGE * np.abs(order).max():
         return None
     turned = 2 * pi * (local.centre * (record.middle - record.start) - fit.frequency * record.middle)
