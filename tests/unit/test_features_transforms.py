@@ -6,7 +6,7 @@ from scipy import fft
 
 from twin.features.orders import _hann_transforms
 from twin.features.tones import _Local
-from twin.features.transforms import bins_within, fast_length_below, hann, power_of, powers
+from twin.features.transforms import bins_within, fast_length_below, hann, power_of, powers, record_of, spectrum_of
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 8, 1001])
@@ -73,3 +73,11 @@ def test_evenly_spaced_lines_are_the_lines_of_their_frequencies():
     local, frequencies = local_model(), 39.0 + 0.25 * np.arange(9)
     assert local.even(39.0, 0.25, 9, locked=False) == pytest.approx(local.tones(frequencies), abs=1e-12)
     assert local.even(39.0, 0.25, 9, locked=True) == pytest.approx(local.orders(frequencies / 10.0), abs=1e-12)
+
+
+@pytest.mark.parametrize("n", [2, 3, 26, 34, 1000, 2 * 127, 2 * 13 * 17, 4 * 101, 999, 30_014])
+def test_spectra_of_any_length_and_their_records_are_those_of_scipy(n):
+    x = np.random.default_rng(n).standard_normal(n)
+    spectrum = spectrum_of(x)
+    assert spectrum == pytest.approx(fft.rfft(x), abs=1e-13 * n**0.5 * np.abs(x).max())
+    assert record_of(spectrum, n) == pytest.approx(x, abs=1e-13)

@@ -32,7 +32,7 @@ from twin.errors import NotAvailable, ParameterError
 from twin.features.level import TAPERED, tukey
 from twin.features.noise_floor import exceedance, noise_floor
 from twin.features.resample import AngleSignal
-from twin.features.transforms import hann, power_of, powers
+from twin.features.transforms import hann, power_of, powers, record_of, spectrum_of
 
 FALSE_ALARM = 1e-3
 LEVELS = 6  # the kurtogram's narrowest band is half the sampling rate over 2^LEVELS
@@ -83,7 +83,7 @@ def without_shaft_lines(signal: AngleSignal, teeth: tuple[int, int]) -> AngleSig
     z1, z2 = teeth
     n = signal.values.size
     weight = hann(n)
-    spectrum = fft.rfft(weight * (signal.values - (weight @ signal.values) / weight.sum()))
+    spectrum = spectrum_of(weight * (signal.values - (weight @ signal.values) / weight.sum()))
     power = power_of(spectrum)
     standing = power / noise_floor(power).power
     per_bin = 2 * pi / (n * signal.step)
@@ -106,7 +106,7 @@ def without_shaft_lines(signal: AngleSignal, teeth: tuple[int, int]) -> AngleSig
     return AngleSignal(
         start=signal.start + cut.start * signal.step,
         step=signal.step,
-        values=fft.irfft(spectrum, n)[cut] / weight[cut],
+        values=record_of(spectrum, n)[cut] / weight[cut],
         usable=signal.usable[cut],
     )
 
@@ -147,7 +147,7 @@ def kurtogram(
     wider_than  width of a band from which it is examined, in cycles per unit
     """
     n = len(values)
-    spectrum = fft.rfft(tukey(n) * (np.asarray(values) - np.mean(values))) * (2 / n)
+    spectrum = spectrum_of(tukey(n) * (np.asarray(values) - np.mean(values))) * (2 / n)
     low, high = (0.0, 0.45 * rate) if band is None else band
     first, last = int(np.ceil(low * n / rate)), min(int(high * n / rate), spectrum.size)
     out = []
@@ -237,7 +237,7 @@ class Carrier:
     @cached_property
     def spectrum(self) -> np.ndarray:
         """One-sided spectrum without the mean, amplitudes of lines; complex (n//2 + 1,)."""
-        return fft.rfft(np.asarray(self.values) - np.mean(self.values)) * (2 / len(self.values))
+        return spectrum_of(np.asarray(self.values) - np.mean(self.values)) * (2 / len(self.values))
 
     def squared_envelope(self, band: tuple[float, float]) -> tuple[int, np.ndarray]:
         """How many bins a band has, and the squared envelope within it on a grid just fine enough, (2·bins,)."""
@@ -289,7 +289,7 @@ def modulations(
     if mean <= 0:
         return ()
     weighted = weight * (s / mean - 1)
-    searched = power_of(fft.rfft(weighted)[: int(SEARCHED * bins)])  # beyond, too few pairs of bins beat
+    searched = power_of(spectrum_of(weighted)[: int(SEARCHED * bins)])  # beyond, too few pairs of bins beat
     beats = _beats(bins)[: searched.size]
     floor = noise_floor(searched / beats)
     ratio = searched / beats / floor.power

@@ -253,7 +253,7 @@ def _mean_torque(out: _Collector, window: Window) -> Samples | None:
 
 
 def _indicators(out: _Collector, signals: WindowSignals, angle: bool) -> None:
-    """Condition indicators of every accelerometer; whether the angle is known."""
+    """Condition indicators of every accelerometer; of its gears only where the angle is known."""
     rig = signals.rig
     teeth = rig.teeth if rig.has("gears.pinion.teeth", "gears.gear.teeth") else None
     found: dict[str, SensorIndicators] = {}
