@@ -14,7 +14,7 @@ from math import pi
 import numpy as np
 
 from twin.dynamics.contact_loss import solve_through_contact_loss
-from twin.dynamics.harmonic_balance import SteadyState
+from twin.dynamics.harmonic_balance import EVERY, SteadyState
 from twin.dynamics.mesh import PairMesh
 from twin.dynamics.structure import Structure, direction
 from twin.errors import ParameterError
@@ -139,17 +139,17 @@ class Model:
         (name,) = self.rig.require("the accelerometer's place", "sensors.accelerometer")
         return direction({name: 1.0})
 
-    def acceleration_lines(self, steady: SteadyState) -> np.ndarray:
-        """Complex amplitude of the accelerometer at every mesh harmonic k ≥ 1 [m/s²]."""
-        return -(steady.omega[1:] ** 2) * steady.lines(self.structure, self.accelerometer)
+    def acceleration_lines(self, steady: SteadyState, at: slice = EVERY) -> np.ndarray:
+        """Complex amplitude of the accelerometer at every mesh harmonic k ≥ 1, or at some [m/s²]."""
+        return -(steady.omega[at] ** 2) * steady.lines(self.structure, self.accelerometer, at)
 
-    def transmission_error_lines(self, steady: SteadyState) -> np.ndarray:
-        """Complex amplitude of r_b1·θ7 − r_b2·θ8 at every mesh harmonic k ≥ 1 [m]."""
-        return steady.lines(self.structure, self.structure.transmission_error)
+    def transmission_error_lines(self, steady: SteadyState, at: slice = EVERY) -> np.ndarray:
+        """Complex amplitude of r_b1·θ7 − r_b2·θ8 at every mesh harmonic k ≥ 1, or at some [m]."""
+        return steady.lines(self.structure, self.structure.transmission_error, at)
 
-    def pinion_motion_lines(self, steady: SteadyState) -> np.ndarray:
-        """Complex amplitude of r_b1·θ, what the pinion's encoder measures, at every mesh harmonic k ≥ 1 [m]."""
-        return steady.lines(self.structure, self.structure.pinion_motion)
+    def pinion_motion_lines(self, steady: SteadyState, at: slice = EVERY) -> np.ndarray:
+        """Complex amplitude of r_b1·θ, what the pinion's encoder measures, at every mesh harmonic, or at some [m]."""
+        return steady.lines(self.structure, self.structure.pinion_motion, at)
 
     def torque_lines(self, steady: SteadyState) -> np.ndarray:
         """Complex amplitude of the torque meter at every mesh harmonic k ≥ 1 [N·m]."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.dynamics_cases import PRIOR, RIG, TEN, model, worn
+from tests.effects_cases import INSTANCES
 from twin.effects import EFFECTS
 from twin.effects.response import Nearby, solve_with
 from twin.errors import ParameterError
@@ -67,6 +68,27 @@ def test_deeper_wear_is_a_parameter_like_any_other():
     true = solve_with(model(), (), deep, TEN, samples=256)
     change, moved = lines(true) - lines(base), lines(near) - lines(base)
     assert np.linalg.norm(moved - change) < 0.02 * np.linalg.norm(change)
+
+
+OF_MESH = [name for name, kind in EFFECTS.items() if "mesh" in kind.facts.periods]
+
+
+@pytest.mark.parametrize("name", OF_MESH)
+def test_recalibrated_state_is_that_with_the_effect_applied_anew(name):
+    """Whatever an effect does to a setup, it leaves the structure and multiplies what is calibrated."""
+    effect, profile = INSTANCES[name][0], worn(TEN, DEPTH)
+    if effect.period != "mesh":
+        pytest.skip("this instance acts over a longer period")
+    nearby = Nearby(solve_with(model(), (effect,), profile, TEN, samples=256))
+    ε = 1e-3
+    other = calibrated(
+        stiffness_scale=PRIOR.stiffness_scale * (1 + ε),
+        damping_time=PRIOR.damping_time * (1 - ε),
+        modal_damping=PRIOR.modal_damping * (1 + 2 * ε),
+    )
+    np.testing.assert_allclose(
+        lines(nearby.recalibrated(other)), lines(nearby.response(other, (effect,), profile)), rtol=1e-9, atol=1e-12
+    )
 
 
 def test_nothing_changed_moves_nothing():

@@ -8,12 +8,13 @@ import pytest
 from tests.dynamics_cases import RIG, TEN, model, worn
 from twin.effects.response import Effect
 from twin.rig import Rig
+from twin.tracing import joint_fit
 from twin.tracing.joint_fit import fit, inverse
 from twin.tracing.joint_problem import Problem, predict
 from twin.tracing.mesh_trials import mesh_trials, started
 from twin.tracing.mesh_windows import MeshWindows
 from twin.tracing.observed import CHANNELS, Observed
-from twin.tracing.scatter import HealthyScatter
+from twin.tracing.scatter import HealthyScatter, LineSizes
 
 TRIALS = mesh_trials()
 DEPTH = 25.6e-6  # rounds up to two digits: a curve from there on starts deeper
@@ -106,6 +107,59 @@ def test_problem_knows_which_trial_a_number_belongs_to():
     owners = [problem.acting_on(j) for j in range(problem.shared)]
     assert owners == [None] * 3 + [trials[0]] + [trials[1]] * 4
     assert problem.numbers_of(trials[1]) == slice(4, 8)
+
+
+def test_weights_whiten_the_covariance_that_the_scatter_states():
+    """C = ρ²·m·mᴴ + β²·P·Pᵀ + diag(2σ² + (κ|m|)² + φ²P² + floor² + (τ|m − m′|)²), of windows of one speed."""
+    rng, sizes = np.random.default_rng(3), HealthyScatter.of_rig(RIG)
+    channel, harmonic, group = ("encoder", "acceleration", "acceleration"), np.array([2, 1, 7]), np.array([0, 0, 1, 0])
+    m, added = (rng.normal(size=(3, 4)) + 1j * rng.normal(size=(3, 4)) for _ in range(2))
+    m, added, depth = 1e-6 * m, 1e-7 * added, np.array([0.0, 1e-5, 2e-5, 3e-5])
+    std, P = 1e-7 * rng.uniform(1, 2, (3, 4)), rng.uniform(1, 2, (3, 4))
+    std[1, 2] = np.nan  # a window that lacks the line
+    found = LineSizes.of(sizes, channel, harmonic, std, P, group).weights(m, depth, added)
+    log_det = 0.0
+    for i, k in enumerate(harmonic):
+        there = np.isfinite(std[i])
+        scatter = sizes.channels[channel[i]]
+        ρ, κ = (size[k - 1] for size in scatter.sizes(k))
+        κ = κ + scatter.per_depth * k * depth
+        each = 2 * std[i] ** 2 + (κ * abs(m[i])) ** 2 + (sizes.each * P[i]) ** 2 + scatter.floor**2
+        C = np.diag(each + (sizes.teeth * abs(added[i])) ** 2).astype(complex)
+        C += sizes.common**2 * np.outer(P[i], P[i])
+        C += ρ**2 * np.outer(m[i], m[i].conj()) * (group[:, None] == group)
+        C, root = C[np.ix_(there, there)], found.root[i][np.ix_(there, there)]
+        np.testing.assert_allclose(root @ C @ root.conj().T, np.eye(there.sum()), atol=1e-9)
+        log_det += np.linalg.slogdet(C)[1]
+    assert found.log_det == pytest.approx(log_det)
+
+
+def test_jacobian_is_the_difference_of_residuals():
+    trial = started(TRIALS["tooth_friction"], np.array([0.5]), 0.0)
+    block = block_of(REPEATED[:3])
+    problem = block.problem((trial,), block.wear())
+    shared, depth = np.array([0.1, -0.2, 0.3, 0.5]), np.array([0.0, DEPTH, 0.9 * DEPTH])
+    point = joint_fit._Point.of(problem, shared, 0.05, depth)
+    J = joint_fit._jacobian(problem, point)
+
+    def residual(shared: np.ndarray, phase: float, depth: np.ndarray) -> np.ndarray:
+        twin = problem.at(shared)
+        found = [problem.predict(i, twin, depth[i]) for i in range(3)]
+        lines = problem.compared.turned(phase) - np.stack([p.every for p in found], axis=1)[problem.compared.kept]
+        means = problem.means.measured - np.array([p.mean for p in found])
+        return problem.whitened(lines[..., None], means[:, None], point.weights)[:, 0]
+
+    def slope(ds: np.ndarray, dp: float, dd: np.ndarray) -> np.ndarray:
+        above, below = (residual(shared + s * ds, 0.05 + s * dp, depth + s * dd) for s in (1, -1))
+        return (above - below) / 2
+
+    h, still, none = 1e-3, np.zeros(3), np.zeros(4)
+    columns = [slope(h * e, 0.0, still) / h for e in np.eye(4)]
+    columns.append(slope(none, 1e-5, still) / 1e-5)
+    step = 1e-3 * joint_fit.DEPTH_SCALE
+    columns += [slope(none, 0.0, step * np.eye(3)[i]) / 1e-3 for i in (1, 2)]
+    for column, expected in zip(J.T, columns, strict=True):
+        assert np.linalg.norm(column - expected) < 0.02 * np.linalg.norm(expected)
 
 
 def test_scatter_of_the_structure_grows_with_the_tolerance_that_the_rig_file_states():

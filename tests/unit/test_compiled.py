@@ -56,9 +56,11 @@ def test_splines_reproduce_a_cubic():
 @pytest.mark.parametrize("stride", [1, 4])
 @pytest.mark.parametrize("reach", [0, 3, 20])
 def test_averages_are_a_convolution(stride, reach):
-    values, weights = RNG.standard_normal(64), RNG.standard_normal(2 * reach + 1)
-    expected = np.convolve(np.append(values, np.zeros(2 * reach + 1)), weights[::-1])[reach:][:65:stride]
-    assert compiled.averages(values, weights, stride) == pytest.approx(expected, abs=1e-13)
+    values, weights = RNG.standard_normal((3, 64)), RNG.standard_normal(2 * reach + 1)
+    found = compiled.averages(values, weights, stride)
+    for row, average in zip(values, found, strict=True):
+        expected = np.convolve(np.append(row, np.zeros(2 * reach + 1)), weights[::-1])[reach:][:65:stride]
+        assert average == pytest.approx(expected, abs=1e-13)
 
 
 def test_quasi_static_deflection_carries_the_mean_force_at_every_instant():
@@ -156,11 +158,13 @@ def test_lines_are_split_and_joined():
         lambda: compiled.to_lines(np.zeros(7)),
         lambda: compiled.to_lines(np.zeros(0)),
         lambda: compiled.spline(0.0, 1.0, np.zeros((1, 4)), np.zeros(3)),
-        lambda: compiled.averages(np.zeros(8), np.ones(4), 1),
+        lambda: compiled.averages(np.zeros((1, 8)), np.ones(4), 1),
         lambda: compiled.quasi_static(np.ones((3, 8)), np.zeros((3, 6)), np.ones(3), 1.0),
         lambda: compiled.monodromy(np.zeros((2, 2, 2)), np.zeros((1, 3)), np.zeros((1, 8)), 0.0),
         lambda: solve(model().structure, contacts(worn(TEN, 50e-6), TEN, 512), 500.0, start=np.zeros(510)),
-        lambda: balance_of_512().compiled.linear_solution(np.zeros(200, complex), np.zeros(257, complex), None, 1e-6),
+        lambda: carried_on(np.zeros(200, complex), np.zeros(257, complex)),
+        lambda: carried_on(np.zeros(257, complex), np.zeros(200, complex)),
+        lambda: carried_on(np.zeros(257, complex), np.zeros(257, complex), 256),
         lambda: balance_of_512().compiled.branch_solutions(np.zeros(257, complex), np.eye(8), 1e-6),
     ],
 )
@@ -169,8 +173,12 @@ def test_arrays_that_do_not_fit_are_refused_before_a_kernel_reads_them(call):
         call()
 
 
-def balance_of_512() -> Balance:
-    return Balance(model().structure, contacts(worn(TEN, 50e-6), TEN, 512), model().mean_force(TEN))
+def balance_of_512(samples: int = 512) -> Balance:
+    return Balance(model().structure, contacts(worn(TEN, 50e-6), TEN, samples), model().mean_force(TEN))
+
+
+def carried_on(d_hat, left, samples: int = 512):
+    return balance_of_512().compiled.carry_on(balance_of_512(samples).compiled, d_hat, left, None, 1e-6)
 
 
 def test_no_number_gives_no_number():
@@ -179,15 +187,21 @@ def test_no_number_gives_no_number():
     assert np.isnan(value[0, 1]) and np.isnan(slope[0, 1])
 
 
-def test_linear_solutions_are_those_of_the_derivative():
-    balance, twin = balance_of_512(), model()
-    d_hat = compiled.to_lines(solve(twin.structure, balance.contacts, balance.mean_force).deflection)
-    right = 1e-3 * balance.mean_force * compiled.to_lines(RNG.standard_normal(512))
-    done, x = balance.compiled.linear_solution(d_hat, right, None, 1e-10)
-    assert done.residual <= 1e-10
-    h = 1e-4 / np.abs(np.fft.irfft(x, norm="forward")).max() * 1e-6  # 0.1 nm: no contact opens or closes
-    changed = (balance.at(d_hat + h * x).residual - balance.at(d_hat - h * x).residual) / (2 * h)
-    assert np.linalg.norm(changed - right) < 1e-4 * np.linalg.norm(right)
+@pytest.mark.parametrize("case", ["mesh", "friction and unbalance"])
+def test_motion_is_carried_on_by_the_derivative(case):
+    """To the same equations with another residual that it is to leave: the change is that which the derivative asks."""
+    twin, force = model(), model().mean_force(TEN)
+    table, loads = (contacts(worn(TEN, 50e-6), TEN, 512), ()) if case == "mesh" else with_friction_and_load()
+    balance = Balance(twin.structure, table, force, loads)
+    d_hat = compiled.to_lines(solve(twin.structure, table, force, loads=loads).deflection)
+    wanted = 1e-9 * force * compiled.to_lines(RNG.standard_normal(table.samples))  # no contact opens or closes
+    here = balance.at(d_hat).residual
+    found = balance.compiled.carry_on(balance.compiled, d_hat, here + wanted, None, 1e-10)
+    there = balance.at(compiled.to_lines(found.deflection)).residual
+    assert np.linalg.norm(there - here - wanted) < 1e-4 * np.linalg.norm(wanted)
+    stated = balance.reached(compiled.to_lines(found.deflection))
+    assert found.forces == pytest.approx(stated.forces, rel=1e-9, abs=1e-6)
+    assert found.force_lines == pytest.approx(stated.force_lines - (there - here - wanted), abs=1e-9 * force)
 
 
 def test_threads_that_end_leave_nothing_behind():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from ctypes import POINTER, Structure, byref, c_double, c_int, c_int64, c_void_p
+from ctypes import POINTER, Structure, addressof, byref, c_char, c_double, c_int, c_int64, c_void_p
 from typing import NamedTuple
 
 import numpy as np
@@ -31,14 +31,14 @@ def _load() -> ctypes.CDLL:
                                POINTER(_Answer)]  # fmt: skip
     library.branch_solutions.argtypes = [POINTER(_Balance), doubles, c_double, *[doubles] * 4, POINTER(_Progress)]
     library.to_lines.argtypes = library.to_samples.argtypes = [count, doubles, doubles]
-    library.linear_solution.argtypes = [POINTER(_Balance), doubles, doubles, c_double, *[doubles] * 3,
-                                        POINTER(_Progress)]  # fmt: skip
+    library.carry_on.argtypes = [POINTER(_Balance), POINTER(_Balance), doubles, doubles, c_double, doubles,
+                                 POINTER(_Progress), POINTER(_Answer)]  # fmt: skip
     library.quasi_static.argtypes = [count, count, doubles, doubles, doubles, c_double, doubles]
     library.integrate.argtypes = [POINTER(_Motion), count, count, *[doubles] * 6]
     library.monodromy.argtypes = [count, count, count, doubles, doubles, doubles, c_double, doubles]
     library.spline.argtypes = [count, count, c_double, c_double, doubles, count, doubles, doubles, doubles]
     library.middle.argtypes, library.middle.restype = [count, doubles, doubles], c_int64
-    library.averages.argtypes = [count, doubles, count, doubles, count, doubles]
+    library.averages.argtypes = [count, count, doubles, count, doubles, count, doubles]
     library.quintic_coefficients.argtypes = [count, doubles, doubles]
     library.quintic_at.argtypes = library.linear_at.argtypes = [count, doubles, count, doubles, doubles]
     library.cubics_at.argtypes = [count, doubles, doubles, count, doubles, doubles, doubles]
@@ -49,7 +49,7 @@ def _load() -> ctypes.CDLL:
         "to_samples",
         "newton",
         "branch_solutions",
-        "linear_solution",
+        "carry_on",
         "integrate",
         "monodromy",
         "spline",
@@ -90,6 +90,7 @@ class _Motion(Structure):
 
 
 _kernels = _load()
+_NOTHING = c_char * 0
 
 
 def _given(values: np.ndarray, *shape: int | None) -> np.ndarray:
@@ -106,7 +107,10 @@ def _given(values: np.ndarray, *shape: int | None) -> np.ndarray:
 
 
 def _at(values: np.ndarray) -> int:
-    return values.__array_interface__["data"][0]  # in a third of the time of `values.ctypes.data`
+    """Address of an array's first number."""
+    if values.flags.writeable:
+        return addressof(_NOTHING.from_buffer(values.data))
+    return values.ctypes.data  # five times slower
 
 
 def _checked(status: int) -> None:
@@ -160,6 +164,32 @@ class Solution(NamedTuple):
     action_lines: np.ndarray  # of every action (a, m) complex
     tangent: np.ndarray  # slope of the mesh force against d (n,) [N/m]
     action_tangents: np.ndarray  # of every action (a, n)
+
+
+class _Room(NamedTuple):
+    """Where the kernels leave the contacts of a motion."""
+
+    arrays: tuple[np.ndarray, ...]  # as `_Answer` names them
+    answer: _Answer
+    actions: int
+
+    @classmethod
+    def of(cls, balance: CompiledBalance, tangents: int) -> _Room:
+        """Room for the contacts of a balance, and for the slopes of so many actions."""
+        n, actions = balance.samples, balance.actions
+        arrays = (
+            np.empty((balance.contacts, n)), np.empty(balance.lines), np.empty((actions, balance.lines)), np.empty(n),
+            np.empty((tangents, n)),
+        )  # fmt: skip
+        return cls(arrays, _Answer(*map(_at, arrays)), actions)
+
+    def solution(self, done: _Progress, deflection: np.ndarray) -> Solution:
+        forces, force_lines, action_lines, tangent, action_tangents = self.arrays
+        return Solution(
+            progress=Progress(done.residual, done.iterations, done.products, done.stalled), deflection=deflection,
+            forces=forces, force_lines=joined(force_lines), action_lines=joined(action_lines), tangent=tangent,
+            action_tangents=action_tangents[: self.actions],
+        )  # fmt: skip
 
 
 class CompiledBalance:
@@ -224,34 +254,31 @@ class CompiledBalance:
         parted   share of the mean slope below which the contacts part, so that no step is taken
         stalled  steps without progress before these
         """
-        n = self.samples
-        deflection = _given(start, n).copy()
-        forces, tangent = np.empty((self.contacts, n)), np.empty(n)
-        force_lines, action_lines = np.empty(self.lines), np.empty((self.actions, self.lines))
-        action_tangents = np.empty((self.actions, n))
-        answer = _Answer(*map(_at, (forces, force_lines, action_lines, tangent, action_tangents)))
+        deflection = _given(start, self.samples).copy()
+        room = _Room.of(self, self.actions)
         done = _Progress(0, 0, stalled, 0.0)
         _checked(_kernels.newton(byref(self._with(low)), _at(deflection), tolerance, parted, most_steps, most_products,
-                                 byref(done), byref(answer)))  # fmt: skip
-        return Solution(
-            progress=Progress(done.residual, done.iterations, done.products, done.stalled), deflection=deflection,
-            forces=forces, force_lines=joined(force_lines), action_lines=joined(action_lines), tangent=tangent,
-            action_tangents=action_tangents,
-        )  # fmt: skip
+                                 byref(done), byref(room.answer)))  # fmt: skip
+        return room.solution(done, deflection)
 
-    def linear_solution(
-        self, d_hat: np.ndarray, right: np.ndarray, low: np.ndarray | None, tolerance: float
-    ) -> tuple[Progress, np.ndarray]:
-        """J⁻¹·right at the lines of a motion, (m,) complex each; the progress tells the residual of the right side."""
-        d, given = _given(split(d_hat), self.lines), _given(split(right), self.lines)
-        out = np.empty_like(d)
-        tangent, action_tangents = np.empty(self.samples), np.empty((self.actions, self.samples))
+    def carry_on(
+        self, other: CompiledBalance, d_hat: np.ndarray, left: np.ndarray, low: np.ndarray | None, tolerance: float
+    ) -> Solution:
+        """The motion with lines d_hat (m,), carried on to slightly other equations by the derivatives of these.
+
+        left  residual of these equations at d_hat (m,), which the motion keeps under the others
+        low   inverse of the low harmonics (2·low, 2·low), single precision
+        The progress tells the residual of the others at the new motion; the lines of the force are those that their
+        structure needs for it.
+        """
+        if other.samples != self.samples:
+            raise ParameterError(f"{other.samples} samples a period: the motion has {self.samples}")
+        d, rest = _given(split(d_hat), self.lines), _given(split(left), self.lines)
+        deflection, room = np.empty(self.samples), _Room.of(other, max(self.actions, other.actions))
         done = _Progress()
-        _checked(_kernels.linear_solution(
-            byref(self._with(low)), _at(d), _at(given), tolerance, _at(out), _at(tangent), _at(action_tangents),
-            byref(done),
-        ))  # fmt: skip
-        return Progress(done.residual, done.iterations, done.products, done.stalled), joined(out)
+        _checked(_kernels.carry_on(byref(self._with(low)), byref(other._with(None)), _at(d), _at(rest), tolerance,
+                                   _at(deflection), byref(done), byref(room.answer)))  # fmt: skip
+        return room.solution(done, deflection)
 
     def branch_solutions(
         self, d_hat: np.ndarray, low: np.ndarray | None, tolerance: float
@@ -330,11 +357,12 @@ def spline(first: float, spacing: float, values: np.ndarray, at: np.ndarray) -> 
 
 
 def averages(values: np.ndarray, weights: np.ndarray, stride: int) -> np.ndarray:
-    """Averages around every `stride`-th of n values, weights (2·reach + 1,) centred on it; (n//stride + 1,)."""
-    x, w, out = _given(values, None), _given(weights, None), np.empty(values.size // stride + 1)
+    """Averages around every `stride`-th of n values a row, by weights (2·reach + 1,); (r, n) → (r, n//stride + 1)."""
+    x, w = _given(values, None, None), _given(weights, None)
     if w.size % 2 == 0:
         raise ParameterError(f"{w.size} weights have no middle: an odd number is needed")
-    _kernels.averages(x.size, _at(x), w.size // 2, _at(w), stride, _at(out))
+    out = np.empty((len(x), x.shape[1] // stride + 1))
+    _kernels.averages(*x.shape, _at(x), w.size // 2, _at(w), stride, _at(out))
     return out
 
 

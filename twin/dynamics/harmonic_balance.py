@@ -47,7 +47,10 @@ TOLERANCE = 1e-9  # of the mean force
 NEAR_MODES, MAX_NEAR = 1.4, 128  # harmonics solved directly at a neighbouring state: of the fastest mode's; at most
 PARTED_MODES, MAX_PARTED = 2.0, 300  # the same where contact is lost
 PARTED = 0.2  # slope of the contacts, of its mean, below which contact counts as lost
-STALE = 12  # products a Newton step from which a neighbour's low harmonics are not handed on
+EVERY = slice(1, None)  # line of a response
+# Products a Newton step from which a neighbour's low harmonics are not handed on: beyond OWN, which a state's own take,
+# as many as cost as much as an inversion. A product's cost grows with the samples, an inversion's does not.
+OWN, INVERSION = 8, 4096  # products; products times samples
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -90,22 +93,58 @@ class Contacts:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SteadyState:
+class SteadyLines:
+    """What contacts and loads do to the structure at every harmonic of a period."""
+
+    omega: np.ndarray  # (n//2 + 1,) [rad/s]
+    force_lines: np.ndarray  # F̂_k (n//2 + 1,) two-sided coefficients [N]
+    action_lines: tuple[np.ndarray, ...]  # Â_ck, as many as actions
+    directions: tuple[np.ndarray, ...] = field(default=(), repr=False)
+    loads: tuple[Load, ...] = field(default=(), repr=False)
+
+    def lines(self, structure: Structure, response: np.ndarray, at: slice | np.ndarray = EVERY) -> np.ndarray:
+        """Complex amplitudes of a response direction for k ≥ 1 (n//2,): x(t) = Re Σ X_k e^{iω_k t}.
+
+        at  which k, where not all are asked for
+        """
+
+        def moved(by: np.ndarray) -> np.ndarray:
+            if at is EVERY:
+                n, lowest = 2 * (self.omega.size - 1), float(self.omega[1])
+                return _receptance(structure, n, lowest, by.tobytes(), response.tobytes())
+            return structure.receptance(self.omega[at], by, response)
+
+        x = -moved(structure.mesh) * self.force_lines[at]
+        for a, A in zip(self.directions, self.action_lines, strict=True):
+            x = x - moved(a) * A[at]
+        for load in self.loads:
+            x = x + moved(load.direction) * load.lines[at]
+        return 2 * x
+
+    @property
+    def spectra(self) -> SteadyLines:
+        """These alone."""
+        return SteadyLines(
+            omega=self.omega,
+            force_lines=self.force_lines,
+            action_lines=self.action_lines,
+            directions=self.directions,
+            loads=self.loads,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SteadyState(SteadyLines):
     """A steady state over one period."""
 
     deflection: np.ndarray  # d (n,) [m]
     quasi_static: np.ndarray  # d of the same contacts without inertia (n,) [m]
     contact_forces: np.ndarray  # k_p·max(0, …) ≥ 0 (p, n) [N]
     mesh_force: np.ndarray  # F (n,) [N]
-    force_lines: np.ndarray  # F̂_k (n//2 + 1,) two-sided coefficients [N]
-    action_lines: tuple[np.ndarray, ...]  # Â_ck, as many as actions
-    omega: np.ndarray  # (n//2 + 1,) [rad/s]
     residual: float  # largest residual, of the mean force
     iterations: int
     converged: bool
     products: int = 0  # with the Jacobian, all iterations together
-    directions: tuple[np.ndarray, ...] = field(default=(), repr=False)
-    loads: tuple[Load, ...] = field(default=(), repr=False)
     low_harmonics: LowHarmonics | None = field(default=None, repr=False)  # for a neighbouring state
 
     @property
@@ -128,20 +167,6 @@ class SteadyState:
                 f"{self.iterations} iterations (tolerance {TOLERANCE:g}): the response may not repeat with the period"
             )
         return self
-
-    def lines(self, structure: Structure, response: np.ndarray) -> np.ndarray:
-        """Complex amplitudes of a response direction for k ≥ 1 (n//2,): x(t) = Re Σ X_k e^{iω_k t}."""
-        n, lowest = self.deflection.size, float(self.omega[1])
-
-        def moved(by: np.ndarray) -> np.ndarray:
-            return _receptance(structure, n, lowest, by.tobytes(), response.tobytes())
-
-        x = -moved(structure.mesh) * self.force_lines[1:]
-        for a, A in zip(self.directions, self.action_lines, strict=True):
-            x = x - moved(a) * A[1:]
-        for load in self.loads:
-            x = x + moved(load.direction) * load.lines[1:]
-        return 2 * x
 
 
 def quasi_static_deflection(contacts: Contacts, mean_force: float) -> np.ndarray:
@@ -180,15 +205,14 @@ class Balance:
         n, period, τ = contacts.samples, contacts.period, contacts.damping_time
         if n % 2:
             raise ParameterError(f"samples = {n} a period must be even")
-        self.omega = contacts.omega
+        self.omega = _omega(n, period)
         lowest, mesh = float(self.omega[1]), structure.mesh.tobytes()
         self.closing = _closing(n, period, τ)  # from the lines of d to those of d + τ·d'
         self.inverse = _inverse(structure, n, lowest)
         self._split = _split(structure, n, period, lowest, τ)
         self.ratios = np.zeros((len(contacts.actions), self.omega.size), dtype=complex)
         for ratio, action in zip(self.ratios, contacts.actions, strict=True):
-            G = _receptance(structure, n, lowest, mesh, mesh)
-            ratio[:] = _spectrum(_receptance(structure, n, lowest, action.direction.tobytes(), mesh) / G)
+            ratio[:] = _ratio(structure, n, lowest, action.direction.tobytes())
             ratio[0] = action.mean
         self.driven = np.zeros(self.omega.size, dtype=complex)
         for load in loads:
@@ -196,7 +220,7 @@ class Balance:
             self.driven += _spectrum(moved * load.lines[1:])
         self._side = contacts.side[:, None]
         self._open_by = contacts.separation + τ * contacts.separation_rate
-        self._fastest = structure.modes[0].max() / self.omega[1]
+        self._structure = structure
 
     @cached_property
     def compiled(self) -> CompiledBalance:
@@ -232,7 +256,8 @@ class Balance:
 
     def lowest(self, beyond: float) -> int:
         """How many of the lowest lines reach so far beyond the structure's fastest mode."""
-        return min(int(beyond * self._fastest) + 2, self.contacts.samples // 4)
+        fastest = self._structure.modes[0].max() / self.omega[1]
+        return min(int(beyond * fastest) + 2, self.contacts.samples // 4)
 
     def low_harmonics(self, tangent: np.ndarray, tangents: Iterable[np.ndarray], count: int) -> LowHarmonics:
         """The lowest lines where the contacts have these slopes."""
@@ -310,7 +335,8 @@ class Balance:
         count = self.lowest(NEAR_MODES)
         if count > MAX_NEAR:
             return found
-        if near is None or lost or done.products > STALE * max(done.iterations, 1):
+        stale = OWN + INVERSION / self.contacts.samples
+        if near is None or lost or done.products > stale * max(done.iterations, 1):
             near = self.low_harmonics(reached.tangent, reached.action_tangents, count)
         return replace(found, low_harmonics=near)
 
@@ -323,6 +349,12 @@ class Balance:
         if low is None and count <= MAX_PARTED:
             low = self.low_harmonics(*self.tangents(self.at(d_hat).closed), count).inverse
         return *self.compiled.branch_solutions(d_hat, low, tolerance), low
+
+
+@lru_cache(maxsize=16)
+def _omega(samples: int, period: float) -> np.ndarray:
+    """Angular frequency of each harmonic (n//2 + 1,) [rad/s]."""
+    return 2 * pi / period * np.arange(samples // 2 + 1)
 
 
 @lru_cache(maxsize=16)
@@ -351,6 +383,14 @@ def _inverse(structure: Structure, samples: int, lowest: float) -> np.ndarray:
 def _split(structure: Structure, samples: int, period: float, lowest: float, τ: float) -> tuple[np.ndarray, np.ndarray]:
     """Lines of 1 + iωτ and of 1/G as the kernels read them."""
     return split(_closing(samples, period, τ)), split(_inverse(structure, samples, lowest))
+
+
+@lru_cache(maxsize=16)
+def _ratio(structure: Structure, samples: int, lowest: float, direction: bytes) -> np.ndarray:
+    """Lines of G_c/G of a force along a direction."""
+    mesh = structure.mesh.tobytes()
+    G = _receptance(structure, samples, lowest, mesh, mesh)
+    return _spectrum(_receptance(structure, samples, lowest, direction, mesh) / G)
 
 
 def _spectrum(values: np.ndarray) -> np.ndarray:

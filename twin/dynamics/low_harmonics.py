@@ -15,11 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.fft import rfft
-from scipy.linalg import hankel, inv, toeplitz
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.linalg.lapack import sgetrf, sgetri
+
+from twin.compiled import to_lines
+from twin.errors import NotConverged
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,13 +49,25 @@ class LowHarmonics:
     def inverse(self) -> np.ndarray:
         """A⁻¹ (2m, 2m) over the lines' real parts, then their imaginary parts; single precision."""
         m, w = self.count, self.to_closing[: self.count]
-        A = np.eye(2 * m)
+        of_real, of_imag = np.zeros((m, m), dtype=complex), np.zeros((m, m), dtype=complex)
         for r, t in zip(self.ratios, self.tangents, strict=True):
-            lines = rfft(t, norm="forward")[: 2 * m - 1]
-            T = toeplitz(lines[:m], lines[:m].conj())
-            H = hankel(lines[:m], lines[m - 1 :])
+            lines = to_lines(t)[: 2 * m - 1]
+            T = np.concatenate((lines[m - 1 : 0 : -1].conj(), lines[:m]))[_differences(m)]
+            H = sliding_window_view(lines, m).copy()
             H[:, 0] = 0  # the mean counts once
-            of_real, of_imag = r[:m, None] * (T + H), 1j * r[:m, None] * (T - H)
-            x, y = of_real * w.real + of_imag * w.imag, of_imag * w.real - of_real * w.imag
-            A += np.block([[x.real, y.real], [x.imag, y.imag]])
-        return np.ascontiguousarray(inv(A, overwrite_a=True, check_finite=False), dtype=np.float32)
+            of_real += r[:m, None] * (T + H)
+            of_imag += 1j * r[:m, None] * (T - H)
+        x, y = of_real * w.real + of_imag * w.imag, of_imag * w.real - of_real * w.imag
+        A = np.empty((2 * m, 2 * m), dtype=np.float32, order="F")
+        A[:m, :m], A[:m, m:], A[m:, :m], A[m:, m:] = x.real, y.real, x.imag, y.imag
+        A[np.diag_indices(2 * m)] += 1
+        factors, pivots, singular = sgetrf(A, overwrite_a=True)
+        if singular:
+            raise NotConverged("the low harmonics of the contact problem are singular")
+        return np.ascontiguousarray(sgetri(factors, pivots, overwrite_lu=True)[0])
+
+
+@lru_cache(maxsize=8)
+def _differences(m: int) -> np.ndarray:
+    """i − j for a Toeplitz matrix, counted from the middle of 2m − 1 (m, m)."""
+    return m - 1 + np.arange(m)[:, None] - np.arange(m)

@@ -3,16 +3,15 @@
     R(d; p) = 0        J·∂d/∂p = −∂R/∂p,        J = ∂R/∂d
 
 J is that of the closed contacts at the steady state, and serves every parameter: each takes one linear solution by
-GMRES with the state's own low harmonics. ∂R/∂p comes from the equations of slightly other contacts, structure or loads
-at the same motion. Contacts that open or close elsewhere change the forces from second order on.
+GMRES, preconditioned by the low harmonics that the state was solved with. ∂R/∂p comes from the equations of slightly
+other contacts, structure or loads at the same motion. Contacts that open or close elsewhere change the forces from
+second order on.
 
 Source   direct differentiation of the balanced equations: J. S. Arora, E. J. Haug, AIAA J. 17 (1979) 970–974
 Holds    smoothly varying steady states: not where the response jumps
 """
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 from twin.compiled import to_lines
 from twin.dynamics.harmonic_balance import (
@@ -22,10 +21,8 @@ from twin.dynamics.harmonic_balance import (
     Contacts,
     Load,
     SteadyState,
-    quasi_static_deflection,
 )
 from twin.dynamics.structure import Structure
-from twin.errors import ParameterError
 
 TOLERANCE = 1e-9  # of the linear solution
 
@@ -45,30 +42,26 @@ class Linearised:
         steady: SteadyState,
         loads: tuple[Load, ...] = (),
     ) -> None:
-        self._balance = Balance(structure, contacts, mean_force, loads)
+        balance = Balance(structure, contacts, mean_force, loads)
+        self._steady, self._compiled = steady, balance.compiled
         self.d_hat = to_lines(steady.deflection)
-        found = self._balance.at(self.d_hat)
-        count = self._balance.lowest(NEAR_MODES)
-        self._low = None
-        if count <= MAX_NEAR:
-            self._low = self._balance.low_harmonics(*self._balance.tangents(found.closed), count).inverse
+        found = balance.at(self.d_hat)
         self._left = found.residual  # what the solver left
-        self.samples = contacts.samples
+        self._low = None
+        near, count = steady.low_harmonics, balance.lowest(NEAR_MODES)
+        if near is not None:
+            self._low = near.inverse
+        elif count <= MAX_NEAR:
+            self._low = balance.low_harmonics(*balance.tangents(found.closed), count).inverse
 
     def moved(
         self, structure: Structure, contacts: Contacts, mean_force: float, loads: tuple[Load, ...] = ()
     ) -> SteadyState:
         """The steady state of slightly other contacts, structure or loads; `converged` does not refer to its error.
 
-        Raises ParameterError where the period is not sampled alike.
+        Its quasi-static deflection is that of the state that is moved. Raises ParameterError where the period is not
+        sampled alike.
         """
-        if contacts.samples != self.samples:
-            raise ParameterError(f"{contacts.samples} samples a period: the steady state has {self.samples}")
         balance = Balance(structure, contacts, mean_force, loads)
-        change = balance.at(self.d_hat).residual - self._left
-        _, step = self._balance.compiled.linear_solution(self.d_hat, -change, self._low, TOLERANCE)
-        d_hat = self.d_hat + step
-        found = balance.at(d_hat)
-        state = balance.state(balance.reached(d_hat), quasi_static_deflection(contacts, mean_force))
-        # the structure answers what is left of second order many times over: the force that it needs is kept
-        return replace(state, force_lines=state.force_lines - (found.residual - self._left))
+        reached = self._compiled.carry_on(balance.compiled, self.d_hat, self._left, self._low, TOLERANCE)
+        return balance.state(reached, self._steady.quasi_static)

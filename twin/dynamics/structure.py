@@ -18,7 +18,7 @@ Ignores  the overhung shaft ends: a coupling's lateral stiffness acts at the bea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import cos, pi, sin
@@ -36,6 +36,8 @@ LATERAL_NODES = (4, 5, 6, 9, 10, 11)
 
 COUPLED_NODES = (4, 11)  # bearings next to the couplings to motor and brake, which are fixed to the ground
 
+UNDAMPED = ("modes", "_vibrating", "_static_modes", "error_beyond_mesh")  # what no damping changes
+FEW = 16  # frequencies up to which a receptance is kept
 RIGID_HZ = 1.0  # a mode below this is a rotation of the whole, not a vibration
 
 
@@ -141,9 +143,7 @@ class Structure:
 
     def damped(self, modal_damping: float) -> Structure:
         """The same structure with another damping of its modes, which stay as they are."""
-        other = replace(self, modal_damping=modal_damping)
-        other.__dict__["modes"] = self.modes
-        return other
+        return _damped(self, modal_damping)
 
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -152,10 +152,14 @@ class Structure:
         return np.sqrt(np.clip(λ, 0, None)), Φ
 
     @cached_property
+    def _vibrating(self) -> np.ndarray:
+        """Which modes are no rigid rotations (21,)."""
+        return self.modes[0] > 2 * pi * RIGID_HZ
+
+    @cached_property
     def modal_damping_terms(self) -> np.ndarray:
         """2ζω of every mode [rad/s], zero for rigid rotations; (21,)."""
-        ω = self.modes[0]
-        return np.where(ω > 2 * pi * RIGID_HZ, 2 * self.modal_damping * ω, 0.0)
+        return np.where(self._vibrating, 2 * self.modal_damping * self.modes[0], 0.0)
 
     @cached_property
     def damping(self) -> np.ndarray:
@@ -180,8 +184,19 @@ class Structure:
         omega (n,) [rad/s], non-zero; force (21,), response (21,) → (n,) complex [m/N].
         H(ω) = Σ_r (responseᵀφ_r)(φ_rᵀforce) / (ω_r² − ω² + iω·2ζω_r)
         """
+        ω = np.asarray(omega, dtype=float)
+        if ω.size <= FEW:
+            return _few_receptances(self, ω.tobytes(), force.tobytes(), response.tobytes())
+        return self._receptance(_modal_receptances(self, ω.tobytes()), force, response)
+
+    def receptances(self, omega: np.ndarray, force: np.ndarray, responses: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """The same along several directions (n,) each, at a few frequencies that are not asked for again."""
+        modal = _modal(self, omega)
+        return [self._receptance(modal, force, response) for response in responses]
+
+    def _receptance(self, modal: np.ndarray, force: np.ndarray, response: np.ndarray) -> np.ndarray:
+        """The same from the receptances of the modes (n, 21)."""
         Φ = self.modes[1]
-        modal = _modal_receptances(self, np.asarray(omega, dtype=float).tobytes())
         return (modal * ((response @ Φ) * (Φ.T @ force))).sum(axis=1)
 
     def static_response(self, response: np.ndarray, force: np.ndarray) -> float:
@@ -189,13 +204,28 @@ class Structure:
 
         The force must do no work on the rigid rotations (torque in equals torque out).
         """
-        ω_r, Φ = self.modes
-        vibrating = ω_r > 2 * pi * RIGID_HZ
-        excited = Φ.T @ force
-        rigid = np.abs(excited[~vibrating]).max(initial=0.0)
-        if rigid > 1e-6 * np.abs(excited).max(initial=1e-300):
+        vibrating, rigid, compliance = self._static_modes
+        excited = force @ vibrating
+        turning = float(np.abs(force @ rigid).max(initial=0.0))
+        if turning > 1e-6 * max(float(np.abs(excited).max(initial=1e-300)), turning):
             raise ParameterError("the constant forces are not in balance: they would turn the shafts faster and faster")
-        return float((response @ Φ)[vibrating] @ (excited[vibrating] / ω_r[vibrating] ** 2))
+        return float((response @ vibrating) @ (excited * compliance))
+
+    @cached_property
+    def error_beyond_mesh(self) -> np.ndarray:
+        """Mean transmission error beyond the mesh's deflection per constant force along each coordinate (21,).
+
+        For forces in balance alone: rigid rotations are left out.
+        """
+        vibrating, _, compliance = self._static_modes
+        return vibrating @ (compliance * ((self.transmission_error - self.mesh) @ vibrating))
+
+    @cached_property
+    def _static_modes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Modes that vibrate (21, v), rigid rotations (21, 21 − v) and the compliance 1/ω² of the former (v,)."""
+        ω_r, Φ = self.modes
+        vibrating = self._vibrating
+        return Φ[:, vibrating], Φ[:, ~vibrating], 1 / ω_r[vibrating] ** 2
 
 
 @lru_cache(maxsize=4)
@@ -204,5 +234,28 @@ def _modal_receptances(structure: Structure, omega: bytes) -> np.ndarray:
 
     Kept, because one steady state asks for several receptances at the same harmonics.
     """
-    ω = np.frombuffer(omega)[:, None]
+    return _modal(structure, np.frombuffer(omega))
+
+
+@lru_cache(maxsize=1024)  # at most FEW frequencies: 1 MB together
+def _few_receptances(structure: Structure, omega: bytes, force: bytes, response: bytes) -> np.ndarray:
+    """`Structure.receptance` at the lines that are compared with measured ones, which fits ask for again and again."""
+    modal = _modal(structure, np.frombuffer(omega))
+    values = structure._receptance(modal, np.frombuffer(force), np.frombuffer(response))
+    values.setflags(write=False)
+    return values
+
+
+def _modal(structure: Structure, omega: np.ndarray) -> np.ndarray:
+    """1/(ω_r² − ω² + iω·2ζω_r) of every mode (n, 21) complex, at n frequencies [rad/s]."""
+    ω = omega[:, None]
     return 1 / (structure.modes[0] ** 2 - ω**2 + 1j * ω * structure.modal_damping_terms)
+
+
+@lru_cache(maxsize=64)
+def _damped(structure: Structure, modal_damping: float) -> Structure:
+    """One and the same structure for one and the same damping: what is kept of it is found again."""
+    other = replace(structure, modal_damping=modal_damping)
+    for name in UNDAMPED:
+        other.__dict__[name] = getattr(structure, name)
+    return other

@@ -23,7 +23,7 @@ from math import pi
 import numpy as np
 
 from twin.dynamics.contact_loss import solve_through_contact_loss
-from twin.dynamics.harmonic_balance import SteadyState
+from twin.dynamics.harmonic_balance import EVERY, SteadyState
 from twin.effects.response import Effect, Response, solve_with
 from twin.effects.setup import SensorGain, contacts_of, sampled, setup_of
 from twin.errors import NotConverged
@@ -81,10 +81,10 @@ class ExtendedModel(Model):
     def steady(self, profile: WornProfile, condition: Condition, start: SteadyState | None = None) -> SteadyState:
         return self.response(profile.across(self.slices), condition, start).steady
 
-    def acceleration_lines(self, steady: SteadyState) -> np.ndarray:
-        lines = super().acceleration_lines(steady)
+    def acceleration_lines(self, steady: SteadyState, at: slice = EVERY) -> np.ndarray:
+        lines = super().acceleration_lines(steady, at)
         for gain in self.sensor_gains:
-            lines = gain(steady.omega[1:] / (2 * pi)) * lines
+            lines = gain(steady.omega[at] / (2 * pi)) * lines
         return lines
 
     def mean_transmission_error(self, steady: SteadyState, condition: Condition) -> float:

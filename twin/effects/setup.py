@@ -173,8 +173,13 @@ def _passages(mesh: PairMesh, mesh_periods: int) -> Passages:
     return HuntingPeriod(mesh=mesh).first_passages(mesh_periods)
 
 
-@lru_cache(maxsize=4)
 def sampled(mesh: PairMesh, samples: int) -> PairMesh:
+    """The mesh with so many samples a mesh period."""
+    return mesh if samples == mesh.samples else _sampled(mesh, samples)
+
+
+@lru_cache(maxsize=16)
+def _sampled(mesh: PairMesh, samples: int) -> PairMesh:
     return HuntingPeriod.of(mesh, samples).mesh
 
 
@@ -213,17 +218,24 @@ def contacts_of(setup: Setup, profiles: Sequence[WornProfile]) -> Contacts:
     speed = setup.omega[0] * setup.pair.base_radius[0]
     k = setup.stiffness * tables.stiffness / m
     e = setup.separation - tables.separation
-    rate = setup.omega[0] * setup.slope - (speed * tables.along_s + setup.omega[0] * tables.along_angle)
+    rate = -speed * tables.along_s
+    for slope, sign in ((setup.slope, 1.0), (tables.along_angle, -1.0)):
+        if not (isinstance(slope, float) and slope == 0.0):
+            rate = rate + sign * setup.omega[0] * slope
 
-    def rows(values: np.ndarray | float, whole: Callable = np.mean) -> np.ndarray:
-        full = np.broadcast_to(np.asarray(values, dtype=float), (m, p, n))
+    def rows(values: np.ndarray, whole: float = 1.0) -> np.ndarray:
+        """Drive flanks slice by slice, and so many times the back flanks' mean over the slices."""
+        if values.shape in ((p, n), (1, p, n)):  # all slices alike
+            one = values.reshape(p, n)
+            return one if m == 1 else np.concatenate((np.tile(one[:drive], (m, 1)), whole * one[drive:]))
+        full = np.broadcast_to(values, (m, p, n))
         if m == 1:
             return np.ascontiguousarray(full[0])
-        return np.concatenate((full[:, :drive].reshape(-1, n), whole(full[:, drive:], axis=0)))
+        return np.concatenate((full[:, :drive].reshape(-1, n), whole * full[:, drive:].mean(axis=0)))
 
     side = setup.passages.side[:, 0]
     return Contacts(
-        stiffness=rows(k, np.sum),
+        stiffness=rows(k, m),
         separation=rows(e),
         separation_rate=rows(rate),
         side=np.concatenate((np.ones(drive * m), side[drive:])),
@@ -253,20 +265,25 @@ class _Tables:
             raise ParameterError(f"{len(profiles)} worn profiles for {setup.slices} slices: one each, or one for all")
         if setup.shift is not None and setup.shift.present:
             return cls._shifted(setup, setup.shift, profiles)
-        mesh = setup.mesh
+        if setup.samples == setup.mesh.samples:
+            return _over_one_period(setup.mesh, tuple(profiles))
+        return cls._unshifted(setup.mesh, profiles, setup.samples // setup.mesh.samples)
+
+    @classmethod
+    def _unshifted(cls, mesh: PairMesh, profiles: Sequence[WornProfile], periods: int) -> _Tables:
         k, gap, slope = mesh.drive_tables
         k_b, gap_b, slope_b = mesh.back_tables
         worn, worn_slope = _depths(profiles, mesh.positions)
-        periods = setup.samples // mesh.samples
-        backs = (len(profiles), *gap_b.shape)
-        return cls(
-            stiffness=np.tile(np.concatenate((k, k_b)), periods),
-            separation=np.tile(
-                np.concatenate((gap + worn, np.broadcast_to(gap_b + mesh.pair.backlash, backs)), axis=1), periods
-            ),
-            along_s=np.tile(np.concatenate((slope + worn_slope, np.broadcast_to(-slope_b, backs)), axis=1), periods),
-            along_angle=0.0,
-        )
+        drive, shape = len(k), (len(profiles), len(k) + len(k_b), k.shape[1])
+        separation, along_s = np.empty(shape), np.empty(shape)
+        np.add(gap, worn, out=separation[:, :drive])
+        np.add(slope, worn_slope, out=along_s[:, :drive])
+        separation[:, drive:] = gap_b + mesh.pair.backlash
+        along_s[:, drive:] = -slope_b
+        stiffness = np.concatenate((k, k_b))
+        if periods > 1:
+            stiffness, separation, along_s = (np.tile(x, periods) for x in (stiffness, separation, along_s))
+        return cls(stiffness=stiffness, separation=separation, along_s=along_s, along_angle=0.0)
 
     @classmethod
     def _shifted(cls, setup: Setup, shift: Shift, profiles: Sequence[WornProfile]) -> _Tables:
@@ -292,6 +309,12 @@ class _Tables:
             along_s=np.concatenate((slope + worn_slope, np.broadcast_to(-slope_b, backs)), axis=1),
             along_angle=np.concatenate((by_angle, np.zeros(backs)), axis=1),
         )
+
+
+@lru_cache(maxsize=16)  # of a sliced face some 0.3 MB each
+def _over_one_period(mesh: PairMesh, profiles: tuple[WornProfile, ...]) -> _Tables:
+    """Kept, because a fit asks for many states of the same flanks."""
+    return _Tables._unshifted(mesh, profiles, 1)
 
 
 def _depths(profiles: Sequence[WornProfile], s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

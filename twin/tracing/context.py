@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from twin.effects.kept import RESPONSES
 from twin.errors import NotAvailable
 from twin.features.non_gear import NonGearFeatures
 from twin.features.window_features import WindowFeatures
@@ -53,6 +54,7 @@ class WindowThresholds:
     )
 
 
+TURNED_BY = (1, 2, 3)  # mesh lines of the transmission error that show by how much a disc was turned
 THRESHOLDS = WindowThresholds()
 NOTHING = Findings()
 
@@ -131,10 +133,10 @@ class WornWindows:
         last, count = None, 0
         for w in self.windows:
             o = w.observed
-            steady = self.model.steady(self.profiles[w.index], o.condition)
-            predicted[w.index] = self.model.transmission_error_lines(steady)
+            response = RESPONSES.get(self.model, (), self.profiles[w.index], o.condition)
+            predicted[w.index] = response.at_mesh(response.structure.transmission_error, max(TURNED_BY))
             if o.mean is not None and o.torque_known:
-                offset = o.mean - self.model.mean_transmission_error(steady, o.condition)
+                offset = o.mean - response.mean_transmission_error
                 if last is not None and abs(offset - last) > self.least_jump:
                     count += 1
                 last = offset
@@ -151,7 +153,7 @@ class WornWindows:
         angles = np.linspace(-np.pi, np.pi, 720, endpoint=False)
         score = np.zeros_like(angles)
         for o in seen:
-            for k in (1, 2, 3):
+            for k in TURNED_BY:
                 z, m = o.lines["encoder"][k - 1], predicted[o.index][k - 1]
                 if np.isfinite(z):
                     score += (np.conj(m) * z * np.exp(-1j * k * (self.phase + angles))).real

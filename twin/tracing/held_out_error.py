@@ -17,7 +17,8 @@ import numpy as np
 
 from twin.assessment import HeldOutBand, HeldOutErrors, HeldOutLine, HeldOutResidual
 from twin.effects.addition import Addition
-from twin.effects.response import Response, solve_with
+from twin.effects.kept import RESPONSES
+from twin.effects.response import ResponseLines
 from twin.errors import NotAvailable, NotConverged
 from twin.features.window_features import MeasuredLines
 from twin.rig import Rig
@@ -88,8 +89,8 @@ def compare(
     model = healthy_model_of(rig, memory)
     effects = tuple(a.effect for a in additions if a.onset_revolutions <= turns and a.effect.facts.synchronous)
     profile = profile_of(rig, memory, turns, depth)
-    response = solve_with(model, effects, profile.slices, condition)
-    if not response.steady.converged:
+    response = RESPONSES.get(model, effects, profile.slices, condition)
+    if not response.converged:
         raise NotConverged(f"no steady state at {condition.speed_hz:g} Hz with {len(effects)} effects")
     per_turn = memory.phase / rig.teeth[0]
     orders, y, std, m = _lines(features.acceleration, response, "acceleration", per_turn)
@@ -121,7 +122,7 @@ def compare(
 
 
 def _lines(
-    lines: MeasuredLines, response: Response, channel: str, per_turn: float
+    lines: MeasuredLines, response: ResponseLines, channel: str, per_turn: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Orders, measured lines, their std and the predicted ones, turned to the encoder's zero; (n,) each."""
     every = np.array(lines.orders, dtype=float)
@@ -129,7 +130,7 @@ def _lines(
     orders = every[use]
     y, std = np.array(lines.amplitudes)[use], np.array(lines.std)[use]
     own = getattr(response, f"{channel}_lines")
-    place = orders * float(response.setup.turns)
+    place = orders * float(response.turns)
     k = np.rint(place).astype(int)
     there = (np.abs(place - k) < 1e-6) & (k >= 1) & (k <= own.size)
     m = np.zeros(orders.size, dtype=complex)

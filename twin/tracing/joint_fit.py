@@ -19,15 +19,15 @@ Source   D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin.effects.response import Effect, Nearby
 from twin.errors import TwinError
-from twin.tracing.joint_problem import EffectTrial, Prediction, Problem
-from twin.tracing.scatter import Weight
+from twin.tracing.joint_problem import EffectTrial, Prediction, Problem, Varied
+from twin.tracing.scatter import Weights
 from twin.updating.calibration import NAMES
 
 STEP = 1e-4  # of a shared value, for its derivative
@@ -86,15 +86,21 @@ class _Point:
     predictions: list[Prediction]
     objective: float
     rest: np.ndarray  # whitened residual
-    weights: list[Weight]
+    weights: Weights
 
     @classmethod
     def of(
-        cls, problem: Problem, shared: np.ndarray, phase: float, depth: np.ndarray, before: _Point | None = None
+        cls,
+        problem: Problem,
+        shared: np.ndarray,
+        phase: float,
+        depth: np.ndarray,
+        before: Sequence[Prediction] | None = None,
     ) -> _Point:
-        """The steady states of all windows, from those of a point before; NotConverged where one has none."""
-        near = [None] * len(problem.windows) if before is None else before.predictions
-        predictions = [problem.predict(i, shared, depth[i], start) for i, start in enumerate(near)]
+        """The steady states of all windows, from others of the same windows; NotConverged where one has none."""
+        near = [None] * len(problem.windows) if before is None else before
+        twin = problem.at(shared)
+        predictions = [problem.predict(i, twin, depth[i], start) for i, start in enumerate(near)]
         rest, log_det, weights = problem.residual(predictions, phase, depth)
         return cls(
             shared=shared,
@@ -114,16 +120,17 @@ def fit(problem: Problem, start: JointFit | None, phase: float, depth: np.ndarra
     phase  of the mesh [rad], and depth (W,) [m]: the start where there is no earlier fit
     """
     point = _started(problem, start, phase, depth)
-    λ = 1e-3
+    J, λ = _jacobian(problem, point), 1e-3
     for _ in range(MOST_STEPS):
-        better, λ = _stepped(problem, point, λ)
+        better, λ = _stepped(problem, point, J, λ)
         if better is None:
             break
         gain = point.objective - better.objective
         point, λ = better, max(λ / 10, 1e-6)
+        J = _jacobian(problem, point)
         if gain < CONVERGED:
             break
-    covariance, log_det = inverse(_curvature(problem, _jacobian(problem, point)), problem.shared)
+    covariance, log_det = inverse(_curvature(problem, J), problem.shared)
     return JointFit(
         trials=problem.trials,
         shared=point.shared,
@@ -148,7 +155,8 @@ def _started(problem: Problem, start: JointFit | None, phase: float, depth: np.n
             if any(other is trial for other in start.trials):
                 shared[problem.numbers_of(trial)] = start.numbers(trial)[0]
         phase, depth = start.phase, start.depth
-    return _Point.of(problem, shared, phase, np.where(problem.worn, depth, 0.0))
+    before = None if start is None else start.predictions
+    return _Point.of(problem, shared, phase, np.where(problem.worn, depth, 0.0), before)
 
 
 def _limits(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
@@ -159,11 +167,10 @@ def _limits(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def _stepped(problem: Problem, point: _Point, λ: float) -> tuple[_Point | None, float]:
+def _stepped(problem: Problem, point: _Point, J: np.ndarray, λ: float) -> tuple[_Point | None, float]:
     """A better point and the damping λ that led there; None where no damping does."""
     n, worn = problem.shared, np.flatnonzero(problem.worn)
     low, high = _limits(problem)
-    J = _jacobian(problem, point)
     H = _curvature(problem, J)
     gradient = J.T @ point.rest
     gradient[:n] += point.shared
@@ -174,7 +181,7 @@ def _stepped(problem: Problem, point: _Point, λ: float) -> tuple[_Point | None,
         depth[worn] = np.maximum(depth[worn] + DEPTH_SCALE * step[n + 1 :], LEAST_DEPTH)
         shared = np.clip(point.shared + step[:n], low, high)
         try:
-            tried = _Point.of(problem, shared, point.phase + step[n], depth, point)
+            tried = _Point.of(problem, shared, point.phase + step[n], depth, point.predictions)
         except TwinError:
             tried = None
         if tried is not None and tried.objective < point.objective:
@@ -218,27 +225,33 @@ def _jacobian(problem: Problem, point: _Point) -> np.ndarray:
 
     By the sensitivities of the steady states: one factorisation a window serves all columns.
     """
-    n, shared, depth = problem.shared, point.shared, point.depth
-    nearby = [Nearby(p.response) for p in point.predictions]
-    worn = np.flatnonzero(problem.worn)
-    J = np.zeros((point.rest.size, n + 1 + worn.size))
+    n, compared = problem.shared, problem.compared
+    lines = np.zeros((*compared.shape, n + 1 + int(problem.worn.sum())), dtype=complex)
+    means = np.zeros(lines.shape[1:])
+    varied = problem.varied(point.shared, STEP)
+    for i, prediction in enumerate(point.predictions):
+        for column, step, moved in _moved(problem, point, varied, i):
+            lines[:, i, column] = ((prediction.every - moved.every) / step)[compared.kept]
+            means[i, column] = (prediction.mean - moved.mean) / step
+    lines[:, :, n] = (compared.turned(point.phase + PHASE_STEP) - compared.turned(point.phase)) / PHASE_STEP
+    return problem.whitened(lines, means, point.weights)
 
-    def column(changed: Sequence[Prediction], ψ: float = point.phase) -> np.ndarray:
-        return problem.residual(changed, ψ, depth, point.weights)[0] - point.rest
 
-    for j in range(n):
-        moved = shared.copy()
-        moved[j] += STEP
-        model, trial = problem.calibrated(moved), problem.acting_on(j)
-        changed = [
-            problem.near(i, model, moved, depth[i], nearby[i]) if trial is None or trial.acts(window) else prediction
-            for i, (window, prediction) in enumerate(zip(problem.windows, point.predictions, strict=True))
-        ]
-        J[:, j] = column(changed) / STEP
-    J[:, n] = column(point.predictions, point.phase + PHASE_STEP) / PHASE_STEP
-    model = problem.calibrated(shared)
-    for c, i in enumerate(worn.tolist()):
-        changed = list(point.predictions)
-        changed[i] = problem.near(i, model, shared, depth[i] + DEPTH_STEP, nearby[i])
-        J[:, n + 1 + c] = column(changed) / (DEPTH_STEP / DEPTH_SCALE)
-    return J
+def _moved(
+    problem: Problem, point: _Point, varied: Sequence[Varied], i: int
+) -> Iterator[tuple[int, float, Prediction]]:
+    """Window i with each value moved that its lines depend on: column of the value, step in its unit, prediction.
+
+    varied  the twin with each of the shared values moved
+    """
+    window, before = problem.windows[i], point.predictions[i]
+    nearby = Nearby(before.response)
+    for j, twin in enumerate(varied):
+        if twin.owner is None:
+            yield j, STEP, problem.recalibrated(i, twin, before.flanks, nearby)
+        elif twin.owner.acts(window):
+            yield j, STEP, problem.near(i, twin, before.flanks, nearby)
+    if window.worn:
+        deeper = problem.profiles(point.depth[i] + DEPTH_STEP, window)
+        column = problem.shared + 1 + int(problem.worn[:i].sum())
+        yield column, DEPTH_STEP / DEPTH_SCALE, problem.near(i, problem.at(point.shared), deeper, nearby)

@@ -15,26 +15,29 @@ Source   D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import null_space
 
+from twin.dynamics.structure import Structure
 from twin.effects import EFFECTS
 from twin.effects.facts import Facts
 from twin.effects.response import Effect, Nearby, Response, solve_with
 from twin.errors import NotConverged
 from twin.model import Model
 from twin.thresholds import deciding
-from twin.tracing.observed import CHANNELS, HARMONICS, Observed
-from twin.tracing.scatter import HealthyScatter, Weight, weight
+from twin.tracing.compared import ComparedLines, ComparedMeans
+from twin.tracing.observed import CHANNELS, HARMONIC, HARMONICS, HIGHEST, PLACES, Observed
+from twin.tracing.scatter import HealthyScatter, LineSizes, Weights
 from twin.updating.calibration import NAMES
 from twin.wear.profile import WornProfile
 
 SAMPLES = 256  # a mesh period: lines to harmonic 10 within 2e-4
 
-Profiles = Callable[[float, tuple[Effect, ...], Observed], "WornProfile | Sequence[WornProfile]"]
+Flanks = WornProfile | Sequence[WornProfile]  # of the whole face, or of every slice across it
+Profiles = Callable[[float, Observed], Flanks]  # of a window at a depth [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,42 +92,63 @@ class EffectTrial:
 class Prediction:
     """Lines of one window by the twin."""
 
-    lines: dict[str, np.ndarray]
+    every: np.ndarray  # line of every channel, one below the other (L,) complex
     mean: float
     response: Response
+    flanks: Flanks  # that they are the lines of
+
+    @property
+    def lines(self) -> dict[str, np.ndarray]:
+        """By channel (n,)."""
+        return {channel: self.every[at] for channel, at in PLACES.items()}
 
 
 def predict(
-    model: Model, effects: tuple[Effect, ...], profile, window: Observed, start: Response | None = None
+    model: Model, effects: tuple[Effect, ...], flanks: Flanks, window: Observed, start: Response | None = None
 ) -> Prediction:
     """The mesh lines that the window's channels would show; NotConverged where there is no steady state."""
     per_mesh = _per_mesh(effects)
     first = None if start is None or start.setup.samples != per_mesh else start.steady
-    response = solve_with(model, effects, profile, window.condition, samples=per_mesh, start=first)
+    response = solve_with(model, effects, flanks, window.condition, samples=per_mesh, start=first)
     if not response.steady.converged:
         raise NotConverged(f"no steady state at {window.condition.speed_hz:g} Hz with {len(effects)} effects")
-    return channel_lines(window, response)
+    return _seen(window, response, flanks)
 
 
-def channel_lines(window: Observed, response: Response) -> Prediction:
+def _seen(window: Observed, response: Response, flanks: Flanks) -> Prediction:
     """The mesh lines that the channels of a window would show of a response."""
-    z1 = response.model.mesh.pair.teeth[0]
-    orders = z1 * np.arange(1, max(HARMONICS.values()) + 1)
-    if window.pinion_only:
-        motion = response.setup.structure.pinion_motion
-        step = round(z1 * float(response.setup.turns))
-        encoder = response.steady.lines(response.setup.structure, motion)[step - 1 :: step][: HARMONICS["encoder"]]
-    else:
-        encoder = response.transmission_error(orders[: HARMONICS["encoder"]])
-    return Prediction(
-        lines={
-            "encoder": encoder,
-            "torque": response.torque(orders[: HARMONICS["torque"]]),
-            "acceleration": response.acceleration(orders[: HARMONICS["acceleration"]]),
-        },
-        mean=response.mean_transmission_error,
-        response=response,
-    )
+    steady, n = response.steady, response.mesh_periods
+    at = slice(n, n * HIGHEST + 1, n)
+    ω = steady.omega[at]
+
+    def made_by(direction: np.ndarray, lines: np.ndarray) -> np.ndarray:
+        sensor = response.model.accelerometer
+        path = _paths(response.structure, ω.tobytes(), direction.tobytes(), sensor.tobytes(), window.pinion_only)
+        return path * lines[at][HARMONIC - 1]
+
+    every = -made_by(response.structure.mesh, steady.force_lines)
+    for direction, lines in zip(steady.directions, steady.action_lines, strict=True):
+        every = every - made_by(direction, lines)
+    for load in steady.loads:
+        every = every + made_by(load.direction, load.lines)
+    every = 2 * every
+    for gain in response.gains:
+        every[PLACES["acceleration"]] *= gain(ω / (2 * np.pi))[: HARMONICS["acceleration"]]
+    return Prediction(every=every, mean=response.mean_transmission_error, response=response, flanks=flanks)
+
+
+@lru_cache(maxsize=1024)  # 0.3 kB each
+def _paths(structure: Structure, omega: bytes, force: bytes, sensor: bytes, pinion_only: bool) -> np.ndarray:
+    """What a force along a direction (21,) makes of the lines of all channels at the mesh harmonics (L,)."""
+    ω, along = np.frombuffer(omega), np.frombuffer(force)
+    channels = {
+        "encoder": structure.pinion_motion if pinion_only else structure.transmission_error,
+        "torque": structure.torque_meter,
+        "acceleration": np.frombuffer(sensor),
+    }
+    seen = dict(zip(channels, structure.receptances(ω, along, list(channels.values())), strict=True))
+    seen["acceleration"] = -(ω**2) * seen["acceleration"]
+    return np.concatenate([seen[channel][: HARMONICS[channel]] for channel in CHANNELS])
 
 
 def _per_mesh(effects: tuple[Effect, ...]) -> int | None:
@@ -141,26 +165,34 @@ def _grouped(values: Sequence[float], tolerance: float) -> np.ndarray:
     return out
 
 
-def _transfer_per_error(model: Model, windows: Sequence[Observed]) -> dict[str, np.ndarray]:
-    """Size of every channel's line per metre of transmission error at the mesh orders, (W, n)."""
+def _transfer_per_error(model: Model, windows: Sequence[Observed]) -> np.ndarray:
+    """Size of all channels' lines per metre of transmission error at the mesh orders, one below the other (L, W)."""
     structure, z1 = model.structure, model.mesh.pair.teeth[0]
-    meter, motion = structure.torque_meter, structure.pinion_motion
-    out: dict[str, list[np.ndarray]] = {channel: [] for channel in CHANNELS}
+    out = []
     for w in windows:
-        ω = 2 * np.pi * w.condition.speed_hz * z1 * np.arange(1, max(HARMONICS.values()) + 1)
+        ω = 2 * np.pi * w.condition.speed_hz * z1 * np.arange(1, HIGHEST + 1)
+        force, sensor = structure.mesh.tobytes(), model.accelerometer.tobytes()
+        size = np.abs(_paths(structure, ω.tobytes(), force, sensor, w.pinion_only))
+        error = np.abs(structure.receptance(ω, structure.mesh, structure.transmission_error))
+        out.append(size / error[HARMONIC - 1])
+    return np.array(out).T
 
-        def size(response: np.ndarray, ω: np.ndarray = ω) -> np.ndarray:
-            return np.abs(structure.receptance(ω, structure.mesh, response))
 
-        error = size(structure.transmission_error)
-        transfer = {
-            "encoder": size(motion) / error if w.pinion_only else np.ones(ω.size),
-            "torque": size(meter) / error,
-            "acceleration": ω**2 * size(model.accelerometer) / error,
-        }
-        for channel, count in HARMONICS.items():
-            out[channel].append(transfer[channel][:count])
-    return {channel: np.array(rows) for channel, rows in out.items()}
+def _every(factors: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Factors on the lines of some channels (n,) as factors on all lines, one below the other (L,)."""
+    out = np.ones(HARMONIC.size, dtype=complex)
+    for channel, factor in factors.items():
+        out[PLACES[channel]] = factor
+    return out
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Varied:
+    """The twin with one of the shared values moved."""
+
+    owner: EffectTrial | None  # the trial that the value belongs to; None of the calibration's
+    model: Model
+    made: tuple[Effect, ...]  # of every trial
 
 
 @dataclass(eq=False, kw_only=True)
@@ -177,15 +209,22 @@ class Problem:
     scatter: HealthyScatter
 
     def __post_init__(self) -> None:
-        limits = self.thresholds
-        self.group = _grouped([w.condition.speed_hz for w in self.windows], limits.same_speed)
-        load = _grouped([w.condition.torque for w in self.windows], limits.same_torque)
+        limits, windows = self.thresholds, self.windows
+        group = _grouped([w.condition.speed_hz for w in windows], limits.same_speed)
+        load = _grouped([w.condition.torque for w in windows], limits.same_torque)
         # about which point a shaft tilts is not known, so neither is the step of the mean
-        tilted = sum(np.array([t.acts(w) for w in self.windows], dtype=int) for t in self.trials if t.facts.tilts_shaft)
-        mounting = np.array([w.mounting for w in self.windows]) + (1 + max(w.mounting for w in self.windows)) * tilted
-        self.load = load + (load.max() + 1) * mounting  # means are compared within one number
-        self.transfer = _transfer_per_error(self.model, self.windows)
-        self.worn = np.array([w.worn for w in self.windows])
+        tilted = sum(np.array([t.acts(w) for w in windows], dtype=int) for t in self.trials if t.facts.tilts_shaft)
+        mounting = np.array([w.mounting for w in windows]) + (1 + max(w.mounting for w in windows)) * tilted
+        load = load + (load.max() + 1) * mounting  # means are compared within one number
+        self.compared = ComparedLines.of(windows, self.channels)
+        self.means = ComparedMeans.of(windows if "encoder" in self.channels else (), load, self.scatter)
+        lines = self.compared
+        transfer = _transfer_per_error(self.model, windows)[lines.kept]
+        self.sizes = LineSizes.of(self.scatter, lines.channel, lines.harmonic, lines.std, transfer, group)
+        self.by_teeth = np.zeros(lines.shape)  # share of each line that effects of longer periods make (L, W)
+        if self.factors is not None:
+            self.by_teeth = 1 - 1 / np.stack([_every(f) for f in self.factors], axis=1)[lines.kept]
+        self.worn = np.array([w.worn for w in windows])
         self.shared = len(NAMES) + sum(len(t.free) for t in self.trials)
 
     def numbers_of(self, trial: EffectTrial) -> slice:
@@ -216,88 +255,61 @@ class Problem:
         }
         return self.model.calibrated(**values)
 
-    def effects(self, shared: np.ndarray, window: Observed) -> tuple[Effect, ...]:
-        """The effects that act in a window, with these shared values."""
-        return tuple(trial.make(shared[self.numbers_of(trial)]) for trial in self.trials if trial.acts(window))
+    def at(self, shared: np.ndarray) -> Varied:
+        """The twin with these shared values."""
+        made = tuple(trial.make(shared[self.numbers_of(trial)]) for trial in self.trials)
+        return Varied(owner=None, model=self.calibrated(shared), made=made)
 
-    def predict(self, i: int, shared: np.ndarray, depth: float, start: Prediction | None = None) -> Prediction:
+    def varied(self, shared: np.ndarray, step: float) -> list[Varied]:
+        """The twin with each of the shared values moved by a step, one after the other."""
+        here, out = self.at(shared), []
+        for j in range(self.shared):
+            moved, owner = shared.copy(), self.acting_on(j)
+            moved[j] += step
+            if owner is None:
+                out.append(replace(here, model=self.calibrated(moved)))
+            else:
+                again = owner.make(moved[self.numbers_of(owner)])
+                made = tuple(again if t is owner else e for t, e in zip(self.trials, here.made, strict=True))
+                out.append(replace(here, owner=owner, made=made))
+        return out
+
+    def _acting(self, twin: Varied, window: Observed) -> tuple[Effect, ...]:
+        """The effects that act in a window."""
+        return tuple(e for t, e in zip(self.trials, twin.made, strict=True) if t.acts(window))
+
+    def predict(self, i: int, twin: Varied, depth: float, start: Prediction | None = None) -> Prediction:
         """Lines of window i; NotConverged where there is no steady state."""
         window = self.windows[i]
-        effects = self.effects(shared, window)
-        profile = self.profiles(depth, effects, window)
+        flanks = self.profiles(depth, window)
         before = None if start is None else start.response
-        return self._with_factors(i, predict(self.calibrated(shared), effects, profile, window, before))
+        return self._with_factors(i, predict(twin.model, self._acting(twin, window), flanks, window, before))
 
-    def near(self, i: int, model: Model, shared: np.ndarray, depth: float, nearby: Nearby) -> Prediction:
+    def near(self, i: int, twin: Varied, flanks: Flanks, nearby: Nearby) -> Prediction:
         """As `predict`, to first order about a prediction of the same window."""
         window = self.windows[i]
-        effects = self.effects(shared, window)
-        response = nearby.response(model, effects, self.profiles(depth, effects, window))
-        return self._with_factors(i, channel_lines(window, response))
+        response = nearby.response(twin.model, self._acting(twin, window), flanks)
+        return self._with_factors(i, _seen(window, response, flanks))
+
+    def recalibrated(self, i: int, twin: Varied, flanks: Flanks, nearby: Nearby) -> Prediction:
+        """The same with other calibrated values alone."""
+        return self._with_factors(i, _seen(self.windows[i], nearby.recalibrated(twin.model), flanks))
 
     def _with_factors(self, i: int, found: Prediction) -> Prediction:
         if self.factors is None:
             return found
-        lines = {channel: found.lines[channel] * factor for channel, factor in self.factors[i].items()}
-        return replace(found, lines=found.lines | lines)
+        return replace(found, every=found.every * _every(self.factors[i]))
 
     def residual(
-        self,
-        predictions: Sequence[Prediction],
-        phase: float,
-        depth: np.ndarray,
-        weights: Sequence[Weight] | None = None,
-    ) -> tuple[np.ndarray, float, list[Weight]]:
-        """Whitened residual (n,), Σ ln det, and the weights that were used (or given)."""
-        out: list[np.ndarray] = []
-        used: list[Weight] = []
-        log_det = 0.0
-        for channel in self.channels:
-            for k in range(1, HARMONICS[channel] + 1):
-                z = np.array([w.lines[channel][k - 1] for w in self.windows])
-                σ = np.array([w.std[channel][k - 1] for w in self.windows])
-                there = np.isfinite(z) & np.isfinite(σ)
-                if not there.any():
-                    continue
-                m = np.array([p.lines[channel][k - 1] for p in predictions])[there]
-                w = self._weight(channel, k, m, σ[there], depth, there) if weights is None else weights[len(used)]
-                out.append(w.whitened(z[there] * np.exp(-1j * k * phase) - m))
-                log_det += 2 * w.log_det
-                used.append(w)
-        out.append(self._mean(predictions))
-        return np.concatenate(out), log_det, used
+        self, predictions: Sequence[Prediction], phase: float, depth: np.ndarray
+    ) -> tuple[np.ndarray, float, Weights]:
+        """Whitened residual (n,), Σ ln det, and the weights that were used."""
+        m = np.stack([p.every for p in predictions], axis=1)[self.compared.kept]
+        weights = self.sizes.weights(m, depth, m * self.by_teeth)
+        rest = self.compared.turned(phase) - m
+        means = self.means.measured - np.array([p.mean for p in predictions])
+        return self.whitened(rest[..., None], means[:, None], weights)[:, 0], 2 * weights.log_det, weights
 
-    def _weight(
-        self, channel: str, k: int, m: np.ndarray, σ: np.ndarray, depth: np.ndarray, there: np.ndarray
-    ) -> Weight:
-        """Weight of line k of the windows that have it (n,), from their predictions m (n,) and noise σ (n,)."""
-        transfer = self.transfer[channel][there, k - 1]
-        added = m * self.by_teeth(channel, k)[there]
-        return weight(channel, k, m, σ, depth[there], transfer, self.group[there], added, self.scatter)
-
-    def by_teeth(self, channel: str, k: int) -> np.ndarray:
-        """Share of line k that effects of longer periods make, of each window (W,)."""
-        if self.factors is None:
-            return np.zeros(len(self.windows))
-        return np.array([1 - 1 / f[channel][k - 1] if channel in f else 0.0 for f in self.factors])
-
-    def _mean(self, predictions: Sequence[Prediction]) -> np.ndarray:
-        """Whitened means of the transmission error: their zero, its drift and what load adds are free."""
-        rest = np.array(
-            [
-                np.nan if w.mean is None or not w.torque_known else w.mean - p.mean
-                for w, p in zip(self.windows, predictions, strict=True)
-            ]
-        )
-        there = np.isfinite(rest)
-        if there.sum() < 2 or "encoder" not in self.channels:
-            return np.empty(0)
-        turns = np.array([w.revolutions for w in self.windows])[there]
-        drift = self.scatter.mean_drift * (turns - turns.mean()) / max(float(np.ptp(turns)), 1.0)
-        C = self.scatter.mean_std**2 * np.eye(turns.size) + np.outer(drift, drift)
-        zeros = self.load[there][:, None] == np.unique(self.load[there])  # one unknown zero for each load
-        contrasts = null_space(zeros.T.astype(float))
-        if contrasts.shape[1] == 0:
-            return np.empty(0)
-        rest = contrasts.T @ (rest[there] - rest[there][0])
-        return np.linalg.solve(np.linalg.cholesky(contrasts.T @ C @ contrasts), rest)
+    def whitened(self, lines: np.ndarray, means: np.ndarray, weights: Weights) -> np.ndarray:
+        """Of unit variance (n, c): c sets of lines (L, W, c) and means (W, c) that are not explained."""
+        return np.concatenate((self.compared.rows(weights.root @ lines), self.means.rows(means)))

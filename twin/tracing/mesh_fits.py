@@ -244,7 +244,7 @@ class AlikeTeeth:
         fresh = [i for i, w in enumerate(windows.windows) if not w.worn]
         if not fresh or not trial.facts.shapes_wear or trial.onset > 0:
             return None
-        start = replace(best, depth=best.depth[fresh])
+        start = replace(best, depth=best.depth[fresh], predictions=tuple(best.predictions[i] for i in fresh))
         try:
             problem = windows.problem((*best.trials, trial), windows.wear(), fresh)
             result = fit(problem, start, windows.phase, windows.depth[fresh])

@@ -91,9 +91,7 @@ class WearWithEffects:
     with_effects: tuple[tuple[Effect, float], ...] = ()  # that shape the wear, with their onsets
     onset_depth: dict[float, float] = field(default_factory=dict)
 
-    def __call__(
-        self, depth: float, effects: tuple[Effect, ...], window: Observed
-    ) -> WornProfile | Sequence[WornProfile]:
+    def __call__(self, depth: float, window: Observed) -> WornProfile | Sequence[WornProfile]:
         """The flanks of a window at a depth [m], one profile for each slice across the face."""
         shaping = tuple((e, onset) for e, onset in self.with_effects if onset <= window.revolutions)
         if not window.worn:

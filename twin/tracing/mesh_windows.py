@@ -145,25 +145,28 @@ class MeshWindows:
         order = sorted(range(len(self.windows)), key=lambda i: self.windows[i].revolutions)
         worn = [i for i in order if self.windows[i].worn]
         fresh = [i for i in order if not self.windows[i].worn]
-        for count in range(1 if fresh else FEWEST_WITHOUT_NEW, len(worn)):
-            prefix = [*fresh, *worn[:count]]
-            try:
-                before = self._misfit(prefix, trials, wear)
-                after = self._misfit([*prefix, worn[count]], trials, wear)
-            except NotConverged:
-                continue
-            if before > limits.explained:
+        first = 1 if fresh else FEWEST_WITHOUT_NEW
+        before = self._misfit([*fresh, *worn[:first]], trials, wear) if len(worn) > first else None
+        for count in range(first, len(worn)):
+            if before is None or before > limits.explained:
+                break
+            after = self._misfit([*fresh, *worn[: count + 1]], trials, wear)
+            if after is None:
                 break
             if after > limits.breaks_off and after > limits.sharper * max(before, limits.least_before):
                 if count == len(worn) - 1 and len(worn) > 2:
                     return []
                 out.append(0.5 * (self.windows[worn[count - 1]].revolutions + self.windows[worn[count]].revolutions))
                 break
+            before = after
         return out
 
-    def _misfit(self, chosen: Sequence[int], trials: Sequence[EffectTrial], wear: WearWithEffects) -> float:
-        problem = self.problem(trials, wear, chosen)
-        return fit(problem, None, self.phase, self.depth[list(chosen)]).misfit
+    def _misfit(self, chosen: Sequence[int], trials: Sequence[EffectTrial], wear: WearWithEffects) -> float | None:
+        """Misfit of some of the windows; None where they have no steady state."""
+        try:
+            return fit(self.problem(trials, wear, chosen), None, self.phase, self.depth[list(chosen)]).misfit
+        except NotConverged:
+            return None
 
     def extrapolated(self, depth: np.ndarray, onset: float) -> np.ndarray:
         """Depths (W,) as they would be had the wear rate of before the onset stayed [m]."""

@@ -18,6 +18,10 @@ from twin.updating.conditions import MATCH, condition_of, kind_of
 
 CHANNELS = ("encoder", "torque", "acceleration")
 HARMONICS = {"encoder": 5, "torque": 3, "acceleration": 10}
+HIGHEST = max(HARMONICS.values())
+HARMONIC = np.concatenate([np.arange(1, HARMONICS[c] + 1) for c in CHANNELS])  # of each line of all channels (L,)
+_ENDS = np.cumsum([HARMONICS[c] for c in CHANNELS]).tolist()
+PLACES = {c: slice(end - HARMONICS[c], end) for c, end in zip(CHANNELS, _ENDS, strict=True)}  # of a channel among them
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -44,10 +48,9 @@ class Observed:
 def _read(lines: MeasuredLines | None, count: int) -> tuple[np.ndarray, np.ndarray]:
     y, std = np.full(count, np.nan, dtype=complex), np.full(count, np.nan)
     if lines is not None:
-        for k in range(1, count + 1):
-            value, σ = lines.get(k), lines.get_std(k)
-            if value is not None and σ is not None:
-                y[k - 1], std[k - 1] = value, σ
+        k, values, σ = lines.mesh()
+        wanted = k <= count
+        y[k[wanted] - 1], std[k[wanted] - 1] = values[wanted], σ[wanted]
     return y, std
 
 

@@ -21,7 +21,7 @@ windows share the factor; the torque meter's line lies between.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -160,48 +160,70 @@ class HealthyScatter:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Weight:
-    """The inverse root of one line's covariance over the windows that have it."""
+class Weights:
+    """The inverse roots of the covariance of L lines over W windows."""
 
-    root: np.ndarray  # L⁻¹ (W, W) with C = L·Lᴴ
-    log_det: float
-
-    def whitened(self, rest: np.ndarray) -> np.ndarray:
-        """Real vector (2W,) of unit variance from a residual (W,)."""
-        u = self.root @ rest
-        return np.sqrt(2.0) * np.concatenate((u.real, u.imag))
+    root: np.ndarray  # L⁻¹ (L, W, W) with C = L·Lᴴ; that of an identity where a window lacks the line
+    log_det: float  # Σ ln det C
 
 
-def weight(
-    channel: str,
-    k: int,
-    predicted: np.ndarray,
-    std: np.ndarray,
-    depth: np.ndarray,
-    transfer: np.ndarray,
-    group: np.ndarray,
-    by_teeth: np.ndarray | float,
-    sizes: HealthyScatter,
-) -> Weight:
-    """Weight of line k (from 1) of a channel.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LineSizes:
+    """What healthy machines differ by in each of L lines over W windows, as far as no prediction decides it."""
 
-    predicted  m (W,)
-    std        σ (W,)
-    depth      of wear (W,) [m]
-    transfer   P_k (W,), 1 for the encoders
-    group      number of the speed that each window was taken at (W,): each has a factor of its own
-    by_teeth   what teeth that differ from one another add to the prediction (W,)
-    sizes      what healthy machines differ by
-    """
-    scatter = sizes.channels[channel]
-    ρ, κ = (size[k - 1] for size in scatter.sizes(k))
-    κ = κ + scatter.per_depth * k * depth
-    each = 2 * std**2 + (κ * np.abs(predicted)) ** 2 + scatter.floor**2 + (sizes.each * transfer) ** 2
-    C = np.diag(each + (sizes.teeth * np.abs(by_teeth)) ** 2).astype(complex)
-    C += sizes.common**2 * np.outer(transfer, transfer)
-    for g in np.unique(group):
-        m = np.where(group == g, predicted, 0.0)
-        C += ρ**2 * np.outer(m, m.conj())
-    L = np.linalg.cholesky(C)
-    root = np.linalg.inv(L)
-    return Weight(root=root, log_det=float(2 * np.log(L.diagonal().real).sum()))
+    there: np.ndarray  # which windows have the line (L, W)
+    structure: np.ndarray  # ρ, squared, between windows of one speed, else 0 (L, W, W)
+    windows: np.ndarray  # κ on new flanks (L, 1)
+    per_depth: np.ndarray  # its growth with depth (L, 1) [1/m]
+    fixed: np.ndarray  # what does not depend on the prediction: noise, graduation, floors (L, W, W)
+    teeth: float  # τ
+
+    @classmethod
+    def of(
+        cls,
+        sizes: HealthyScatter,
+        channel: Sequence[str],
+        harmonic: np.ndarray,
+        std: np.ndarray,
+        transfer: np.ndarray,
+        group: np.ndarray,
+    ) -> LineSizes:
+        """Of lines `harmonic` (L,) of channels (L,).
+
+        std       σ (L, W), NaN where a window lacks the line
+        transfer  P_k (L, W), 1 for the encoders
+        group     number of the speed that each window was taken at (W,): each has a factor of its own
+        """
+        there = np.isfinite(std)
+        scatter = [sizes.channels[name] for name in channel]
+        both = [[size[k - 1] for size in s.sizes(k)] for s, k in zip(scatter, harmonic, strict=True)]
+        ρ, κ = np.array(both).T
+        floor = np.array([s.floor for s in scatter])[:, None]
+        each = np.where(there, 2 * std**2 + floor**2 + (sizes.each * transfer) ** 2, 1.0)
+        pairs = there[:, :, None] & there[:, None, :]
+        shared = np.where(pairs, sizes.common**2 * (transfer[:, :, None] * transfer[:, None, :]), 0.0)
+        same = pairs & (group[:, None] == group)
+        return cls(
+            there=there,
+            structure=np.where(same, (ρ**2)[:, None, None], 0.0),
+            windows=κ[:, None],
+            per_depth=(np.array([s.per_depth for s in scatter]) * harmonic)[:, None],
+            fixed=shared + each[:, :, None] * np.eye(group.size),
+            teeth=sizes.teeth,
+        )
+
+    def weights(self, predicted: np.ndarray, depth: np.ndarray, by_teeth: np.ndarray) -> Weights:
+        """The weights about a prediction.
+
+        predicted  m (L, W)
+        depth      of wear (W,) [m]
+        by_teeth   what teeth that differ from one another add to the prediction (L, W)
+        """
+        κ = self.windows + self.per_depth * depth
+        each = np.where(self.there, (κ * np.abs(predicted)) ** 2 + (self.teeth * np.abs(by_teeth)) ** 2, 0.0)
+        C = self.structure * (predicted[:, :, None] * predicted.conj()[:, None, :])
+        C += self.fixed
+        C += each[:, :, None] * np.eye(depth.size)
+        L = np.linalg.cholesky(C)
+        diagonal = np.einsum("lii->li", L).real
+        return Weights(root=np.linalg.inv(L), log_det=float(2 * np.log(diagonal).sum()))

@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.effects.response import Effect, solve_with
+from twin.effects.kept import RESPONSES
+from twin.effects.response import Effect
 from twin.errors import TwinError
 from twin.features.window_features import Key, MeasuredLines, WindowFeatures
 from twin.model import Condition, Model
@@ -41,8 +42,9 @@ def lines_of(windows: Sequence[WindowFeatures], channel: str, key: Key) -> list[
     out = []
     for i, w in enumerate(windows):
         lines: MeasuredLines | None = getattr(w, channel)
-        if lines is not None and lines.get(*key) is not None:
-            out.append((i, lines.at(*key), lines.std_at(*key)))
+        if lines is not None and key in lines.keys:
+            at = lines.keys.index(key)
+            out.append((i, lines.amplitudes[at], lines.std[at]))
     return out
 
 
@@ -104,7 +106,7 @@ def unit_responses(
         key = (round(np.log(condition.speed_hz) / same_speed), round(np.log(condition.torque) / (5 * same_speed)))
         if key not in known:
             try:
-                (seen,) = getattr(solve_with(model, (effect,), model.unworn, condition), channel)([order])
+                (seen,) = getattr(RESPONSES.get(model, (effect,), model.unworn, condition), channel)([order])
             except TwinError:
                 return None
             known[key] = complex(seen * np.exp(1j * order * phase / model.mesh.pair.teeth[0]))

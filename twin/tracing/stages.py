@@ -5,7 +5,7 @@ So depth and life are known before and after each effect.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from twin.assessment import Life
@@ -26,14 +26,19 @@ def staged(rig: Rig, stage: TwinStage, window: WindowInput, outcome: UpdateOutco
     """A stage after the outcome of one window more."""
     if outcome.kind != "measurement":
         return replace(stage, memory=outcome.memory)
-    depths = {**stage.depths, window.index: outcome.depth}
-    for index in list(depths)[:-MOST_HISTORY]:
-        del depths[index]
-    life = life_of(rig, outcome)
+    return _after(rig, {**stage.depths, window.index: outcome.depth}, outcome, outcome.memory)
+
+
+def _after(rig: Rig, depths: Mapping[int, float], latest: UpdateOutcome, memory: Memory) -> TwinStage:
+    """A stage with the depths of its measurement windows [m], by index in order, the latest of them with this outcome.
+
+    memory  after the latest window of any kind
+    """
+    life = life_of(rig, latest)
     return TwinStage(
-        memory=outcome.memory,
-        depth=outcome.depth,
-        depths=depths,
+        memory=memory,
+        depth=latest.depth,
+        depths=dict(list(depths.items())[-MOST_HISTORY:]),
         life=life.revolutions.median if isinstance(life, Life) else None,
     )
 
@@ -65,11 +70,9 @@ def with_effects(
     again: Replayed = ()
     for count in range(common + 1, len(new) + 1):
         memory, outcomes = replay(rig, tracing, new[:count], options)
-        stage = TwinStage(memory=memory)
-        for window, result in zip(history, outcomes, strict=True):
-            if result is not None:
-                stage = staged(rig, stage, window, result)
-        out.append(stage)
+        measured = [(w.index, o) for w, o in _taken(history, outcomes) if o.kind == "measurement"]
+        depths = {index: outcome.depth for index, outcome in measured}
+        out.append(_after(rig, depths, measured[-1][1], memory) if measured else TwinStage(memory=memory))
         again = _taken(history, outcomes)
     if len(new) == common and common < len(old):  # effects have gone: the twin in use is an earlier stage
         _, outcomes = replay(rig, tracing, new, options)

@@ -103,15 +103,15 @@ def patterns(
 ) -> list[Pattern]:
     """Lines of the pinion (0) or the gear (1) in every window, at the orders that all of them resolve."""
     keys = [(0, m, 0) if gear == 0 else (0, 0, m) for m in limits.orders(gear, teeth, lowest)]
-    seen = [w for w in windows if w.transmission_error is not None and w.transmission_error.unit == "m"]
-    keys = [k for k in keys if all(w.transmission_error.get(*k) is not None for w in seen)]  # type: ignore[union-attr]
+    shown = [(w, te) for w in windows if (te := w.transmission_error) is not None and te.unit == "m"]
+    read = [dict(zip(te.keys, te.amplitudes, strict=True)) for _, te in shown]
+    keys = [k for k in keys if all(k in lines for lines in read)]
     m = np.array([k[1 + gear] for k in keys], dtype=int)
     turn = np.exp(-1j * pinion_orders(m, gear, teeth) * phase / teeth[0])
     out = []
-    for w in seen:
-        assert w.transmission_error is not None
-        lines = np.array([w.transmission_error.at(*k) for k in keys], dtype=complex)
-        out.append(Pattern(revolutions=w.revolutions or 0.0, orders=m, lines=lines * turn))
+    for (w, _), lines in zip(shown, read, strict=True):
+        values = np.array([lines[k] for k in keys], dtype=complex)
+        out.append(Pattern(revolutions=w.revolutions or 0.0, orders=m, lines=values * turn))
     return out if m.size >= limits.least_lines else []
 
 

@@ -122,8 +122,39 @@ def _scaled(values, rng: np.random.Generator, spread: float):
     }
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Paths:
+    """Several structures, side by side, seen from the mesh."""
+
+    omega: np.ndarray  # of the modes (s, 21) [rad/s]
+    damping: np.ndarray  # 2ζω of the modes (s, 21) [rad/s]
+    to_sensor: np.ndarray  # what a force at the mesh makes of each mode's acceleration at the sensor (s, 21)
+    to_error: np.ndarray  # and of its transmission error (s, 21)
+
+    @classmethod
+    def of(cls, structures: Sequence[Structure], sensor: str) -> _Paths:
+        at = direction({sensor: 1.0})
+        driven = [s.modes[1].T @ s.mesh for s in structures]
+        return cls(
+            omega=np.array([s.modes[0] for s in structures]),
+            damping=np.array([s.modal_damping_terms for s in structures]),
+            to_sensor=np.array([(at @ s.modes[1]) * by for s, by in zip(structures, driven, strict=True)]),
+            to_error=np.array(
+                [(s.transmission_error @ s.modes[1]) * by for s, by in zip(structures, driven, strict=True)]
+            ),
+        )
+
+    def logs(self, frequencies: np.ndarray) -> np.ndarray:
+        """ln of acceleration over transmission error, for a force at the mesh (s, n) complex."""
+        ω = 2 * np.pi * frequencies[:, None]
+        modal = 1 / (self.omega[:, None] ** 2 - ω**2 + 1j * ω * self.damping[:, None])  # (s, n, 21)
+        a = -(ω[:, 0] ** 2) * (modal * self.to_sensor[:, None]).sum(axis=2)
+        e = (modal * self.to_error[:, None]).sum(axis=2)
+        return np.log(a / e)
+
+
 @lru_cache(maxsize=4)
-def _draws(text: str, damping: float) -> tuple[Structure, ...]:
+def _draws(text: str, damping: float, sensor: str) -> _Paths:
     """Structures within the tolerance of a rig; the seed is fixed: a pure function."""
     values, rng = json.loads(text), np.random.default_rng(2019)
     allowed = Tolerances.of(values)
@@ -143,15 +174,7 @@ def _draws(text: str, damping: float) -> tuple[Structure, ...]:
         changed["shafts"] = shafts
         ζ = min(damping * float(1 + allowed.damping * rng.uniform(-1, 1)), 0.9)
         out.append(Structure.from_rig(Rig(changed), modal_damping=ζ))
-    return tuple(out)
-
-
-def _log_paths(structure: Structure, frequencies: np.ndarray, sensor: str) -> np.ndarray:
-    """ln of acceleration over transmission error, for a force at the mesh (n,) complex."""
-    ω = 2 * np.pi * frequencies
-    a = -(ω**2) * structure.receptance(ω, structure.mesh, direction({sensor: 1.0}))
-    e = structure.receptance(ω, structure.mesh, structure.transmission_error)
-    return np.log(a / e)
+    return _Paths.of(out, sensor)
 
 
 def path_covariance(rig: Rig, damping: float, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -160,9 +183,8 @@ def path_covariance(rig: Rig, damping: float, frequencies: np.ndarray) -> tuple[
     Real parts first, then phases.
     """
     (sensor,) = rig.require("the accelerometer's place", "sensors.accelerometer")
-    nominal = _log_paths(Structure.from_rig(rig, modal_damping=damping), frequencies, sensor)
-    text = json.dumps(rig.values, sort_keys=True)
-    logs = np.array([_log_paths(s, frequencies, sensor) for s in _draws(text, damping)]) - nominal
+    nominal = _Paths.of([Structure.from_rig(rig, modal_damping=damping)], sensor).logs(frequencies)
+    logs = _draws(json.dumps(rig.values, sort_keys=True), damping, sensor).logs(frequencies) - nominal
     phases = np.angle(np.exp(1j * logs.imag))
     both = np.concatenate((logs.real, phases), axis=1)
     return both.mean(axis=0), np.cov(both.T)
@@ -340,26 +362,23 @@ def _fitted_resonance(
     rest: np.ndarray, C: np.ndarray, f: np.ndarray, frequencies: np.ndarray, plain: float, other: float
 ) -> PathFit:
     """A resonance of the mount, every frequency and damping ratio of the grid as likely before; as `_fitted_gain`."""
-    tried = []
-    for f0 in frequencies:
-        for ζ in RATIOS:
-            effect = EFFECTS["sensor_resonance"](frequency=float(f0), damping_ratio=ζ)
-            shape = np.log(effect.response(f))
-            moved = rest - np.concatenate((shape.real, np.angle(np.exp(1j * shape.imag))))
-            tried.append((float(multivariate_normal.logpdf(moved, cov=C)), effect))
-    likelihood = np.array([t[0] for t in tried])
+    kind = EFFECTS["sensor_resonance"]
+    tried = [kind(frequency=float(f0), damping_ratio=ζ) for f0 in frequencies for ζ in RATIOS]
+    shapes = np.log([effect.response(f) for effect in tried])
+    moved = rest - np.concatenate((shapes.real, np.angle(np.exp(1j * shapes.imag))), axis=1)
+    likelihood = multivariate_normal.logpdf(moved, cov=C)
     best = int(np.argmax(likelihood))
     evidence = float(np.log(np.mean(np.exp(likelihood - likelihood[best]))) + likelihood[best])
     weight = np.exp(likelihood - likelihood[best])
-    logs = np.log([t[1].frequency for t in tried])
+    logs = np.log([effect.frequency for effect in tried])
     spread = float(np.sqrt((weight * (logs - (weight * logs).sum() / weight.sum()) ** 2).sum() / weight.sum()))
-    ratios = np.array([t[1].damping_ratio for t in tried])
+    ratios = np.array([effect.damping_ratio for effect in tried])
     step = float(np.log(frequencies[1] / frequencies[0]))
     return PathFit(
         name="sensor_resonance",
-        effect=tried[best][1],
+        effect=tried[best],
         std=float(np.hypot(spread, step / np.sqrt(12))),
-        damping_std=float(np.sqrt(weight @ (ratios - tried[best][1].damping_ratio) ** 2 / weight.sum())),
+        damping_std=float(np.sqrt(weight @ (ratios - tried[best].damping_ratio) ** 2 / weight.sum())),
         log_evidence=evidence - plain,
         over_other=evidence - other,
     )

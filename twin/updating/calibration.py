@@ -27,7 +27,8 @@ from twin.rig import Rig
 from twin.structure_spread import structure_spread
 from twin.thresholds import deciding
 from twin.updating.conditions import condition_of
-from twin.wear.curve import LINES, MeshLines
+from twin.wear.curve import MeshLines
+from twin.wear.path import FIRST
 
 NAMES = ("stiffness_scale", "modal_damping", "damping_time")
 HARMONICS = 3  # of transmission error
@@ -161,14 +162,14 @@ def _residuals(model: Model, windows: Sequence[WindowFeatures], factors: Sequenc
         if w.transmission_error is not None:
             _, y, std = w.transmission_error.mesh()
             n = min(HARMONICS, y.size)
-            m = (model.transmission_error_lines(steady)[:LINES] * of_error)[:n]
+            m = (model.transmission_error_lines(steady, FIRST) * of_error)[:n]
             share = np.hypot(FIT.line_scatter, 0.0 if spread is None else spread.transmission_error.std[:n])
             σ = np.sqrt((share * np.abs(m)) ** 2 + FIT.line_floor**2 + std[:n] ** 2)
             out.append((np.abs(y[:n]) - np.abs(m)) / σ)
         if w.acceleration is not None and model.rig.band[1] > 0:
             _, y, std = w.acceleration.mesh()
             n = min(LEVEL_HARMONICS, y.size)
-            m = np.abs((model.acceleration_lines(steady)[:LINES] * of_level)[:n])
+            m = np.abs((model.acceleration_lines(steady, FIRST) * of_level)[:n])
             clear = np.abs(y[:n]) > FIT.least_signal * std[:n]
             share = np.hypot(FIT.level_scatter, 0.0 if spread is None else spread.acceleration.std[:n])
             out.append((np.log(np.abs(y[:n]) / m) / share)[clear])

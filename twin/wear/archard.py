@@ -85,10 +85,6 @@ def wear_per_revolution(mesh: PairMesh, contact_forces: np.ndarray, half_width: 
                     of the profile's points a pitch
     half_width      a of the elliptic contact [m]
     """
-    if slices > 1:
-        rows = len(ROWS)
-        parts = [slices * contact_forces[i * rows : (i + 1) * rows] for i in range(slices)]
-        return np.array([wear_per_revolution(mesh, part, half_width) for part in parts])
     if not half_width > 0:
         raise ParameterError(f"contact half-width = {half_width:g} m must be positive; micrometres?")
     n = mesh.samples
@@ -96,11 +92,12 @@ def wear_per_revolution(mesh: PairMesh, contact_forces: np.ndarray, half_width: 
     if rest:
         raise ParameterError(f"{n} samples a mesh period must be a multiple of {POINTS_PER_PITCH} profile points")
     half = n // 2  # samples from the pitch point on: the first half of the period, then the second of the one before
-    force = contact_forces[: len(ROWS)]
-    along = np.concatenate((force[:, half:], force[:, :half]), axis=1).reshape(-1)  # rows follow each other along s
+    force = contact_forces[: slices * len(ROWS)].reshape(slices, len(ROWS), n)
+    along = np.concatenate((force[..., half:], force[..., :half]), axis=2).reshape(slices, -1)  # rows follow along s
     ratio = 1 + mesh.pair.teeth[0] / mesh.pair.teeth[1]
     weights = _elliptic_weights(half_width, mesh.pair.base_pitch / n)
-    return ratio**2 * averages(along * mesh.sliding_arm, _twice(weights.tobytes()), stride)
+    worn = slices * ratio**2 * averages(along * mesh.sliding_arm, _twice(weights.tobytes()), stride)
+    return worn[0] if slices == 1 else worn
 
 
 @lru_cache(maxsize=32)

@@ -22,6 +22,7 @@ from twin.wear.law_of_rig import law_of
 from twin.wear.profile import WornProfile
 
 LINES = 12  # mesh harmonics kept of every response
+FIRST = slice(1, LINES + 1)
 BLOCK, MARGIN = 4, 10  # points of a stretch of the spline through the profiles, and beyond it on either side
 KEPT_SPLINES = 4  # stretches of the spline that are kept
 STATES, PROFILES = 2, 4  # steady states and profiles that a path holds to go on from: its last ones, and those half-way
@@ -29,10 +30,7 @@ STATES, PROFILES = 2, 4  # steady states and profiles that a path holds to go on
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MeshLines:
-    """Complex lines of mesh harmonics 1 … LINES of one steady state, (LINES,) each, and the mean.
-
-    Copies: a slice would keep all lines of the state in memory.
-    """
+    """Complex lines of mesh harmonics 1 … LINES of one steady state, (LINES,) each, and the mean."""
 
     transmission_error: np.ndarray  # [m]
     mean: float  # of the transmission error [m]
@@ -42,10 +40,10 @@ class MeshLines:
     @classmethod
     def of(cls, model: Model, steady: SteadyState, condition: Condition) -> MeshLines:
         return cls(
-            transmission_error=model.transmission_error_lines(steady)[:LINES].copy(),
+            transmission_error=model.transmission_error_lines(steady, FIRST),
             mean=model.mean_transmission_error(steady, condition),
-            pinion_motion=model.pinion_motion_lines(steady)[:LINES].copy(),
-            acceleration=model.acceleration_lines(steady)[:LINES].copy(),
+            pinion_motion=model.pinion_motion_lines(steady, FIRST),
+            acceleration=model.acceleration_lines(steady, FIRST),
         )
 
 

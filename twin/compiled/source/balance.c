@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6 };
+enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6, BLOCK = 64 };
 
 typedef struct {
     const balance *of;
@@ -27,10 +27,11 @@ typedef struct {
     double *basis;                                                        /* (LONGEST + 1, 2m) */
 } space;
 
-static int open_space(space *s, const balance *b)
+/* Room for a balance, and for the forces of so many actions. */
+static int open_space(space *s, const balance *b, int64_t actions)
 {
-    size_t n = (size_t)b->samples, m = n / 2 + 1, a = (size_t)b->actions;
-    *s = (space){.of = b, .plan = fft_plan(n), .n = n, .m = m, .actions = a};
+    size_t n = (size_t)b->samples, m = n / 2 + 1, a = (size_t)actions;
+    *s = (space){.of = b, .plan = fft_plan(n), .n = n, .m = m, .actions = (size_t)b->actions};
     double *next = malloc(((LONGEST + 8) * 2 * m + (4 + a) * n) * sizeof(double));
     if (!next || !s->plan) {
         free(next);
@@ -350,7 +351,7 @@ int newton(const balance *b, double *deflection, double tolerance, double parted
            double most_products, progress *so_far, const answer *out)
 {
     space s;
-    if (!open_space(&s, b))
+    if (!open_space(&s, b, b->actions))
         return -1;
     size_t all = 2 * s.m;
     double *d = malloc(all * sizeof(double));
@@ -410,7 +411,7 @@ int branch_solutions(const balance *b, const double *d, double tolerance, double
                      double *action_tangents, progress *done)
 {
     space s;
-    if (!open_space(&s, b))
+    if (!open_space(&s, b, b->actions))
         return -1;
     size_t n = s.n, all = 2 * s.m, p = (size_t)b->contacts;
     double size, e2 = b->rounding * b->rounding;
@@ -447,38 +448,107 @@ int branch_solutions(const balance *b, const double *d, double tolerance, double
     return 0;
 }
 
-/* J x = right at the lines d (2m) of a motion: x (2m) out, GMRES begun anew up to RESTARTS times.
+/* A motion carried on to a slightly other balance, to first order. At the lines d (2m), where `from` leaves a residual,
 
-   tangent, action_tangents  (n), (a, n) out: slopes of the contacts
-   done                      out: products, and the residual that is left, of the right side
+       J x = left - R(d)        deflection = samples(d + x)
+
+   with R of `to`, and J of the contacts that `from` has closed. The structure of `to` answers what is left of second
+   order many times over: the lines of the mesh force are those that it needs.
+
+   left        residual of `from` at d (2m)
+   tolerance   relative, of the linear solution
+   deflection  (n) out; the rest of `out` is that of `to`, with room for the action tangents of either
    Returns 0, or -1 where there is no memory. */
-int linear_solution(const balance *b, const double *d, const double *right, double tolerance, double *x, double *tangent,
-                    double *action_tangents, progress *done)
+int carry_on(const balance *from, const balance *to, const double *d, const double *left, double tolerance,
+             double *deflection, progress *done, const answer *out)
 {
     space s;
-    if (!open_space(&s, b))
+    if (!open_space(&s, from, from->actions > to->actions ? from->actions : to->actions))
         return -1;
     size_t all = 2 * s.m;
-    double largest, size = sqrt(dot(right, right, all)), left = size;
-    residual_at(&s, d, s.residual, tangent, action_tangents, &largest);
-    linearise(&s, tangent);
-    memcpy(s.residual, right, all * sizeof(double));
-    memset(x, 0, all * sizeof(double));
+    double *x = calloc(all, sizeof(double));
+    if (!x) {
+        close_space(&s);
+        return -1;
+    }
+    space other = s;
+    other.of = to;
+    other.actions = (size_t)to->actions;
+    double largest;
+    residual_at(&other, d, s.residual, out->tangent, out->action_tangents, &largest);
+    for (size_t k = 0; k < all; k++)
+        s.residual[k] = left[k] - s.residual[k];
+    residual_at(&s, d, s.found, out->tangent, out->action_tangents, &largest);
+    linearise(&s, out->tangent);
+    double size = sqrt(dot(s.residual, s.residual, all)), rest = size;
     *done = (progress){0};
-    for (int turn = 0; turn < RESTARTS && left > tolerance * size; turn++) {
-        done->products += krylov(&s, s.residual, tolerance * size / left, action_tangents, s.found);
-        product(&s, s.found, action_tangents, s.trial);
+    for (int turn = 0; turn < RESTARTS && rest > tolerance * size; turn++) {
+        done->products += krylov(&s, s.residual, tolerance * size / rest, out->action_tangents, s.found);
+        product(&s, s.found, out->action_tangents, s.trial);
         done->products++;
         add(s.residual, -1.0, s.trial, all);
         precondition(&s, s.found, s.trial);
         multiply(s.scale, s.trial, s.correction, s.m);
         add(x, 1.0, s.correction, all);
-        left = sqrt(dot(s.residual, s.residual, all));
+        rest = sqrt(dot(s.residual, s.residual, all));
         done->iterations++;
     }
-    done->residual = size > 0.0 ? left / size : 0.0;
+    add(x, 1.0, d, all);
+    residual_at(&other, x, s.found, out->tangent, out->action_tangents, &largest);
+    report(&other, out);
+    for (size_t k = 0; k < all; k++)
+        out->force_lines[k] -= s.found[k] - left[k];
+    fft_to_samples(s.plan, x, deflection);
+    done->residual = largest / to->mean_force;
+    free(x);
     close_space(&s);
     return 0;
+}
+
+/* The same of at most BLOCK neighbouring samples, side by side. */
+FOR_EVERY_CPU static void quasi_static_block(int64_t contacts, int64_t samples, int64_t n, const double *stiffness,
+                                             const double *separation, const double *side, double mean_force, double *d)
+{
+    double largest[BLOCK], carried[BLOCK], slope[BLOCK], touching[BLOCK], touched[BLOCK];
+    for (int64_t j = 0; j < n; j++) {
+        largest[j] = 0.0;
+        d[j] = -INFINITY;
+        touched[j] = -1.0;
+    }
+    for (int64_t i = 0; i < contacts; i++) {
+        const double *restrict k = stiffness + i * samples, *restrict e = separation + i * samples;
+        if (side[i] > 0.0)
+            for (int64_t j = 0; j < n; j++) {
+                double needed = mean_force / k[j];
+                largest[j] = needed > largest[j] ? needed : largest[j];
+                d[j] = -e[j] > d[j] ? -e[j] : d[j];
+            }
+    }
+    for (int64_t j = 0; j < n; j++)
+        d[j] += largest[j];
+    for (int64_t turn = 0; turn <= contacts; turn++) {
+        for (int64_t j = 0; j < n; j++)
+            carried[j] = slope[j] = touching[j] = 0.0;
+        for (int64_t i = 0; i < contacts; i++) {
+            const double *restrict k = stiffness + i * samples, *restrict e = separation + i * samples;
+            if (side[i] > 0.0)
+                for (int64_t j = 0; j < n; j++) {
+                    double x = d[j] + e[j], closed = x > 0.0 ? 1.0 : 0.0;
+                    carried[j] += closed * k[j] * x;
+                    slope[j] += closed * k[j];
+                    touching[j] += closed;
+                }
+        }
+        int going = 0;
+        for (int64_t j = 0; j < n; j++) {
+            int changed = touching[j] != touched[j];
+            d[j] -= changed ? (carried[j] - mean_force) / slope[j] : 0.0;
+            touched[j] = touching[j];
+            going |= changed;
+        }
+        if (!going)
+            break;
+    }
 }
 
 /* d (n) at which the drive flanks (side > 0) carry the mean force at every instant, without dynamics: Newton's method on
@@ -486,32 +556,8 @@ int linear_solution(const balance *b, const double *d, const double *right, doub
 void quasi_static(int64_t contacts, int64_t samples, const double *stiffness, const double *separation,
                   const double *side, double mean_force, double *out)
 {
-    size_t n = (size_t)samples;
-    for (size_t j = 0; j < n; j++) {
-        double largest = 0.0, nearest = -INFINITY;
-        for (int64_t i = 0; i < contacts; i++)
-            if (side[i] > 0.0) {
-                largest = fmax(largest, mean_force / stiffness[(size_t)i * n + j]);
-                nearest = fmax(nearest, -separation[(size_t)i * n + j]);
-            }
-        double d = largest + nearest;
-        int64_t touched = -1;
-        for (int64_t turn = 0; turn <= contacts; turn++) {
-            double carried = 0.0, slope = 0.0;
-            int64_t touching = 0;
-            for (int64_t i = 0; i < contacts; i++) {
-                double x = d + separation[(size_t)i * n + j];
-                if (side[i] > 0.0 && x > 0.0) {
-                    carried += stiffness[(size_t)i * n + j] * x;
-                    slope += stiffness[(size_t)i * n + j];
-                    touching++;
-                }
-            }
-            if (touching == touched)
-                break;
-            touched = touching;
-            d -= (carried - mean_force) / slope;
-        }
-        out[j] = d;
+    for (int64_t first = 0; first < samples; first += BLOCK) {
+        int64_t n = samples - first < BLOCK ? samples - first : BLOCK;
+        quasi_static_block(contacts, samples, n, stiffness + first, separation + first, side, mean_force, out + first);
     }
 }

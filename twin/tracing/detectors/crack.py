@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 
 from twin.effects import EFFECTS
-from twin.effects.response import solve_with
+from twin.effects.kept import RESPONSES
 from twin.effects.tooth_crack import ToothCrack
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
@@ -198,19 +198,24 @@ def local_change(
     for at in range(1, len(seen)):
         change = X[at : at + NEAR].mean(axis=0) - X[max(at - NEAR, 0) : at].mean(axis=0)  # before wear adds its own
         quiet = float(np.median(np.delete(steps, at - 1))) if steps.size > 1 else 0.0
-        share, spread = local_share(X[at] - X[at - 1], m, z)
         sudden = steps[at - 1] > limits.suddenness * max(quiet, least)
-        if rms_of(change) > limits.least_change * scales.deflection and sudden and share > spread:
+        large = rms_of(change) > limits.least_change * scales.deflection
+        if sudden and large and _is_local(X[at] - X[at - 1], m, z):
             candidates.append((steps[at - 1], at, change))
     latest = max(candidates, key=lambda c: c[0]) if candidates else None
     first = PATTERNS.first_windows
     start = X[: first if latest is None else min(latest[1], first)].mean(axis=0)
-    share, spread = local_share(start, m, z)
     floor = limits.healthy_local_pattern[gear] * scales.graduation[gear]
     # what was local before a change was there from the start: wear alone makes it change once more
-    if rms_of(start) > floor and share > spread and share > limits.local_share:
+    if rms_of(start) > floor and _is_local(start, m, z, limits.local_share):
         return LocalChange(window=0, lines=X[:first].mean(axis=0), noise=max(noise, floor * np.sqrt(2 / m.size)))
     return None if latest is None else LocalChange(window=latest[1], lines=latest[2], noise=noise)
+
+
+def _is_local(change: np.ndarray, m: np.ndarray, z: int, least: float = 0.0) -> bool:
+    """Whether more than a least share of a change lies within two tooth pitches, and more than would by chance."""
+    share, spread = local_share(change, m, z)
+    return share > max(spread, least)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -243,8 +248,8 @@ class _Candidates:
 
     def lines(self, loss: float, tooth: int) -> np.ndarray | None:
         """Lines at the gear's orders (n,) [m]; None where there is no steady state."""
-        response = solve_with(self.model, (self.crack(loss, tooth),), self.profile, self.condition)
-        if not response.steady.converged:
+        response = RESPONSES.get(self.model, (self.crack(loss, tooth),), self.profile, self.condition)
+        if not response.converged:
             return None
         return response.transmission_error(pinion_orders(self.orders, self.gear, self.model.mesh.pair.teeth))
 

@@ -24,7 +24,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from twin.effects import EFFECTS
-from twin.effects.response import Effect, Response, solve_with
+from twin.effects.kept import RESPONSES
+from twin.effects.response import Effect, ResponseLines
 from twin.errors import NotConverged
 from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.model import Condition, Model
@@ -125,12 +126,12 @@ def detect(context: TracingContext, limits: EccentricityThresholds = THRESHOLDS)
         made = run_out_of(model, context.fitting[0].condition, unbalance.effect, unbalance.order)
         explained[0 if unbalance.order == 1 else 1] = made
     orders: set[int] = set()
-    found = []
+    found, differ = [], bool(findings.tooth_errors)
     for shaft in (0, 1):
         fit = fit_eccentricity(
-            model, windows, context.mesh_phase, shaft, context.scales, explained.get(shaft, 0.0), limits
+            model, windows, context.mesh_phase, shaft, context.scales, differ, explained.get(shaft, 0.0), limits
         )
-        if fit is None or not is_proven(fit, context.scales, bool(findings.tooth_errors), limits):
+        if fit is None or not is_proven(fit, context.scales, differ, limits):
             continue
         if shaft == 0:
             orders.add(1)
@@ -208,10 +209,18 @@ def is_proven(
         return False
     if fit.run_out is None:
         return not tooth_errors and fit.eccentricity >= limits.least_without_run_out * scales.base_pitch
-    disc = scales.once_per_turn[fit.shaft]
-    if tooth_errors and fit.run_out <= limits.run_out_with_tooth_errors * disc:
+    beyond = _beyond_discs(fit.run_out, fit.shaft, scales, tooth_errors, limits)
+    return beyond and fit.disagreement <= limits.most_disagreement
+
+
+def _beyond_discs(
+    run_out: float, shaft: int, scales: Scales, tooth_errors: bool, limits: EccentricityThresholds
+) -> bool:
+    """Whether a run-out [m] is more than that of an encoder's disc, and than teeth that differ imitate."""
+    disc = scales.once_per_turn[shaft]
+    if tooth_errors and run_out <= limits.run_out_with_tooth_errors * disc:
         return False
-    return fit.run_out >= limits.least_run_out * disc and fit.disagreement <= limits.most_disagreement
+    return run_out >= limits.least_run_out * disc
 
 
 def _key(k: int, side: int, shaft: int) -> tuple[int, int, int]:
@@ -221,7 +230,7 @@ def _key(k: int, side: int, shaft: int) -> tuple[int, int, int]:
 def _sidebands(
     window: EccentricityWindow,
     channel: str,
-    response: Response,
+    response: ResponseLines,
     shaft: int,
     ψ: float,
     scales: Scales,
@@ -280,33 +289,27 @@ class EccentricityWindow:
     effects: tuple[Effect, ...] = ()  # of the mesh's period
 
 
-def _read(
-    model: Model,
-    windows: Sequence[EccentricityWindow],
-    phase: float,
-    shaft: int,
-    explained: complex,
-    scales: Scales,
-    limits: EccentricityThresholds,
-) -> tuple[list[_Line], list[complex]]:
-    """Sidebands and run-outs of all windows with a reference eccentricity in the model."""
-    effect = KINDS[shaft](eccentricity=REFERENCE)
-    teeth = model.mesh.pair.teeth
+def _run_out(
+    window: EccentricityWindow, response: ResponseLines, shaft: int, ψ: float, explained: complex
+) -> complex | None:
+    """What the transmission error shows of an eccentricity at the shaft's own order [m]; None where it was not read."""
+    te = window.features.transmission_error
+    if te is None or te.unit != "m" or te.get(*_key(0, 1, shaft)) is None:
+        return None
+    teeth = response.model.mesh.pair.teeth
     own = (1.0, teeth[0] / teeth[1])[shaft]
-    sidebands: list[_Line] = []
-    run_outs: list[complex] = []
-    for window in windows:
-        response = solve_with(model, (*window.effects, effect), window.profile, window.condition)
-        if not response.steady.converged:
-            raise NotConverged("no steady state with an eccentricity")
-        for channel in CHANNELS:
-            sidebands += _sidebands(window, channel, response, shaft, phase, scales, limits)
-        te = window.features.transmission_error
-        if te is not None and te.unit == "m" and te.get(*_key(0, 1, shaft)) is not None:
-            (s,) = response.transmission_error([own])
-            y = te.at(*_key(0, 1, shaft)) * np.exp(-1j * own * phase / teeth[0])
-            run_outs.append(complex((y - explained) / (s / REFERENCE)))
-    return sidebands, run_outs
+    (s,) = response.transmission_error([own])
+    y = te.at(*_key(0, 1, shaft)) * np.exp(-1j * own * ψ / teeth[0])
+    return complex((y - explained) / (s / REFERENCE))
+
+
+def _with_reference(model: Model, windows: Sequence[EccentricityWindow], shaft: int) -> list[ResponseLines]:
+    """Responses in all windows with a reference eccentricity in the model; NotConverged."""
+    effect = KINDS[shaft](eccentricity=REFERENCE)
+    out = [RESPONSES.get(model, (*w.effects, effect), w.profile, w.condition) for w in windows]
+    if not all(response.converged for response in out):
+        raise NotConverged("no steady state with an eccentricity")
+    return out
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -359,20 +362,33 @@ def fit_eccentricity(
     phase: float,
     shaft: int,
     scales: Scales,
+    tooth_errors: bool,
     explained: complex = 0.0,
     limits: EccentricityThresholds = THRESHOLDS,
 ) -> EccentricityFit | None:
-    """The eccentricity that explains the windows best; None where no window has the lines.
+    """The eccentricity that explains the windows best; None where no window has the lines, or a disc's own run-out.
 
-    phase      ψ [rad]
-    shaft      0 pinion, 1 gear
-    explained  run-out that something else makes, in the model's angle [m]
+    phase         ψ [rad]
+    shaft         0 pinion, 1 gear
+    tooth_errors  whether teeth differ, which imitates a small run-out
+    explained     run-out that something else makes, in the model's angle [m]
     """
-    sidebands, run_outs = _read(model, windows, phase, shaft, explained, scales, limits)
+    responses = _with_reference(model, windows, shaft)
+    both = list(zip(windows, responses, strict=True))
+    seen_here = [_run_out(window, response, shaft, phase, explained) for window, response in both]
+    run_outs = [y for y in seen_here if y is not None]
+    run_out = complex(np.mean(run_outs)) if run_outs else None
+    if run_out is not None and not _beyond_discs(abs(run_out), shaft, scales, tooth_errors, limits):
+        return None
+    sidebands = [
+        line
+        for window, response in both
+        for channel in CHANNELS
+        for line in _sidebands(window, channel, response, shaft, phase, scales, limits)
+    ]
     if not sidebands:
         return None
     disc = scales.once_per_turn[shaft]
-    run_out = None if not run_outs else complex(np.mean(run_outs))
     likelihood = _Likelihood(
         measured=np.array([line.measured for line in sidebands]),
         noise=np.array([line.std for line in sidebands]) ** 2,

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.effects import EFFECTS
-from twin.effects.response import solve_with
+from twin.effects.kept import RESPONSES
 from twin.errors import TwinError
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
@@ -163,7 +163,7 @@ def _meter_per_load(model: Model, condition: Condition, order: int, scales: Scal
     ripple = 0.01 * scales.torque  # small: the response is linear
     unit = EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=ripple, order=float(order))
     try:
-        (seen,) = solve_with(model, (unit,), model.unworn, condition).torque([float(order)])
+        (seen,) = RESPONSES.get(model, (unit,), model.unworn, condition).torque([float(order)])
     except TwinError:
         return 0.0
     return abs(seen) / ripple

@@ -21,7 +21,8 @@ import numpy as np
 
 from twin.effects import EFFECTS
 from twin.effects.facts import ShaftLine
-from twin.effects.response import Effect, solve_with
+from twin.effects.kept import RESPONSES
+from twin.effects.response import Effect
 from twin.errors import TwinError
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
@@ -157,7 +158,7 @@ def tooth_errors_explain(
         return False
     measured = complex(np.mean(seen)) * np.exp(-1j * order * phase / model.mesh.pair.teeth[0])
     try:
-        (made,) = solve_with(model, effects, model.unworn, condition).torque([float(order)])
+        (made,) = RESPONSES.get(model, effects, model.unworn, condition).torque([float(order)])
     except TwinError:
         return False
     return bool(abs(measured - made) < limits.explained_share * abs(measured))
@@ -165,7 +166,7 @@ def tooth_errors_explain(
 
 def run_out_of(model: Model, condition: Condition, effect: Effect, order: float = 1.0) -> complex:
     """What an unbalance makes of the transmission error at the order of its shaft, in the model's angle [m]."""
-    (made,) = solve_with(model, (effect,), model.unworn, condition).transmission_error([order])
+    (made,) = RESPONSES.get(model, (effect,), model.unworn, condition).transmission_error([order])
     return complex(made)
 
 

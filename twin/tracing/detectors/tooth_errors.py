@@ -20,7 +20,9 @@ import numpy as np
 
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
-from twin.effects.response import Effect, solve_with
+from twin.effects.kept import RESPONSES
+from twin.effects.response import Effect
+from twin.errors import NotConverged
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
 from twin.rig_tolerances import Tolerances
@@ -199,8 +201,9 @@ def find_pitch_errors(
 
     def made_by(effect: Effect, gear: int, orders: np.ndarray) -> np.ndarray:
         """Lines of a gear's own orders with an effect (n,) [m]."""
-        response = solve_with(model, (*effects, effect), profile, condition, NAMES[gear])
-        response.steady.require_converged()
+        response = RESPONSES.get(model, (*effects, effect), profile, condition, NAMES[gear])
+        if not response.converged:
+            raise NotConverged("no steady state with a displaced tooth")
         return response.transmission_error(pinion_orders(orders, gear, teeth))
 
     unit = 0.06 * PRIOR  # small against the deflection: the response is linear
@@ -217,7 +220,7 @@ def find_pitch_errors(
         std = np.hypot(noise, limits.line_scatter * np.abs(pattern.lines)) + low
         whitened = (response.real / std[:, None], response.imag / std[:, None], np.eye(z) / PRIOR)
         fits.append(_ToothFit(gear=gear, pattern=pattern, matrix=np.concatenate(whitened), std=std))
-    values = _displacements(fits, teeth, lambda effect: solve_with(model, (*effects, effect), profile, condition))
+    values = _displacements(fits, teeth, lambda effect: RESPONSES.get(model, (*effects, effect), profile, condition))
     B = fits[0].matrix
     # every line a circular Gaussian, of a healthy machine's variance or of its own
     evidence = sum(n * (s**2 - 1 - 2 * np.log(s)) for s, n in zip(strength, counts, strict=True) if s > 1)
@@ -245,7 +248,7 @@ def _displacements(fits: Sequence[_ToothFit], teeth: tuple[int, int], solved) ->
         if step == STEPS - 1:
             break
         response = solved(_pitch_error(values))
-        if not response.steady.converged:
+        if not response.converged:
             break
         for fit in fits:
             made = response.transmission_error(pinion_orders(fit.pattern.orders, fit.gear, teeth))
