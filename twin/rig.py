@@ -37,11 +37,6 @@ class Rig:
         refuse_contradictions(rig.get, rig.gear_pair)
         return rig
 
-    @classmethod
-    def kept(cls, mapping: Mapping[str, Any]) -> Rig:
-        """The rig of a mapping that `from_mapping` has accepted before: what it states twice is not compared again."""
-        return cls(checked(mapping, SCHEMA))
-
     @property
     def name(self) -> str:
         return self.values.get("name", "unnamed")

@@ -21,13 +21,10 @@ def load_mapping(path: str | Path) -> dict[str, Any]:
     return load_document(path, "rig file")
 
 
-def checked_rig(mapping: Mapping[str, Any], where: str, *, kept: bool = False) -> Rig:
-    """The rig of a mapping; InputError with `where` in front of what is wrong.
-
-    kept  whether it has been accepted before, and kept since
-    """
+def checked_rig(mapping: Mapping[str, Any], where: str) -> Rig:
+    """The rig of a mapping; InputError with `where` in front of what is wrong."""
     try:
-        return Rig.kept(mapping) if kept else Rig.from_mapping(mapping)
+        return Rig.from_mapping(mapping)
     except ParameterError as error:
         raise InputError(f"{where}: {error}") from None
 

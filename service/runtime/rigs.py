@@ -141,7 +141,7 @@ class Rigs:
                 "no rig file is known for %s: only what needs none will be available", asset, extra={"asset": asset}
             )
             return Rig.from_mapping({})
-        checked = checked_rig(rig, f"rig of {asset}", kept=rig == stored.rig)
+        checked = checked_rig(rig, f"rig of {asset}")
         if rig != stored.rig:
             self._adopt(stored, rig)
         shown = self._board.get(asset)
