@@ -13,7 +13,7 @@ import numpy as np
 from service.signals.view import UnknownChannel
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack, angle_track
-from twin.features.extract import extract, pinion_angle
+from twin.features.extract import WindowSignals, extract
 from twin.features.resample import AngleSignal, on_angle
 from twin.features.transmission_error import TransmissionError, pinion_motion, transmission_error
 from twin.features.window_features import WindowFeatures
@@ -78,24 +78,24 @@ class Subject:
         raise NotAvailable(f"{label} is known at the encoders' edges, not evenly in time: choose its order spectrum")
 
     @cached_property
-    def _angle(self) -> AngleTrack | TwinError:
-        try:
-            return pinion_angle(self.rig, self.window, self.window.accelerations)
-        except TwinError as error:
-            return error
+    def _signals(self) -> WindowSignals:
+        return WindowSignals(self.rig, self.window)
 
     @property
     def track(self) -> AngleTrack:
         """The smoothed pinion angle; NotAvailable where no channel gives it."""
-        if isinstance(self._angle, TwinError):
-            raise NotAvailable(f"the shaft angle is not known: {self._angle}")
-        return self._angle
+        try:
+            return self._signals.track
+        except TwinError as error:
+            raise NotAvailable(f"the shaft angle is not known: {error}") from None
 
     @property
     def speed(self) -> tuple[float | None, str]:
         """The pinion's speed [Hz], None where it is not known, and where it is from."""
-        if isinstance(self._angle, AngleTrack):
-            return self._angle.speed, self._angle.source
+        try:
+            return self.track.speed, self.track.source
+        except NotAvailable:
+            pass
         return self.rig.get("operating.pinion_speed_hz"), "the rig file's nominal speed"
 
     @cached_property
@@ -155,7 +155,7 @@ class Subject:
         if self.model is None:
             return self.no_model
         try:
-            return self.model(extract(self.rig, self.window))
+            return self.model(extract(self.rig, self.window, self._signals))
         except TwinError as error:
             return str(error)
 
