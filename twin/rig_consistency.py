@@ -14,6 +14,7 @@ from typing import Any
 
 from twin.errors import NotAvailable, ParameterError
 from twin.geometry.gear_pair import GearPair
+from twin.mesh.given_stiffness import knots, not_a_knot, refuse_unless_positive
 from twin.rig_derived import Get
 from twin.rig_estimated import PARTS
 from twin.rig_schema import DEGREES_OF_FREEDOM, TORSION_CHAINS, TORSION_LINKS
@@ -194,9 +195,7 @@ def _pair_stiffness(get: Get, pair: GearPair | None) -> None:
     if fault is not None:
         raise ParameterError(fault)
     if pair is not None:
-        from twin.mesh.stiffness import PairStiffness  # loads scipy, which a start of the service does without
-
-        PairStiffness.given(pair, s, k)
+        refuse_unless_positive(pair, not_a_knot(s, k, knots(pair)))
 
 
 def _table_faults(s: Any, k: Any, pair: GearPair | None) -> Iterator[str]:

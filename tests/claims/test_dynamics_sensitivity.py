@@ -70,15 +70,13 @@ def test_deeper_wear_is_a_parameter_like_any_other():
     assert np.linalg.norm(moved - change) < 0.02 * np.linalg.norm(change)
 
 
-OF_MESH = [name for name, kind in EFFECTS.items() if "mesh" in kind.facts.periods]
+OF_MESH = [name for name, instances in INSTANCES.items() if instances[0].period == "mesh"]
 
 
 @pytest.mark.parametrize("name", OF_MESH)
 def test_recalibrated_state_is_that_with_the_effect_applied_anew(name):
     """Whatever an effect does to a setup, it leaves the structure and multiplies what is calibrated."""
     effect, profile = INSTANCES[name][0], worn(TEN, DEPTH)
-    if effect.period != "mesh":
-        pytest.skip("this instance acts over a longer period")
     nearby = Nearby(solve_with(model(), (effect,), profile, TEN, samples=256))
     ε = 1e-3
     other = calibrated(

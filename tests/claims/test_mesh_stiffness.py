@@ -5,10 +5,12 @@ from math import pi
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from tests.mesh_pairs import EQUAL, PAIRS, UNSW
 from twin.errors import ParameterError
 from twin.mesh.foundation import foundation_compliance, root_half_angle
+from twin.mesh.given_stiffness import not_a_knot
 from twin.mesh.hertz import contact_half_width, hertz_compliance
 from twin.mesh.stiffness import PairStiffness, pair_compliance, pair_stiffness
 from twin.mesh.tooth_compliance import tooth_compliance
@@ -153,6 +155,16 @@ def test_scale_multiplies_the_stiffness():
     k = PairStiffness.of(UNSW)
     assert PairStiffness.of(UNSW, scale=1.1)(s) == pytest.approx(1.1 * k(s), rel=1e-13)
     assert k.scaled(1.1)(s) == pytest.approx(1.1 * k(s), rel=1e-13)
+
+
+@pytest.mark.parametrize("points", [4, 5, 6, 41])
+def test_spline_of_the_check_of_a_given_table_is_that_of_the_model(points):
+    """Against scipy's not-a-knot spline, at uneven points, and beyond both ends."""
+    random = np.random.default_rng(points)
+    x, y = np.cumsum(random.uniform(0.2, 1.0, points)), random.normal(size=points)
+    at = np.concatenate((np.linspace(x[0] - 0.3, x[-1] + 0.3, 201), x))
+    expected = CubicSpline(x, y)(at)
+    np.testing.assert_allclose(not_a_knot(x, y, at), expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_shape_of_the_positions_is_kept():

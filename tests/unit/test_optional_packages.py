@@ -33,3 +33,13 @@ def test_a_start_of_the_service_loads_nothing_that_only_drawing_or_computing_nee
     )
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
     assert done.stderr.strip() == ""
+
+
+def test_a_rig_file_with_a_table_of_stiffness_is_checked_without_scipy():
+    code = (
+        "import sys, tomllib; from twin.rig import Rig;"
+        "rig = Rig.from_mapping(tomllib.load(open('recordings/rigs/unsw.toml', 'rb')));"
+        "sys.exit('scipy' in sys.modules or rig.get('mesh.pair_s') is None)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")

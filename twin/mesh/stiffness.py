@@ -19,20 +19,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from twin.errors import ParameterError
 from twin.geometry.gear_pair import GearPair
 from twin.mesh.foundation import DEFAULT_ROOT_SECTION, foundation_compliance
+from twin.mesh.given_stiffness import LEVELLING, knots, refuse_unless_positive
 from twin.mesh.hertz import hertz_compliance
 from twin.mesh.tooth_compliance import tooth_compliance
-
-_LEVELLING = 0.05  # l over the base pitch
-_KNOTS = 513
 
 
 def levelled_position(pair: GearPair, s):
     """s [m] inside the path of contact, levelling off smoothly outside; (n,) → (n,)."""
     s = np.asarray(s, float)
-    length = _LEVELLING * pair.base_pitch
+    length = LEVELLING * pair.base_pitch
     start, end = pair.path_start, pair.path_end
     inside = np.clip(s, start, end)
     return inside + length * np.tanh((s - inside) / length)
@@ -89,8 +86,7 @@ class PairStiffness:
     @classmethod
     def of(cls, pair: GearPair, *, scale: float = 1.0, root_section: str = DEFAULT_ROOT_SECTION) -> PairStiffness:
         """The spline of a gear pair; `scale` multiplies it (the rig's or a calibrated stiffness_scale)."""
-        beyond = _LEVELLING * pair.base_pitch
-        levels = np.linspace(pair.path_start - beyond, pair.path_end + beyond, _KNOTS)
+        levels = knots(pair)
         compliance = _total(_compliance(pair, levels, root_section))
         return cls(pair=pair, s=levels, values=scale / compliance)
 
@@ -101,14 +97,9 @@ class PairStiffness:
         Beyond the table, as far as a tip corner touches, the spline's last piece goes on. Raises ParameterError where
         that is not positive.
         """
-        beyond = _LEVELLING * pair.base_pitch
-        levels = np.linspace(pair.path_start - beyond, pair.path_end + beyond, _KNOTS)
+        levels = knots(pair)
         k = CubicSpline(np.asarray(s, float), np.asarray(values, float))(levels)
-        if not k.min() > 0:
-            raise ParameterError(
-                f"the given pair stiffness falls to {k.min():g} N/m at s = {levels[k.argmin()]:g} m, between or beyond "
-                "its points; it must stay positive: scattered values, or too few points?"
-            )
+        refuse_unless_positive(pair, k)
         return cls(pair=pair, s=levels, values=k)
 
     def __call__(self, s):
@@ -118,7 +109,7 @@ class PairStiffness:
     def slope(self, s):
         """dk/ds [N/m²] at path positions s [m]; any shape → the same."""
         inside = np.clip(s, self.pair.path_start, self.pair.path_end)
-        chain = 1 / np.cosh((s - inside) / (_LEVELLING * self.pair.base_pitch)) ** 2
+        chain = 1 / np.cosh((s - inside) / (LEVELLING * self.pair.base_pitch)) ** 2
         return self._spline(levelled_position(self.pair, s), 1) * chain
 
     def scaled(self, factor: float) -> PairStiffness:
