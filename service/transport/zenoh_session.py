@@ -25,7 +25,11 @@ def session_config(
     listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None, links: ZenohLinks = NONE
 ) -> zenoh.Config:
     """A client of `connect` where given, waiting up to `wait` [s] for it, else a router at `listen`."""
-    config = zenoh.Config() if links.config is None else _from_file(links.config)
+    if links.config is None:
+        config = zenoh.Config()
+        config.insert_json5("scouting/delay", "0")  # the wait for peers that scouting finds, which is off
+    else:
+        config = _from_file(links.config)
     config.insert_json5("mode", json.dumps("client" if connect else "router"))
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("timestamping/enabled", "true")
