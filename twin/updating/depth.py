@@ -31,7 +31,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from twin.thresholds import deciding
 
@@ -75,7 +74,9 @@ class DepthModel:
 
 DEPTH = DepthModel()
 HARMONICS = 3  # mesh harmonics that carry the depth
-SCANNED = 41  # depths of the scan
+SCANNED = 41  # depths of the first scan
+REFINED = 33  # depths of each scan about the lowest of the one before
+ACCURACY = 1e-9  # [m]
 PHASES = np.linspace(-np.pi, np.pi, 120, endpoint=False)  # of the mesh, where the scan looks first [rad]
 TURNS = np.exp(-1j * np.outer(PHASES, np.arange(1, HARMONICS + 1)))
 
@@ -167,20 +168,32 @@ def _misfit(depth: float, gauge: Gauge, response: Response) -> tuple[float, floa
     return float(J[0]), float(added[0]), float(ψ[0])
 
 
+def _lowest(cost: Callable[[np.ndarray], np.ndarray], low: float, high: float) -> float:
+    """Where a cost with one minimum between two depths [m] is lowest, within ACCURACY: ever closer scans.
+
+    The cost has kinks at the points of the wear curve, and many depths at once take hardly longer than one.
+    """
+    while True:
+        depths = np.linspace(low, high, REFINED)
+        i = int(np.argmin(cost(depths)))
+        if depths[1] - depths[0] <= ACCURACY:
+            return float(depths[i])
+        low, high = depths[max(i - 1, 0)], depths[min(i + 1, REFINED - 1)]
+
+
 def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest: float) -> DepthEstimate:
-    """The depth between two bounds [m] that explains the gauge best, by a scan and Brent's method."""
+    """The depth between two bounds [m] that explains the gauge best, by scans."""
     grid = shallowest + (deepest - shallowest) * np.linspace(0, 1, SCANNED) ** 1.5
     by_lines, by_mean, _ = _misfits(grid, gauge, response)
 
     def best(mean_weight: float) -> float:
         i = int(np.argmin(by_lines + mean_weight * by_mean))
-        low, high = grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]
 
-        def cost(d: float) -> float:
-            lines, mean, _ = _misfit(d, gauge, response)
+        def cost(depths: np.ndarray) -> np.ndarray:
+            lines, mean, _ = _misfits(depths, gauge, response)
             return lines + mean_weight * mean
 
-        return float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9}).x)
+        return _lowest(cost, grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)])
 
     depth = best(1.0)
     from_lines = best(0.0) if gauge.mean is not None else depth
