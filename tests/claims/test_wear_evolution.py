@@ -9,7 +9,10 @@ from scipy.interpolate import CubicSpline
 
 from tests.dynamics_cases import FOURTEEN, PRIOR, TEN, contacts, model, steady, wear_path, worn
 from twin.errors import NotConverged, ParameterError
+from twin.model import Condition
 from twin.wear.archard import dwell_time, pinion_share, specific_wear_rate, wear_per_revolution
+from twin.wear.chebyshev import scheme, stable_to, stages_for
+from twin.wear.curve import MasterCurve
 from twin.wear.evolution import evolve
 from twin.wear.profile import WornProfile
 
@@ -129,6 +132,65 @@ def test_wear_steps_converge_with_order_two():
         end = evolved(1.5e-6, step=lambda depth, largest, size=size: size)[-1]
         errors.append(np.abs(end.profile.depth - reference(end.work)).max() / end.profile.max_depth)
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2, abs=0.35)
+
+
+def test_wear_under_a_light_load_ends_where_no_steady_state_lasts():
+    """In short steps; the search along the branch of solutions once left the range of numbers there."""
+    light = Condition(speed_hz=25.0, torque=3.0)
+    with pytest.raises(NotConverged):
+        evolved(100e-6, light, largest_step=0.5e-6)
+
+
+def test_profiles_between_two_points_are_those_of_fine_steps():
+    """The cubic with the depths and rates at both; the largest depth is that which is asked for."""
+    curve = MasterCurve.build(model(), TEN, model().unworn, 150e-6)
+    fine = evolved(150e-6, largest_step=0.5e-6)
+    true = CubicSpline([p.profile.max_depth for p in fine], [p.profile.depth for p in fine])
+    for depth in np.linspace(1e-6, 145e-6, 97):
+        found = curve.profile(depth)
+        assert found.max_depth == pytest.approx(depth, rel=2e-5)
+        assert np.abs(found.depth - true(depth)).max() < 1e-3 * depth
+
+
+# -- the method ----------------------------------------------------------------------------------------
+
+
+def decayed(decay: float, stages: int, steps: int = 1, forced: bool = False) -> float:
+    """y after so many steps of y' = −decay·(y − x) + 1 or y' = −decay·y, y(0) = 1, over x from 0 to 1."""
+    by, h, y = scheme(stages), 1 / steps, 1.0
+    for n in range(steps):
+
+        def rate(value, at, x=n * h):
+            return -decay * (value - x - at * h) + 1 if forced else -decay * value
+
+        first = rate(y, 0.0)
+        last, between = y, y + by.rate[1] * h * first
+        for j in range(2, stages + 1):
+            there = rate(between, by.at[j - 1])
+            further = (
+                (1 - by.own[j] - by.before[j]) * y + by.own[j] * between + by.before[j] * last
+                + h * (by.rate[j] * there + by.first_rate[j] * first)
+            )  # fmt: skip
+            last, between = between, further
+        y = between
+    return y
+
+
+@pytest.mark.parametrize("stages", [2, 3, 5, 9, 40])
+def test_chebyshev_steps_are_stable_as_far_as_they_say(stages):
+    reach = stable_to(stages)
+    assert all(abs(decayed(z, stages)) < 1 + 1e-9 for z in np.linspace(0, reach, 400))
+    assert abs(decayed(1.3 * reach, stages)) > 1
+    assert stages_for(reach) == stages
+
+
+@pytest.mark.parametrize("stages", [2, 3, 5, 9])
+@pytest.mark.parametrize("forced", [False, True])
+def test_chebyshev_steps_are_of_second_order(stages, forced):
+    """Against y = e^{−2x}, and x + e^{−2x}, whose rate depends on where in the step each stage lies."""
+    exact = np.exp(-2.0) + forced
+    coarse, fine = (abs(decayed(2.0, stages, steps, forced) - exact) for steps in (20, 40))
+    assert np.log2(coarse / fine) == pytest.approx(2, abs=0.15)
 
 
 @pytest.mark.parametrize("coefficient", [2.7e-6, 5.4e-6])

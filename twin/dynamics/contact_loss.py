@@ -34,6 +34,7 @@ SHARP = 3e-3  # ε below which the sharp corner is tried, of F/k̄
 NARROWEST = 1e-5  # ε at which the branch is given up, of F/k̄
 MAX_STEPS = 200  # along the branch
 MAX_CORRECTIONS = 6  # of one step
+FARTHEST = 10.0  # change of ln ε at which the corrections of one step have left the branch
 EASY = 3  # corrections up to which the next step is longer
 NEAR = 1e-6  # largest residual of a point on the branch, of the mean force
 FIRST, LONGEST, SHORTEST = 0.5, 2.0, 1e-3  # steps along the branch
@@ -175,6 +176,8 @@ class Branch:
         d_hat, log_rounding = point.d_hat + length * along, point.log_rounding + length * along_log
         before = inf
         for correction in range(MAX_CORRECTIONS + 1):
+            if abs(log_rounding - point.log_rounding) > FARTHEST:
+                break
             size, step, slope = self._linear(d_hat, log_rounding)
             if size <= NEAR:
                 cosine = (self._inner(along, slope) + along_log) / np.sqrt(self._inner(slope, slope) + 1)

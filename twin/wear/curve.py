@@ -109,7 +109,7 @@ class MasterCurve:
     @cached_property
     def _end_rate(self) -> tuple[np.ndarray, float]:
         """dh/dx held beyond the last point of the path, and d(depth)/dx there [m·N/rad]."""
-        rate = self.path.final_rate
+        rate = self.path.rates[-1]
         face = rate if rate.ndim == 1 else rate.mean(axis=0)
         return rate, float(face[self.start.on_active].max())
 
@@ -129,10 +129,6 @@ class MasterCurve:
             worn = path.profiles[-1] + rate * (depth - float(known[-1])) / by_depth
         elif depth == self.start_depth:
             worn = path.profiles[0]
-        elif path.profiles[0].ndim == 2:  # a spline of every slice would take four times the path's memory
-            i = min(int(np.searchsorted(known, depth, side="right")), known.size - 1)
-            t = (depth - known[i - 1]) / (known[i] - known[i - 1])
-            worn = (1 - t) * path.profiles[i - 1] + t * path.profiles[i]
         else:
             worn = path.profile_at(depth)
         return WornProfile(positions=self.start.positions, depth=worn, active=self.start.active)

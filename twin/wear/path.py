@@ -11,21 +11,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from twin.dynamics.harmonic_balance import SteadyState
 from twin.errors import NotConverged
 from twin.model import Condition, Model
-from twin.wear.archard import wear_per_revolution
 from twin.wear.evolution import WearPoint, evolve
 from twin.wear.law_of_rig import law_of
 from twin.wear.profile import WornProfile
 
 LINES = 12  # mesh harmonics kept of every response
 FIRST = slice(1, LINES + 1)
-BLOCK, MARGIN = 4, 10  # points of a stretch of the spline through the profiles, and beyond it on either side
-KEPT_SPLINES = 4  # stretches of the spline that are kept
-STATES, PROFILES = 2, 4  # steady states and profiles that a path holds to go on from: its last ones, and those half-way
+STATES, PROFILES = 2, 4  # steady states and profiles that a path holds to go on from: its last ones, and those between
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -63,6 +59,7 @@ class WearPath:
         self.converged: bool = True  # False where the path ended because no steady state was found
         self.lines: list[MeshLines] = []
         self.profiles: list[np.ndarray] = []
+        self.rates: list[np.ndarray] = []  # dh/dx of each profile [m·N/rad]
         self.lost: list[float] = []  # depths at which the teeth part for some of the mesh [m]
         self._model = model
         self._law = law_of(model.rig)
@@ -71,7 +68,6 @@ class WearPath:
         self._arrays = np.empty(0), np.empty(0)
         self._last: WearPoint | None = None
         self._tables: dict[str, np.ndarray] = {}
-        self._splines: dict[tuple[int, int], CubicSpline] = {}
         self._source: Iterator[WearPoint] = evolve(
             model.mesh,
             lambda p, s: model.steady(p, condition, s),
@@ -102,6 +98,7 @@ class WearPath:
         self._depth.append(depth)
         self._work.append(point.work)
         self.profiles.append(point.profile.depth)
+        self.rates.append(point.rate)
         self.lines.append(MeshLines.of(self._model, point.steady, self.condition))
         if point.steady.contact_loss > 0:
             self.lost.append(depth)
@@ -115,10 +112,6 @@ class WearPath:
     def reach_work(self, work: float) -> None:
         """Computes on until a work [rad/N] is passed or the path ends."""
         while not self.ended and self._work[-1] < work:
-            self._advance()
-
-    def _reach_points(self, count: int) -> None:
-        while not self.ended and len(self._depth) < count:
             self._advance()
 
     @property
@@ -137,39 +130,30 @@ class WearPath:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the points computed so far, of the splines through them and of the states to go on from [bytes]."""
+        """Memory of the points computed so far, and of the states to go on from [bytes]."""
         lines = 3 * LINES * 16
-        points = len(self._depth) * (self.profiles[0].nbytes + lines + 64)
+        points = len(self._depth) * (2 * self.profiles[0].nbytes + lines + 64)
         tables = sum(table.nbytes for table in self._tables.values())
-        splines = sum(spline.c.nbytes + spline.x.nbytes for spline in self._splines.values())
         states = (
             0 if self._last is None else STATES * self._last.steady.nbytes + PROFILES * self._last.profile.depth.nbytes
         )
-        return points + tables + splines + states
-
-    @property
-    def final_rate(self) -> np.ndarray:
-        """dh/dx at the last point (p,), or of every slice (slices, p) [m·N/rad]."""
-        assert self._last is not None
-        model, last = self._model, self._last
-        half_width = model.calibration.contact_half_width
-        work = wear_per_revolution(model.mesh, last.steady.contact_forces, half_width, model.slices)
-        return self._law.rate(work, last.profile.depth)
+        return points + tables + states
 
     def profile_at(self, depth: float) -> np.ndarray:
-        """The profile of a depth [m] between two points, by a cubic spline over the points around them; (p,).
-
-        An influence on a cubic spline falls to about a quarter from one point to the next, so that the points beyond
-        MARGIN change it by about a millionth of what they change at their own place: the path need not be known there.
-        """
+        """The profile of a depth [m] between two points, (p,) or (slices, p): the cubic with their depths and rates."""
         self.reach(depth)
-        i = max(int(np.searchsorted(self.points[0], depth, side="right")) - 1, 0)
-        block = i // BLOCK
-        low, high = max(block * BLOCK - MARGIN, 0), (block + 1) * BLOCK + MARGIN
-        self._reach_points(high)
-        high = min(high, len(self._depth))
-        if (low, high) not in self._splines:
-            while len(self._splines) >= KEPT_SPLINES:
-                self._splines.pop(next(iter(self._splines)))
-            self._splines[low, high] = CubicSpline(self.points[0][low:high], np.array(self.profiles[low:high]), axis=0)
-        return self._splines[low, high](depth)
+        known = self.points[0]
+        i = min(max(int(np.searchsorted(known, depth, side="right")) - 1, 0), known.size - 2)
+        span = float(known[i + 1] - known[i])
+        t = (depth - float(known[i])) / span
+        left, right = (span * self.rates[k] / self._deepening(k) for k in (i, i + 1))
+        return (
+            (1 + 2 * t) * (1 - t) ** 2 * self.profiles[i] + t * (1 - t) ** 2 * left
+            + t**2 * (3 - 2 * t) * self.profiles[i + 1] + t**2 * (t - 1) * right
+        )  # fmt: skip
+
+    def _deepening(self, i: int) -> float:
+        """How fast the largest depth of a point grows [m·N/rad]."""
+        depth, rate = (a if a.ndim == 1 else a.mean(axis=0) for a in (self.profiles[i], self.rates[i]))
+        active = self.start.on_active
+        return float(rate[active][np.argmax(depth[active])]) if depth.any() else float(rate[active].max())
