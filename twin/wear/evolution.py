@@ -111,7 +111,7 @@ def evolve(
     half_width: float,
     until_depth: float,
     *,
-    largest_step: float = 8e-6,
+    largest_step: float = 4e-6,
     step: Callable[[float, float], float] = step_size,
     law: WearLaw = ARCHARD,
 ) -> Iterator[WearPoint]:
