@@ -9,12 +9,12 @@ from twin.updating.remaining_life import remaining_life
 from twin.updating.tracker import WearTrack
 
 CURVE = curve()
-RATE = 2e-3 * float(CURVE.work[-1])  # the curve's end in 500 revolutions
+RATE = 2e-3 * CURVE.work_at(60e-6)  # the curve's end in 500 revolutions
 
 
 def track(share=0.5, rate=RATE, spread=0.02):
     """A track at a share of the curve's work."""
-    work = share * float(CURVE.work[-1])
+    work = share * CURVE.work_at(60e-6)
     return WearTrack(
         revolutions=work / rate, work=work, rate=rate, var_work=(spread * work) ** 2, cov=0.0,
         var_rate=(spread * rate) ** 2, windows=4,
@@ -60,7 +60,7 @@ def test_uncertain_present_depth_matters_most_near_the_end():
 
 
 def test_work_of_earlier_conditions_is_counted_once():
-    base = 3.0 * float(CURVE.work[-1])
+    base = 3.0 * CURVE.work_at(60e-6)
     later = replace(track(), work=track().work + base)
     assert life(later, base=base).median == pytest.approx(life(track()).median)
 
