@@ -152,6 +152,17 @@ def test_profiles_between_two_points_are_those_of_fine_steps():
         assert np.abs(found.depth - true(depth)).max() < 1e-3 * depth
 
 
+def test_profiles_are_sound_where_the_deepest_place_no_longer_touches():
+    start = worn(TEN, 20e-6)
+    pit = np.exp(-((start.positions / 0.15e-3) ** 2))  # at the pitch point, where nothing slides
+    pitted = replace(start, depth=np.maximum(start.depth, 22e-6 * pit))
+    curve = MasterCurve.build(model(), TEN, pitted, 40e-6)
+    for depth in np.linspace(curve.start_depth + 1e-9, 39e-6, 60):
+        found = curve.profile(depth)
+        assert found.max_depth == pytest.approx(depth, rel=5e-3)
+        assert np.all(found.depth >= pitted.depth - 0.2e-6)
+
+
 # -- the method ----------------------------------------------------------------------------------------
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from twin.dynamics.harmonic_balance import SteadyState
 from twin.errors import NotConverged
@@ -21,6 +22,7 @@ from twin.wear.profile import WornProfile
 
 LINES = 12  # mesh harmonics kept of every response
 FIRST = slice(1, LINES + 1)
+SAME = 1e-4  # relative difference of largest depths that the cubic of the largest depth may leave
 STATES, PROFILES = 2, 4  # steady states and profiles that a path holds to go on from: its last ones, and those between
 
 
@@ -140,20 +142,36 @@ class WearPath:
         return points + tables + states
 
     def profile_at(self, depth: float) -> np.ndarray:
-        """The profile of a depth [m] between two points, (p,) or (slices, p): the cubic with their depths and rates."""
+        """The profile of a depth [m] between two points, (p,) or (slices, p): by cubics over work, with both rates.
+
+        The cubic of the largest depth says where between the points the depth is reached; where another place becomes
+        the deepest between them, the profile's own depth does.
+        """
         self.reach(depth)
-        known = self.points[0]
+        known, work = self.points
         i = min(max(int(np.searchsorted(known, depth, side="right")) - 1, 0), known.size - 2)
-        span = float(known[i + 1] - known[i])
-        t = (depth - float(known[i])) / span
-        left, right = (span * self.rates[k] / self._deepening(k) for k in (i, i + 1))
-        return (
-            (1 + 2 * t) * (1 - t) ** 2 * self.profiles[i] + t * (1 - t) ** 2 * left
-            + t**2 * (3 - 2 * t) * self.profiles[i + 1] + t**2 * (t - 1) * right
-        )  # fmt: skip
+        dx = float(work[i + 1] - work[i])
+        ends = float(known[i]), float(known[i + 1]), dx * self._deepening(i), dx * self._deepening(i + 1)
+        sides = self.profiles[i], self.profiles[i + 1], dx * self.rates[i], dx * self.rates[i + 1]
+        active = self.start.on_active
+
+        def deepest(t: float) -> float:
+            at = _between(*sides, t)
+            return float((at if at.ndim == 1 else at.mean(axis=0))[active].max())
+
+        t = brentq(lambda t: float(_between(*ends, t)) - depth, 0.0, 1.0, xtol=1e-14)
+        if abs(deepest(t) - depth) > SAME * depth:
+            t = brentq(lambda t: deepest(t) - depth, 0.0, 1.0, xtol=1e-9)
+        return _between(*sides, t)
 
     def _deepening(self, i: int) -> float:
         """How fast the largest depth of a point grows [m·N/rad]."""
         depth, rate = (a if a.ndim == 1 else a.mean(axis=0) for a in (self.profiles[i], self.rates[i]))
         active = self.start.on_active
         return float(rate[active][np.argmax(depth[active])]) if depth.any() else float(rate[active].max())
+
+
+def _between(left, right, left_rate, right_rate, t: float):
+    """The cubic with two values and, over the way between them, two rates, at a share t of the way; any shape."""
+    u = 1 - t
+    return (1 + 2 * t) * u * u * left + t * t * (3 - 2 * t) * right + t * u * (u * left_rate - t * right_rate)
