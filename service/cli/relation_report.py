@@ -70,6 +70,19 @@ def _cells(errors: Mapping[str, Any], conditions: list[str]) -> str:
     )
 
 
+def kept_combination(chosen: Mapping[str, Any]) -> str:
+    """Which combination of causes is kept, and why none where none is."""
+    kept, best = ([c for c in chosen[k] if c != "background"] for k in ("causes", "best_combination"))
+    if kept:
+        return f"The best combination has {' and '.join(kept)}."
+    if not best:
+        return "No combination improves it by 3 nat per cause: the model with its background is kept."
+    return (
+        f"The combination with {' and '.join(best)} fits best but is not kept: chosen anew without each case, "
+        f"combinations change the evidence of the case left out by {chosen['log_evidence']:+.1f} nat; 3 nat are needed."
+    )
+
+
 def sentences(answer: Mapping[str, Any]) -> list[str]:
     """What came out, in words."""
     worn = sum(c["depth_um"] > 0 for c in answer["cases"])
@@ -88,12 +101,7 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
             else "none improves the prediction of left-out cases by 3 nat."
         )
     )
-    causes = [c for c in answer["chosen"]["causes"] if c != "background"]
-    lines.append(
-        f"The best combination has {' and '.join(causes)}."
-        if causes
-        else "No combination improves it by 3 nat per cause: the model with its background is kept."
-    )
+    lines.append(kept_combination(answer["chosen"]))
     for k, r in answer["relation"].items():
         falling = r["not_rising"]
         line = f"{k}: a level scatters by {number(r['std_percent'], 3)} % from assembly to assembly; "

@@ -63,7 +63,7 @@ def _case(tried: Tried, i: int) -> dict[str, Any]:
     errors: dict[str, float | None] = dict.fromkeys(cases.level)
     if cases.worn[i]:
         place = int(cases.worn[:i].sum())
-        errors = {k: 100 * float(e[place]) for k, e in tried.errors.relative.items()}
+        errors = {k: 100 * float(e[place]) for k, e in tried.left.relative.items()}
     return {
         "name": cases.name[i],
         "depth_um": 1e6 * cases.depth[i],
@@ -77,6 +77,7 @@ def _chosen(tried: Tried) -> dict[str, Any]:
     """The causes that were chosen, and how often they are chosen without one of the cases."""
     return {
         "causes": ["background", *tried.choice.causes],
+        "best_combination": ["background", *tried.best.causes],
         "log_evidence": tried.gain,
         "without_a_case": {
             "cases": len(tried.choices),

@@ -11,9 +11,9 @@ from twin.dynamics.hunting import HuntingPeriod
 from twin.errors import ParameterError
 from twin.levels.causes import drawn
 from twin.levels.curve import LevelCurve, level_curve, linear_curve, uneven
-from twin.levels.left_out import each_without, interpolated, of_curve, of_twin, spline, straight_line
+from twin.levels.left_out import each_without, interpolated, leave_out, of_curve, of_twin, spline, straight_line
 from twin.levels.relation import Cases, Form, Origin, Relation, falling_region, fit
-from twin.levels.trials import Choice, Fits, choose, choose_without_each, halves, judge
+from twin.levels.trials import LEAST_GAIN, Choice, Fits, choose, choose_without_each, halves, judge, kept
 from twin.levels.wear import by_load_sharing, by_sliding, quasi_static_state, with_even_part
 from twin.model import Condition
 from twin.wear.curve import MasterCurve
@@ -253,6 +253,25 @@ def test_case_left_out_has_no_say_in_what_is_chosen_for_it():
     plain, other = (errors.relative["fast"][i - 4] + 1 for _, _, errors in found)
     assert other == pytest.approx(plain / 8, rel=1e-9)
     assert choose(spoiled, Fits({"twin": OTHER, "other": CURVES})) != Choice(curves="other")
+
+
+@pytest.mark.slow
+def test_best_of_many_curves_that_fit_by_chance_is_not_kept():
+    """Twelve curves with random bends: one of them fits best, but choosing so predicts the case left out no better."""
+    rng, at = np.random.default_rng(0), np.linspace(0, 900e-6, 12)
+    curves = {"twin": CURVES}
+    for i in range(12):
+        bends = {k: np.exp(np.interp(c.depth, at, 0.3 * rng.standard_normal(12))) for k, c in CURVES.items()}
+        curves[f"bends {i}"] = {k: replace(c, level=c.level * bends[k]) for k, c in CURVES.items()}
+    cases, fits = made(n=18, assembly=0.0, rest=0.2, seed=0), Fits(curves)
+    best, (_, _, errors) = choose(cases, fits), choose_without_each(cases, fits)
+    base = leave_out(cases, lambda others: fits.of(others, "twin", Form()), assembly=False)
+    assert best.causes and kept(best, errors.log_density - base.log_density) == Choice()
+
+
+def test_combination_is_kept_where_choosing_it_gained_enough():
+    other = Choice(curves="other")
+    assert kept(other, LEAST_GAIN) == other and kept(other, LEAST_GAIN - 0.1) == Choice()
 
 
 def test_halves_share_no_worn_case_and_judge_every_one():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from service.cli import run
+from service.cli.relation_report import kept_combination
 from service.contract.estimate import step
 from service.errors import InputError
 from service.files.relation import read_relation
@@ -198,6 +199,24 @@ def test_relate_prints_writes_and_draws(series, short, capsys):
     relation = read_relation(out["relation.json"])
     assert relation.teeth == (20, 40) and set(relation.curves) == {"fast", "slow"}
     assert relation.origin == Origin(asset="bench", causes=tuple(answer["chosen"]["causes"][1:]), sensor="a2")
+
+
+@pytest.mark.parametrize(
+    ("best", "causes", "said"),
+    [
+        ([], [], "No combination improves it by 3 nat per cause: the model with its background is kept."),
+        (["run-in"], ["run-in"], "The best combination has run-in."),
+        (
+            ["run-in", "assembly"],
+            [],
+            "The combination with run-in and assembly fits best but is not kept: chosen anew without each case, "
+            "combinations change the evidence of the case left out by -2.4 nat; 3 nat are needed.",
+        ),
+    ],
+)
+def test_report_says_which_combination_is_kept_and_why_none(best, causes, said):
+    chosen = {"causes": ["background", *causes], "best_combination": ["background", *best], "log_evidence": -2.4}
+    assert kept_combination(chosen) == said
 
 
 def test_file_that_is_no_relation_is_refused_in_one_line(series, tmp_path, capsys):

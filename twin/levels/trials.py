@@ -6,6 +6,9 @@ share, a draw of estimated values) is fitted to the other cases, and so is the c
 case left out anew, by leaving out each of the other cases in turn. No cause is then freer on the case left out than the
 others.
 
+What the best combination of so many is worth by itself is flattered by the search for it. It is kept where choosing
+anew for each case left out predicts that case better than the twin with its background (`kept`); else that is kept.
+
     run-in      assemblies with unworn gears have another background
     one gain    the same from the mesh to the sensor at every speed
     assembly    what all conditions of one assembly have in common: one is predicted from the others as well
@@ -128,12 +131,14 @@ class Tried:
     cases: Cases
     curves: Mapping[str, Curves]  # by name; the twin's own is "twin"
     trials: tuple[CauseTrial, ...]  # beginning with straight line, spline, twin, twin with background
-    choice: Choice  # what holds: the combination with the best density on cases left out
-    relation: Relation  # by it, of all cases
+    best: Choice  # the combination with the best density on cases left out
     choices: tuple[Choice, ...]  # chosen without each worn case
-    relations: tuple[Relation, ...]  # by that, fitted without that case
-    errors: Errors  # by that, on the case
+    errors: Errors  # by that, fitted without that case, on the case
     gain: float  # of their log density over the twin with its background [nat]
+    choice: Choice  # what holds (`kept`)
+    relation: Relation  # by what holds, of all cases
+    relations: tuple[Relation, ...]  # by what holds, fitted (a combination chosen, too) without each worn case
+    left: Errors  # of these on that case
     judged: Mapping[str, Errors]  # chosen and fitted on every other case, on the rest; by method
     few: Mapping[str, Mapping[str, float]]  # mean errors on the rest from few cases, by method and condition
     spread: Mapping[str, tuple[float, float, float]]  # 10, 50, 90 % of mean errors over draws of what is estimated
@@ -188,6 +193,11 @@ def choose(cases: Cases, fits: Fits) -> Choice:
             errors = score(worn, expected, assembly)
             found.append((errors.log_density - LEAST_GAIN * len(choice.causes), choice))
     return max(found, key=lambda f: f[0])[1]
+
+
+def kept(best: Choice, gain: float) -> Choice:
+    """The best combination where choosing earned LIMITS.least_gain [nat] on cases that had no say in it, else none."""
+    return best if gain >= LEAST_GAIN else Choice()
 
 
 def choose_without_each(cases: Cases, fits: Fits) -> tuple[tuple[Choice, ...], tuple[Relation, ...], Errors]:
@@ -292,19 +302,26 @@ def try_all(
     trials, spread = _singly(cases, fits, {name: said for name, (said, _) in causes.items()}, drawn_names)
     base = next(t.errors.log_density for t in trials if t.name == "background")
     progress((len(names) + 1) / (len(names) + 3), "combinations")
-    choice = choose(cases, fits)
+    best = choose(cases, fits)
     choices, relations, errors = choose_without_each(cases, fits)
+    gain = errors.log_density - base
+    choice, left = kept(best, gain), errors
+    if choice == Choice():
+        relations = tuple(fits.of(others, choice.curves, choice.form) for _, others in each_without(cases))
+        left = next(t.errors for t in trials if t.name == "background")
     progress((len(names) + 2) / (len(names) + 3), "halves")
     return Tried(
         cases=cases,
         curves=curves,
         trials=tuple(trials),
+        best=best,
+        choices=choices,
+        errors=errors,
+        gain=gain,
         choice=choice,
         relation=fits.of(cases, choice.curves, choice.form),
-        choices=choices,
         relations=relations,
-        errors=errors,
-        gain=errors.log_density - base,
+        left=left,
         judged=judge(cases, fits),
         few=_few(cases, curves["twin"]),
         spread=spread,
