@@ -306,9 +306,14 @@ class Problem:
         """Whitened residual (n,), Σ ln det, and the weights that were used."""
         m = np.stack([p.every for p in predictions], axis=1)[self.compared.kept]
         weights = self.sizes.weights(m, depth, m * self.by_teeth)
+        return self.left(predictions, phase, weights), 2 * weights.log_det, weights
+
+    def left(self, predictions: Sequence[Prediction], phase: float, weights: Weights) -> np.ndarray:
+        """The residual (n,), whitened with given weights."""
+        m = np.stack([p.every for p in predictions], axis=1)[self.compared.kept]
         rest = self.compared.turned(phase) - m
         means = self.means.measured - np.array([p.mean for p in predictions])
-        return self.whitened(rest[..., None], means[:, None], weights)[:, 0], 2 * weights.log_det, weights
+        return self.whitened(rest[..., None], means[:, None], weights)[:, 0]
 
     def whitened(self, lines: np.ndarray, means: np.ndarray, weights: Weights) -> np.ndarray:
         """Of unit variance (n, c): c sets of lines (L, W, c) and means (W, c) that are not explained."""

@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6, BLOCK = 64 };
+enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6, BLOCK = 64, PIECE = 2048 };
 
 typedef struct {
     const balance *of;
@@ -221,6 +221,28 @@ static void product(const space *s, const double *u, const double *action_tangen
     }
 }
 
+/* Takes from w (all) its parts h (count) along orthogonal vectors of length 1, piece by piece, so that w is read once for
+   all of them; adds the parts to `column` and returns the length that is left. */
+FOR_EVERY_CPU static double orthogonalise(const double *restrict basis, int count, double *restrict w, size_t all,
+                                          double *restrict column)
+{
+    double h[LONGEST] = {0.0}, left = 0.0;
+    for (size_t start = 0; start < all; start += PIECE) {
+        size_t length = all - start < PIECE ? all - start : PIECE;
+        for (int i = 0; i < count; i++)
+            h[i] += dot(basis + (size_t)i * all + start, w + start, length);
+    }
+    for (size_t start = 0; start < all; start += PIECE) {
+        size_t length = all - start < PIECE ? all - start : PIECE;
+        for (int i = 0; i < count; i++)
+            add(w + start, -h[i], basis + (size_t)i * all + start, length);
+        left += dot(w + start, w + start, length);
+    }
+    for (int i = 0; i < count; i++)
+        column[i] += h[i];
+    return sqrt(left);
+}
+
 /* out with |A out - right| <= tolerance |right|, or as near as LONGEST steps come; returns the number of products. */
 static int64_t krylov(const space *s, const double *right, double tolerance, const double *action_tangents, double *out)
 {
@@ -242,12 +264,7 @@ static int64_t krylov(const space *s, const double *right, double tolerance, con
         double before = sqrt(dot(w, w, all)), length = before;
         memset(column, 0, sizeof column);
         for (int turn = 0; turn < 2; turn++) { /* once more where one pass has lost orthogonality */
-            for (int i = 0; i <= j; i++) {
-                double h = dot(s->basis + (size_t)i * all, w, all);
-                column[i] += h;
-                add(w, -h, s->basis + (size_t)i * all, all);
-            }
-            length = sqrt(dot(w, w, all));
+            length = orthogonalise(s->basis, j + 1, w, all, column);
             if (length > 0.1 * before)
                 break;
         }
