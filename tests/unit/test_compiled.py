@@ -253,3 +253,17 @@ def test_the_middle_of_a_record_is_that_of_numpy(count, digits):
 
 def test_a_record_of_nothing_has_no_middle():
     assert compiled.middle(np.empty(0)).finite == 0
+
+
+@pytest.mark.parametrize("spread", [np.inf, 0.2])
+def test_best_phases_are_the_lowest_of_a_fine_scan(spread):
+    """Lines of three orders; products as large as those of clear lines, so that one phase is lowest by far."""
+    rng, prior, k = np.random.default_rng(5), 3.0, np.arange(1, 4)
+    products = 40 * (rng.standard_normal((50, 3)) + 1j * rng.standard_normal((50, 3)))
+    found = compiled.best_phases(products, np.linspace(-np.pi, np.pi, 120, endpoint=False), prior, spread)
+    fine = np.linspace(-np.pi, np.pi, 200_001)[1:]
+    off = (fine - prior + np.pi) % (2 * np.pi) - np.pi
+    cost = 0.5 * (off / spread) ** 2 - (np.exp(-1j * np.outer(fine, k)) @ products.T).real.T
+    distance = (found - fine[cost.argmin(axis=1)] + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(distance).max() < 2e-4
+    assert np.all((found > -np.pi) & (found <= np.pi))

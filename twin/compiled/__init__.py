@@ -42,6 +42,8 @@ def _load() -> ctypes.CDLL:
     library.quintic_coefficients.argtypes = [count, doubles, doubles]
     library.quintic_at.argtypes = library.linear_at.argtypes = [count, doubles, count, doubles, doubles]
     library.cubics_at.argtypes = [count, doubles, doubles, count, doubles, doubles, doubles]
+    library.best_phases.argtypes = [count, count, doubles, doubles, count, *[doubles] * 3, c_double, c_double,
+                                    doubles, doubles]  # fmt: skip
     library.noise_floor.argtypes = [count, doubles, doubles, count, count, doubles, *[c_double] * 4, count, doubles,
                                     doubles]  # fmt: skip
     for name in (
@@ -56,7 +58,15 @@ def _load() -> ctypes.CDLL:
         "noise_floor",
     ):
         getattr(library, name).restype = c_int
-    for name in ("quasi_static", "averages", "quintic_coefficients", "quintic_at", "linear_at", "cubics_at"):
+    for name in (
+        "quasi_static",
+        "averages",
+        "quintic_coefficients",
+        "quintic_at",
+        "linear_at",
+        "cubics_at",
+        "best_phases",
+    ):
         getattr(library, name).restype = None
     return library
 
@@ -458,3 +468,23 @@ def noise_floor(
         return None
     _checked(status)
     return floor, float(freedom[0])
+
+
+def best_phases(products: np.ndarray, phases: np.ndarray, prior: float, spread: float) -> np.ndarray:
+    """ψ that is lowest in −Σ_k Re(p_k·e^{−ikψ}) + ½·((ψ − prior)/spread)² (m,) [rad].
+
+    products  p_k, k = 1 … h (m, h) complex
+    phases    scanned first [rad] (n,)
+    spread    infinite where nothing is known before
+    """
+    m, h = products.shape
+    orders = np.outer(np.arange(1, h + 1), phases)
+    given = (
+        _given(products.real, m, h), _given(products.imag, m, h), _given(phases, None), np.cos(orders), np.sin(orders),
+    )  # fmt: skip
+    cost, out = np.empty(2 * phases.size), np.empty(m)
+    real, imaginary, scanned, cosines, sines = map(_at, given)
+    _kernels.best_phases(
+        m, h, real, imaginary, phases.size, scanned, cosines, sines, prior, spread, _at(cost), _at(out)
+    )
+    return out

@@ -32,6 +32,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.compiled import best_phases
 from twin.thresholds import deciding
 
 
@@ -75,10 +76,9 @@ class DepthModel:
 DEPTH = DepthModel()
 HARMONICS = 3  # mesh harmonics that carry the depth
 SCANNED = 41  # depths of the first scan
-REFINED = 33  # depths of each scan about the lowest of the one before
+REFINED = 129  # depths of each scan about the lowest of the one before
 ACCURACY = 1e-9  # [m]
 PHASES = np.linspace(-np.pi, np.pi, 120, endpoint=False)  # of the mesh, where the scan looks first [rad]
-TURNS = np.exp(-1j * np.outer(PHASES, np.arange(1, HARMONICS + 1)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,22 +125,8 @@ def best_phase(model: np.ndarray, gauge: Gauge, weight: np.ndarray) -> float:
 
 def _best_phases(models: np.ndarray, gauge: Gauge, weights: np.ndarray) -> np.ndarray:
     """ψ that fits the lines at each of m depths: a scan, then Newton steps; both (m, HARMONICS) → (m,)."""
-    k = np.arange(1, models.shape[1] + 1)
-    products = np.conj(models) * gauge.lines * weights
-    prior = np.zeros_like(PHASES)
-    if gauge.phase is not None:
-        prior = 0.5 * (_wrap(PHASES - gauge.phase) / gauge.phase_std) ** 2
-    ψ = PHASES[np.argmin(prior - (products @ TURNS.T).real, axis=1)]
-    going = np.ones(ψ.size, dtype=bool)
-    for _ in range(6):
-        turned = np.exp(-1j * k * ψ[:, None]) * products
-        gradient, curvature = -(k * turned).imag.sum(axis=1), (k**2 * turned).real.sum(axis=1)
-        if gauge.phase is not None:
-            gradient += _wrap(ψ - gauge.phase) / gauge.phase_std**2
-            curvature += 1 / gauge.phase_std**2
-        going &= curvature > 0
-        ψ = np.where(going, ψ - np.clip(gradient / np.where(going, curvature, 1.0), -0.05, 0.05), ψ)
-    return _wrap(ψ)
+    prior, spread = (0.0, np.inf) if gauge.phase is None else (gauge.phase, gauge.phase_std)
+    return best_phases(np.conj(models) * gauge.lines * weights, PHASES, prior, spread)
 
 
 def _wrap(angle):
