@@ -16,7 +16,6 @@ Holds    for one set of gears and one rig file: others begin a new history
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
@@ -188,4 +187,4 @@ class History:
 
 def identity_of(rig: Rig) -> str:
     """What a rig file is recognised by."""
-    return sha256(json.dumps(rig.values, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    return sha256(rig.text.encode()).hexdigest()[:16]

@@ -8,6 +8,7 @@ not known is refused with the nearest one that is.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import radians
@@ -29,6 +30,10 @@ class Rig:
     """One gearbox. `values` is the checked mapping of the rig file, tables nested as there."""
 
     values: Mapping[str, Any] = field(repr=False)
+    text: str = field(init=False, repr=False, compare=False)  # the same as one line, by which results are kept
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "text", json.dumps(self.values, sort_keys=True, default=str))
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Rig:

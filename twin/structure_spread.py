@@ -73,7 +73,7 @@ def structure_spread(rig: Rig, speed_hz: float) -> StructureSpread | None:
     """How far the lines may be off at a pinion speed [Hz]; None where the structure is not estimated."""
     if not is_estimated(rig):
         return None
-    return _spread(json.dumps(rig.values, sort_keys=True), exp(SAME * round(log(speed_hz) / SAME)))
+    return _spread(rig.text, exp(SAME * round(log(speed_hz) / SAME)))
 
 
 @lru_cache(maxsize=64)

@@ -20,7 +20,7 @@ class RigSummary(ContractModel):
 
     @classmethod
     def of(cls, rig: Rig) -> RigSummary:
-        return _summary(json.dumps(rig.values, sort_keys=True))
+        return _summary(rig.text)
 
 
 @lru_cache(maxsize=16)

@@ -184,7 +184,7 @@ def path_covariance(rig: Rig, damping: float, frequencies: np.ndarray) -> tuple[
     """
     (sensor,) = rig.require("the accelerometer's place", "sensors.accelerometer")
     nominal = _Paths.of([Structure.from_rig(rig, modal_damping=damping)], sensor).logs(frequencies)
-    logs = _draws(json.dumps(rig.values, sort_keys=True), damping, sensor).logs(frequencies) - nominal
+    logs = _draws(rig.text, damping, sensor).logs(frequencies) - nominal
     phases = np.angle(np.exp(1j * logs.imag))
     both = np.concatenate((logs.real, phases), axis=1)
     return both.mean(axis=0), np.cov(both.T)

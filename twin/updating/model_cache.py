@@ -7,7 +7,6 @@ of one kind share curves, and a change of the operating condition needs the pres
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -60,7 +59,7 @@ class _Key:
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        self.text = json.dumps(rig.values, sort_keys=True)
+        self.text = rig.text
 
     def __hash__(self) -> int:
         return hash(self.text)
