@@ -12,10 +12,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import erf, log, sqrt
+from typing import TYPE_CHECKING
 
-from twin.assessment import Interval
 from twin.quantiles import Z95
 from twin.thresholds import deciding
+
+if TYPE_CHECKING:  # limits are settings of programs that compute nothing
+    from twin.assessment import Interval
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

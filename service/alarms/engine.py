@@ -19,7 +19,7 @@ from service.alarms.memory import LEVELS, AlarmLevel, KeyMemory, LevelMemory, Me
 from service.alarms.quantities import QUANTITIES
 from service.alarms.readings import Reading, Readings
 from service.alarms.rules import Rule
-from service.contract.findings import SEVERITY, sentence
+from service.contract.finding import SEVERITY, sentence
 
 NS = 1_000_000_000
 SWITCHED_OFF = "The rule was removed or switched off."

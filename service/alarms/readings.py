@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from service.contract.findings import SEVERITY, sentence
+from service.contract.finding import SEVERITY, sentence
 from service.contract.trend import is_available
 from twin.learned_limits import OperatingPoint
 

@@ -23,7 +23,7 @@ from service.api import rig_proposals as proposal_routes
 from service.api import signals as signal_routes
 from service.api import what_if as what_if_routes
 from service.api.headers import SafeHeaders
-from service.api.limits import BODY, Bounds, Limits
+from service.api.limits import Bounds, Limits
 from service.operation.health import Health
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
@@ -111,9 +111,9 @@ def create_app(
     app.add_middleware(problems.Faults)
     app.add_middleware(SafeHeaders)
     for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports, what_if_routes):
-        app.include_router(module.router, max_body_size=BODY)
+        app.router.routes += module.router.routes  # as they are: `include_router` would make each once more
     for module in (life_routes, baseline_routes, sessions, audit_routes, incoming_routes, proposal_routes):
-        app.include_router(module.router, max_body_size=BODY)
+        app.router.routes += module.router.routes
     pages.mount_static(app)
     guard.install(app, audit_routes.refused)
     _describe(app)

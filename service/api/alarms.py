@@ -17,6 +17,7 @@ from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.contract.alarms import Alarm
+from service.contract.base import AnswerModel
 from service.results.status_events import status_events
 
 router = APIRouter(prefix="/v1", tags=["alarms"], route_class=Guarded)
@@ -53,7 +54,7 @@ class RulesIn(BaseModel):
     rules: tuple[RuleFields, ...] = Field(max_length=MOST_RULES)
 
 
-class Learned(BaseModel):
+class Learned(AnswerModel):
     """Learned limits of one rule at one place under one operating condition."""
 
     rule: str
@@ -68,7 +69,7 @@ class Learned(BaseModel):
     text: str = Field(description="how far the learning has come, with the expected rate of false alarms")
 
 
-class QuantityOut(BaseModel):
+class QuantityOut(AnswerModel):
     """A quantity that rules may watch."""
 
     name: str
@@ -79,7 +80,7 @@ class QuantityOut(BaseModel):
     places: str = Field(description="what tells its instances apart; empty where there is one")
 
 
-class AlarmRules(BaseModel):
+class AlarmRules(AnswerModel):
     """The alarm rules of one asset."""
 
     own: bool = Field(description="false where they are those of the settings")

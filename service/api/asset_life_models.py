@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.contract.base import AnswerModel
 from service.stream.wire.topics import NAME
 
 OPTIONAL = ("by", "note", "at", "revolutions", "sensor", "count", "name")
@@ -80,7 +81,7 @@ class Named(_Made):
 ChangeIn = Annotated[PlainChange | GearsReplaced | SensorMoved | CounterReset | Named, Field(discriminator="kind")]
 
 
-class AssetChange(BaseModel):
+class AssetChange(AnswerModel):
     """A change as it was kept."""
 
     id: int
@@ -98,7 +99,7 @@ class AssetChange(BaseModel):
     effect: dict[str, Any] | None = Field(None, description="what it changed; null while it is queued")
 
 
-class Epoch(BaseModel):
+class Epoch(AnswerModel):
     """The time of one pair of gears."""
 
     epoch: int

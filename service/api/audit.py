@@ -13,7 +13,7 @@ from service.access.access import Access
 from service.access.roles import Role, Who
 from service.api.guard import Guarded, needs
 from service.api.problems import responses
-from service.contract.base import iso_time
+from service.contract.base import AnswerModel, iso_time
 from service.results.audit_log import AuditLog
 
 router = APIRouter(prefix="/v1", tags=["access"], route_class=Guarded)
@@ -24,7 +24,7 @@ NS = 1e9
 T = TypeVar("T")
 
 
-class AuditEntry(BaseModel):
+class AuditEntry(AnswerModel):
     """One change, or an attempt."""
 
     id: int

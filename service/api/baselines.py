@@ -16,6 +16,7 @@ from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.limits import LONGEST_TARGET
 from service.api.problems import problem, responses
+from service.contract.base import AnswerModel
 from service.contract.baseline import Baseline
 from service.errors import FAULT, InputError
 
@@ -26,7 +27,7 @@ NOT_KEPT = "this service keeps no baselines of single assets"
 FILE = {"requestBody": {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}}
 
 
-class AssetBaseline(BaseModel):
+class AssetBaseline(AnswerModel):
     """The healthy baseline of an asset."""
 
     own: bool = Field(description="false where the asset has none of its own, and that of the settings may hold")

@@ -15,7 +15,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from service.contract.alarms import LEVELS, STATES
-from service.contract.findings import SEVERITY
+from service.contract.finding import SEVERITY
 from service.contract.status import DATA_LEVELS
 from service.errors import StoreError
 from service.operation.metric_catalogue import METRICS, OF_ASSETS, OTHERS, MetricEntry

@@ -25,6 +25,7 @@ from starlette.routing import Mount
 from service.access.access import Access, Refused
 from service.access.keys import PREFIX
 from service.access.roles import Role, Who
+from service.api.limits import BODY
 from service.api.problems import problem
 
 Endpoint = TypeVar("Endpoint", bound=Callable[..., Any])
@@ -63,13 +64,16 @@ def public(endpoint: Endpoint) -> Endpoint:
 
 
 class Guarded(APIRoute):
-    """A route that is entered with the role it declares alone; checked before the request's body is read."""
+    """A route that is entered with the role it declares alone; checked before the request's body is read.
+
+    The body of a route that names no limit may have the size of most bodies.
+    """
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **given: Any) -> None:
         self.needs: Role | str | None = getattr(endpoint, "needs", None)
         if self.needs is None:
             raise TypeError(f"{path}: {endpoint.__name__} declares no role; add @needs(Role.…) or @public")
-        super().__init__(path, endpoint, **given)
+        super().__init__(path, endpoint, **{**given, "max_body_size": given.get("max_body_size") or BODY})
 
     def get_route_handler(self) -> Handler:
         handler, role = super().get_route_handler(), self.needs

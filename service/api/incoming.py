@@ -16,7 +16,7 @@ from service.api.audit import audited
 from service.api.guard import Guarded, needs
 from service.api.models import AssetSummary
 from service.api.problems import problem, responses
-from service.contract.base import iso_time
+from service.contract.base import AnswerModel, iso_time
 from service.contract.position import PositionModel, not_connected
 from service.files.rig_difference import digest_of
 from service.results.rig_proposals import RigProposals
@@ -39,7 +39,7 @@ class Incoming:
     propose: Callable[[str, Mapping[str, Any]], None] = lambda asset, rig: None
 
 
-class UnknownAsset(BaseModel):
+class UnknownAsset(AnswerModel):
     """An asset whose frames come and are left out, because nobody has adopted it."""
 
     asset: str
@@ -52,7 +52,7 @@ class UnknownAsset(BaseModel):
     rig_name: str | None = Field(description="that it gives the machine")
 
 
-class Unknowns(BaseModel):
+class Unknowns(AnswerModel):
     """The unknown assets."""
 
     asks: bool = Field(description="whether an unknown asset waits for a person; else its first frame makes it one")
@@ -78,7 +78,7 @@ class Adoption(Reason):
     )
 
 
-class Dismissed(BaseModel):
+class Dismissed(AnswerModel):
     """An asset that was taken off the list."""
 
     asset: str

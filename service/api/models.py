@@ -10,7 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.contract.alarms import AlarmCount
-from service.contract.base import Band, NotAvailable
+from service.contract.base import AnswerModel, Band, NotAvailable
 from service.contract.inspections import Changes
 from service.contract.overview import Kind
 from service.contract.status import Status
@@ -18,7 +18,7 @@ from service.contract.status import Status
 Flank = Literal["combined", "pinion", "gear"]
 
 
-class Problem(BaseModel):
+class Problem(AnswerModel):
     """An error (RFC 9457)."""
 
     type: str = Field(description="URI of the kind of problem; `about:blank` where the status says it all")
@@ -49,7 +49,7 @@ class DecisionIn(BaseModel):
         return (self.by or "").strip() or None, (self.note or "").strip() or None
 
 
-class DecisionAnswer(BaseModel):
+class DecisionAnswer(AnswerModel):
     """A decision that has been kept."""
 
     id: int
@@ -62,7 +62,7 @@ class DecisionAnswer(BaseModel):
     done: bool = Field(description="false while it is queued")
 
 
-class Sparkline(BaseModel):
+class Sparkline(AnswerModel):
     """The course of one quantity over the asset's history, evenly thinned."""
 
     quantity: str
@@ -70,7 +70,7 @@ class Sparkline(BaseModel):
     values: list[float] = Field(description="at most 30, oldest first")
 
 
-class AssetSummary(BaseModel):
+class AssetSummary(AnswerModel):
     """One asset in the list."""
 
     asset: str
@@ -97,7 +97,7 @@ class AssetSummary(BaseModel):
     retired: bool = Field(description="out of use: no frames are expected, and those that come are left out")
 
 
-class TrendPoint(BaseModel):
+class TrendPoint(AnswerModel):
     """Vibration level, depth and remaining life with their bands, as of one window."""
 
     index: int | None
@@ -117,7 +117,7 @@ class TrendPoint(BaseModel):
     rul_revolutions: Band | None = None
 
 
-class FaultTotal(BaseModel):
+class FaultTotal(AnswerModel):
     """A kind of fault in the data, added up over all windows."""
 
     kind: str
@@ -127,7 +127,7 @@ class FaultTotal(BaseModel):
     windows: int = Field(description="windows concerned")
 
 
-class Quality(BaseModel):
+class Quality(AnswerModel):
     """Quality of the data so far."""
 
     windows: dict[str, int] | None = Field(None, description="windows by `good`, `repaired`, `degraded`, `refused`")
@@ -155,7 +155,7 @@ class Inspection(InspectionIn):
     received_ns: int = Field(description="Unix time [ns]")
 
 
-class TwinDepth(BaseModel):
+class TwinDepth(AnswerModel):
     """The twin's own depth at the inspection's revolutions."""
 
     max_depth_um: Band
@@ -164,7 +164,7 @@ class TwinDepth(BaseModel):
     to_revolutions: float
 
 
-class InspectionAnswer(BaseModel):
+class InspectionAnswer(AnswerModel):
     """A measured depth with the twin's own figure for comparison."""
 
     inspection: Inspection
@@ -181,7 +181,7 @@ class InspectionAnswer(BaseModel):
     contradiction: str | None = Field(None, description="where it contradicts the windows, in a sentence")
 
 
-class StaleAsset(BaseModel):
+class StaleAsset(AnswerModel):
     """An asset whose figures no longer say how the machine is now."""
 
     asset: str
@@ -189,14 +189,14 @@ class StaleAsset(BaseModel):
     reason: str
 
 
-class Readiness(BaseModel):
+class Readiness(AnswerModel):
     """Whether frames are accepted, and what of them is missing."""
 
     status: Literal["ready"]
     stale: list[StaleAsset] | None = Field(None, description="absent for who may not read the assets")
 
 
-class Health(BaseModel):
+class Health(AnswerModel):
     """State of the process."""
 
     status: Literal["ok"]

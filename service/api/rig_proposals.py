@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, Field
+from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
@@ -19,14 +19,14 @@ from service.api.audit import audited
 from service.api.guard import Guarded, needs
 from service.api.incoming import Reason
 from service.api.problems import problem, responses
-from service.contract.base import iso_time
+from service.contract.base import AnswerModel, iso_time
 from service.files.rig_difference import differences
 from service.results.rig_proposals import ACCEPTED, REJECTED, Proposal, RigProposals
 
 router = APIRouter(prefix="/v1", tags=["rig files"], route_class=Guarded)
 
 
-class RigDifference(BaseModel):
+class RigDifference(AnswerModel):
     """One value that the proposed rig file states otherwise."""
 
     key: str
@@ -34,7 +34,7 @@ class RigDifference(BaseModel):
     proposed: str | None
 
 
-class RigProposal(BaseModel):
+class RigProposal(AnswerModel):
     """A rig file that came on the stream and waits for a person."""
 
     asset: str

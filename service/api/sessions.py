@@ -13,6 +13,7 @@ from service.access.access import Access, Refused
 from service.access.roles import Role, Who
 from service.api.guard import COOKIE, Guarded, address_of, public, who_asks
 from service.api.problems import responses
+from service.contract.base import AnswerModel
 
 router = APIRouter(prefix="/v1", tags=["access"], route_class=Guarded)
 
@@ -28,7 +29,7 @@ class SignIn(BaseModel):
     key: str = Field(min_length=1, max_length=LONGEST, pattern=r"^[\x21-\x7e]+$", description="API key, or token")
 
 
-class Session(BaseModel):
+class Session(AnswerModel):
     """Who asks, and what he may do."""
 
     signed_in: bool

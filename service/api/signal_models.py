@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, Field
+from pydantic import Field
+
+from service.contract.base import AnswerModel
 
 
-class KeptWindow(BaseModel):
+class KeptWindow(AnswerModel):
     """A window whose raw signals are kept."""
 
     index: int
@@ -16,7 +18,7 @@ class KeptWindow(BaseModel):
     refused: bool
 
 
-class Signals(BaseModel):
+class Signals(AnswerModel):
     """What is kept of an asset."""
 
     asset: str
@@ -27,7 +29,7 @@ class Signals(BaseModel):
     reason: str | None = Field(description="why nothing can be looked at; null where something can")
 
 
-class Axis(BaseModel):
+class Axis(AnswerModel):
     """What lies along x."""
 
     label: str
@@ -35,7 +37,7 @@ class Axis(BaseModel):
     values: list[float | None]
 
 
-class Series(BaseModel):
+class Series(AnswerModel):
     """One curve."""
 
     name: str = Field(description="`measured`, `modelled`, …")
@@ -46,7 +48,7 @@ class Series(BaseModel):
     points_total: int = Field(description="before thinning")
 
 
-class Marker(BaseModel):
+class Marker(AnswerModel):
     """Where something is expected."""
 
     kind: str = Field(description="`mesh`, `sideband`, `shaft` or `bearing`")
@@ -54,7 +56,7 @@ class Marker(BaseModel):
     x: float
 
 
-class SignalView(BaseModel):
+class SignalView(AnswerModel):
     """One view of a window's signals."""
 
     asset: str
@@ -71,14 +73,14 @@ class SignalView(BaseModel):
     notes: list[str]
 
 
-class LeftOut(BaseModel):
+class LeftOut(AnswerModel):
     """A window without the spectrum, and why."""
 
     index: int
     reason: str
 
 
-class Waterfall(BaseModel):
+class Waterfall(AnswerModel):
     """Amplitudes of windows over frequency or order."""
 
     asset: str
@@ -93,7 +95,7 @@ class Waterfall(BaseModel):
     notes: list[str]
 
 
-class Quantity(BaseModel):
+class Quantity(AnswerModel):
     """One quantity over the windows."""
 
     name: str
@@ -103,7 +105,7 @@ class Quantity(BaseModel):
     values: list[float | None]
 
 
-class Indicators(BaseModel):
+class Indicators(AnswerModel):
     """Trends of an asset's windows."""
 
     asset: str

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-from service.contract.findings import SEVERITY
+from service.contract.finding import SEVERITY
 
 Kind = Literal["number", "count", "yes", "text", "lines"]
 Quality = Literal["good", "preliminary", "degraded", "last", "none", "waiting"]

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from service.contract.base import ContractModel
-from service.contract.findings import Finding
+from service.contract.finding import Finding
 from service.contract.status import Added
 
 State = Literal["active_unacknowledged", "active_acknowledged", "returned_unacknowledged", "closed"]

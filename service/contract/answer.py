@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
@@ -19,7 +19,9 @@ from service.contract.rig import RigSummary
 from service.contract.status import Added, DataStatus, Status, Unstored, data_of, none_yet, shown
 from service.contract.wear import Rul, Wear, part_of
 from service.contract.window import WindowRecord
-from twin import assessment
+
+if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
+    from twin import assessment
 
 SCHEMA_VERSION = 2
 WINDOWS_SHOWN = 100  # latest window records that the service's answer about an asset carries

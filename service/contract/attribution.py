@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
 from service.contract.base import DEGREE, MICROMETRE, PERCENT, ContractModel, Figure, in_unit
 from service.contract.effects import Errors
-from twin import assessment
+
+if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
+    from twin import assessment
 
 
 class Calibration(ContractModel):

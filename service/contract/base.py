@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 from math import pi
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.json_text import plain
-from twin import assessment
+
+if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
+    from twin import assessment
 
 MICROMETRE = 1e-6  # [m]
 MILLIMETRE = 1e-3  # [m]
@@ -23,7 +25,13 @@ HOUR = 3600.0  # [s]
 DEGREE = pi / 180  # [rad]
 
 
-class ContractModel(BaseModel):
+class AnswerModel(BaseModel):
+    """What an answer is described by: made ready when it is first used, not when the service starts."""
+
+    model_config = ConfigDict(defer_build=True)
+
+
+class ContractModel(AnswerModel):
     """A part of the contract: all of its keys are declared."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)

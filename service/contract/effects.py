@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
 from service.contract.base import MICROMETRE, PERCENT, ContractModel, Figure, in_unit
-from twin import assessment
+
+if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
+    from twin import assessment
 
 CURVES = {"frequency": "frequency_hz"}  # keys of curves that say their unit
 

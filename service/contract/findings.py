@@ -33,17 +33,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
-from pydantic import Field
-
-from service.contract.base import HOUR, MICROMETRE, PERCENT, ContractModel, iso_time
+from service.contract.base import HOUR, MICROMETRE, PERCENT, iso_time
+from service.contract.finding import SEVERITY, Finding, Level, by_severity, sentence
 from service.contract.inspections import contradiction
 from twin import assessment
 from twin.attention import StatusLimits, horizon_of, probability_within
 
-Level = Literal["normal", "no_verdict", "watch", "alarm", "end_of_life"]
-SEVERITY: tuple[Level, ...] = ("normal", "no_verdict", "watch", "alarm", "end_of_life")
 OTHER_ACTIONS = {"mesh_change": "Inspect the flanks and the lubrication of the gears at the next stop."}
 PLURALS = ("errors", "teeth")  # at the end of a label
 INCOMPLETE = (
@@ -59,15 +56,6 @@ SETTLED = ("accepted", "pinned")  # by an engineer
 CONFIRMATION = "inspect the machine, or replace the estimates in the rig file by measured values"
 UNNAMED_ACTION = "Find out what has changed in the machine, and inspect it at the next stop."
 """For changes against a baseline that are no effect of the table."""
-
-
-class Finding(ContractModel):
-    """One rule that applies."""
-
-    subject: str = Field(description="what it is about: `depth`, `life`, `effect/misalignment`, …")
-    level: Level
-    reason: str = Field(description="one sentence with figures and units")
-    action: str = Field(description="what to do: one sentence in the imperative")
 
 
 Rule = Callable[[assessment.Assessment, StatusLimits], Iterable[Finding]]
@@ -374,11 +362,6 @@ def findings_of(found: assessment.Assessment, limits: StatusLimits) -> list[Find
     return by_severity(finding for rule in RULES for finding in rule(found, limits))
 
 
-def by_severity(findings: Iterable[Finding]) -> list[Finding]:
-    """Findings, most severe first; of the same level in the order given."""
-    return sorted(findings, key=lambda f: -SEVERITY.index(f.level))
-
-
 def depth_of(found: assessment.Assessment) -> assessment.Interval | None:
     """The largest combined depth [m], of whatever method; None where there is none."""
     wear = found.wear
@@ -390,11 +373,3 @@ def depth_of(found: assessment.Assessment) -> assessment.Interval | None:
 def cause(reason: str) -> str:
     """A reason without the quantity that it is the reason of: "wear is not available: no module" is "no module"."""
     return _QUANTITY.sub("", reason)
-
-
-def sentence(text: str) -> str:
-    """A text that ends as a sentence does."""
-    return text if text.endswith((".", "?", "!")) else f"{text}."
-
-
-__all__ = ["SEVERITY", "Finding", "Level", "by_severity", "cause", "depth_of", "findings_of", "imperative", "sentence"]

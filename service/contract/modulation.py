@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
 from service.contract.base import PERCENT, ContractModel
-from twin import assessment
+
+if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
+    from twin import assessment
 
 CAUSES = {
     1: "run-out or eccentricity of the {shaft}, a bent shaft, or a load that varies once per turn of the {shaft}",

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from service.contract.alarms import Alarm, AlarmCount, counted
 from service.contract.base import Band, ContractModel, NotAvailable, not_available
-from service.contract.findings import Level
+from service.contract.finding import Level
 from service.contract.overview import overview
 from service.contract.status import DataLevel
 from service.contract.trend import is_available

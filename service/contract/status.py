@@ -14,14 +14,16 @@ names as an alarm can pass for normal. What the service knows besides the assess
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
 from service.contract.base import ContractModel, iso_time
-from service.contract.findings import SEVERITY, Finding, Level, by_severity, findings_of, sentence
-from twin import assessment
+from service.contract.finding import SEVERITY, Finding, Level, by_severity, sentence
 from twin.attention import STATUS_LIMITS, StatusLimits
+
+if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
+    from twin import assessment
 
 DataLevel = Literal["waiting", "ok", "degraded", "stale"]
 DATA_LEVELS: tuple[DataLevel, ...] = ("waiting", "ok", "degraded", "stale")
@@ -77,6 +79,8 @@ class Added(ContractModel):
 
 def status_of(found: assessment.Assessment, limits: StatusLimits = STATUS_LIMITS) -> Status:
     """The status that an assessment alone gives, without `since`."""
+    from service.contract.findings import findings_of  # loads the types of the twin, which a start does without
+
     return of_findings(findings_of(found, limits))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
@@ -19,7 +19,9 @@ from service.contract.base import (
 )
 from service.contract.inspections import Inspections
 from service.contract.window import Methods
-from twin import assessment
+
+if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
+    from twin import assessment
 
 
 class Depths(ContractModel):
@@ -142,7 +144,9 @@ class Wear(ContractModel):
 
     @classmethod
     def of(cls, wear: assessment.Wear | assessment.LevelWear) -> Wear:
-        return cls._of_level(wear) if isinstance(wear, assessment.LevelWear) else cls._of_model(wear)
+        from twin.assessment import LevelWear  # loads the types of the twin, which a start does without
+
+        return cls._of_level(wear) if isinstance(wear, LevelWear) else cls._of_model(wear)
 
     @classmethod
     def _of_model(cls, wear: assessment.Wear) -> Wear:
@@ -152,7 +156,7 @@ class Wear(ContractModel):
             dwell_time_s=wear.dwell_time,
             dwell_time_at_hz=wear.dwell_time_speed,
             specific_wear_rate_m2_per_n=wear.specific_wear_rate,
-            max_depth_um=Depths(**{flank: Band.of(wear.depth[flank], MICROMETRE) for flank in assessment.FLANKS}),
+            max_depth_um=Depths(**{flank: Band.of(wear.depth[flank], MICROMETRE) for flank in Depths.model_fields}),
             profile=Profile.of(wear.profile),
             method=wear.method,
             validity=Validity(
@@ -243,12 +247,14 @@ class Rul(ContractModel):
 
     @classmethod
     def of(cls, life: assessment.Life) -> Rul:
+        from twin.assessment import Unavailable
+
         parts: dict[str, Any] = {}
         if life.distribution:
             parts["distribution"] = LifeDistribution.of(life)
         if life.date is not None:
             date = life.date
-            parts["date"] = NotAvailable.of(date) if isinstance(date, assessment.Unavailable) else LifeDate.of(date)
+            parts["date"] = NotAvailable.of(date) if isinstance(date, Unavailable) else LifeDate.of(date)
         return cls(
             criterion=life.criterion,
             max_depth_um=life.limit / MICROMETRE,
@@ -265,6 +271,8 @@ class Rul(ContractModel):
 
 def part_of(value: Any, model: Any) -> dict[str, Any]:
     """A part of the answer as JSON data: by its model, or as not available."""
-    if isinstance(value, assessment.Unavailable):
+    from twin.assessment import Unavailable
+
+    if isinstance(value, Unavailable):
         return NotAvailable.of(value).as_json()
     return model.of(value).as_json()

@@ -13,13 +13,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from service.operation.health import RAW_RECORDINGS, Health
 from service.results.board import Board
-from service.results.raw_recordings import RawLimits, RawRecordings
 from service.settings import HOUR, Settings
 from service.setup.toml_text import document_text
 from service.stream.frames import Frame
+
+if TYPE_CHECKING:  # what writes recordings is not loaded where none are kept
+    from service.results.raw_recordings import RawRecordings
 
 log = logging.getLogger(__name__)
 
@@ -144,6 +147,7 @@ def recording_raw(settings: Settings, board: Board, health: Health) -> Iterator[
     if settings.raw_folder is None:
         yield None
         return
+    from service.results.raw_recordings import RawLimits, RawRecordings
 
     def rig_text(asset: str) -> bytes | None:
         snapshot = board.get(asset)

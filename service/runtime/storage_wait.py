@@ -13,8 +13,6 @@ from typing import TypeVar
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
-from tenacity import Retrying, retry_if_exception, stop_when_event_set, wait_exponential
-from tenacity.nap import sleep_using_event
 
 from service.api.headers import SafeHeaders
 from service.api.limits import Bounds, Limits
@@ -58,6 +56,9 @@ def opened(
             raise
         log.warning("%s: the service waits for it", error)
         reason = str(error)
+    from tenacity import Retrying, retry_if_exception, stop_when_event_set, wait_exponential
+    from tenacity.nap import sleep_using_event
+
     ended = threading.Event()
     found: list[AbstractContextManager[T] | Exception] = []
 

@@ -11,8 +11,6 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from tenacity import RetryCallState, Retrying, wait_exponential
-
 from service.errors import StorageUnavailable, StoreError
 from service.results.storage_faults import storage_error
 
@@ -33,8 +31,7 @@ class StorageWatch:
 
     def __init__(self, where: str, clock: Callable[[], float] = time.monotonic) -> None:
         self._where, self._clock = where, clock
-        self._pause = wait_exponential(multiplier=FIRST_PAUSE, max=LONGEST_PAUSE)
-        self._attempts = RetryCallState(Retrying(), None, (), {})
+        self._pause = FIRST_PAUSE
         self._next = 0.0
         self._cause: str | None = None
         self.reason: str | None = None
@@ -61,11 +58,8 @@ class StorageWatch:
         meant = error if isinstance(error, StoreError) else storage_error(error, self._where) or error
         cause = meant.reason if isinstance(meant, StorageUnavailable) else str(meant)
         self.failures += 1
-        if self.reason is None:
-            self._attempts = RetryCallState(Retrying(), None, (), {})
-        else:
-            self._attempts.attempt_number += 1
-        self._next = self._clock() + self._pause(self._attempts)
+        self._pause = FIRST_PAUSE if self.reason is None else min(2.0 * self._pause, LONGEST_PAUSE)
+        self._next = self._clock() + self._pause
         self.reason = f"{meant}: {meanwhile}"
         if cause != self._cause:
             log.error("%s, and it is tried again", self.reason)

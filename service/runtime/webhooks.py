@@ -11,13 +11,15 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
-
-import httpx
-from tenacity import RetryError, Retrying, retry_if_exception_type, stop_after_attempt, wait_exponential
+from contextlib import ExitStack
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from service.errors import StorageUnavailable, StoreError
 from service.results.alarm_store import AlarmStore
+
+if TYPE_CHECKING:  # loaded with the first message
+    import httpx
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +51,14 @@ class WebhookSender(threading.Thread):
 
     def run(self) -> None:
         """Works until ended."""
-        with httpx.Client(timeout=TIMEOUT, follow_redirects=False) as client:
+        with ExitStack() as stack:
+
+            @cache
+            def client() -> httpx.Client:
+                import httpx
+
+                return stack.enter_context(httpx.Client(timeout=TIMEOUT, follow_redirects=False))
+
             while not self._stopping.is_set():
                 self._waiting.wait(LOOK_EVERY)
                 self._waiting.clear()
@@ -68,13 +77,16 @@ class WebhookSender(threading.Thread):
         if self.is_alive():
             self.join(STOP_WAIT)
 
-    def turn(self, client: httpx.Client) -> bool:
-        """One attempt for the oldest message of each address; whether any was delivered."""
+    def turn(self, client: Callable[[], httpx.Client]) -> bool:
+        """One attempt for the oldest message of each address; whether any was delivered.
+
+        client  opened when there is a message
+        """
         delivered = False
         for number, name, url, body, created_ns, attempts in self._store.due(self._clock()):
             if self._stopping.is_set():
                 break
-            if self._post(client, url, name, body):
+            if self._post(client(), url, name, body):
                 self._delivered += 1
                 self._store.sent(number)
                 delivered = True
@@ -97,6 +109,9 @@ class WebhookSender(threading.Thread):
         }
 
     def _post(self, client: httpx.Client, url: str, name: str, body: str) -> bool:
+        import httpx
+        from tenacity import RetryError, Retrying, retry_if_exception_type, stop_after_attempt, wait_exponential
+
         headers = {"Content-Type": "application/json", "Idempotency-Key": name}
         retrying = Retrying(
             stop=stop_after_attempt(TRIES),

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from service.stream.inbox import Inbox
-from service.stream.sources.mcap import RawFrame
 from service.stream.wire.topics import Channel
+
+if TYPE_CHECKING:  # a service reads no recordings
+    from service.stream.sources.mcap import RawFrame
 
 
 class StateSource(Protocol):

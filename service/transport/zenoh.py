@@ -14,7 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import zenoh
 import zenoh.ext
@@ -22,7 +22,6 @@ import zenoh.ext
 from service.errors import DeliveryError
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.inbox import Inbox
-from service.stream.sources.mcap import RawFrame
 from service.stream.wire.codec import encoding_of
 from service.stream.wire.topics import PREFIX, Channel, topic_of
 from service.transport.guard import Guard
@@ -38,6 +37,9 @@ from service.transport.topics import (
 )
 from service.transport.zenoh_links import NONE, ZenohLinks
 from service.transport.zenoh_session import open_session
+
+if TYPE_CHECKING:  # a service reads no recordings
+    from service.stream.sources.mcap import RawFrame
 
 TopicOf = Callable[[str, str], str]  # (asset, prefix) → topic
 

@@ -353,7 +353,7 @@ def test_every_change_is_sent_to_every_address_in_order(tmp_path, receiver):
         bench.window(found)
     sender = WebhookSender(bench.keeper.store, bench.keeper.waiting)
     with httpx.Client() as client:
-        while sender.turn(client):
+        while sender.turn(lambda: client):
             pass
     told = received(receiver)
     assert [t["verb"] for t in told] == ["raised", "escalated", "ended"]
@@ -370,7 +370,7 @@ def test_message_waits_for_an_address_that_is_down_and_is_sent_by_the_next_start
     bench.window(WORN)
     sender = WebhookSender(bench.keeper.store, bench.keeper.waiting, first_pause=0.0)
     with httpx.Client() as client:
-        assert not sender.turn(client)
+        assert not sender.turn(lambda: client)
     assert sender.figures()["webhook_failures"] == 1 and bench.keeper.store.waiting() == 1
     tried = {t["id"] for t in received(receiver)}
     bench.store.close()
@@ -406,10 +406,10 @@ def test_message_that_cannot_be_delivered_for_days_is_given_up_and_counted(tmp_p
     bench.keeper.store.enqueue("http://127.0.0.1:1/", {"kind": "alarm"}, now[0])
     sender = WebhookSender(bench.keeper.store, bench.keeper.waiting, clock=lambda: now[0])
     with httpx.Client() as client:
-        sender.turn(client)
+        sender.turn(lambda: client)
         assert bench.keeper.store.due(now[0]) == [], "not again at once"
         now[0] += 4 * 86_400 * 10**9
-        sender.turn(client)
+        sender.turn(lambda: client)
     assert sender.figures()["webhooks_given_up"] == 1 and bench.keeper.store.waiting() == 0
     bench.store.close()
 

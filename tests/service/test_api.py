@@ -13,7 +13,7 @@ import pytest
 import service_fakes as fakes
 
 from service.access.access import Access
-from service.api import create_app
+from service.api import assets, create_app
 from service.results.decision_queue import DecisionQueue
 
 PARTS = ("wear", "rul", "residual", "effects")
@@ -73,6 +73,11 @@ def client(store, board):
 
 def test_every_app_has_the_same_description(client, store, board):
     assert create_app(board, store, DecisionQueue(store), access=Access()).openapi() == client.schema
+
+
+def test_each_route_of_an_app_is_the_one_that_its_module_made(store, board):
+    served = {id(route) for route in create_app(board, store).routes}
+    assert assets.router.routes and all(id(route) in served for route in assets.router.routes)
 
 
 def test_assets_are_listed_with_their_status(client):

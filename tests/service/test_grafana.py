@@ -62,7 +62,7 @@ def test_panels_have_numbers_and_places_of_their_own():
 
 
 def test_levels_of_status_and_data_are_those_of_the_contract():
-    from service.contract.findings import SEVERITY
+    from service.contract.finding import SEVERITY
     from service.contract.status import DATA_LEVELS
 
     text = " ".join(EXPRESSIONS)

@@ -14,7 +14,7 @@ import yaml
 from benchmarks.log_calls import log_calls
 from service.bridges.slow_inputs import CAUSES as INPUT_CAUSES
 from service.contract.alarms import State
-from service.contract.findings import Level
+from service.contract.finding import Level
 from service.contract.question import Question
 from service.contract.status import DataLevel
 from service.errors import StorageFault

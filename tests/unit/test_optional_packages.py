@@ -26,10 +26,26 @@ def test_a_start_of_the_service_loads_nothing_that_only_drawing_or_computing_nee
     later = {
         "matplotlib", "PIL", "scipy", "pandas", "alembic", "twin.step", "twin.tracing.trace",
         "service.contract.estimate", "service.signals.pictures", "service.report.content",
+        "twin.assessment", "service.contract.findings",  # types and rules of what the twin computes
+        "httpx", "tenacity",  # messages about alarms, and storage that is away
+        "mcap", "lz4", "service.results.raw_recordings",  # recordings
+        "sqlalchemy.dialects.postgresql",
     }  # fmt: skip
     code = (
         "import sys; from service.runtime import serve; twin = serve._twin_of(serve.Settings());"
         f"loaded = {later} & set(sys.modules); twin.new_state(); sys.exit(' '.join(loaded))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert done.stderr.strip() == ""
+
+
+def test_a_start_of_the_service_makes_no_model_of_an_answer_ready():
+    code = (
+        "import sys; from service.runtime import serve; from service.contract.base import AnswerModel\n"
+        "def under(model):\n"
+        "    for each in model.__subclasses__():\n"
+        "        yield from (each, *under(each))\n"
+        "sys.exit(' '.join(each.__name__ for each in under(AnswerModel) if each.__pydantic_complete__))"
     )
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
     assert done.stderr.strip() == ""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from service.contract.findings import SEVERITY, Finding
+from service.contract.finding import SEVERITY, Finding
 from service.contract.status import Added, data_of, none_yet, shown, status_of, with_status_since
 from twin.assessment import (
     Assessment,
