@@ -128,10 +128,10 @@ def one_window() -> list[Figure]:
             what="update of one window (features, prediction, K), median",
             value=1e3 * statistics.median(known),
             unit="ms",
-            aim=50.0,
+            aim=10.0,
             note=f"{len(known)} windows of {seconds:.1f} s, wear curve known",
         ),
-        Figure(what="  of these, features", value=1e3 * statistics.median(features), unit="ms"),
+        Figure(what="  of these, features", value=1e3 * statistics.median(features), unit="ms", aim=4.0),
         Figure(what="  the slowest window, wear curve known", value=1e3 * max(known), unit="ms"),
         Figure(
             what="  wear curves computed meanwhile, all together",
@@ -171,7 +171,7 @@ def master_curve() -> list[Figure]:
             what=f"wear curve to {REVOLUTIONS:,} revolutions",
             value=taken,
             unit="s",
-            aim=5.0,
+            aim=0.15,
             note=f"{1e6 * until:.0f} µm, {curve.depth.size} points{reached}",
         )
     ]
