@@ -26,6 +26,39 @@ def test_quintic_splines_are_those_of_scipy_also_beyond_the_ends(n):
     assert compiled.quintic_at(found, at) == pytest.approx(through, abs=2e-13 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("n", [1, 2, 5, 64, 65, 1000])
+@pytest.mark.parametrize("count", [1, 3, 4])
+def test_four_splines_side_by_side_are_those_of_each_alone(n, count):
+    records = [RNG.standard_normal(n) for _ in range(count)]
+    splines = compiled.quintic_coefficients_of_four(records)
+    at = RNG.uniform(-1.5 * n, 2.5 * n, (7, 301))
+    means = compiled.quintic_means_of_four(splines, at)
+    for k, values in enumerate(records):
+        alone = compiled.quintic_coefficients(values)
+        assert splines[:, k] == pytest.approx(alone, abs=1e-13 * np.abs(alone).max())
+        expected = compiled.quintic_at(alone, at.ravel()).reshape(at.shape).mean(axis=0)
+        assert means[k] == pytest.approx(expected, abs=1e-12 * np.abs(alone).max())
+    assert np.isnan(compiled.quintic_means_of_four(splines, np.array([[0.0, np.nan]]))[0]).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e6])
+def test_moments_are_those_of_the_finite_values(offset, scale):
+    values = offset * scale + scale * RNG.standard_t(5, 10_001)
+    found = compiled.moments(np.concatenate(([np.nan, np.inf], values, [-np.inf])))
+    d = values - values.mean()
+    assert found.finite == values.size
+    assert found.mean == pytest.approx(values.mean(), rel=1e-14, abs=1e-14 * scale)
+    assert found.square == pytest.approx(np.mean(d**2), rel=1e-9)
+    assert found.most == pytest.approx(np.abs(d).max(), rel=1e-9)
+    assert found.kurtosis == pytest.approx(np.mean(d**4) / np.mean(d**2) ** 2, rel=1e-9)
+
+
+def test_moments_of_one_value_and_of_none():
+    assert compiled.moments(np.array([3.0, np.nan])) == (1, 3.0, 0.0, 0.0, 0.0)
+    assert compiled.moments(np.array([np.nan])).finite == compiled.moments(np.empty(0)).finite == 0
+
+
 def test_a_quintic_spline_passes_through_its_values_and_follows_a_sine_to_its_known_response():
     k, at = np.arange(400.0), np.linspace(150, 250, 977)
     spline = compiled.quintic_coefficients(np.sin(2 * np.pi * 0.05 * k))
@@ -65,6 +98,10 @@ def test_lost_values_and_places_give_nan_and_nothing_else():
     [
         lambda: compiled.quintic_coefficients(np.ones((2, 3))),
         lambda: compiled.quintic_at(np.empty(0), np.ones(3)),
+        lambda: compiled.quintic_coefficients_of_four([np.ones(3), np.ones(4)]),
+        lambda: compiled.quintic_coefficients_of_four(5 * [np.ones(3)]),
+        lambda: compiled.quintic_means_of_four(np.ones((3, 3)), np.ones((2, 2))),
+        lambda: compiled.quintic_means_of_four(np.ones((3, 4)), np.ones((0, 2))),
         lambda: compiled.linear_at(np.ones(3), np.ones((2, 2))),
         lambda: compiled.cubics_at(np.ones(1), np.ones((4, 0)), np.ones(3)),
         lambda: compiled.cubics_at(np.arange(4.0), np.ones((4, 2)), np.ones(3)),

@@ -8,7 +8,7 @@ interpolation, noise floor).
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from ctypes import POINTER, Structure, addressof, byref, c_char, c_double, c_int, c_int64, c_void_p
 from typing import NamedTuple
 
@@ -41,6 +41,9 @@ def _load() -> ctypes.CDLL:
     library.averages.argtypes = [count, count, doubles, count, doubles, count, doubles]
     library.quintic_coefficients.argtypes = [count, doubles, doubles]
     library.quintic_at.argtypes = library.linear_at.argtypes = [count, doubles, count, doubles, doubles]
+    library.quintic_coefficients_of_four.argtypes = [count, *[doubles] * 5]
+    library.quintic_means_of_four.argtypes = [count, doubles, count, count, doubles, doubles]
+    library.moments.argtypes, library.moments.restype = [count, doubles, doubles], c_int64
     library.cubics_at.argtypes = [count, doubles, doubles, count, doubles, doubles, doubles]
     library.best_phases.argtypes = [count, count, doubles, doubles, count, *[doubles] * 3, c_double, c_double,
                                     doubles, doubles]  # fmt: skip
@@ -58,15 +61,8 @@ def _load() -> ctypes.CDLL:
         "noise_floor",
     ):
         getattr(library, name).restype = c_int
-    for name in (
-        "quasi_static",
-        "averages",
-        "quintic_coefficients",
-        "quintic_at",
-        "linear_at",
-        "cubics_at",
-        "best_phases",
-    ):
+    for name in ("quasi_static", "averages", "quintic_coefficients", "quintic_coefficients_of_four", "quintic_at",
+                 "quintic_means_of_four", "linear_at", "cubics_at", "best_phases"):  # fmt: skip
         getattr(library, name).restype = None
     return library
 
@@ -402,6 +398,45 @@ def quintic_coefficients(values: np.ndarray) -> np.ndarray:
     if x.size:
         _kernels.quintic_coefficients(x.size, _at(x), _at(out))
     return out
+
+
+def quintic_coefficients_of_four(records: Sequence[np.ndarray]) -> np.ndarray:
+    """B-spline coefficients of one to four records (n,) side by side; (n, 4), the last record's repeated."""
+    given = [_given(values, records[0].size) for values in records]
+    out = np.empty((records[0].size, 4))
+    if not 0 < len(given) <= 4:
+        raise ParameterError(f"{len(given)} records side by side: one to four are needed")
+    if len(out):
+        padded = given + given[-1:] * (4 - len(given))
+        _kernels.quintic_coefficients_of_four(len(out), *map(_at, padded), _at(out))
+    return out
+
+
+def quintic_means_of_four(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Means over the periods of four splines (n, 4) at positions counted in samples (periods, m); (4, m)."""
+    c, x = _given(coefficients, None, 4), _given(at, None, None)
+    if not c.size or not x.size:
+        raise ParameterError(f"no mean of splines {c.shape} at positions {x.shape}")
+    out = np.empty((x.shape[1], 4))
+    _kernels.quintic_means_of_four(len(c), _at(c), *x.shape, _at(x), _at(out))
+    return np.ascontiguousarray(out.T)
+
+
+class Moments(NamedTuple):
+    """Of the finite ones among some values."""
+
+    finite: int
+    mean: float
+    square: float  # mean square distance from the mean
+    most: float  # largest distance from the mean
+    kurtosis: float  # mean of the fourth power of these distances over the square of `square`; 0 of a constant
+
+
+def moments(values: np.ndarray) -> Moments:
+    """Of the finite ones among values (n,)."""
+    x, out = _given(values, None), np.empty(4)
+    finite = _kernels.moments(x.size, _at(x), _at(out))
+    return Moments(finite, *out.tolist())
 
 
 def _interpolated(kernel: Callable[..., None], values: np.ndarray, at: np.ndarray) -> np.ndarray:

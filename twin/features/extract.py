@@ -17,8 +17,9 @@ import numpy as np
 from twin.assessment import SensorIndicators
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack, angle_track
+from twin.features.averages import AT_ONCE, Average, Splines, average_places, synchronous_averages
 from twin.features.despike import without_spikes
-from twin.features.indicators import sensor_indicators
+from twin.features.indicators import periods_of, sensor_indicators
 from twin.features.level import band_level
 from twin.features.lines import mesh_keys, noise_rms, read_lines, shaft_keys
 from twin.features.mesh_speed import mesh_track
@@ -35,6 +36,13 @@ SHAFT_ORDERS = 15  # shaft orders of transmission error are read below this orde
 TE_HARMONICS = 10
 SIDEBAND_HARMONICS = 5  # mesh harmonics whose sidebands are read
 USABLE_RATE = 0.45  # lines are read up to this share of the sampling rate
+
+
+_Clock = tuple[float, float, int]  # rate [Hz], time of the first sample [s] and number of samples
+
+
+def _clock_of(samples: Samples) -> _Clock:
+    return samples.rate, samples.start, samples.values.size
 
 
 def _valid_share(values) -> float:
@@ -103,7 +111,9 @@ class WindowSignals:
 
     def __init__(self, rig: Rig, window: Window) -> None:
         self.rig, self.window = rig, window
-        self._grids: dict[tuple[float, float, int], AngleGrid] = {}
+        self._grids: dict[_Clock, AngleGrid] = {}
+        self._kept: tuple[tuple[str, ...], Splines] | None = None
+        self._averages: dict[_Clock, dict[str, list[Average | WindowError]]] = {}
 
     @cached_property
     def _track(self) -> AngleTrack | TwinError:
@@ -120,24 +130,67 @@ class WindowSignals:
         return self._track
 
     def _grid(self, samples: Samples) -> AngleGrid:
-        clock = samples.rate, samples.start, samples.values.size
+        clock = _clock_of(samples)
         if clock not in self._grids:
             self._grids[clock] = angle_grid(samples, self.track)
         return self._grids[clock]
 
     @cached_property
+    def _reference(self) -> str | None:
+        """The reference accelerometer, None where there is none."""
+        try:
+            return reference(self.rig, self.window)[0]
+        except NotAvailable:
+            return None
+
+    def _together(self, clock: _Clock) -> list[tuple[str, ...]]:
+        """The accelerometers with some clock and a valid sample, as many at once as splines are made of."""
+        names = [
+            name
+            for name, samples in self.window.accelerations.items()
+            if _clock_of(samples) == clock and np.isfinite(samples.values).any()
+        ]
+        return [tuple(names[k : k + AT_ONCE]) for k in range(0, len(names), AT_ONCE)]
+
+    def _splines(self, names: tuple[str, ...]) -> Splines:
+        """Of accelerometers that belong together; those with the reference one are kept."""
+        if self._kept is not None and self._kept[0] == names:
+            return self._kept[1]
+        splines = Splines.of([self.window.accelerations[name] for name in names])
+        if self._reference in names:
+            self._kept = names, splines
+        return splines
+
+    def _on_angle(self, name: str) -> tuple[AngleSignal, float]:
+        samples = self.window.accelerations[name]
+        names = next((names for names in self._together(_clock_of(samples)) if name in names), None)
+        if names is None:
+            raise WindowError("not one of the channel's samples is valid")
+        return on_angle(
+            samples, self.track, grid=self._grid(samples), spline=self._splines(names).one(names.index(name))
+        )
+
+    @cached_property
     def _reference_on_angle(self) -> tuple[AngleSignal, float]:
-        samples = reference(self.rig, self.window)[1]
-        return on_angle(samples, self.track, grid=self._grid(samples))
+        assert self._reference is not None
+        return self._on_angle(self._reference)
 
     def on_angle(self, name: str) -> tuple[AngleSignal, float]:
         """An accelerometer on an even grid of pinion angle, and its samples per turn; the reference one's is kept."""
+        return self._reference_on_angle if name == self._reference else self._on_angle(name)
+
+    def gear_averages(self, name: str) -> list[Average | WindowError]:
+        """Synchronous averages of an accelerometer with a valid sample over a turn of each gear."""
         samples = self.window.accelerations[name]
-        try:
-            kept = reference(self.rig, self.window)[1] is samples
-        except NotAvailable:
-            kept = False
-        return self._reference_on_angle if kept else on_angle(samples, self.track, grid=self._grid(samples))
+        clock, periods = _clock_of(samples), periods_of(self.rig.teeth)
+        if clock not in self._averages:
+            places = average_places(samples, self.track, self._grid(samples), periods)
+            self._averages[clock] = {
+                each: found
+                for names in self._together(clock)
+                for each, found in zip(names, synchronous_averages(self._splines(names), places, periods), strict=True)
+            }
+        return self._averages[clock][name]
 
 
 def _base_radius(rig: Rig) -> float | None:
@@ -259,7 +312,8 @@ def _indicators(out: _Collector, signals: WindowSignals, angle: bool) -> None:
     found: dict[str, SensorIndicators] = {}
     for name, samples in signals.window.accelerations.items():
         try:
-            found[name] = sensor_indicators(samples, partial(signals.on_angle, name) if angle else None, teeth)
+            averages = partial(signals.gear_averages, name) if angle else None
+            found[name] = sensor_indicators(samples, averages, teeth)
         except WindowError as error:
             out.missing(f"indicators/{name}", str(error))
     out.values["indicators"] = found

@@ -35,9 +35,9 @@ import numpy as np
 from scipy import fft
 
 from twin.assessment import GearIndicators, SensorIndicators
+from twin.compiled import moments
 from twin.errors import ParameterError, TwinError, WindowError
-from twin.features.orders import synchronous_average
-from twin.features.resample import AngleSignal
+from twin.features.averages import Average
 from twin.windows import Samples
 
 PER_TOOTH = 4  # values of an average, at least
@@ -45,7 +45,12 @@ LEAST_TURNS = 3  # of a gear that an average is made of: fewer leave most of the
 ROUNDING = 1e-9  # of the average's RMS with its mean: what is smaller is rounding
 GEARS = ("pinion", "gear")
 
-AgainstAngle = Callable[[], tuple[AngleSignal, float]]
+Averages = Callable[[], Sequence[Average | WindowError]]
+
+
+def periods_of(teeth: tuple[int, int]) -> tuple[float, ...]:
+    """A turn of each gear, in pinion turns."""
+    return 1.0, teeth[1] / teeth[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -136,57 +141,54 @@ def _ratio(above: float, below: float, scale: float) -> float | None:
 
 
 def sensor_indicators(
-    samples: Samples, against_angle: AgainstAngle | None = None, teeth: tuple[int, int] | None = None
+    samples: Samples, averages: Averages | None = None, teeth: tuple[int, int] | None = None
 ) -> SensorIndicators:
     """Indicators of one accelerometer's samples; WindowError where not one of them is valid.
 
-    against_angle  gives the samples on an even grid of pinion angle and how many of them a turn has; None where the
-                   angle is not known
-    teeth          numbers of teeth of pinion and gear, None where they are not known
+    averages  gives the synchronous averages over a turn of each gear, with about as many values a turn as the sensor's
+              own, or why there is none; None where the angle is not known
+    teeth     numbers of teeth of pinion and gear, None where they are not known
     """
-    finite = np.isfinite(samples.values)
-    values = samples.values if finite.all() else samples.values[finite]
-    if values.size == 0:
+    own = moments(samples.values)
+    if own.finite == 0:
         raise WindowError("not one of the channel's samples is valid")
-    x = values - values.mean()
-    rms = _rms(x)
-    gears, unavailable = _of_gears(against_angle, teeth)
+    rms = sqrt(own.square)
+    gears, unavailable = _of_gears(averages, teeth)
     return SensorIndicators(
         rms=rms,
-        kurtosis=normalised_moments(x, (2,))[0],
-        crest_factor=_ratio(float(np.abs(x).max()), rms, 0.0),
+        kurtosis=own.kurtosis if own.square > 0 else None,
+        crest_factor=_ratio(own.most, rms, 0.0),
         gears=gears,
         unavailable=unavailable,
     )
 
 
 def _of_gears(
-    against_angle: AgainstAngle | None, teeth: tuple[int, int] | None
+    averages: Averages | None, teeth: tuple[int, int] | None
 ) -> tuple[dict[str, GearIndicators], dict[str, str]]:
     """Indicators by gear, and why those of a gear are not there."""
-    if against_angle is None or teeth is None:
-        reason = (
-            "no shaft angle is known" if against_angle is None else "the rig file does not give both numbers of teeth"
-        )
+    if averages is None or teeth is None:
+        reason = "no shaft angle is known" if averages is None else "the rig file does not give both numbers of teeth"
         return {}, dict.fromkeys(GEARS, reason)
     try:
-        signal, per_turn = against_angle()
+        found = averages()
     except WindowError as error:
         return {}, dict.fromkeys(GEARS, str(error))
     gears: dict[str, GearIndicators] = {}
     unavailable: dict[str, str] = {}
-    for gear, z, period in zip(GEARS, teeth, (1.0, teeth[1] / teeth[0]), strict=True):
+    for gear, z, average in zip(GEARS, teeth, found, strict=True):
         try:
-            gears[gear] = _of_gear(signal, per_turn, z, period)
+            gears[gear] = _of_gear(average, z)
         except TwinError as error:
             unavailable[gear] = str(error)
     return gears, unavailable
 
 
-def _of_gear(signal: AngleSignal, per_turn: float, teeth: int, period_turns: float) -> GearIndicators:
-    """One gear's indicators, with about as many values a turn as the sensor's own."""
-    points = int(per_turn * period_turns)
-    average, turns = synchronous_average(signal, period_turns, points)
+def _of_gear(average: Average | WindowError, teeth: int) -> GearIndicators:
+    """One gear's indicators."""
+    if isinstance(average, WindowError):
+        raise average
+    values, turns = average
     if turns < LEAST_TURNS:
         raise WindowError(f"the window has {turns} whole turns of this gear; an average needs {LEAST_TURNS}")
-    return gear_indicators(average, teeth, turns)
+    return gear_indicators(values, teeth, turns)

@@ -241,18 +241,35 @@ def synchronous_average(signal: AngleSignal, period_turns: float, points: int) -
     period_turns  the period in pinion turns: 1 for the pinion, z2/z1 for the gear, 1/z1 for the mesh
     points        values per period, the first at an absolute angle that is a whole number of periods
     """
-    period = 2 * pi * period_turns
-    first = int(np.ceil(signal.start / period - 1e-9))
-    last = int(np.floor((signal.start + (signal.values.size - 1) * signal.step) / period + 1e-9))
-    if last <= first:
-        raise WindowError(f"a synchronous average over {period_turns:g} turns needs more than {signal.turns:.2f} turns")
-    angles = period * (first + np.arange((last - first) * points) / points)
+    angles = averaged_angles(signal.start, signal.step, signal.values.size, period_turns, points)
     position = (angles - signal.start) / signal.step
-    values = at(signal.coefficients, position).reshape(-1, points)
-    if signal.usable.all():
+    values = at(signal.coefficients, position.ravel()).reshape(position.shape)
+    return mean_of_whole(values, position, signal.usable, period_turns)
+
+
+def averaged_angles(start: float, step: float, count: int, period_turns: float, points: int) -> np.ndarray:
+    """Angles of all values of the whole periods within an even grid of pinion angle [rad]; (periods, points)."""
+    period = 2 * pi * period_turns
+    first = int(np.ceil(start / period - 1e-9))
+    last = int(np.floor((start + (count - 1) * step) / period + 1e-9))
+    if last <= first:
+        turns = count * step / (2 * pi)
+        raise WindowError(f"a synchronous average over {period_turns:g} turns needs more than {turns:.2f} turns")
+    return period * (first + np.arange((last - first) * points) / points).reshape(-1, points)
+
+
+def mean_of_whole(
+    values: np.ndarray, position: np.ndarray, usable: np.ndarray, period_turns: float
+) -> tuple[np.ndarray, int]:
+    """Mean of the periods without a gap, and their number.
+
+    values, position  of the periods (p, m), the position in samples of the record
+    usable            which samples of the record are (n,)
+    """
+    if usable.all():
         return values.mean(axis=0), len(values)
-    near = np.clip(np.rint(position).astype(int), 0, signal.usable.size - 1)
-    whole = signal.usable[near].reshape(-1, points).all(axis=1)
+    near = np.clip(np.rint(position).astype(int), 0, usable.size - 1)
+    whole = usable[near].all(axis=1)
     if not whole.any():
         raise WindowError(f"no period of {period_turns:g} turns is without a gap")
     return values[whole].mean(axis=0), int(whole.sum())

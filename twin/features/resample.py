@@ -25,6 +25,7 @@ from twin.features.gaps import filled
 from twin.features.transforms import hann
 
 DEGREE = 5
+LONGEST_GAP = 2  # samples that a straight line may bridge
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,13 +89,19 @@ def at(spline_coefficients, position) -> np.ndarray:
     return compiled.quintic_at(spline_coefficients, position)
 
 
-def interpolate(values, position, longest_gap: int) -> tuple[np.ndarray, np.ndarray]:
-    """Values (n,) with gaps at each position [samples] (m,), and where they may be used (m,)."""
+def splined(values, longest_gap: int) -> tuple[np.ndarray, np.ndarray]:
+    """B-spline coefficients of values with gaps, and which values may be used; (n,) → (n,), (n,) bool."""
     whole, usable = filled(values, longest_gap)
-    out = at(coefficients(whole), position)
+    return coefficients(whole), usable
+
+
+def interpolate(spline: tuple[np.ndarray, np.ndarray], position) -> tuple[np.ndarray, np.ndarray]:
+    """The values of `splined` at each position [samples] (m,), and where they may be used (m,)."""
+    whole, usable = spline
+    out = at(whole, position)
     if usable.all():
         return out, np.ones(position.size, dtype=bool)
-    near = np.clip(np.rint(position).astype(int), 0, len(values) - 1)
+    near = np.clip(np.rint(position).astype(int), 0, usable.size - 1)
     return out, usable[near]
 
 
@@ -127,18 +134,25 @@ def angle_grid(samples, track) -> AngleGrid:
     return AngleGrid(start=low, step=step, per_turn=per_turn, position=position)
 
 
-def on_angle(samples, track, longest_gap: int = 2, grid: AngleGrid | None = None) -> tuple[AngleSignal, float]:
+def on_angle(
+    samples,
+    track,
+    longest_gap: int = LONGEST_GAP,
+    grid: AngleGrid | None = None,
+    spline: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[AngleSignal, float]:
     """A time signal on an even grid of the smoothed pinion angle, as fine as its own samples.
 
     samples      Samples of one channel
     track        AngleTrack of the same window
     longest_gap  samples that a straight line may bridge
     grid         of the channel, where it is known
+    spline       of the channel, as `splined` gives it, where it is known
     returns the signal, and its mean number of samples per pinion turn: spline_response(order/that) is what
     interpolation left of a line
     """
     if not np.isfinite(samples.values).any():
         raise WindowError("not one of the channel's samples is valid")
     grid = grid or angle_grid(samples, track)
-    values, usable = interpolate(samples.values, grid.position, longest_gap)
+    values, usable = interpolate(spline or splined(samples.values, longest_gap), grid.position)
     return AngleSignal(start=grid.start, step=grid.step, values=values, usable=usable), grid.per_turn
