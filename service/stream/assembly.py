@@ -459,6 +459,7 @@ class Assembler:
         now: dict[str, list[Piece]] = {}
         rest: dict[str, list[Piece]] = {}
         for label, pieces in current.pieces.items():
+            used: list[Frame] = []
             for piece in pieces:
                 frame = piece.frame
                 after = cut and frame.start_time_ns >= end
@@ -470,7 +471,9 @@ class Assembler:
                 else:
                     self._consumed[label] = (frame.sequence, frame.start_time_ns, frame.end_time_ns)
                     self._lanes[label].timeline.note(frame.start_time_ns, frame.sequence)
-                    self.repeats.used(frame)
+                    used.append(frame)
+            if used:
+                self.repeats.used(label, used)
         most = self.settings.window_bytes // 8
         # A window's start is its name: one in a time that was passed before begins some nanoseconds off the old names.
         start = current.start + (self._times_set if current.start < self._latest else 0)

@@ -84,6 +84,8 @@ def _joined(parts: Sequence[Piece[EncoderFrame]], start_ns: int, first: int) -> 
 
 def _falling(times: np.ndarray) -> np.ndarray:
     """Which edges do not pass after all before them, (n,)."""
+    if np.all(times[1:] > times[:-1]):  # not of NaN
+        return np.zeros(times.size, dtype=bool)
     known = np.where(np.isnan(times), -np.inf, times)
     before = np.maximum.accumulate(np.concatenate(([-np.inf], known[:-1])))
     return np.isfinite(known) & (known <= before)

@@ -6,7 +6,7 @@ samples is allowed here: it is a fault of the data, counted when the window is b
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,6 +30,7 @@ class SampleFrame:
     sequence: int
     sample_rate: float  # [Hz]
     values: np.ndarray  # (n,) float32
+    end_time_ns: int = field(init=False)  # one sample after the last [ns]; of a slow channel, of the last
 
     def __post_init__(self) -> None:
         _check_head(self.channel, self.start_time_ns, self.sequence)
@@ -47,19 +48,13 @@ class SampleFrame:
                 f"{self.values.size} at {self.sample_rate:g} Hz = {length:g} s",
                 f"must cover {low:g} to {high:g} s; a wrong sample_rate_hz?",
             )
+        object.__setattr__(self, "end_time_ns", self.start_time_ns + round(length * NS))
 
     @property
     def doubles(self) -> np.ndarray:
         """The values as float64, (n,); a signalling NaN is one like any other."""
         with np.errstate(invalid="ignore"):
             return self.values.astype(float)
-
-    @property
-    def end_time_ns(self) -> int:
-        """Unix time one sample after the last [ns]; of a slow channel, of the last."""
-        if CHANNEL_KINDS[self.channel.kind].slow:
-            return self.start_time_ns + round((self.values.size - 1) / self.sample_rate * NS)
-        return self.start_time_ns + round(self.values.size / self.sample_rate * NS)
 
     @property
     def nbytes(self) -> int:
@@ -76,13 +71,15 @@ class EncoderFrame:
     edges_per_rev: int
     first_edge_index: int  # edges counted before this frame's first, since the gears were new
     edge_offsets_ns: np.ndarray  # (n,) float64, after start_time_ns [ns]
+    end_time_ns: int = field(init=False)  # of the last edge [ns]; the frame's start where no edge passed
 
     def __post_init__(self) -> None:
         _check_head(self.channel, self.start_time_ns, self.sequence)
         _within(self.channel, "edges_per_rev", self.edges_per_rev, *CHANNEL_KINDS[self.channel.kind].rate, "edges")
         _within(self.channel, "first_edge_index", self.first_edge_index, -1, _UINT64 - 1, "edges")
         offsets, high = self.edge_offsets_ns, LENGTH_LIMITS[1] * (1 + _LENGTH_SLACK) * NS
-        if offsets.ndim != 1 or not np.all((offsets >= 0) & (offsets <= high)):
+        latest = float(offsets.max(initial=0.0)) if offsets.ndim == 1 else np.nan
+        if not (latest <= high and offsets.min(initial=0.0) >= 0):  # not of NaN
             bad = offsets[~((offsets >= 0) & (offsets <= high))] if offsets.ndim == 1 else offsets.ravel()
             raise _error(
                 self.channel,
@@ -90,17 +87,12 @@ class EncoderFrame:
                 f"{bad[0]:g} ns",
                 f"must lie in [0, {high:.3g}] ns; seconds or Unix time?",
             )
+        object.__setattr__(self, "end_time_ns", self.start_time_ns + round(latest))
 
     @property
     def rises(self) -> bool:
         """Whether every edge passed after the one before it; an encoder that runs backwards does not."""
         return bool(np.all(np.diff(self.edge_offsets_ns) > 0))
-
-    @property
-    def end_time_ns(self) -> int:
-        """Unix time of the last edge [ns]; the frame's start where no edge passed."""
-        last = round(float(self.edge_offsets_ns.max())) if self.edge_offsets_ns.size else 0
-        return self.start_time_ns + last
 
     @property
     def nbytes(self) -> int:

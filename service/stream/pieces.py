@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -47,7 +48,7 @@ def split_index(frame: Frame, time_ns: int) -> int:
     ahead = time_ns - frame.start_time_ns
     if isinstance(frame, EncoderFrame):
         return int(np.searchsorted(np.maximum.accumulate(frame.edge_offsets_ns), ahead)) if ahead > 0 else 0
-    return int(np.clip(np.ceil(ahead / NS * frame.sample_rate - 1e-6), 0, frame.values.size))
+    return min(max(ceil(ahead / NS * frame.sample_rate - 1e-6), 0), frame.values.size)
 
 
 def of_one_rate(

@@ -7,7 +7,7 @@ frames of every key is remembered by a checksum: of the first ones and of the la
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 from zlib import crc32
@@ -44,12 +44,13 @@ class Repeats:
     other: int = 0  # of them, those that are not, though their number and time are those of a used frame
     ignored: bool = False  # whether people have said that the run is of no interest
 
-    def used(self, frame: Frame) -> None:
-        """A frame has gone into a window."""
-        marks = self.marks.setdefault(frame.channel.label, [])
-        marks.append((frame.start_time_ns, frame.sequence, checksum(frame)))
-        if len(marks) > FIRST + LATEST:
-            del marks[FIRST]
+    def used(self, label: str, frames: Sequence[Frame]) -> None:
+        """Frames of one channel have gone into a window, one after the other; those between need no checksum."""
+        marks = self.marks.setdefault(label, [])
+        first = frames[: max(FIRST - len(marks), 0)]
+        latest = frames[len(first) :][-LATEST:]
+        marks += [(frame.start_time_ns, frame.sequence, checksum(frame)) for frame in (*first, *latest)]
+        del marks[FIRST:-LATEST]
 
     def queued(self) -> None:
         """A frame of a new time has come: the run is over."""

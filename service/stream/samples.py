@@ -16,6 +16,7 @@ from service.stream.channels import ChannelKind
 from service.stream.faults import by_share
 from service.stream.frames import NS, SampleFrame
 from service.stream.pieces import Piece, of_one_rate
+from twin.compiled.statistics import extremes
 from twin.features.despike import spikes
 from twin.rig import Rig
 from twin.thresholds import deciding
@@ -92,9 +93,7 @@ def lay_samples(
         )
         faults.append(Fault(kind="too_large", channel=label, count=len(parts), action="degraded", detail=detail))
         return None
-    values = np.full(placed.size, np.nan)
-    for index, part, skip in placed.places:
-        values[index : index + part.size - skip] = part.frame.doubles[part.begin + skip : part.end]
+    values = _joined(placed)
     holes = placed.size - sum(p.size - skip for _, p, skip in placed.places)
     if placed.overlap:
         detail = "samples given twice by overlapping frames, the first kept"
@@ -133,6 +132,18 @@ def _placed(parts: Sequence[Piece[SampleFrame]], rate: float, origin: float) -> 
         places.append((index + skip, part, skip))
         expected = max(expected, index + part.size)
     return _Placed(places, expected, overlap)
+
+
+def _joined(placed: _Placed) -> np.ndarray:
+    """The samples of all pieces in one row, NaN where there are none; (n,)."""
+    values, at = np.empty(placed.size), 0
+    with np.errstate(invalid="ignore"):  # a signalling NaN is one like any other
+        for index, part, skip in placed.places:
+            values[at:index] = np.nan
+            at = max(at, index + part.size - skip)
+            values[index : index + part.size - skip] = part.frame.values[part.begin + skip : part.end]
+    values[at:] = np.nan
+    return values
 
 
 def _drop_unusable(
@@ -181,15 +192,17 @@ def _note_gaps(
 
 def _note_dead_or_clipped(label: str, kind: ChannelKind, values: np.ndarray, faults: list[Fault]) -> None:
     """A record without any variation, and extreme values that repeat: the sensor or its converter was at its end."""
-    known = np.isfinite(values)
-    finite = values if known.all() else values[known]
-    if finite.size < 2 * _FLAT_RUN:
+    ends = extremes(values)
+    low, high = ends.low, ends.high
+    if ends.finite < 2 * _FLAT_RUN:
         return
-    low, high = finite.min(), finite.max()
     if low == high:
         detail = f"every sample is {low:g}: cable or supply?"
-        faults.append(Fault(kind="stuck", channel=label, count=finite.size, action="degraded", detail=detail))
+        faults.append(Fault(kind="stuck", channel=label, count=ends.finite, action="degraded", detail=detail))
         return
+    if ends.lowest + ends.highest < min(_PILE, _FLAT_RUN):  # far too few for any of what follows
+        return
+    finite = values if ends.finite == values.size else values[np.isfinite(values)]
     count, where = 0, f"{low:g} or {high:g}"
     if kind.vibration:
         count = sum(samples_at_end_of_range(finite, sign) for sign in (-1, 1))

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from tests.dynamics_cases import TEN, contacts, model, worn
 from twin import compiled
+from twin.compiled import statistics
 from twin.dynamics.harmonic_balance import Balance, Load, solve
 from twin.dynamics.low_harmonics import LowHarmonics
 from twin.effects import EFFECTS
@@ -242,7 +243,7 @@ def test_a_load_that_nothing_answers_changes_nothing():
 def test_the_middle_of_a_record_is_that_of_numpy(count, digits):
     values = np.round(RNG.standard_normal(count) * 10.0 ** RNG.integers(-3, 4), digits)
     values[RNG.random(count) < 0.1] = RNG.choice([np.nan, np.inf, -np.inf, 0.0, -0.0])
-    found, finite = compiled.middle(values), values[np.isfinite(values)]
+    found, finite = statistics.middle(values), values[np.isfinite(values)]
     assert found.finite == finite.size
     if finite.size:
         distance = np.abs(finite - np.median(finite))
@@ -252,7 +253,43 @@ def test_the_middle_of_a_record_is_that_of_numpy(count, digits):
 
 
 def test_a_record_of_nothing_has_no_middle():
-    assert compiled.middle(np.empty(0)).finite == 0
+    assert statistics.middle(np.empty(0)).finite == 0
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 16, 255, 256, 1000, 65537])
+@pytest.mark.parametrize("case", ["noise", "two levels", "mostly equal", "tone", "heavy tails", "one far", "lost"])
+def test_what_is_said_to_be_near_is_near(count, case):
+    values = RNG.standard_normal(count) + 3
+    if case == "two levels":
+        values = RNG.choice([-1.0, 1.0], count)
+    elif case == "mostly equal":
+        values = np.where(RNG.random(count) < 0.7, 10.0, values)
+    elif case == "tone":
+        values = np.sin(2 * np.pi * np.arange(count) / max(count // 255 + 1, 2))  # as even as the values looked at
+    elif case == "heavy tails":
+        values = RNG.standard_cauchy(count)
+    elif case == "one far":
+        values[count // 2] = 1e3
+    elif case == "lost":
+        values[RNG.random(count) < 0.2] = RNG.choice([np.nan, np.inf, -np.inf])
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        assert not statistics.all_near(values, 1e9)
+        return
+    distance = np.abs(finite - np.median(finite))
+    for times in (1.5, 3.0, 5.0, 44.0, 1e3):
+        if statistics.all_near(values, times):
+            assert distance.max() <= times * np.median(distance) * (1 + 1e-12)
+    if case in ("noise", "lost") and count >= 1000:
+        assert statistics.all_near(values, 44.0)
+    ends = (finite.size, finite.min(), finite.max(), (finite == finite.min()).sum(), (finite == finite.max()).sum())
+    assert tuple(statistics.extremes(values)) == ends
+
+
+def test_a_record_of_nothing_has_no_extremes():
+    for values in (np.empty(0), np.array([np.nan, np.inf])):
+        assert statistics.extremes(values) == (0, np.inf, -np.inf, 0, 0)
+        assert not statistics.all_near(values, 44.0)
 
 
 @pytest.mark.parametrize("spread", [np.inf, 0.2])

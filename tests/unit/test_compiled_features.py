@@ -8,6 +8,7 @@ from scipy import ndimage
 from scipy.interpolate import PPoly
 
 from twin import compiled
+from twin.compiled import statistics
 from twin.errors import NotAvailable, ParameterError
 from twin.features import noise_floor as floors
 from twin.features.noise_floor import noise_floor
@@ -45,7 +46,7 @@ def test_four_splines_side_by_side_are_those_of_each_alone(n, count):
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e6])
 def test_moments_are_those_of_the_finite_values(offset, scale):
     values = offset * scale + scale * RNG.standard_t(5, 10_001)
-    found = compiled.moments(np.concatenate(([np.nan, np.inf], values, [-np.inf])))
+    found = statistics.moments(np.concatenate(([np.nan, np.inf], values, [-np.inf])))
     d = values - values.mean()
     assert found.finite == values.size
     assert found.mean == pytest.approx(values.mean(), rel=1e-14, abs=1e-14 * scale)
@@ -55,8 +56,8 @@ def test_moments_are_those_of_the_finite_values(offset, scale):
 
 
 def test_moments_of_one_value_and_of_none():
-    assert compiled.moments(np.array([3.0, np.nan])) == (1, 3.0, 0.0, 0.0, 0.0)
-    assert compiled.moments(np.array([np.nan])).finite == compiled.moments(np.empty(0)).finite == 0
+    assert statistics.moments(np.array([3.0, np.nan])) == (1, 3.0, 0.0, 0.0, 0.0)
+    assert statistics.moments(np.array([np.nan])).finite == statistics.moments(np.empty(0)).finite == 0
 
 
 def test_a_quintic_spline_passes_through_its_values_and_follows_a_sine_to_its_known_response():

@@ -9,7 +9,7 @@ import pytest
 from streams import PINION, bursts
 
 from service.stream.assembly import Assembler, AssemblySettings
-from service.stream.repeats import DEFAULT
+from service.stream.repeats import DEFAULT, FIRST, LATEST, Repeats
 
 SETTINGS = AssemblySettings(settle=4)
 
@@ -80,3 +80,19 @@ def test_a_few_copies_and_late_frames_are_no_run():
 def test_what_is_remembered_is_bounded():
     assembler = used(bursts(40, channels=(PINION,)))
     assert len(json.dumps(assembler.to_dict()["marks"])) < 1500
+
+
+def test_frames_used_together_leave_the_marks_of_those_used_one_by_one():
+    frames = [frame for frame in bursts(2) if frame.channel == PINION]
+    frames = [dataclasses.replace(frame, sequence=k) for k, frame in enumerate(5 * frames)]
+    for sizes in ((1,) * 40, (3, 2, 20, 1), (40,), (16, 1), (4, 12, 13), (17,)):
+        one, many, rest = Repeats(), Repeats(), list(frames)
+        for size in sizes:
+            many.used("encoder/pinion", rest[:size])
+            for frame in rest[:size]:
+                one.used("encoder/pinion", [frame])
+            rest = rest[size:]
+        used = frames[: len(frames) - len(rest)]
+        expected = used if len(used) <= FIRST + LATEST else [*used[:FIRST], *used[-LATEST:]]
+        assert [number for _, number, _ in many.marks["encoder/pinion"]] == [frame.sequence for frame in expected]
+        assert many.marks == one.marks

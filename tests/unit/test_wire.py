@@ -10,6 +10,7 @@ from streams import ACCEL, ASSET, CHANNELS, frame
 
 from service.errors import FrameError
 from service.stream.channels import CHANNEL_KINDS
+from service.stream.wire import codec
 from service.stream.wire import gearbox_pb2 as pb
 from service.stream.wire.codec import decode, encode, encoding_of, head_of, quick_head_of, schema_data, schema_fault
 from service.stream.wire.topics import Channel, parse_topic, topic_of
@@ -136,3 +137,58 @@ def test_a_schema_is_accepted_only_as_the_contract_has_it():
     assert "field sequence must have number 3" in schema_fault(
         name, "protobuf", schema_data().replace(b"\x0a\x08sequence\x18\x03", b"\x0a\x08sequence\x18\x07"), name
     )
+
+
+def _fate(read, channel, payload):
+    """The values of all fields of a frame as bytes, or why there is none."""
+    try:
+        found = read(channel, payload)
+    except FrameError as error:
+        return str(error)
+    return [np.asarray(getattr(found, field.name)).tobytes() for field in dataclasses.fields(found)[1:]]
+
+
+def _by_protobuf(channel, payload):
+    return codec._decoded(CHANNEL_KINDS[channel.kind], channel, payload)
+
+
+@pytest.mark.parametrize("channel", CHANNELS, ids=lambda c: c.label)
+def test_a_message_of_any_layout_is_what_protobuf_says_it_is(channel):
+    sent = frame(channel, 300, 0.75)
+    payload = encode(sent)
+    assert codec._quickly(CHANNEL_KINDS[channel.kind], channel, payload).sequence == sent.sequence
+    head, rng = payload[:40], np.random.default_rng(1)
+    unusual = [
+        payload[:9] + payload,
+        payload + payload[:9],
+        payload + b"\x78\x01",
+        payload[9:],
+        payload[:-3],
+        head,
+        b"",
+    ]
+    unusual += [payload[:9] + payload[18:], payload[:18] + payload[20:], payload.replace(b"\x18", b"\x18\x80", 1)]
+    for _ in range(3000):
+        damaged = bytearray(payload)
+        for at in rng.integers(0, len(head), rng.integers(1, 4)):
+            damaged[at] = rng.choice([0, 1, 0x7F, 0x80, 0xFF, rng.integers(256), *head])
+        unusual.append(bytes(damaged))
+    for message in unusual:
+        assert _fate(decode, channel, message) == _fate(_by_protobuf, channel, message)
+
+
+@pytest.mark.parametrize("sequence", [0, 1, 127, 128, 2**32, 2**63 - 1, 2**63, 2**64 - 1])
+@pytest.mark.parametrize("channel", CHANNELS, ids=lambda c: c.label)
+def test_numbers_of_any_size_are_read(channel, sequence):
+    payload = encode(dataclasses.replace(frame(channel, 3, 0.75), sequence=sequence))
+    assert decode(channel, payload).sequence == sequence
+    assert _fate(decode, channel, payload) == _fate(_by_protobuf, channel, payload)
+
+
+def test_edges_per_turn_beyond_32_bits_are_what_protobuf_makes_of_them():
+    channel = next(c for c in CHANNELS if c.kind == "encoder")
+    payload = encode(frame(channel, 3, 0.75))
+    assert payload[9] == 0x10
+    number = next(i + 1 for i in range(10, 20) if payload[i] < 0x80)
+    message = payload[:10] + b"\x80\xc0\x80\x80\x10" + payload[number:]  # 2^32 + 2^13
+    assert decode(channel, message).edges_per_rev == _by_protobuf(channel, message).edges_per_rev == 2**13

@@ -37,13 +37,15 @@ def _load() -> ctypes.CDLL:
     library.integrate.argtypes = [POINTER(_Motion), count, count, *[doubles] * 6]
     library.monodromy.argtypes = [count, count, count, doubles, doubles, doubles, c_double, doubles]
     library.spline.argtypes = [count, count, c_double, c_double, doubles, count, doubles, doubles, doubles]
-    library.middle.argtypes, library.middle.restype = [count, doubles, doubles], c_int64
+    library.middle.argtypes = library.at_extremes.argtypes = library.moments.argtypes = [count, doubles, doubles]
+    library.all_near.argtypes = [count, doubles, c_double]
+    for name in ("middle", "at_extremes", "moments", "all_near"):
+        getattr(library, name).restype = c_int64
     library.averages.argtypes = [count, count, doubles, count, doubles, count, doubles]
     library.quintic_coefficients.argtypes = [count, doubles, doubles]
     library.quintic_at.argtypes = library.linear_at.argtypes = [count, doubles, count, doubles, doubles]
     library.quintic_coefficients_of_four.argtypes = [count, *[doubles] * 5]
     library.quintic_means_of_four.argtypes = [count, doubles, count, count, doubles, doubles]
-    library.moments.argtypes, library.moments.restype = [count, doubles, doubles], c_int64
     library.cubics_at.argtypes = [count, doubles, doubles, count, doubles, doubles, doubles]
     library.best_phases.argtypes = [count, count, doubles, doubles, count, *[doubles] * 3, c_double, c_double,
                                     doubles, doubles]  # fmt: skip
@@ -372,25 +374,6 @@ def averages(values: np.ndarray, weights: np.ndarray, stride: int) -> np.ndarray
     return out
 
 
-class Middle(NamedTuple):
-    """Of the finite ones among some values: how many they are, and their order statistics; NaN where there are none."""
-
-    finite: int
-    low: float
-    high: float
-    median: float
-    deviation: float  # median distance from the median
-
-
-def middle(values: np.ndarray) -> Middle:
-    """Extremes, median and median distance from the median of the finite ones among values (n,)."""
-    x, out = _given(values, None), np.empty(4)
-    finite = _kernels.middle(x.size, _at(x), _at(out))
-    if finite < 0:
-        raise MemoryError("no memory for the compiled kernels")
-    return Middle(finite, *(out.tolist() if finite else 4 * [float("nan")]))
-
-
 def quintic_coefficients(values: np.ndarray) -> np.ndarray:
     """B-spline coefficients of degree 5 of values mirrored about the first and the last; (n,) → (n,)."""
     x = _given(values, None)
@@ -420,23 +403,6 @@ def quintic_means_of_four(coefficients: np.ndarray, at: np.ndarray) -> np.ndarra
     out = np.empty((x.shape[1], 4))
     _kernels.quintic_means_of_four(len(c), _at(c), *x.shape, _at(x), _at(out))
     return np.ascontiguousarray(out.T)
-
-
-class Moments(NamedTuple):
-    """Of the finite ones among some values."""
-
-    finite: int
-    mean: float
-    square: float  # mean square distance from the mean
-    most: float  # largest distance from the mean
-    kurtosis: float  # mean of the fourth power of these distances over the square of `square`; 0 of a constant
-
-
-def moments(values: np.ndarray) -> Moments:
-    """Of the finite ones among values (n,)."""
-    x, out = _given(values, None), np.empty(4)
-    finite = _kernels.moments(x.size, _at(x), _at(out))
-    return Moments(finite, *out.tolist())
 
 
 def _interpolated(kernel: Callable[..., None], values: np.ndarray, at: np.ndarray) -> np.ndarray:

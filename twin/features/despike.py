@@ -15,9 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.compiled import middle
+from twin.compiled.statistics import all_near, middle
 from twin.thresholds import deciding
 
+NORMAL = 1.4826  # standard deviation of normal data over their median distance from the median
+ROUNDING = 1e-9
 FEWEST = 16  # finite samples from which a scale can be told
 
 
@@ -52,10 +54,12 @@ DEFAULT = SpikeThresholds()
 def spikes(values: np.ndarray, thresholds: SpikeThresholds = DEFAULT) -> np.ndarray:
     """Which samples are spikes; values (n,), NaN where missing → (n,) bool."""
     found = np.zeros(values.size, dtype=bool)
+    if all_near(values, thresholds.deviations * NORMAL * (1 - ROUNDING)):
+        return found
     record = middle(values)
     if record.finite < FEWEST:
         return found
-    scale = 1.4826 * record.deviation
+    scale = NORMAL * record.deviation
     if scale == 0:  # most samples are equal: steps of the converter are no spikes
         steps = np.diff(np.unique(values[np.isfinite(values)]))
         scale = float(steps.min()) if steps.size else 0.0

@@ -35,7 +35,7 @@ import numpy as np
 from scipy import fft
 
 from twin.assessment import GearIndicators, SensorIndicators
-from twin.compiled import moments
+from twin.compiled.statistics import moments
 from twin.errors import ParameterError, TwinError, WindowError
 from twin.features.averages import Average
 from twin.windows import Samples

@@ -6,6 +6,7 @@ together no more than TOTAL and EXPANSION times the file. A chunk holds at most 
 
 from __future__ import annotations
 
+import struct
 import zlib
 from io import BytesIO
 
@@ -19,7 +20,8 @@ LARGEST_CHUNK = 2**28  # unpacked [bytes]
 MOST_RECORDS = 200_000  # of a chunk
 TOTAL = 2**29  # unpacked, of any file [bytes]
 EXPANSION = 200  # and so many times the file's size
-_HEADER = 9  # opcode and length of a record [bytes]
+_HEADER = struct.Struct("<BQ")  # opcode and length of a record
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence number, times of logging and of publishing of a message
 _INVALID = 0  # an opcode that no record has: the usual filling of a bomb
 
 
@@ -37,22 +39,25 @@ def records_of(chunk: Chunk) -> list[McapRecord]:
     data = _unpacked(chunk)
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise Unusable("CRC does not match")
-    stream, records, count = ReadDataStream(BytesIO(data)), [], 0
-    while stream.count < len(data):
+    records: list[McapRecord] = []
+    at = count = 0
+    while at < len(data):
         count += 1
         if count > MOST_RECORDS:
             raise Unusable(f"holds more than {MOST_RECORDS} records")
-        opcode, length = stream.read1(), stream.read8()
-        if opcode == _INVALID or length > len(data) - stream.count:
-            raise Unusable(f"holds no record at byte {stream.count - _HEADER}")
+        opcode, length = _HEADER.unpack_from(data, at)
+        begin, at = at + _HEADER.size, at + _HEADER.size + length
+        if opcode == _INVALID or at > len(data):
+            raise Unusable(f"holds no record at byte {begin - _HEADER.size}")
         if opcode == Opcode.MESSAGE:
-            records.append(Message.read(stream, length))
+            if length < _MESSAGE.size:
+                raise Unusable(f"holds no whole message at byte {begin - _HEADER.size}")
+            channel, sequence, logged, published = _MESSAGE.unpack_from(data, begin)
+            records.append(Message(channel, logged, data[begin + _MESSAGE.size : at], published, sequence))
         elif opcode == Opcode.SCHEMA:
-            records.append(Schema.read(stream))
+            records.append(Schema.read(ReadDataStream(BytesIO(data[begin:at]))))
         elif opcode == Opcode.CHANNEL:
-            records.append(Channel.read(stream))
-        else:
-            stream.read(length)
+            records.append(Channel.read(ReadDataStream(BytesIO(data[begin:at]))))
     return records
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from service.stream.wire.topics import Channel, topic_of
 pb: Any = gearbox_pb2  # its classes are made at import
 _START_TAG = b"\x09"  # of field 1, fixed64
 _SEQUENCE_TAG = b"\x18"  # of field 3, a varint
+_START, _RATE = struct.Struct("<BQ"), struct.Struct("<Bd")  # fields 1 and 2 with their tags
+_MOST_DIGITS = 9  # of a number that is read here: 63 bits
 
 
 def encoding_of(channel: Channel) -> str:
@@ -64,9 +67,93 @@ def head_of(channel: Channel, payload: bytes) -> tuple[int, int]:
     return frame.sequence, frame.start_time_ns
 
 
+class _Unusual(Exception):
+    """A message that is left to protobuf."""
+
+
+class _Fields:
+    """The fields of a message one after the other, as every writer that is known puts them: each once, in order."""
+
+    __slots__ = ("at", "payload")
+
+    def __init__(self, payload: bytes) -> None:
+        self.payload, self.at = payload, 0
+
+    def fixed(self, tag: int, kind: struct.Struct) -> Any:
+        """A number of eight bytes; 0 is not written."""
+        if self.payload[self.at] != tag:
+            return 0
+        _, value = kind.unpack_from(self.payload, self.at)
+        self.at += kind.size
+        return value
+
+    def number(self, tag: int) -> int:
+        """A number of as many bytes as it needs; 0 is not written."""
+        return self._varint() if self.payload[self.at] == tag else 0
+
+    def _varint(self) -> int:
+        value, payload, at = 0, self.payload, self.at
+        for place in range(_MOST_DIGITS):
+            at += 1
+            digit = payload[at]
+            value |= (digit & 0x7F) << 7 * place
+            if digit < 0x80:
+                self.at = at + 1
+                return value
+        raise _Unusual
+
+    def last(self, tag: int, kind: Any) -> np.ndarray:
+        """All values, to the message's end; (n,)."""
+        if self.payload[self.at] != tag:
+            raise _Unusual
+        length = self._varint()
+        if self.at + length != len(self.payload) or length % kind.itemsize:
+            raise _Unusual
+        return np.frombuffer(self.payload, kind, offset=self.at).astype(kind.newbyteorder("="))
+
+
+_FLOAT, _DOUBLE = np.dtype("<f4"), np.dtype("<f8")
+
+
+def _quickly(kind: Any, channel: Channel, payload: bytes) -> Frame:
+    """The frame in a payload that is laid out as usual; _Unusual, or an error of reading beyond it, where it is not."""
+    fields = _Fields(payload)
+    start = fields.fixed(0x09, _START)
+    if kind.layout is Layout.EDGES:
+        edges_per_rev = fields.number(0x10)
+        if edges_per_rev >= 2**32:
+            raise _Unusual
+        return EncoderFrame(
+            channel=channel,
+            start_time_ns=start,
+            edges_per_rev=edges_per_rev,
+            sequence=fields.number(0x18),
+            first_edge_index=fields.number(0x20),
+            edge_offsets_ns=fields.last(0x2A, _DOUBLE),
+        )
+    return SampleFrame(
+        channel=channel,
+        start_time_ns=start,
+        sample_rate=fields.fixed(0x11, _RATE),
+        sequence=fields.number(0x18),
+        values=fields.last(0x22, _FLOAT),
+    )
+
+
 def decode(channel: Channel, payload: bytes) -> Frame:
-    """The frame in a payload; raises FrameError where the contract is broken."""
+    """The frame in a payload; raises FrameError where the contract is broken.
+
+    Most messages hold each field once, in order and to the end: their values are taken as they lie there.
+    """
     kind = CHANNEL_KINDS[channel.kind]
+    try:
+        return _quickly(kind, channel, payload)
+    except (_Unusual, IndexError, struct.error, FrameError):
+        return _decoded(kind, channel, payload)
+
+
+def _decoded(kind: Any, channel: Channel, payload: bytes) -> Frame:
+    """The same of any message, by protobuf."""
     message = pb.EncoderFrame() if kind.layout is Layout.EDGES else pb.SampleFrame()
     try:
         message.ParseFromString(payload)

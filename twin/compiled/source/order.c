@@ -4,6 +4,7 @@
 
 #include "kernels.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -124,12 +125,68 @@ FOR_EVERY_CPU static void extremes(const double *x, size_t n, double *low, doubl
 {
     double least = INFINITY, most = -INFINITY;
     for (size_t i = 0; i < n; i++) {
-        double a = is_finite(x[i]) ? x[i] : INFINITY, b = is_finite(x[i]) ? x[i] : -INFINITY;
+        int known = fabs(x[i]) <= DBL_MAX; /* not of NaN */
+        double a = known ? x[i] : INFINITY, b = known ? x[i] : -INFINITY;
         least = a < least ? a : least;
         most = b > most ? b : most;
     }
     *low = least;
     *high = most;
+}
+
+/* Of the finite ones among n values: lowest, highest, and how many are equal to each; their number. */
+FOR_EVERY_CPU int64_t at_extremes(int64_t n, const double *values, double *out)
+{
+    double low, high;
+    int64_t finite = 0, lowest = 0, highest = 0;
+    extremes(values, (size_t)n, &low, &high);
+    for (int64_t i = 0; i < n; i++) {
+        finite += fabs(values[i]) <= DBL_MAX; /* not of NaN */
+        lowest += values[i] == low;
+        highest += values[i] == high;
+    }
+    out[0] = low;
+    out[1] = high;
+    out[2] = finite ? (double)lowest : 0.0;
+    out[3] = finite ? (double)highest : 0.0;
+    return finite;
+}
+
+enum { LOOKED_AT = 255 }; /* values by which the median is guessed */
+
+static int rising(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* 1 where no finite value of n can lie further than so many times the median distance from the median, which takes no
+   order: 0 where it may. If the median lies between two bounds, and fewer than half of the values lie less than D beyond
+   them, the median distance is D at least. */
+FOR_EVERY_CPU int64_t all_near(int64_t n, const double *values, double times)
+{
+    double some[LOOKED_AT], low, high;
+    int64_t finite = 0, below = 0, above = 0, close = 0;
+    size_t seen_of = 0, stride = (size_t)n / LOOKED_AT + 1;
+    for (size_t i = 0; i < (size_t)n; i += stride)
+        if (is_finite(values[i]))
+            some[seen_of++] = values[i];
+    if (!seen_of)
+        return 0;
+    qsort(some, seen_of, sizeof *some, rising);
+    double from = some[seen_of * 2 / 5], to = some[seen_of * 3 / 5];
+    extremes(values, (size_t)n, &low, &high);
+    double furthest = high - from > to - low ? high - from : to - low, least = furthest / times;
+    double begin = from - least, end = to + least;
+    for (int64_t i = 0; i < n; i++) {
+        double x = values[i];
+        finite += fabs(x) <= DBL_MAX; /* not of NaN */
+        below += (x >= -DBL_MAX) & (x < from);
+        above += (x <= DBL_MAX) & (x > to);
+        close += (x > begin) & (x < end);
+    }
+    int64_t half = (finite - 1) / 2;
+    return below <= half && above <= half && close <= half && furthest > 0.0;
 }
 
 /* Of the finite ones among n values: lowest, highest, median, and median distance from the median; their number, or −1. */
