@@ -417,9 +417,9 @@ class Assembler:
             known = min((x.watermark for x in self._lanes.values() if not x.silent), default=float("inf"))
         while True:
             heads = [(x.released[0][0].start_time_ns, label) for label, x in self._lanes.items() if x.released]
-            if not heads or min(heads)[0] > known:
+            start, label = min(heads, default=(known, ""))
+            if not heads or start > known:
                 return
-            label = min(heads)[1]
             frame, lost = self._lanes[label].take()
             yield from self._place(label, frame, lost)
 

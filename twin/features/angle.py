@@ -23,7 +23,8 @@ from functools import cached_property
 from math import pi
 
 import numpy as np
-from scipy.interpolate import PPoly, make_lsq_spline
+from scipy.interpolate import BSpline, PPoly, make_lsq_spline
+from scipy.linalg import solveh_banded
 
 from twin import compiled
 from twin.errors import WindowError
@@ -32,6 +33,7 @@ from twin.windows import Edges
 TURNS_PER_KNOT = 1.5
 GROUPS_PER_TURN = 64  # edges are averaged in groups of at most 1/64 turn before the fit
 FEWEST_TURNS = 3.0
+MANY = 12  # values of every piece between knots from which the normal equations are well conditioned
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -122,6 +124,26 @@ def grouped(position, values, size: int) -> tuple[np.ndarray, np.ndarray]:
     return mean_position, np.where(good, rows, 0.0).sum(axis=1)[keep] / count
 
 
+def least_squares_spline(x, y, knots) -> np.ndarray:
+    """Coefficients of the cubic spline nearest to y at rising x (n,), by the normal equations; (m + 4,) → (m,).
+
+    Where every piece holds many values these are as good as an orthogonal factorisation, in a fifth of its time.
+    """
+    design = BSpline.design_matrix(x, knots, 3)
+    weights, first, m = design.data.reshape(-1, 4), design.indices[::4], knots.size - 4
+
+    def total(place: int, values: np.ndarray) -> np.ndarray:
+        return np.bincount(first + place, weights=weights[:, place] * values, minlength=m)
+
+    band = np.stack([sum(total(i, weights[:, i + lag]) for i in range(4 - lag)) for lag in range(4)])
+    return solveh_banded(band, sum(total(i, y) for i in range(4)), lower=True)
+
+
+def _careful_spline(x, y, knots) -> np.ndarray:
+    """The same where some pieces hold few values."""
+    return make_lsq_spline(x, y, knots, k=3).c
+
+
 def fit_track(
     angle, time, start: float, stop: float, source: str, turns_per_knot: float = TURNS_PER_KNOT
 ) -> AngleTrack:
@@ -139,9 +161,10 @@ def fit_track(
         raise WindowError(f"{source}: {x.size} valid edges are too few for a speed")
     full = np.concatenate(([0.0] * 3, knots, [span] * 3))
     slope = (time[-1] - time[0]) / (x[-1] - x[0])
-    spline = make_lsq_spline(x, time - slope * x, full, k=3)
+    many = counts.min() >= MANY and x[0] >= 0 and x[-1] <= span
+    fitted = least_squares_spline if many else _careful_spline
     line = slope * np.convolve(full[1:-1], np.ones(3) / 3, "valid")
-    whole = PPoly.from_spline((full, spline.c + line, 3))
+    whole = PPoly.from_spline((full, fitted(x, time - slope * x, full) + line, 3))
     if np.any(compiled.cubics_at(whole.x, whole.c, np.linspace(0, span, 8 * pieces + 1))[1] <= 0):
         raise WindowError(f"{source}: the angle does not rise steadily; encoder reversed, or edges out of order?")
     return AngleTrack(start=start, stop=stop, knots=whole.x, cubics=whole.c, source=source)

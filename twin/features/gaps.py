@@ -7,6 +7,8 @@ import numpy as np
 
 def runs(mask) -> list[tuple[int, int]]:
     """The stretches [start, stop) in which a boolean mask (n,) is true."""
+    if np.all(mask):
+        return [(0, len(mask))] if len(mask) else []
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 

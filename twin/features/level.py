@@ -13,6 +13,7 @@ Holds    a band below half the sampling rate; stationary over the window
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -36,13 +37,15 @@ class Level:
     valid_share: float  # share of the record's samples that were used, 0 … 1
 
 
+@lru_cache(maxsize=4)
 def tukey(n: int) -> np.ndarray:
-    """Window (n,), 1 but for raised cosines over the outer tenths."""
+    """Window (n,), 1 but for raised cosines over the outer tenths; read-only."""
     m = max(1, round(TAPERED * n))
     window = np.ones(n)
     ramp = np.sin(0.5 * np.pi * (np.arange(m) + 0.5) / m) ** 2
     window[:m] *= ramp
     window[n - m :] *= ramp[::-1]
+    window.flags.writeable = False
     return window
 
 

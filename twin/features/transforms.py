@@ -14,7 +14,7 @@ from scipy import fft
 @lru_cache(maxsize=8)
 def hann(n: int) -> np.ndarray:
     """Hann window (n,) symmetric about its middle, nowhere zero; read-only."""
-    rising = np.sin(pi * (np.arange((n + 1) // 2) + 0.5) / n) ** 2
+    rising = (_turns(2 * n, (n + 1) // 2) * np.exp(-0.5j * pi / n)).imag ** 2
     window = np.concatenate((rising, rising[: n // 2][::-1]))
     window.flags.writeable = False
     return window

@@ -189,14 +189,20 @@ FOR_EVERY_CPU void cubics_at(int64_t m, const double *knots, const double *c, in
                              double *value, double *slope)
 {
     int64_t i = 0;
-    for (int64_t j = 0; j < count; j++) {
-        double x = at[j];
-        while (i + 1 < m && x >= knots[i + 1])
+    for (int64_t j = 0, behind; j < count; j = behind) {
+        while (i + 1 < m && at[j] >= knots[i + 1])
             i++;
-        while (i > 0 && x < knots[i])
+        while (i > 0 && at[j] < knots[i])
             i--;
-        double u = x - knots[i], u2 = u * u, a = c[i], b = c[m + i], d = c[2 * m + i];
-        value[j] = c[3 * m + i] + d * u + b * u2 + a * (u2 * u);
-        slope[j] = d + 2.0 * b * u + 3.0 * a * u2;
+        double from = i > 0 ? knots[i] : -INFINITY, to = i + 1 < m ? knots[i + 1] : INFINITY;
+        for (behind = j + 1; behind < count && at[behind] >= from && at[behind] < to;)
+            behind++;
+        double knot = knots[i], a = c[i], b = c[m + i], d = c[2 * m + i], e = c[3 * m + i];
+        INDEPENDENT
+        for (int64_t k = j; k < behind; k++) { /* of one piece */
+            double u = at[k] - knot, u2 = u * u;
+            value[k] = e + d * u + b * u2 + a * (u2 * u);
+            slope[k] = d + 2.0 * b * u + 3.0 * a * u2;
+        }
     }
 }

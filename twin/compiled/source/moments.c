@@ -11,22 +11,24 @@ static inline int is_finite(double x) { return fabs(x) <= DBL_MAX; } /* not of N
    the number of finite values. */
 FOR_EVERY_CPU int64_t moments(int64_t n, const double *values, double *out)
 {
-    double sum = 0.0, finite = 0.0, square = 0.0, rest = 0.0, most = 0.0, fourth = 0.0;
+    double sum = 0.0, square = 0.0, rest = 0.0, most = 0.0, fourth = 0.0;
+    int64_t finite = 0;
     for (int64_t i = 0; i < n; i++) {
-        int known = is_finite(values[i]);
-        sum += known ? values[i] : 0.0;
-        finite += known ? 1.0 : 0.0;
+        finite += is_finite(values[i]);
+        sum += is_finite(values[i]) ? values[i] : 0.0;
     }
-    double mean = finite > 0.0 ? sum / finite : 0.0;
-    for (int64_t i = 0; i < n; i++)
-        rest += is_finite(values[i]) ? values[i] - mean : 0.0;
-    mean += finite > 0.0 ? rest / finite : 0.0;
+    double count = finite ? (double)finite : 1.0, mean = sum / count;
+    for (int64_t i = 0; i < n; i++) {
+        double d = is_finite(values[i]) ? values[i] - mean : 0.0;
+        rest += d;
+    }
+    mean += rest / count;
     for (int64_t i = 0; i < n; i++) {
         double d = is_finite(values[i]) ? fabs(values[i] - mean) : 0.0;
         square += d * d;
         most = d > most ? d : most;
     }
-    square = finite > 0.0 ? square / finite : 0.0;
+    square /= count;
     double inverse = square > 0.0 ? 1.0 / square : 0.0;
     for (int64_t i = 0; i < n; i++) {
         double d = is_finite(values[i]) ? values[i] - mean : 0.0, share = d * d * inverse;
@@ -35,6 +37,6 @@ FOR_EVERY_CPU int64_t moments(int64_t n, const double *values, double *out)
     out[0] = mean;
     out[1] = square;
     out[2] = most;
-    out[3] = finite > 0.0 ? fourth / finite : 0.0;
-    return (int64_t)finite;
+    out[3] = fourth / count;
+    return finite;
 }
