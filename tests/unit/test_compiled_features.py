@@ -81,6 +81,8 @@ def test_piecewise_cubics_are_those_of_scipy_in_any_order_of_places():
     expected = PPoly(cubics, knots)
     assert value == pytest.approx(expected(at), rel=1e-12, abs=1e-13)
     assert slope == pytest.approx(expected(at, 1), rel=1e-12, abs=1e-13)
+    alone, none = compiled.cubics_at(knots, cubics, at, slopes=False)
+    assert np.array_equal(alone, value) and none.size == 0
 
 
 def test_lost_values_and_places_give_nan_and_nothing_else():

@@ -8,6 +8,7 @@ from scipy.interpolate import make_lsq_spline
 
 from twin.features.angle import MANY, fit_track, least_squares_spline
 from twin.features.gaps import runs
+from twin.features.orders import _Transform
 from twin.features.transforms import hann
 
 RNG = np.random.default_rng(8)
@@ -42,3 +43,14 @@ def test_the_hann_window_is_the_stated_one(n):
 def test_a_mask_that_is_all_true_is_one_run_and_an_empty_one_none():
     assert runs(np.ones(5, dtype=bool)) == [(0, 5)] and runs(np.zeros(5, dtype=bool)) == []
     assert runs(np.zeros(0, dtype=bool)) == []
+
+
+@pytest.mark.parametrize("n", [1, 2, 17, 100, 2601, 10_000])
+def test_transforms_at_any_order_are_the_sums_that_are_stated(n):
+    step, orders = 2 * np.pi / 500, np.array([0.0, 0.37, 1.0, 19.0, 61.2, 240.0])
+    x, weight = RNG.standard_normal(n), RNG.uniform(0, 1, n)
+    X = RNG.standard_normal(orders.size) + 1j * RNG.standard_normal(orders.size)
+    turning = np.exp(1j * orders * (step * (np.arange(n) - 0.5 * (n - 1)))[:, None])  # (n, orders)
+    transform = _Transform(n, step, orders)
+    assert transform.forward(x, weight) == pytest.approx((x * weight) @ turning.conj(), abs=1e-12 * n)
+    assert transform.back(X) == pytest.approx((turning @ X).real, abs=1e-10)

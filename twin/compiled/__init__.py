@@ -424,17 +424,20 @@ def linear_at(values: np.ndarray, at: np.ndarray) -> np.ndarray:
     return _interpolated(_kernels.linear_at, values, at)
 
 
-def cubics_at(knots: np.ndarray, cubics: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values and slopes of piecewise cubics at each place; (m + 1,), (4, m), (k,) → (k,), (k,).
+def cubics_at(
+    knots: np.ndarray, cubics: np.ndarray, at: np.ndarray, slopes: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values and slopes of piecewise cubics at each place; (m + 1,), (4, m), (k,) → (k,), (k,) or (0,).
 
     knots   not falling
     cubics  coefficients of (x − knot)³ … (x − knot)⁰ of every piece
+    slopes  whether they are wanted
     """
     x, places = _given(knots, None), _given(at, None)
     if x.size < 2:
         raise ParameterError(f"{x.size} knots bound no piece")
-    c, value, slope = _given(cubics, 4, x.size - 1), np.empty(places.size), np.empty(places.size)
-    _kernels.cubics_at(x.size - 1, _at(x), _at(c), places.size, _at(places), _at(value), _at(slope))
+    c, value, slope = _given(cubics, 4, x.size - 1), np.empty(places.size), np.empty(places.size if slopes else 0)
+    _kernels.cubics_at(x.size - 1, _at(x), _at(c), places.size, _at(places), _at(value), _at(slope) if slopes else None)
     return value, slope
 
 

@@ -55,7 +55,8 @@ class AngleTrack:
 
     def time(self, angle) -> np.ndarray:
         """Time [s] at which the pinion is at each smoothed angle [rad]; (n,) → (n,)."""
-        return self.time_and_slowness(angle)[0]
+        x = np.asarray(angle - self.start, dtype=float)
+        return compiled.cubics_at(self.knots, self.cubics, x.ravel(), slopes=False)[0].reshape(x.shape)
 
     def slowness(self, angle) -> np.ndarray:
         """dt/dθ [s/rad] at each smoothed angle [rad]; (n,) → (n,)."""

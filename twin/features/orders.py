@@ -58,31 +58,40 @@ def window_weight(signal: AngleSignal) -> np.ndarray:
 
 
 class _Transform:
-    """Σ_n x_n exp(−i·o·φ_n) at arbitrary orders, φ even and zero in the middle: two small matrix products."""
+    """Σ_n x_n exp(−i·o·φ_n) at arbitrary orders, φ even and zero in the middle: small matrix products.
+
+    The record is cut into rows. About the middle of a row cosines are even and sines odd, so that half a row of sums
+    and half a row of differences give both.
+    """
 
     def __init__(self, n: int, step: float, orders):
-        self.n, self.columns = n, int(np.ceil(sqrt(n)))
+        self.n, self.half = n, int(np.ceil(0.5 * sqrt(n)))  # of a row
+        self.columns = 2 * self.half
         self.rows = -(-n // self.columns)
         o = np.asarray(orders)
-        fast = powers(np.exp(1j * step * o), self.columns)
-        self.fast = np.concatenate((fast.real, fast.imag), axis=1)  # (columns, 2·orders)
-        middle = np.exp(-0.5j * (n - 1) * step * o)
-        self.slow = powers(np.exp(1j * step * self.columns * o), self.rows) * middle  # (rows, orders)
+        fast = powers(np.exp(1j * step * o), self.half) * np.exp(0.5j * step * o)
+        self.cosine, self.sine = fast.real.copy(), fast.imag.copy()  # behind a row's middle (half, orders)
+        middle = np.exp(-0.5j * (n - self.columns) * step * o)
+        self.slow = powers(np.exp(1j * step * self.columns * o), self.rows) * middle  # of rows' middles (rows, orders)
 
     def forward(self, x, weight=1.0) -> np.ndarray:
         """Of x·weight, (n,) real → (orders,) complex."""
-        padded = np.empty(self.rows * self.columns)
-        np.multiply(x, weight, out=padded[: self.n])
-        padded[self.n :] = 0.0
-        inner = padded.reshape(self.rows, self.columns) @ self.fast
-        cosine, sine = inner[:, : self.slow.shape[1]], inner[:, self.slow.shape[1] :]
+        padded = np.empty((self.rows, self.columns))
+        flat = padded.reshape(-1)
+        np.multiply(x, weight, out=flat[: self.n])
+        flat[self.n :] = 0.0
+        before, behind = padded[:, : self.half][:, ::-1], padded[:, self.half :]
+        cosine, sine = (behind + before) @ self.cosine, (behind - before) @ self.sine
         return np.sum((cosine - 1j * sine) * self.slow.conj(), axis=0)
 
     def back(self, X) -> np.ndarray:
         """Re Σ_o X_o exp(i·o·φ_n); (orders,) complex → (n,) real."""
         left = self.slow * X
-        block = np.concatenate((left.real, -left.imag), axis=1) @ self.fast.T
-        return block.reshape(-1)[: self.n]
+        even, odd = left.real @ self.cosine.T, left.imag @ self.sine.T
+        out = np.empty((self.rows, self.columns))
+        np.subtract(even, odd, out=out[:, self.half :])
+        np.add(even, odd, out=out[:, : self.half][:, ::-1])
+        return out.reshape(-1)[: self.n]
 
 
 def _hann_transforms(orders, n: int, step: float) -> tuple[np.ndarray, np.ndarray]:

@@ -183,7 +183,7 @@ FOR_EVERY_CPU void linear_at(int64_t n, const double *values, int64_t count, con
     }
 }
 
-/* Piecewise cubics sum_j c[j][i] (x - knots[i])^(3 - j) of m pieces: value and slope at each place (count). Beyond the
+/* Piecewise cubics sum_j c[j][i] (x - knots[i])^(3 - j) of m pieces: value and slope, unless it is NULL, at each place (count). Beyond the
    knots (m + 1, not falling) the outermost piece goes on. Places that follow each other are found quickly. */
 FOR_EVERY_CPU void cubics_at(int64_t m, const double *knots, const double *c, int64_t count, const double *at,
                              double *value, double *slope)
@@ -202,7 +202,11 @@ FOR_EVERY_CPU void cubics_at(int64_t m, const double *knots, const double *c, in
         for (int64_t k = j; k < behind; k++) { /* of one piece */
             double u = at[k] - knot, u2 = u * u;
             value[k] = e + d * u + b * u2 + a * (u2 * u);
-            slope[k] = d + 2.0 * b * u + 3.0 * a * u2;
+        }
+        INDEPENDENT
+        for (int64_t k = slope ? j : behind; k < behind; k++) {
+            double u = at[k] - knot;
+            slope[k] = d + 2.0 * b * u + 3.0 * a * (u * u);
         }
     }
 }
