@@ -16,21 +16,23 @@ Ignores  wear that differs from tooth to tooth
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from math import pi
 
 import numpy as np
 
 from twin.dynamics.contact_loss import solve_through_contact_loss
 from twin.dynamics.harmonic_balance import EVERY, SteadyState
+from twin.dynamics.structure import Structure
 from twin.effects.response import Effect, Response, solve_with
 from twin.effects.setup import SensorGain, contacts_of, sampled, setup_of
 from twin.errors import NotConverged
-from twin.model import Condition, Model
+from twin.model import Calibration, Condition, Model
 from twin.wear.curve import LINES, MeshLines
 from twin.wear.profile import WornProfile
 
+KEPT = 1024  # windows with effects of longer periods; some 5 kB each
 SLICED_SAMPLES = 256  # a mesh period, where the face is sliced: lines within 2.5 nm and 0.1 % of those with 1024
 
 
@@ -137,7 +139,42 @@ def window_lines(model: Model, profile: WornProfile, condition: Condition) -> Wi
             contact_loss=steady.contact_loss,
         )
     assert isinstance(model, ExtendedModel)
-    response = model.response(profile.across(model.slices), condition, whole=True)
+    return _over_long_period(_Asked.of(model, profile.across(model.slices), condition))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """What a window's lines follow from: a trace asks for the same of many windows that the trace before asked for."""
+
+    model: ExtendedModel = field(compare=False)
+    profile: WornProfile = field(compare=False)
+    condition: Condition
+    rig: str
+    calibration: Calibration
+    structure: Structure
+    samples: int  # a mesh period
+    effects: tuple[Effect, ...]
+    depths: tuple[bytes, ...]  # of every slice of the face
+
+    @classmethod
+    def of(cls, model: ExtendedModel, profile: WornProfile, condition: Condition) -> _Asked:
+        return cls(
+            model=model,
+            profile=profile,
+            condition=condition,
+            rig=model.rig.text,
+            calibration=model.calibration,
+            structure=model.structure,
+            samples=model.mesh.samples,
+            effects=model.effects,
+            depths=tuple(each.depth.tobytes() for each in profile.slices),
+        )
+
+
+@lru_cache(maxsize=KEPT)
+def _over_long_period(asked: _Asked) -> WindowLines:
+    model, condition = asked.model, asked.condition
+    response = model.response(asked.profile, condition, whole=True)
     if not response.steady.converged:
         raise NotConverged(f"no steady state with effects at {condition.speed_hz:g} Hz, {condition.torque:g} N·m")
     z1 = model.mesh.pair.teeth[0]
@@ -146,7 +183,7 @@ def window_lines(model: Model, profile: WornProfile, condition: Condition) -> Wi
     step = round(z1 * float(response.setup.turns))
     motion = response.steady.lines(response.setup.structure, response.setup.structure.pinion_motion)
     heard = response.acceleration(orders)
-    return WindowLines(
+    found = WindowLines(
         lines=MeshLines(
             transmission_error=response.transmission_error(orders[:LINES]),
             mean=response.mean_transmission_error,
@@ -156,3 +193,6 @@ def window_lines(model: Model, profile: WornProfile, condition: Condition) -> Wi
         beyond=heard[LINES:],
         contact_loss=response.steady.contact_loss,
     )
+    for values in (found.lines.transmission_error, found.lines.pinion_motion, found.lines.acceleration, found.beyond):
+        values.setflags(write=False)  # others are given the same
+    return found
