@@ -83,11 +83,13 @@ def test_threads_share_what_is_kept():
 
 
 def test_lines_of_a_window_with_effects_of_a_turn_are_solved_once():
-    """Asked for again by an equal model, built anew; at another depth or torque they are others."""
+    """Asked for again with equal effects put in anew; at another depth or torque they are others."""
+    gearbox = model()
     asks = [(25e-6, TEN), (25e-6, TEN), (25.1e-6, TEN), (25e-6, FOURTEEN)]
-    found = [window_lines(extend(model(), (ECCENTRIC, FRICTION)), worn(TEN, d), c) for d, c in asks]
+    found = [window_lines(extend(gearbox, (ECCENTRIC, FRICTION)), worn(TEN, d), c) for d, c in asks]
     assert found[1] is found[0] and len({id(each) for each in found}) == 3
-    alone = solve_with(model(), (ECCENTRIC, FRICTION), worn(TEN, 25e-6), TEN)
+    extended = extend(gearbox, (ECCENTRIC, FRICTION))
+    alone = extended.response(worn(TEN, 25e-6).across(extended.slices), TEN, whole=True)
     assert np.array_equal(found[0].lines.transmission_error[:2], alone.transmission_error([19, 38]))
     with pytest.raises(ValueError, match="read-only"):
         found[0].lines.acceleration[0] = 0.0
