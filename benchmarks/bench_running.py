@@ -173,7 +173,9 @@ def one_machine() -> list[Figure]:
             )
             what = f"{CHANNELS} channels at 25.6 kHz, {name} conditions, {how}"
             aim = AIMS[how] if conditions is CONSTANT else None
-            figures.append(Figure(what=what, value=1e3 / run.pace(late=True), unit="ms", aim=aim, note=note))
+            figures.append(
+                Figure(what=what, value=1e3 / run.pace(late=True), unit="ms", aim=aim, limit=200.0, note=note)
+            )
     for how, trace in (("wear alone", False), ("traced", True)):
         ratio = paces["constant", trace] / paces["varying", trace]
         figures.append(Figure(what=f"  varying conditions over constant, {how}", value=ratio, unit="", aim=1.5))

@@ -70,7 +70,7 @@ def main() -> list[Figure]:
     curve_with.cache_clear()
     found, taken = traced(rig, state)
     names = ", ".join(f.name for f in found.found)
-    tell(Figure(what="full trace of a campaign with one effect", value=taken, unit="s", aim=0.5,
+    tell(Figure(what="full trace of a campaign with one effect", value=taken, unit="s", aim=0.5, limit=10.0,
                 note=f"{len(found.fitted)} windows fitted; found {names}"))  # fmt: skip
     _, taken = traced(rig, state, kept=state.tracing.found, tolerated=2 * (found.misfit_after or 0.0))
     tell(Figure(what="  the same, with the effects fitted again", value=taken, unit="s"))
@@ -78,7 +78,7 @@ def main() -> list[Figure]:
     rig, windows = windows_of(recording(HEALTHY))
     state = followed(rig, windows)
     found, taken = traced(rig, state)
-    tell(Figure(what="trace of a healthy machine: nothing is new", value=taken, unit="s", aim=0.05,
+    tell(Figure(what="trace of a healthy machine: nothing is new", value=taken, unit="s", aim=0.05, limit=1.0,
                 note=f"{len(found.fitted)} windows fitted; found {len(found.found)}"))  # fmt: skip
     latest = state.tracing.history[-1]
     outcome = update_window(

@@ -65,7 +65,7 @@ def test_figures_replace_what_stood_in_their_table_and_nothing_else():
 
 
 @pytest.mark.slow
-def test_all_benchmarks_run_and_meet_their_aims_within_a_factor_of_two():
+def test_all_benchmarks_run_and_stay_within_their_limits():
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks", "--quick"], cwd=ROOT, capture_output=True, text=True, timeout=280
     )
