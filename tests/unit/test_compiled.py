@@ -298,7 +298,7 @@ def test_best_phases_are_the_lowest_of_a_fine_scan(spread):
     rng, prior, k = np.random.default_rng(5), 3.0, np.arange(1, 4)
     products = 40 * (rng.standard_normal((50, 3)) + 1j * rng.standard_normal((50, 3)))
     found = compiled.best_phases(products, np.linspace(-np.pi, np.pi, 120, endpoint=False), prior, spread)
-    fine = np.linspace(-np.pi, np.pi, 200_001)[1:]
+    fine = np.linspace(-np.pi, np.pi, 40_001)[1:]
     off = (fine - prior + np.pi) % (2 * np.pi) - np.pi
     cost = 0.5 * (off / spread) ** 2 - (np.exp(-1j * np.outer(fine, k)) @ products.T).real.T
     distance = (found - fine[cost.argmin(axis=1)] + np.pi) % (2 * np.pi) - np.pi
