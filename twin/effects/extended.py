@@ -32,7 +32,7 @@ from twin.model import Calibration, Condition, Model
 from twin.wear.curve import LINES, MeshLines
 from twin.wear.profile import WornProfile
 
-KEPT = 1024  # windows with effects of longer periods; some 5 kB each
+KEPT = 256  # windows with effects of longer periods; 10 kB each, 60 kB with a structure of its own
 SLICED_SAMPLES = 256  # a mesh period, where the face is sliced: lines within 2.5 nm and 0.1 % of those with 1024
 
 

@@ -7,10 +7,10 @@ p      logarithms of stiffness scale, modal damping and damping time about the r
 C      covariance of healthy machines (scatter.py)
 
 Weighted least squares: a Gauss–Newton step lowers the squares with C held; C then follows the prediction, until a step
-promises nothing more. What ln det C alone would gain by another prediction has no say in the fit: the minimum of the
-whole of Φ trusts the sizes in C too much and shrinks effects (misalignments of 32 and 38 µm to 29 and 30 µm). The
-lines of a window depend on its own depth and on what all windows share; their derivatives are the sensitivities of its
-steady state (twin/dynamics/sensitivity.py).
+promises nothing more or MOST_STEPS are done. What ln det C alone would gain by another prediction has no say in the
+fit: the minimum of the whole of Φ trusts the sizes in C too much and shrinks effects (misalignments of 32 and 38 µm to
+29 and 30 µm). The lines of a window depend on its own depth and on what all windows share; their derivatives are the
+sensitivities of its steady state (twin/dynamics/sensitivity.py).
 
     ln evidence = −½·Φ − ½·ln det H         H = JᵀJ + S⁻²: Laplace's approximation
 
@@ -38,7 +38,7 @@ STEP = 1e-4  # of a shared value, for its derivative
 PHASE_STEP = 1e-5  # [rad]
 DEPTH_STEP = 0.02e-6  # [m]
 DEPTH_SCALE = 10e-6  # [m]: depths are in these units inside; no prior
-MOST_STEPS = 10
+MOST_STEPS = 10  # that a fit may take; most end before
 MOST_TRIALS = 6  # of the damping, in one step
 WIDEST = 3.0  # prior spreads that a calibrated value may move
 LEAST_DEPTH = 1e-8  # of a worn window [m]
