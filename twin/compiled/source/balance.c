@@ -4,7 +4,8 @@
        A u  = u + lines(t samples(w P u)) + sum_c r_c lines(t_c samples(w P u)),   w = (1 + i omega tau)/(k (1 + i omega tau) + 1/G)
 
    P is the inverse of A on the lowest lines where it is given, and the identity on the others. Lines are vectors over the
-   reals: a product with a signal in time mixes lines and their conjugates. See twin/dynamics/harmonic_balance.py.
+   reals: a product with a signal in time mixes lines and their conjugates. Over long periods GMRES works in single
+   precision, whose error the next step of Newton's method takes away. See twin/dynamics/harmonic_balance.py.
 
    Source: C. T. Kelley, Solving Nonlinear Equations with Newton's Method, SIAM 2003, ch. 3; Y. Saad, M. H. Schultz, SIAM
    J. Sci. Stat. Comput. 7 (1986) 856-869 */
@@ -15,7 +16,27 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6, BLOCK = 64, PIECE = 2048 };
+enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6, BLOCK = 64, PIECE = 2048, LONG = 8192, MOST_ROUNDED = 16 };
+
+FOR_EVERY_CPU static float dot_low(const float *restrict a, const float *restrict b, size_t count)
+{
+    float total = 0.0f;
+    for (size_t i = 0; i < count; i++)
+        total += a[i] * b[i];
+    return total;
+}
+
+#define REAL double
+#define NAME(x) x
+#include "krylov.h"
+#undef REAL
+#undef NAME
+
+#define REAL float
+#define NAME(x) x##_single
+#include "krylov.h"
+
+static const double SINGLE = 1e-6; /* least relative tolerance of a linear solution in single precision */
 
 typedef struct {
     const balance *of;
@@ -49,37 +70,6 @@ static int open_space(space *s, const balance *b, int64_t actions)
 }
 
 static void close_space(space *s) { free(s->lines); }
-
-FOR_EVERY_CPU static double dot(const double *restrict a, const double *restrict b, size_t count)
-{
-    double total = 0.0;
-    for (size_t i = 0; i < count; i++)
-        total += a[i] * b[i];
-    return total;
-}
-
-FOR_EVERY_CPU static void add(double *restrict to, double factor, const double *restrict what, size_t count)
-{
-    for (size_t i = 0; i < count; i++)
-        to[i] += factor * what[i];
-}
-
-/* out = a*b of complex lines */
-FOR_EVERY_CPU static void multiply(const double *restrict a, const double *restrict b, double *restrict out, size_t m)
-{
-    for (size_t k = 0; k < m; k++) {
-        out[k] = a[k] * b[k] - a[m + k] * b[m + k];
-        out[m + k] = a[k] * b[m + k] + a[m + k] * b[k];
-    }
-}
-
-FOR_EVERY_CPU static void add_product(double *restrict to, const double *restrict a, const double *restrict b, size_t m)
-{
-    for (size_t k = 0; k < m; k++) {
-        to[k] += a[k] * b[k] - a[m + k] * b[m + k];
-        to[m + k] += a[k] * b[m + k] + a[m + k] * b[k];
-    }
-}
 
 FOR_EVERY_CPU static void invert(const double *restrict a, double *restrict out, size_t m)
 {
@@ -172,133 +162,6 @@ static double residual_at(const space *s, const double *d, double *residual, dou
     return dot(residual, residual, 2 * m);
 }
 
-FOR_EVERY_CPU static float dot_single(const float *restrict a, const float *restrict b, size_t count)
-{
-    float total = 0.0f;
-    for (size_t i = 0; i < count; i++)
-        total += a[i] * b[i];
-    return total;
-}
-
-/* out = P u */
-static void precondition(const space *s, const double *u, double *out)
-{
-    size_t m = s->m, low = (size_t)s->of->low;
-    memcpy(out, u, 2 * m * sizeof(double));
-    if (!low)
-        return;
-    float *given = (float *)s->work; /* 2*low <= n/2 singles */
-    for (size_t k = 0; k < low; k++) {
-        given[k] = (float)u[k];
-        given[low + k] = (float)u[m + k];
-    }
-    for (size_t k = 0; k < low; k++) {
-        out[k] = dot_single(s->of->low_inverse + k * 2 * low, given, 2 * low);
-        out[m + k] = dot_single(s->of->low_inverse + (low + k) * 2 * low, given, 2 * low);
-    }
-}
-
-FOR_EVERY_CPU static void times(const double *restrict a, const double *restrict b, double *restrict out, size_t n)
-{
-    for (size_t i = 0; i < n; i++)
-        out[i] = a[i] * b[i];
-}
-
-/* out = A u */
-static void product(const space *s, const double *u, const double *action_tangents, double *out)
-{
-    size_t n = s->n, m = s->m;
-    precondition(s, u, out);
-    multiply(s->weight, out, s->lines, m);
-    fft_to_samples(s->plan, s->lines, s->motion);
-    times(s->varying, s->motion, s->work, n);
-    fft_to_lines(s->plan, s->work, s->lines);
-    add(out, 1.0, s->lines, 2 * m);
-    for (size_t c = 0; c < s->actions; c++) {
-        times(action_tangents + c * n, s->motion, s->work, n);
-        fft_to_lines(s->plan, s->work, s->lines);
-        add_product(out, s->of->ratios + 2 * c * m, s->lines, m);
-    }
-}
-
-/* Takes from w (all) its parts h (count) along orthogonal vectors of length 1, piece by piece, so that w is read once for
-   all of them; adds the parts to `column` and returns the length that is left. */
-FOR_EVERY_CPU static double orthogonalise(const double *restrict basis, int count, double *restrict w, size_t all,
-                                          double *restrict column)
-{
-    double h[LONGEST] = {0.0}, left = 0.0;
-    for (size_t start = 0; start < all; start += PIECE) {
-        size_t length = all - start < PIECE ? all - start : PIECE;
-        for (int i = 0; i < count; i++)
-            h[i] += dot(basis + (size_t)i * all + start, w + start, length);
-    }
-    for (size_t start = 0; start < all; start += PIECE) {
-        size_t length = all - start < PIECE ? all - start : PIECE;
-        for (int i = 0; i < count; i++)
-            add(w + start, -h[i], basis + (size_t)i * all + start, length);
-        left += dot(w + start, w + start, length);
-    }
-    for (int i = 0; i < count; i++)
-        column[i] += h[i];
-    return sqrt(left);
-}
-
-/* out with |A out - right| <= tolerance |right|, or as near as LONGEST steps come; returns the number of products. */
-static int64_t krylov(const space *s, const double *right, double tolerance, const double *action_tangents, double *out)
-{
-    size_t all = 2 * s->m;
-    double R[LONGEST][LONGEST], cosine[LONGEST], sine[LONGEST], remaining[LONGEST + 1], column[LONGEST + 1];
-    double size = sqrt(dot(right, right, all));
-    memset(out, 0, all * sizeof(double));
-    if (size == 0.0)
-        return 0;
-    for (size_t k = 0; k < all; k++)
-        s->basis[k] = right[k] / size;
-    remaining[0] = size;
-    int steps = 0;
-    int64_t products = 0;
-    for (int j = 0; j < LONGEST; j++) {
-        double *w = s->basis + (size_t)(j + 1) * all;
-        product(s, s->basis + (size_t)j * all, action_tangents, w);
-        products++;
-        double before = sqrt(dot(w, w, all)), length = before;
-        memset(column, 0, sizeof column);
-        for (int turn = 0; turn < 2; turn++) { /* once more where one pass has lost orthogonality */
-            length = orthogonalise(s->basis, j + 1, w, all, column);
-            if (length > 0.1 * before)
-                break;
-        }
-        for (int i = 0; i < j; i++) {
-            double a = column[i], b = column[i + 1];
-            column[i] = cosine[i] * a + sine[i] * b;
-            column[i + 1] = cosine[i] * b - sine[i] * a;
-        }
-        double diagonal = hypot(column[j], length);
-        if (diagonal == 0.0) /* the operator is singular in this direction: nothing more to gain */
-            break;
-        cosine[j] = column[j] / diagonal;
-        sine[j] = length / diagonal;
-        column[j] = diagonal;
-        for (int i = 0; i <= j; i++)
-            R[i][j] = column[i];
-        remaining[j + 1] = -sine[j] * remaining[j];
-        remaining[j] *= cosine[j];
-        steps = j + 1;
-        if (fabs(remaining[j + 1]) <= tolerance * size || length == 0.0)
-            break;
-        for (size_t k = 0; k < all; k++)
-            w[k] /= length;
-    }
-    for (int i = steps - 1; i >= 0; i--) {
-        for (int k = i + 1; k < steps; k++)
-            remaining[i] -= R[i][k] * remaining[k];
-        remaining[i] /= R[i][i];
-    }
-    for (int i = 0; i < steps; i++)
-        add(out, remaining[i], s->basis + (size_t)i * all, all);
-    return products;
-}
-
 static double mean_of(const double *values, size_t n)
 {
     double total = 0.0;
@@ -320,6 +183,60 @@ static void linearise(const space *s, const double *tangent)
         s->lines[k] = mean * b->closing[k] + b->inverse[k];
     invert(s->lines, s->scale, s->m);
     multiply(b->closing, s->scale, s->weight, s->m);
+}
+
+static operator operator_of(const space *s, const double *action_tangents)
+{
+    return (operator){
+        .plan = s->plan, .n = s->n, .m = s->m, .actions = (size_t)s->of->actions, .low = (size_t)s->of->low,
+        .low_inverse = s->of->low_inverse, .weight = s->weight, .ratios = s->of->ratios, .varying = s->varying,
+        .action_tangents = action_tangents, .lines = s->lines, .motion = s->motion, .work = s->work,
+        .basis = s->basis,
+    };
+}
+
+/* A record in single precision, or room for one, at `*next`, which moves on by its length. */
+static float *rounded(const double *values, size_t count, float **next)
+{
+    float *out = *next;
+    for (size_t i = 0; values && i < count; i++)
+        out[i] = (float)values[i];
+    *next += count;
+    return out;
+}
+
+/* GMRES in single precision, within the room of the basis in double precision. */
+static int64_t krylov_rounded(const space *s, const double *right, double tolerance, const double *action_tangents,
+                              double *out)
+{
+    size_t n = s->n, m = s->m, a = (size_t)s->of->actions;
+    float *next = (float *)s->basis, *basis = rounded(NULL, (LONGEST + 1) * 2 * m, &next);
+    operator_single q = {
+        .plan = s->plan, .n = n, .m = m, .actions = a, .low = (size_t)s->of->low, .low_inverse = s->of->low_inverse,
+        .basis = basis,
+    };
+    q.weight = rounded(s->weight, 2 * m, &next);
+    q.ratios = rounded(s->of->ratios, a * 2 * m, &next);
+    q.varying = rounded(s->varying, n, &next);
+    q.action_tangents = rounded(action_tangents, a * n, &next);
+    q.lines = rounded(NULL, 2 * m, &next);
+    q.motion = rounded(NULL, n, &next);
+    q.work = rounded(NULL, n, &next);
+    float *found = rounded(NULL, 2 * m, &next);
+    int64_t products = krylov_single(&q, rounded(right, 2 * m, &next), tolerance, found);
+    for (size_t k = 0; k < 2 * m; k++)
+        out[k] = found[k];
+    return products;
+}
+
+/* out with |A out - right| <= tolerance |right|; returns the number of products. */
+static int64_t linear_solution(const space *s, const double *right, double tolerance, const double *action_tangents,
+                               double *out)
+{
+    if (s->n > LONG && tolerance >= SINGLE && (size_t)s->of->actions <= MOST_ROUNDED)
+        return krylov_rounded(s, right, tolerance, action_tangents, out);
+    operator q = operator_of(s, action_tangents);
+    return krylov(&q, right, tolerance, out);
 }
 
 static double smallest(const double *values, size_t n)
@@ -400,8 +317,9 @@ int newton(const balance *b, double *deflection, double tolerance, double parted
         for (size_t k = 0; k < all; k++)
             s.residual[k] = -s.found[k];
         double wanted = fmin(1e-2, fmax(0.1 * size, 0.1 * tolerance / size));
-        products += krylov(&s, s.residual, wanted, out->action_tangents, s.found);
-        precondition(&s, s.found, s.trial);
+        products += linear_solution(&s, s.residual, wanted, out->action_tangents, s.found);
+        operator q = operator_of(&s, NULL);
+        precondition(&q, s.found, s.trial);
         multiply(s.scale, s.trial, s.correction, s.m);
         step = 1.0;
         before = total;
@@ -454,11 +372,12 @@ int branch_solutions(const balance *b, const double *d, double tolerance, double
         s.residual[k] = -s.residual[k];
         s.correction[k] = -s.correction[k];
     }
-    int64_t products = krylov(&s, s.residual, tolerance, action_tangents, s.found);
-    precondition(&s, s.found, s.trial);
+    operator q = operator_of(&s, action_tangents);
+    int64_t products = krylov(&q, s.residual, tolerance, s.found);
+    precondition(&q, s.found, s.trial);
     multiply(s.scale, s.trial, step, s.m);
-    products += krylov(&s, s.correction, tolerance, action_tangents, s.found);
-    precondition(&s, s.found, s.trial);
+    products += krylov(&q, s.correction, tolerance, s.found);
+    precondition(&q, s.found, s.trial);
     multiply(s.scale, s.trial, slope, s.m);
     *done = (progress){.products = products, .residual = size / b->mean_force};
     close_space(&s);
@@ -497,14 +416,15 @@ int carry_on(const balance *from, const balance *to, const double *d, const doub
         s.residual[k] = left[k] - s.residual[k];
     residual_at(&s, d, s.found, out->tangent, out->action_tangents, &largest);
     linearise(&s, out->tangent);
+    operator q = operator_of(&s, out->action_tangents);
     double size = sqrt(dot(s.residual, s.residual, all)), rest = size;
     *done = (progress){0};
     for (int turn = 0; turn < RESTARTS && rest > tolerance * size; turn++) {
-        done->products += krylov(&s, s.residual, tolerance * size / rest, out->action_tangents, s.found);
-        product(&s, s.found, out->action_tangents, s.trial);
+        done->products += krylov(&q, s.residual, tolerance * size / rest, s.found);
+        product(&q, s.found, s.trial);
         done->products++;
         add(s.residual, -1.0, s.trial, all);
-        precondition(&s, s.found, s.trial);
+        precondition(&q, s.found, s.trial);
         multiply(s.scale, s.trial, s.correction, s.m);
         add(x, 1.0, s.correction, all);
         rest = sqrt(dot(s.residual, s.residual, all));

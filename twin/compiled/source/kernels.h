@@ -28,6 +28,9 @@ const plan *fft_plan(size_t n);
 /* Samples (n) to lines (2m), and lines to samples. */
 void fft_to_lines(const plan *p, const double *samples, double *lines);
 void fft_to_samples(const plan *p, const double *lines, double *samples);
+/* The same in single precision. */
+void fft_to_lines_single(const plan *p, const float *samples, float *lines);
+void fft_to_samples_single(const plan *p, const float *lines, float *samples);
 
 /* -- balance.c -- */
 
