@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6, BLOCK = 64, PIECE = 2048, LONG = 8192, MOST_ROUNDED = 16 };
+enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6, BLOCK = 64, PIECE = 2048, LONG = 1024, MOST_ROUNDED = 16 };
 
 FOR_EVERY_CPU static float dot_low(const float *restrict a, const float *restrict b, size_t count)
 {
@@ -37,6 +37,8 @@ FOR_EVERY_CPU static float dot_low(const float *restrict a, const float *restric
 #include "krylov.h"
 
 static const double SINGLE = 1e-6; /* least relative tolerance of a linear solution in single precision */
+static const double LEAST = 0.1;   /* slope of the contacts, of its mean, below which all count alike in a harmonic mean */
+static const double LOOSEST = 0.05, SHARE = 0.3; /* of a Newton step over a long period: relative tolerances */
 
 typedef struct {
     const balance *of;
@@ -102,17 +104,30 @@ FOR_EVERY_CPU static void round_contact(const double *restrict motion, const dou
     }
 }
 
-FOR_EVERY_CPU static void act(const double *restrict motion, const double *restrict k, const double *restrict e,
-                              const double *restrict weight, double side, double rounding, double *restrict force,
-                              double *restrict tangent, size_t n)
+/* The same of an action. */
+FOR_EVERY_CPU static void sharp_action(const double *restrict motion, const double *restrict k, const double *restrict e,
+                                       const double *restrict weight, double side, double *restrict force,
+                                       double *restrict tangent, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        double x = side * motion[i] + e[i], stiffness = x > 0.0 ? weight[i] * k[i] : 0.0;
+        force[i] += side * stiffness * x;
+        tangent[i] += stiffness;
+    }
+}
+
+FOR_EVERY_CPU static void round_action(const double *restrict motion, const double *restrict k, const double *restrict e,
+                                       const double *restrict weight, double side, double rounding,
+                                       double *restrict force, double *restrict tangent, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         double x = side * motion[i] + e[i], root = sqrt(x * x + rounding * rounding);
         force[i] += weight[i] * side * k[i] * 0.5 * (x + root);
-        tangent[i] += weight[i] * k[i] * (root > 0.0 ? 0.5 * (1.0 + x / root) : 0.0);
+        tangent[i] += weight[i] * k[i] * 0.5 * (1.0 + x / root);
     }
 }
 
+/* Piece by piece of the record, so that what all contacts add to is read once. */
 static void contacts_at(const space *s, double *tangent, double *action_tangents)
 {
     const balance *b = s->of;
@@ -123,15 +138,25 @@ static void contacts_at(const space *s, double *tangent, double *action_tangents
         memset(s->action_forces, 0, s->actions * n * sizeof(double));
         memset(action_tangents, 0, s->actions * n * sizeof(double));
     }
-    for (size_t i = 0; i < p; i++) {
-        const double *k = b->stiffness + i * n, *e = b->open_by + i * n;
-        if (b->rounding > 0.0)
-            round_contact(s->motion, k, e, b->side[i], b->rounding, s->force, tangent, n);
-        else
-            sharp_contact(s->motion, k, e, b->side[i], s->force, tangent, n);
-        for (size_t c = 0; c < s->actions; c++)
-            act(s->motion, k, e, b->weights + (c * p + i) * n, b->side[i], b->rounding, s->action_forces + c * n,
-                action_tangents + c * n, n);
+    for (size_t start = 0; start < n; start += PIECE) {
+        size_t length = n - start < PIECE ? n - start : PIECE;
+        const double *motion = s->motion + start;
+        for (size_t i = 0; i < p; i++) {
+            const double *k = b->stiffness + i * n + start, *e = b->open_by + i * n + start;
+            double side = b->side[i], rounding = b->rounding;
+            if (rounding > 0.0)
+                round_contact(motion, k, e, side, rounding, s->force + start, tangent + start, length);
+            else
+                sharp_contact(motion, k, e, side, s->force + start, tangent + start, length);
+            for (size_t c = 0; c < s->actions; c++) {
+                const double *weight = b->weights + (c * p + i) * n + start;
+                double *force = s->action_forces + c * n + start, *slope = action_tangents + c * n + start;
+                if (rounding > 0.0)
+                    round_action(motion, k, e, weight, side, rounding, force, slope, length);
+                else
+                    sharp_action(motion, k, e, weight, side, force, slope, length);
+            }
+        }
     }
 }
 
@@ -170,13 +195,25 @@ static double mean_of(const double *values, size_t n)
     return total / (double)n;
 }
 
-/* Scale 1/(k (1 + i omega tau) + 1/G), weight w, and the slopes' departure from their mean. */
+/* Of values that count as no less than `least` > 0. */
+static double harmonic_mean(const double *values, double least, size_t n)
+{
+    double total = 0.0;
+    for (size_t i = 0; i < n; i++)
+        total += 1.0 / (values[i] > least ? values[i] : least);
+    return (double)n / total;
+}
+
+/* Scale 1/(k (1 + i omega tau) + 1/G), weight w, and the slopes' departure from k: their mean, over long periods the
+   harmonic one, about which GMRES needs fewer products. */
 static void linearise(const space *s, const double *tangent)
 {
     const balance *b = s->of;
     double mean = mean_of(tangent, s->n);
     if (mean == 0.0)
         mean = mean_of(b->stiffness, (size_t)b->contacts * s->n);
+    else if (s->n > LONG && !b->low) /* the low harmonics are those about the mean itself */
+        mean = harmonic_mean(tangent, LEAST * mean, s->n);
     for (size_t i = 0; i < s->n; i++)
         s->varying[i] = tangent[i] - mean;
     for (size_t k = 0; k < 2 * s->m; k++)
@@ -275,6 +312,15 @@ static void report(const space *s, const answer *a)
     }
 }
 
+/* How far a Newton step is worth solving for: over long periods as far as the step before came (Eisenstat and Walker's
+   second choice), since contacts that open and close undo what is solved more closely. */
+static double linear_tolerance(size_t samples, double size, double tolerance, double came)
+{
+    if (samples <= LONG)
+        return fmin(1e-2, fmax(0.1 * size, 0.1 * tolerance / size));
+    return fmin(LOOSEST, fmax(SHARE * came, fmax(SINGLE, SHARE * tolerance / size)));
+}
+
 /* Newton steps towards the motion at which the balance holds, from `deflection` (n), which they overwrite.
 
    parted      share of the mean slope below which the contacts part, so that no step is taken
@@ -316,7 +362,7 @@ int newton(const balance *b, double *deflection, double tolerance, double parted
         linearise(&s, out->tangent);
         for (size_t k = 0; k < all; k++)
             s.residual[k] = -s.found[k];
-        double wanted = fmin(1e-2, fmax(0.1 * size, 0.1 * tolerance / size));
+        double wanted = linear_tolerance(s.n, size, tolerance, before > 0.0 ? sqrt(total / before) : 1.0);
         products += linear_solution(&s, s.residual, wanted, out->action_tangents, s.found);
         operator q = operator_of(&s, NULL);
         precondition(&q, s.found, s.trial);
