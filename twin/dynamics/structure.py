@@ -38,6 +38,7 @@ COUPLED_NODES = (4, 11)  # bearings next to the couplings to motor and brake, wh
 
 UNDAMPED = ("modes", "_vibrating", "_static_modes", "error_beyond_mesh")  # what no damping changes
 FEW = 16  # frequencies up to which a receptance is kept
+PIECE = 1024  # frequencies side by side: what every mode adds stays in the processor's cache
 RIGID_HZ = 1.0  # a mode below this is a rotation of the whole, not a vibration
 
 
@@ -187,7 +188,17 @@ class Structure:
         ω = np.asarray(omega, dtype=float)
         if ω.size <= FEW:
             return _few_receptances(self, ω.tobytes(), force.tobytes(), response.tobytes())
-        return self._receptance(_modal_receptances(self, ω.tobytes()), force, response)
+        Φ = self.modes[1]
+        strength, out = (response @ Φ) * (Φ.T @ force), np.empty(ω.size, dtype=complex)
+        for first in range(0, ω.size, PIECE):
+            some = slice(first, first + PIECE)
+            real = self.modes[0][:, None] ** 2 - ω[some] ** 2
+            imag = self.modal_damping_terms[:, None] * ω[some]
+            square = real**2 + imag**2
+            real /= square
+            imag /= square
+            out.real[some], out.imag[some] = strength @ real, -(strength @ imag)
+        return out
 
     def receptances(self, omega: np.ndarray, force: np.ndarray, responses: Sequence[np.ndarray]) -> list[np.ndarray]:
         """The same along several directions (n,) each, at a few frequencies that are not asked for again."""
@@ -226,15 +237,6 @@ class Structure:
         ω_r, Φ = self.modes
         vibrating = self._vibrating
         return Φ[:, vibrating], Φ[:, ~vibrating], 1 / ω_r[vibrating] ** 2
-
-
-@lru_cache(maxsize=4)
-def _modal_receptances(structure: Structure, omega: bytes) -> np.ndarray:
-    """1/(ω_r² − ω² + iω·2ζω_r) of every mode (n, 21) complex, at the frequencies packed in `omega`.
-
-    Kept, because one steady state asks for several receptances at the same harmonics.
-    """
-    return _modal(structure, np.frombuffer(omega))
 
 
 @lru_cache(maxsize=1024)  # at most FEW frequencies: 1 MB together

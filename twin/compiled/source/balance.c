@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6, BLOCK = 64, PIECE = 2048, LONG = 1024, MOST_ROUNDED = 16 };
+enum { MAX_STALLED = 12, MAX_HALVINGS = 8, LONGEST = 120, RESTARTS = 6, BLOCK = 64, PIECE = 2048, LONG = 8192, MOST_ROUNDED = 16 };
 
 FOR_EVERY_CPU static float dot_low(const float *restrict a, const float *restrict b, size_t count)
 {
@@ -38,7 +38,7 @@ FOR_EVERY_CPU static float dot_low(const float *restrict a, const float *restric
 
 static const double SINGLE = 1e-6; /* least relative tolerance of a linear solution in single precision */
 static const double LEAST = 0.1;   /* slope of the contacts, of its mean, below which all count alike in a harmonic mean */
-static const double LOOSEST = 0.05, SHARE = 0.3; /* of a Newton step over a long period: relative tolerances */
+static const double LOOSEST = 0.05, SHARE = 0.3, LAST = 0.03; /* of a Newton step over a long period, see below */
 
 typedef struct {
     const balance *of;
@@ -313,12 +313,14 @@ static void report(const space *s, const answer *a)
 }
 
 /* How far a Newton step is worth solving for: over long periods as far as the step before came (Eisenstat and Walker's
-   second choice), since contacts that open and close undo what is solved more closely. */
+   second choice), since contacts that open and close undo what is solved more closely. A step that may be the last is
+   solved well within the tolerance: what is compared with another solution is left with little of its own error. */
 static double linear_tolerance(size_t samples, double size, double tolerance, double came)
 {
     if (samples <= LONG)
         return fmin(1e-2, fmax(0.1 * size, 0.1 * tolerance / size));
-    return fmin(LOOSEST, fmax(SHARE * came, fmax(SINGLE, SHARE * tolerance / size)));
+    double last = LAST * tolerance / size, wanted = SHARE * came;
+    return fmin(LOOSEST, fmax(SINGLE, wanted * size < tolerance ? last : fmax(wanted, last)));
 }
 
 /* Newton steps towards the motion at which the balance holds, from `deflection` (n), which they overwrite.
