@@ -29,7 +29,7 @@ def estimated(features, memory=BLANK, near=TRUE, deepest=DEEPEST, **changes):
     gauge = replace(gauge_of(features, memory, model(), TEN), **changes)
     expectation = Expectation.at(model(), CURVE, TEN, near)
     pinion_only = features.transmission_error is None
-    return estimate_depth(gauge, lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), 0.0, deepest)
+    return estimate_depth(gauge, expectation.response(pinion_only, gauge.from_unworn), 0.0, deepest)
 
 
 @pytest.mark.parametrize("depth", [2e-6, 10e-6, TRUE, 55e-6])

@@ -74,11 +74,12 @@ def gear_signals(average, teeth: int) -> GearSignals:
     X[0] = 0.0
     if x.size % 2 == 0:
         X[-1] /= 2
-    order = np.arange(X.size)
-    off = np.minimum(order % teeth, -order % teeth)
-    meshing = (off == 0) & (order > 0)
-    first_two = meshing | (order == 1)
-    parts = np.where(np.stack((first_two | ((off == 1) & (order > 1)), first_two)), X, 0.0) * (x.size / 2)
+    parts = np.zeros((2, X.size), dtype=complex)  # with the sidebands next to the mesh harmonics, and without
+    for first, step in ((teeth, teeth), (1, X.size)):
+        parts[:, first::step] = X[first::step]
+    for first in (teeth - 1, teeth + 1):
+        parts[0, first::teeth] = X[first::teeth]
+    parts *= x.size / 2
     if x.size % 2 == 0:
         parts[:, -1] *= 2
     regular, periodic = fft.irfft(parts, x.size)

@@ -24,6 +24,7 @@ from math import pi, sqrt
 
 import numpy as np
 from scipy import fft
+from scipy.linalg import lapack
 
 from twin.errors import WindowError
 from twin.features.gaps import taper
@@ -102,19 +103,21 @@ def _hann_transforms(orders, n: int, step: float) -> tuple[np.ndarray, np.ndarra
     """
     half = 0.5 * step * orders
     fast, slow = np.exp(1j * n * half), np.exp(1j * half)
+    fast_product, slow_product = np.outer(fast.imag, fast.real), np.outer(slow.imag, slow.real)
     s = pi / n
+    factor, whole, edge = np.sin(0.5 * s) ** 2, 2 * np.cos(0.5 * s) ** 2, np.sin(s) ** 2
 
-    def at(sign: int) -> np.ndarray:
-        above = np.outer(fast.imag, fast.real) + sign * np.outer(fast.real, fast.imag)
-        below = np.outer(slow.imag, slow.real) + sign * np.outer(slow.real, slow.imag)
-        square = below**2
-        beyond = np.sin(s) ** 2 - square
-        middle, edge = np.abs(below) < 1e-12, np.abs(beyond) < 1e-12 * np.sin(2 * s)
-        divisor = np.where(middle | edge, 1.0, below * beyond)
-        out = above * np.sin(0.5 * s) ** 2 * (2 * np.cos(0.5 * s) ** 2 - square) / divisor
-        return np.where(middle, 0.5 * n, np.where(edge, 0.25 * n, out))
+    def at(combined: np.ufunc) -> np.ndarray:
+        above, below = combined(fast_product, fast_product.T), combined(slow_product, slow_product.T)
+        square = below * below
+        beyond = edge - square
+        with np.errstate(divide="ignore", invalid="ignore"):
+            out = above * factor * (whole - square) / (below * beyond)
+        out[np.abs(beyond) < 1e-12 * np.sin(2 * s)] = 0.25 * n
+        out[np.abs(below) < 1e-12] = 0.5 * n
+        return out
 
-    return at(-1), at(1)
+    return at(np.subtract), at(np.add)
 
 
 def _gaps_transform(δ, weight, step: float) -> np.ndarray:
@@ -146,12 +149,26 @@ def _solve(c, orders, weight, step: float) -> tuple[np.ndarray, np.ndarray]:
     zero = np.flatnonzero(orders == 0)  # the mean has no imaginary part
     c[zero] = c[zero].real
     A, B = _hann_transforms(orders, weight.size, step)
-    G = 0.5 * np.stack((A + B, A - B))  # of real and of imaginary parts, which do not mix
-    G[1, zero, :] = G[1, :, zero] = 0.0
-    G[1, zero, zero] = 1.0
-    inverse = np.linalg.inv(G)
-    widening = np.sqrt(np.maximum(np.diagonal(inverse, 0, 1, 2) * np.diagonal(G, 0, 1, 2), 1.0))
-    return inverse[0] @ c.real + 1j * (inverse[1] @ c.imag), widening.max(axis=0)
+    cosines, sines = 0.5 * (A + B), 0.5 * (A - B)  # of real and of imaginary parts, which do not mix
+    sines[zero, :] = sines[:, zero] = 0.0
+    sines[zero, zero] = 1.0
+    (real, of_real), (imaginary, of_imaginary) = _solved(cosines, c.real), _solved(sines, c.imag)
+    return real + 1j * imaginary, np.maximum(of_real, of_imaginary)
+
+
+def _solved(G, c) -> tuple[np.ndarray, np.ndarray]:
+    """Solution x of G·x = c, and how much the coupling widens its errors; G symmetric (n, n), positive definite unless
+    lines can hardly be told apart."""
+    if c.size == 0:
+        return np.empty(0), np.empty(0)
+    factor, failed = lapack.dpotrf(G, lower=True, clean=False)
+    if failed:
+        inverse = np.linalg.inv(G)
+        x, own = inverse @ c, inverse.diagonal()
+    else:
+        x, _ = lapack.dpotrs(factor, c, lower=True)
+        own = lapack.dpotri(factor, lower=True, overwrite_c=True)[0].diagonal()
+    return x, np.sqrt(np.maximum(own * G.diagonal(), 1.0))
 
 
 def _solve_with_gaps(c, orders, weight, step: float) -> tuple[np.ndarray, np.ndarray]:

@@ -28,7 +28,7 @@ Holds    where wear is the only thing that grows; the mean also where nothing mo
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -75,7 +75,7 @@ class DepthModel:
 
 DEPTH = DepthModel()
 HARMONICS = 3  # mesh harmonics that carry the depth
-SCANNED = 41  # depths of the first scan
+GRADED = np.linspace(0, 1, 41) ** 1.5  # depths of the first scan, of the range searched
 REFINED = 129  # depths of each scan about the lowest of the one before
 ACCURACY = 1e-9  # [m]
 PHASES = np.linspace(-np.pi, np.pi, 120, endpoint=False)  # of the mesh, where the scan looks first [rad]
@@ -148,43 +148,48 @@ def _misfits(depths: np.ndarray, gauge: Gauge, response: Response) -> tuple[np.n
     return J, added, ψ
 
 
-def _misfit(depth: float, gauge: Gauge, response: Response) -> tuple[float, float, float]:
-    """The same at one depth [m]."""
-    J, added, ψ = _misfits(np.array([depth]), gauge, response)
-    return float(J[0]), float(added[0]), float(ψ[0])
+@dataclass(slots=True, eq=False)
+class _Search:
+    """A search of a gauge's depth: what was found of depths in one range is at hand for the next search in it."""
 
+    gauge: Gauge
+    response: Response
+    scans: dict[tuple[float, float], tuple[np.ndarray, ...]] = field(default_factory=dict)
 
-def _lowest(cost: Callable[[np.ndarray], np.ndarray], low: float, high: float) -> float:
-    """Where a cost with one minimum between two depths [m] is lowest, within ACCURACY: ever closer scans.
+    def scan(self, low: float, high: float) -> tuple[np.ndarray, ...]:
+        """REFINED even depths of a range [m], and `_misfits` there."""
+        if (low, high) not in self.scans:
+            depths = np.linspace(low, high, REFINED)
+            self.scans[low, high] = depths, *_misfits(depths, self.gauge, self.response)
+        return self.scans[low, high]
 
-    The cost has kinks at the points of the wear curve, and many depths at once take hardly longer than one.
-    """
-    while True:
-        depths = np.linspace(low, high, REFINED)
-        i = int(np.argmin(cost(depths)))
-        if depths[1] - depths[0] <= ACCURACY:
-            return float(depths[i])
-        low, high = depths[max(i - 1, 0)], depths[min(i + 1, REFINED - 1)]
+    def lowest(self, mean_weight: float, low: float, high: float) -> tuple[float, float, float]:
+        """Where the cost, with one minimum between two depths [m], is lowest within ACCURACY: ever closer scans; the
+        depth [m], 2·J there and the phase.
+
+        The cost has kinks at the points of the wear curve, and many depths at once take hardly longer than one.
+        """
+        while True:
+            depths, lines, mean, ψ = self.scan(low, high)
+            cost = lines + mean_weight * mean
+            i = int(cost.argmin())
+            if depths[1] - depths[0] <= ACCURACY:
+                return float(depths[i]), float(lines[i] + mean[i]), float(ψ[i])
+            low, high = float(depths[max(i - 1, 0)]), float(depths[min(i + 1, REFINED - 1)])
 
 
 def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest: float) -> DepthEstimate:
     """The depth between two bounds [m] that explains the gauge best, by scans."""
-    grid = shallowest + (deepest - shallowest) * np.linspace(0, 1, SCANNED) ** 1.5
+    grid = shallowest + (deepest - shallowest) * GRADED
     by_lines, by_mean, _ = _misfits(grid, gauge, response)
+    search = _Search(gauge, response)
 
-    def best(mean_weight: float) -> float:
-        i = int(np.argmin(by_lines + mean_weight * by_mean))
+    def best(mean_weight: float) -> tuple[float, float, float]:
+        i = int((by_lines + mean_weight * by_mean).argmin())
+        return search.lowest(mean_weight, float(grid[max(i - 1, 0)]), float(grid[min(i + 1, grid.size - 1)]))
 
-        def cost(depths: np.ndarray) -> np.ndarray:
-            lines, mean, _ = _misfits(depths, gauge, response)
-            return lines + mean_weight * mean
-
-        return _lowest(cost, grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)])
-
-    depth = best(1.0)
-    from_lines = best(0.0) if gauge.mean is not None else depth
-    lines, mean, ψ = _misfit(depth, gauge, response)
-    J = lines + mean
+    depth, J, ψ = best(1.0)
+    from_lines = best(0.0)[0] if gauge.mean is not None else depth
     step = max(0.02 * depth, 0.3e-6)
     high, low = min(depth + step, deepest), max(depth - step, shallowest)
     (up, down, model), (mean_up, mean_down, _) = response(np.array([high, low, depth]))

@@ -61,7 +61,7 @@ def depth_from(
     shallow, deep = first_range(expectation, projected, search)
 
     def found(near: Expectation) -> DepthEstimate:
-        return estimate_depth(gauge, lambda d: near.gauge(d, gauge.pinion_only, gauge.from_unworn), shallow, deep)
+        return estimate_depth(gauge, near.response(gauge.pinion_only, gauge.from_unworn), shallow, deep)
 
     estimate = found(expectation)
     if estimate.at_limit and deep < curve.valid_to:
@@ -87,4 +87,4 @@ def phase_of_known_depth(gauge: Gauge, expectation: Expectation, depth: float) -
     width = max(1e-6, 0.02 * depth)
     low = max(depth - width, expectation.curve.start_depth)
     lines = replace(gauge, mean=None)
-    return estimate_depth(lines, lambda d: expectation.gauge(d, gauge.pinion_only, gauge.from_unworn), low, low + width)
+    return estimate_depth(lines, expectation.response(gauge.pinion_only, gauge.from_unworn), low, low + width)

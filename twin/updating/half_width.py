@@ -67,7 +67,7 @@ def refitted(rig: Rig, memory: Memory, features: WindowFeatures, condition: Cond
             raise NotAvailable("the contact half-width is not available: the window has no encoder lines")
         expectation = Expectation.at(model, curve, condition, depth, new)
         low, high = (1 - FIT.range) * depth, (1 + FIT.range) * depth
-        found = estimate_depth(gauge, lambda d: expectation.gauge(d, pinion_only, gauge.from_unworn), low, high)
+        found = estimate_depth(gauge, expectation.response(pinion_only, gauge.from_unworn), low, high)
         return found.misfit * (2 * HARMONICS - 2)
 
     memory = replace(memory, half_width_from=depth, fit=fit_half_width(fit, misfit))

@@ -177,9 +177,10 @@ def _response(expectation: Expectation, gauge: Gauge, new: np.ndarray, mean: flo
     new, mean  lines and mean transmission error of new flanks [m]
     """
     start = expectation.curve.start_depth
+    at = expectation.response(gauge.pinion_only, gauge.from_unworn)
 
     def response(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        lines, means = expectation.gauge(np.maximum(depths, start), gauge.pinion_only, gauge.from_unworn)
+        lines, means = at(np.maximum(depths, start))
         early = depths < start
         share = depths[early] / start
         before = 0.0 if gauge.from_unworn else new

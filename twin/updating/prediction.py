@@ -21,7 +21,7 @@ from twin.effects.extended import window_lines
 from twin.errors import NotConverged
 from twin.model import Condition, Model
 from twin.thresholds import deciding
-from twin.updating.depth import HARMONICS
+from twin.updating.depth import HARMONICS, Response
 from twin.updating.frequency_correction import FrequencyCorrection
 from twin.updating.memory import Memory
 from twin.wear.curve import LINES, MasterCurve, MeshLines
@@ -127,19 +127,23 @@ class Expectation:
             acceleration=base.acceleration * ratio.acceleration,
         )
 
-    def gauge(self, depths: np.ndarray, pinion_only: bool, from_unworn: bool) -> tuple[np.ndarray, np.ndarray]:
-        """The lines that the encoders see at depths (m,) [m], or what wear changed of them (m, HARMONICS), and the mean
-        (m,) [m]."""
+    def response(self, pinion_only: bool, from_unworn: bool) -> Response:
+        """What gives, at depths (m,) [m], the lines that the encoders see, or what wear changed of them (m, HARMONICS),
+        and the mean (m,) [m]."""
         quantity = "pinion_motion" if pinion_only else "transmission_error"
-        scale = getattr(self.ratio, quantity)
-        base, mean = self.curve.over(depths, quantity, "mean")
-        seen = base * scale
-        if from_unworn:
-            new = self.unworn
-            seen = seen - (
-                self.curve.over(np.zeros(1), quantity)[0][0] * scale if new is None else getattr(new, quantity)
-            )
-        return seen[:, :HARMONICS], mean + self.ratio.mean
+        scale, offset = getattr(self.ratio, quantity)[:HARMONICS], self.ratio.mean
+        new: np.ndarray | None = None
+        if from_unworn and self.unworn is None:
+            new = self.curve.over(np.zeros(1), quantity, most=HARMONICS)[0][0] * scale
+        elif from_unworn:
+            new = getattr(self.unworn, quantity)[:HARMONICS]
+
+        def at(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            lines, mean = self.curve.over(depths, quantity, "mean", most=HARMONICS)
+            lines = lines * scale
+            return lines if new is None else lines - new, mean + offset
+
+        return at
 
 
 def band_rms(lines: np.ndarray, frequencies: np.ndarray, band: tuple[float, float], noise: float) -> float:

@@ -170,14 +170,19 @@ class MasterCurve:
             acceleration=(1 - t) * a.acceleration + t * b.acceleration,
         )
 
-    def over(self, depths: np.ndarray, *quantities: str) -> list[np.ndarray]:
-        """Quantities of `lines_at` at several depths (m,) [m]: (m, LINES) each, or (m,) of the mean."""
+    def over(self, depths: np.ndarray, *quantities: str, most: int = LINES) -> list[np.ndarray]:
+        """Quantities of `lines_at` at several depths (m,) [m]: the first lines (m, most) each, or (m,) of the mean."""
         self.path.reach(float(depths.max()))
         known = self.depth
-        if known.size == 1:
-            return [np.repeat(self.path.table(quantity), depths.size, axis=0) for quantity in quantities]
-        i = np.clip(np.searchsorted(known, depths) - 1, 0, known.size - 2)
-        t = np.clip((depths - known[i]) / (known[i + 1] - known[i]), 0.0, 1.0)
         tables = [self.path.table(quantity) for quantity in quantities]
-        shares = [t if table.ndim == 1 else t[:, None] for table in tables]
-        return [(1 - s) * table[i] + s * table[i + 1] for s, table in zip(shares, tables, strict=True)]
+        tables = [table if table.ndim == 1 else table[:, :most] for table in tables]
+        if known.size == 1:
+            return [np.repeat(table, depths.size, axis=0) for table in tables]
+        i = np.minimum(np.maximum(known.searchsorted(depths) - 1, 0), known.size - 2)
+        before = known[i]
+        t = np.minimum(np.maximum((depths - before) / (known[i + 1] - before), 0.0), 1.0)
+        out = []
+        for table in tables:
+            share = t if table.ndim == 1 else t[:, None]
+            out.append((1 - share) * table[i] + share * table[i + 1])
+        return out

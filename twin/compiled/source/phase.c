@@ -5,6 +5,7 @@
 #include <math.h>
 
 static const double PI = 3.14159265358979323846;
+static const double ENOUGH = 1e-9; /* the next step would be of its square */
 enum { NEWTON = 6 };
 
 /* An angle into (-pi, pi]. */
@@ -56,7 +57,10 @@ FOR_EVERY_CPU void best_phases(int64_t count, int64_t harmonics, const double *r
             }
             if (!(curvature > 0.0))
                 break;
-            psi -= fmin(fmax(slope / curvature, -0.05), 0.05);
+            double by = fmin(fmax(slope / curvature, -0.05), 0.05);
+            psi -= by;
+            if (fabs(by) < ENOUGH)
+                break;
         }
         out[i] = wrapped(psi);
     }
