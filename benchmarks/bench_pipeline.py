@@ -102,6 +102,26 @@ def start_up() -> list[Figure]:
     ]
 
 
+LOADING = """
+import time
+began = time.process_time()
+from service.long_lived import long_lived
+with long_lived():
+    import service.logs, service.runtime.serve
+print(time.process_time() - began)
+"""
+
+
+def import_of_the_service() -> list[Figure]:
+    """What `gear-twin serve` loads, as it does, with byte code at hand: the quickest of five."""
+    with tempfile.TemporaryDirectory(prefix="gear-twin-bench-") as made:
+        environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+        environment["PYTHONPYCACHEPREFIX"] = made
+        program = [sys.executable, "-c", LOADING]
+        times = [float(subprocess.check_output(program, cwd=ROOT, env=environment)) for _ in range(6)]
+    return [Figure(what="import of the service, processor", value=min(times[1:]), unit="s", aim=0.6, limit=2.0)]
+
+
 def one_window() -> list[Figure]:
     """Features, prediction and K of single windows, along the whole campaign."""
     _, _, windows = read_windows(CAMPAIGN)
@@ -248,6 +268,7 @@ def main(minutes: float = 60.0) -> list[Figure]:
         folder = Path(made)
         for part in (
             start_up,
+            import_of_the_service,
             one_window,
             master_curve,
             lambda: campaign(folder),

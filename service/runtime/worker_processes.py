@@ -382,5 +382,5 @@ def _context() -> BaseContext:
     for name, value in NUMBERS.items():
         os.environ.setdefault(name, value)
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([worker_task.__name__, "service.contract.estimate"])
+    context.set_forkserver_preload(["service.runtime.worker_loading"])
     return context

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -93,6 +94,14 @@ def test_a_worker_makes_what_the_twin_makes_here_from_state_to_state(pool, tmp_p
     assert plain(pool.wait(4)[-1].state.to_dict())["decided"] == [["misalignment", "pin"]]
     pool.ask("a", Ask("decide", Decision(name="tooth_friction", verb="pin")), state=packed)
     assert "tooth_friction is not in the twin" in pool.wait(5)[-1].refused
+
+
+def test_collectors_of_workers_leave_alone_what_was_loaded_for_all_of_them(pool):
+    pool.window("a")
+    pool.wait(1)
+    executor = next(worker.executor for worker in pool.processes._workers if worker.executor is not None)
+    assert executor.submit(gc.get_freeze_count).result() > 50_000
+    assert executor.submit(gc.isenabled).result()
 
 
 def test_an_asset_stays_with_its_worker_and_a_state_of_elsewhere_is_loaded(pool):
