@@ -7,10 +7,10 @@ p      logarithms of stiffness scale, modal damping and damping time about the r
 C      covariance of healthy machines (scatter.py)
 
 Weighted least squares: a Gauss–Newton step lowers the squares with C held; C then follows the prediction, until a step
-promises nothing more or MOST_STEPS are done. What ln det C alone would gain by another prediction has no say in the
-fit: the minimum of the whole of Φ trusts the sizes in C too much and shrinks effects (misalignments of 32 and 38 µm to
-29 and 30 µm). The lines of a window depend on its own depth and on what all windows share; their derivatives are the
-sensitivities of its steady state (twin/dynamics/sensitivity.py).
+promises or brings nothing more, or MOST_STEPS are done. What ln det C alone would gain by another prediction has no say
+in the fit: the minimum of the whole of Φ trusts the sizes in C too much and shrinks effects (misalignments of 32 and
+38 µm to 29 and 30 µm). The lines of a window depend on its own depth and on what all windows share; their derivatives
+are the sensitivities of its steady state (twin/dynamics/sensitivity.py).
 
     ln evidence = −½·Φ − ½·ln det H         H = JᵀJ + S⁻²: Laplace's approximation
 
@@ -42,7 +42,7 @@ MOST_STEPS = 10  # that a fit may take; most end before
 MOST_TRIALS = 6  # of the damping, in one step
 WIDEST = 3.0  # prior spreads that a calibrated value may move
 LEAST_DEPTH = 1e-8  # of a worn window [m]
-CONVERGED = 0.05  # of the squares, promised by a full step
+CONVERGED = 0.05  # of the squares, promised by a full step or reached by one; of a poor fit times its misfit
 UNDETERMINED = 1e-9  # information on a phase or depth [1/unit²] that is only rounding
 POOR = 2.0  # misfit of a start whose calibration is bent by what the model lacks and would lead astray
 
@@ -116,6 +116,16 @@ class _Point:
             weights=weights,
         )
 
+    @property
+    def misfit(self) -> float:
+        """Squares of the whitened residuals over their number."""
+        return float(self.rest @ self.rest / self.rest.size)
+
+    @property
+    def negligible(self) -> float:
+        """What the squares may still fall by: the fitted values' scatter grows with the misfit, too."""
+        return CONVERGED * max(1.0, self.misfit)
+
     def squares(self, problem: Problem, weights: Weights) -> float:
         """What a step is to lower: the squares at given weights."""
         rest = problem.left(self.predictions, self.phase, weights)
@@ -131,13 +141,15 @@ def fit(problem: Problem, start: JointFit | None, phase: float, depth: np.ndarra
     point = _started(problem, start, phase, depth)
     slopes, λ = _slopes(problem, point), 1e-3
     for _ in range(MOST_STEPS):
-        if slopes.gain < CONVERGED:
+        if slopes.gain < point.negligible:
             break
-        better, λ = _stepped(problem, point, slopes, λ)
+        better, λ, lower = _stepped(problem, point, slopes, λ)
         if better is None:
             break
         point, λ = better, max(λ / 10, 1e-6)
         slopes = _slopes(problem, point)
+        if lower < point.negligible:
+            break
     J = slopes.jacobian
     covariance, log_det = inverse(_curvature(problem, J), problem.shared)
     return JointFit(
@@ -147,7 +159,7 @@ def fit(problem: Problem, start: JointFit | None, phase: float, depth: np.ndarra
         depth=point.depth,
         covariance=covariance,
         objective=point.objective,
-        misfit=float(point.rest @ point.rest / point.rest.size),
+        misfit=point.misfit,
         log_evidence=-0.5 * (point.objective + log_det),
         predictions=tuple(point.predictions),
     )
@@ -209,10 +221,11 @@ def _step(gradient: np.ndarray, H: np.ndarray, free: np.ndarray, λ: float) -> n
     return step
 
 
-def _stepped(problem: Problem, point: _Point, slopes: _Slopes, λ: float) -> tuple[_Point | None, float]:
-    """A better point and the damping λ that led there; None where no damping does."""
+def _stepped(problem: Problem, point: _Point, slopes: _Slopes, λ: float) -> tuple[_Point | None, float, float]:
+    """A better point, the damping λ that led there, and by how much its squares are lower; None where there is none."""
     n, worn = problem.shared, np.flatnonzero(problem.worn)
     low, high = _limits(problem)
+    before = point.squares(problem, point.weights)
     for _ in range(MOST_TRIALS):
         step = _step(slopes.gradient, slopes.curvature, slopes.free, λ)
         depth = point.depth.copy()
@@ -222,10 +235,11 @@ def _stepped(problem: Problem, point: _Point, slopes: _Slopes, λ: float) -> tup
             tried = _Point.of(problem, shared, point.phase + step[n], depth, point.predictions)
         except TwinError:
             tried = None
-        if tried is not None and tried.squares(problem, point.weights) < point.squares(problem, point.weights):
-            return tried, λ
+        lower = -np.inf if tried is None else before - tried.squares(problem, point.weights)
+        if tried is not None and lower > 0:
+            return tried, λ, lower
         λ = max(10 * λ, 1e-2)
-    return None, λ
+    return None, λ, 0.0
 
 
 def _curvature(problem: Problem, J: np.ndarray) -> np.ndarray:

@@ -77,7 +77,9 @@ def trace_over_remounts(
         turned = attempt(turns)
         if (turned.misfit_before or 0.0) <= limits.explained_misfit:
             return replace(tracing, turns=turns), turned
-    whole = attempt(tracing.turns)
+        whole = turned if turn == 0 else attempt(tracing.turns)
+    else:
+        whole = attempt(tracing.turns)
     if new_turn and (whole.misfit_after or 0.0) > OnsetThresholds().explained:
         try:
             part = attempt((), memory.discs_since_ns, memory.phase)
