@@ -225,13 +225,19 @@ def contacts_of(setup: Setup, profiles: Sequence[WornProfile]) -> Contacts:
 
     def rows(values: np.ndarray, whole: float = 1.0) -> np.ndarray:
         """Drive flanks slice by slice, and so many times the back flanks' mean over the slices."""
-        if values.shape in ((p, n), (1, p, n)):  # all slices alike
-            one = values.reshape(p, n)
-            return one if m == 1 else np.concatenate((np.tile(one[:drive], (m, 1)), whole * one[drive:]))
-        full = np.broadcast_to(values, (m, p, n))
+        alike = values.shape in ((p, n), (1, p, n))
         if m == 1:
-            return np.ascontiguousarray(full[0])
-        return np.concatenate((full[:, :drive].reshape(-1, n), whole * full[:, drive:].mean(axis=0)))
+            return values.reshape(p, n) if alike else np.ascontiguousarray(np.broadcast_to(values, (1, p, n))[0])
+        full, out = np.broadcast_to(values, (m, p, n)), np.empty((m * drive + p - drive, n))
+        out[: m * drive].reshape(m, drive, n)[:] = full[:, :drive]
+        backs = out[m * drive :]
+        if alike:
+            backs[:] = full[0, drive:]
+        else:
+            np.add.reduce(full[:, drive:], axis=0, out=backs)
+            backs /= m
+        backs *= whole
+        return out
 
     side = setup.passages.side[:, 0]
     return Contacts(
@@ -275,7 +281,7 @@ class _Tables:
         k_b, gap_b, slope_b = mesh.back_tables
         worn, worn_slope = _depths(profiles, mesh.positions)
         drive, shape = len(k), (len(profiles), len(k) + len(k_b), k.shape[1])
-        separation, along_s = np.empty(shape), np.empty(shape)
+        separation, along_s = np.empty((2, *shape))
         np.add(gap, worn, out=separation[:, :drive])
         np.add(slope, worn_slope, out=along_s[:, :drive])
         separation[:, drive:] = gap_b + mesh.pair.backlash
@@ -323,7 +329,8 @@ def _depths(profiles: Sequence[WornProfile], s: np.ndarray) -> tuple[np.ndarray,
     if len(profiles) == 1:
         depth, slope = first.at(s)
         return depth[None], slope[None]
-    values, shape = np.stack([profile.mean for profile in profiles]), (len(profiles), *s.shape)
+    shape = len(profiles), *s.shape
+    values = np.array([profile.depth if profile.depth.ndim == 1 else profile.mean for profile in profiles])
     if not values.any():
         return np.zeros(shape), np.zeros(shape)
     depth, slope = spline(first.positions[0], first.spacing, values, s.ravel())

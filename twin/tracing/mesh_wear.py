@@ -4,7 +4,8 @@
 
 Curves are kept by model, effects (their numbers rounded to two digits), condition and start, and grow as far as a depth
 is asked for: a later window carries on the curve of the one before. Beyond what the deepest window suggests the last
-wear rate is held, so that a step of a fit that goes astray does not compute the wear of years.
+wear rate is held, so that a step of a fit that goes astray does not compute the wear of years. The steps are coarser
+than those of the twin's own curves: what they leave is far within what healthy machines differ by.
 
 Source   twin/wear/evolution.py
 Limits   one operating condition: that of the first worn window
@@ -25,6 +26,7 @@ from twin.model import Condition, Model
 from twin.tracing.observed import Observed
 from twin.updating.model_cache import deepest
 from twin.wear.curve import MasterCurve
+from twin.wear.evolution import COARSE
 from twin.wear.profile import WornProfile
 
 FIRST_END = 0.015  # of the module: the depth to which curves are computed at least
@@ -41,7 +43,7 @@ def curve_with(model: Model, effects: tuple[Effect, ...], condition: Condition, 
     """Wear with effects, from new flanks or from those of an earlier curve at a depth."""
     worn = extend(model, effects)
     begin = worn.unworn if start is None else start[0].profile(start[1])
-    return MasterCurve.begin(worn, condition, begin, deepest(model.rig, np.inf))
+    return MasterCurve.begin(worn, condition, begin, deepest(model.rig, np.inf), COARSE)
 
 
 def profile_at(curve: MasterCurve, depth: float, until: float) -> WornProfile:

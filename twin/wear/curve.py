@@ -16,6 +16,7 @@ import numpy as np
 
 from twin.errors import NotConverged, ParameterError
 from twin.model import Condition, Model
+from twin.wear.evolution import FINE, StepSizes
 from twin.wear.path import LINES, MeshLines, WearPath
 from twin.wear.profile import WornProfile
 
@@ -30,9 +31,11 @@ class MasterCurve:
     limit: float  # depth to which steady states are sought for a search or a statement of validity [m]
 
     @classmethod
-    def begin(cls, model: Model, condition: Condition, start: WornProfile, limit: float) -> MasterCurve:
+    def begin(
+        cls, model: Model, condition: Condition, start: WornProfile, limit: float, steps: StepSizes = FINE
+    ) -> MasterCurve:
         """A curve with its first point; the others follow as readings need them, to `limit` [m] at most."""
-        return cls(path=WearPath(model, condition, start, limit), limit=limit)
+        return cls(path=WearPath(model, condition, start, limit, steps), limit=limit)
 
     @classmethod
     def build(cls, model: Model, condition: Condition, start: WornProfile, until_depth: float) -> MasterCurve:

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from twin.dynamics.harmonic_balance import SteadyState
 from twin.errors import NotConverged
 from twin.model import Condition, Model
-from twin.wear.evolution import WearPoint, evolve
+from twin.wear.evolution import FINE, StepSizes, WearPoint, evolve
 from twin.wear.law_of_rig import law_of
 from twin.wear.profile import WornProfile
 
@@ -48,10 +48,13 @@ class MeshLines:
 class WearPath:
     """Depth, work, profile and lines of one wear history, in order of depth."""
 
-    def __init__(self, model: Model, condition: Condition, start: WornProfile, furthest: float) -> None:
+    def __init__(
+        self, model: Model, condition: Condition, start: WornProfile, furthest: float, steps: StepSizes = FINE
+    ) -> None:
         """Solves the first steady state.
 
         furthest  largest combined depth [m] to which the history is computed at all
+        steps     between its points
         Raises NotConverged where the start profile has no steady state.
         """
         self.condition = condition
@@ -76,6 +79,9 @@ class WearPath:
             self.start,
             model.calibration.contact_half_width,
             furthest,
+            largest_step=steps.largest,
+            step=steps.size,
+            by_slice=steps.by_slice,
             law=self._law,
         )
         self._advance()
