@@ -37,6 +37,12 @@ class PruningThresholds:
         meaning="half-width of the interval of an effect's size that must not include zero",
         source="derivation: 95 % of a Gaussian",
     )
+    beyond_doubt: float = deciding(
+        100.0,
+        unit="nat",
+        meaning="loss beyond what an effect must add from which the rest is not fitted from a second start",
+        source="not derived: chosen",
+    )
 
 
 DEFAULT = PruningThresholds()
@@ -83,7 +89,7 @@ def _refitted(fits: Fits, best: Fitted) -> Fitted:
 
 
 def _removal(fits: Fits, base: Fitted, best: Fitted, trial: EffectTrial, limits: PruningThresholds) -> _Removal:
-    without = _without(fits, base, best, trial)
+    without = _without(fits, base, best, trial, limits)
     loss = best.fit.log_evidence - without.fit.log_evidence
     explained = without.fit.log_evidence - base.fit.log_evidence
     margin = loss - least_gain(fits, trial.name, explained)
@@ -91,12 +97,18 @@ def _removal(fits: Fits, base: Fitted, best: Fitted, trial: EffectTrial, limits:
     return _Removal(name=trial.name, without=without, loss=loss, margin=margin, needed=needed)
 
 
-def _without(fits: Fits, base: Fitted, best: Fitted, trial: EffectTrial) -> Fitted:
-    """The best fit of all other effects: from where they are, and from wear alone."""
+def _without(fits: Fits, base: Fitted, best: Fitted, trial: EffectTrial, limits: PruningThresholds) -> Fitted:
+    """The best fit of all other effects: from where they are and, unless they lose far too much so, from wear alone."""
     rest = tuple(t for t in restarted(best.fit) if t.name != trial.name)
     if not rest:
         return base
-    tried = [f for start in (best, base) if (f := _together(fits, rest, start)) is not None]
+    first = _together(fits, rest, best)
+    if first is not None:
+        loss = best.fit.log_evidence - first.fit.log_evidence
+        explained = first.fit.log_evidence - base.fit.log_evidence
+        if loss > least_gain(fits, trial.name, explained) + limits.beyond_doubt:
+            return first
+    tried = [f for f in (first, _together(fits, rest, base)) if f is not None]
     return max(tried, key=lambda f: f.fit.log_evidence, default=base)
 
 
