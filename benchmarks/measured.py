@@ -211,6 +211,7 @@ def wear(folder: Path) -> None:
         series.rig,
         series.conditions,
         series.cases,
+        quantities=series.quantities,
         stated=series.stated,
         spreads=series.estimated,
         draws=DRAWS,

@@ -33,6 +33,7 @@ from service.cli.example import app as example
 from service.cli.importing import import_
 from service.cli.init import init
 from service.cli.keys import app as keys
+from service.cli.levels import depths, relate
 from service.cli.ready import ready
 from service.cli.rest import asking
 from service.cli.signals import signals
@@ -371,55 +372,6 @@ def baseline(
     tell(f"baseline written to {out}")
 
 
-@app.command(rich_help_panel=MODEL)
-def relate(
-    series: Annotated[
-        Path, typer.Argument(metavar="SERIES", help="Series file (TOML): levels at measured wear depths.")
-    ],
-    source: Annotated[
-        Path | None, typer.Option(help="Table of records (CSV) instead of the one that the series file names.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="HTML page with figures to write.")] = None,
-    relation: Annotated[Path | None, typer.Option(help="Relation file to write, for `serve --relation`.")] = None,
-    draws: Annotated[int, typer.Option(min=0, max=200, help="Number of draws of the estimated values.")] = 12,
-    json: JsonFile = None,
-) -> None:
-    """Calibrate the relation of vibration level and wear depth on measured depths, and test causes of its error."""
-    from service.cli import relation_report as shown
-    from service.cli.show import progress_bar
-    from service.errors import InputError
-    from service.files import relation as relating
-    from service.files.series import load_series
-    from twin.errors import TwinError
-    from twin.levels.trials import try_all
-
-    known = load_series(series, source)
-    with progress_bar("relating") as bar:
-        try:
-            tried = try_all(
-                known.rig,
-                known.conditions,
-                known.cases,
-                stated=known.stated,
-                spreads=known.estimated,
-                draws=draws,
-                progress=bar,
-            )
-        except TwinError as error:
-            raise InputError(f"{series}: {error}") from None
-    answer = relating.answer(known, tried)
-    printed = wrote_json(answer, json)
-    if relation is not None:
-        relating.save_relation(known, tried, relation)
-    if out is not None:
-        write_text(out, shown.page(answer))
-    if not printed:
-        print(shown.text(answer))
-    for path, what in ((out, "figures"), (relation, "relation")):
-        if path is not None:
-            tell(f"{what} written to {path}")
-
-
 @app.command(rich_help_panel=ANSWER)
 @configured
 def diagnose(
@@ -471,6 +423,8 @@ app.command(name="init", rich_help_panel=START)(init)
 app.command(name="doctor", rich_help_panel=START)(configured(doctor))
 app.command(name="config", rich_help_panel=START)(config)
 app.command(name="ready", rich_help_panel=START)(asking(ready))
+app.command(name="relate", rich_help_panel=MODEL)(relate)
+app.command(name="depths", rich_help_panel=ANSWER)(depths)
 app.command(name="what-if", rich_help_panel=ANSWER)(configured(asking(what_if)))
 app.command(name="audit", rich_help_panel=START)(asking(audit))
 app.add_typer(keys, name="keys", rich_help_panel=START)

@@ -9,6 +9,7 @@ from typing import Any
 from service.cli.diagnosis_figures import AFTER, BEFORE, LOOK, MEASURED, STYLE
 from service.cli.figure_style import as_html
 from service.cli.show import number
+from service.files.level_table import FOUND
 
 SPLINE = "#2ca02c"
 TABLE = "What was tested"
@@ -57,11 +58,15 @@ def text(answer: Mapping[str, Any]) -> str:
         lines.append(f"{said:<{NAME}}" + "".join(f"{number(answer['floor'][k][key], 3):>12}      " for k in conditions))
     lines += ["", "Depth from the levels of all conditions together, by the relation of all other cases (5–95 %):"]
     for d in answer["depths"]:
-        above = f"{d['p95_um']:6.0f}" if d["p95_um"] is not None else "     –"
-        said = f"   found {d['median_um']:6.0f}   {d['p05_um']:6.0f} … {above}"
-        said += "" if d["p95_um"] is not None else "   at least"
-        lines.append(f"  {d['name']:<8} {d['true_um']:6.0f} µm{said}")
+        lines.append(f"  {d['name']:<8} {d['true_um']:6.0f} µm   found {depth_band(d)}")
     return "\n".join(lines)
+
+
+def depth_band(found: Mapping[str, Any]) -> str:
+    """Median and band of a depth [µm]; of the median nothing where no upper bound is known."""
+    if found["p95_um"] is None:
+        return f"at least {found['p05_um']:.0f}".rjust(32) if found["p05_um"] else "any depth".rjust(32)
+    return f"{found['median_um']:6.0f}   {found['p05_um']:6.0f} … {found['p95_um']:6.0f}".rjust(32)
 
 
 def _cells(errors: Mapping[str, Any], conditions: list[str]) -> str:
@@ -83,6 +88,30 @@ def kept_combination(chosen: Mapping[str, Any]) -> str:
     )
 
 
+def basis_sentences(basis: Mapping[str, Any]) -> list[str]:
+    """Whether the relation is the model's or a cubic through the cases, and what indicators add."""
+    errors = " and ".join(
+        f"{name} {', '.join(f'{e:.1f}' for e in basis[key]['mean_error_percent'].values())} %"
+        for name, key in (("the cubic", "cubic"), ("the model", "model"))
+    )
+    gain = basis["cubic_over_model_nat"]
+    if basis["curve"] == "model":
+        lines = [f"The relation is the model's: it predicts left-out cases better than a monotone cubic ({errors})."]
+    else:
+        lines = [
+            f"The relation is a monotone cubic through the cases, which predicts left-out cases better than the model: "
+            f"mean error of {errors}, evidence {gain:+.1f} nat. It holds for this machine alone."
+        ]
+    for name, added in basis["indicators"].items():
+        if basis["curve"] == "model":
+            lines.append(f"{name} is not used: the model does not predict it.")
+        elif added is None:
+            lines.append(f"{name} is not used: it does not improve the depths of left-out cases by 3 nat.")
+        else:
+            lines.append(f"{name} is used as well: the depths of left-out cases gain {added:.1f} nat.")
+    return lines
+
+
 def sentences(answer: Mapping[str, Any]) -> list[str]:
     """What came out, in words."""
     worn = sum(c["depth_um"] > 0 for c in answer["cases"])
@@ -102,6 +131,7 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
         )
     )
     lines.append(kept_combination(answer["chosen"]))
+    lines += basis_sentences(answer["basis"])
     for k, r in answer["relation"].items():
         falling = r["not_rising"]
         line = f"{k}: a level scatters by {number(r['std_percent'], 3)} % from assembly to assembly; "
@@ -119,6 +149,16 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
     notes = [*answer["notes"], *([answer["sensor"]["note"]] if answer["sensor"]["note"] else [])]
     lines += [f"Note: {n}." for n in notes]
     return lines
+
+
+def depths_text(rows: list[dict[str, Any]]) -> str:
+    """The depths of a table of levels as plain text, each with the first of its other columns."""
+    lines = ["largest wear depth of both flanks together [µm]: median, 5–95 %"]
+    for place, row in enumerate(rows, start=1):
+        name = str(next((v for k, v in row.items() if k not in FOUND), place))
+        band = "not available".rjust(32) if row["p05_um"] is None else depth_band(row)
+        lines.append(f"{name:<20}{band}{'   ' + row['reason'] if row['reason'] else ''}".rstrip())
+    return "\n".join(lines)
 
 
 def page(answer: Mapping[str, Any]) -> str:

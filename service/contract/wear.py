@@ -83,6 +83,7 @@ class Relation(ContractModel):
     """What a relation of level and depth was learned from."""
 
     asset: str | None
+    curve: str = Field(description="what gives the level by depth: `model`, or `monotone cubic` through the cases")
     causes: list[str]
     sensor: str | None
     band_hz: list[float] | None
@@ -138,7 +139,9 @@ class Wear(ContractModel):
     validity: Validity | None = None
     relation: Relation | None = None
     levels: dict[str, LevelReading] | None = None
-    reason: str | None = Field(default=None, description="why no upper bound of the depth is known")
+    reason: str | None = Field(
+        default=None, description="why no upper bound of the depth is known, or the lower one is zero"
+    )
     preliminary: Preliminary | None = Field(default=None, description="null where the depth is established")
     inspections: Inspections | None = Field(default=None, description="measured depths that are part of the estimate")
 
@@ -181,6 +184,7 @@ class Wear(ContractModel):
             method="level",
             relation=Relation(
                 asset=origin.asset,
+                curve=origin.curve,
                 causes=list(origin.causes),
                 sensor=origin.sensor,
                 band_hz=None if origin.band is None else list(origin.band),

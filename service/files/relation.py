@@ -19,9 +19,9 @@ from service.files.series import Series
 from service.json_text import json_text, plain, write_text
 from twin.errors import ParameterError
 from twin.levels.left_out import Errors, spline
-from twin.levels.relation import Z95, Origin, Relation, falling_region, fit
+from twin.levels.relation import MODEL, Z95, Origin, Relation, common_variance, falling_region, fit
 from twin.levels.trials import Tried
-from twin.levels.wear_by_level import not_stated
+from twin.levels.wear_by_level import bounds_reason, not_stated
 
 SCHEMA = "gear-relation/1"
 DRAWN = 200  # points of a drawn curve
@@ -36,7 +36,11 @@ def answer(series: Series, tried: Tried) -> dict[str, Any]:
             "notes": series.notes,
             "records": series.records,
             "estimated": {k: {"value": series.rig.get(k), "factor": f} for k, f in series.estimated.items()},
-            "conditions": {k: {"speed_hz": c.speed_hz, "torque_nm": c.torque} for k, c in series.conditions.items()},
+            "conditions": {
+                k: {"speed_hz": c.speed_hz, "torque_nm": c.torque}
+                for k, c in series.conditions.items()
+                if k in tried.cases.level
+            },
             "sensor": {"name": series.sensor, "band_hz": series.band, "note": not_stated(_origin(series, tried))},
             "cases": [_case(tried, i) for i in range(len(tried.cases.name))],
             "trials": [
@@ -44,13 +48,15 @@ def answer(series: Series, tried: Tried) -> dict[str, Any]:
                 for t in tried.trials
             ],
             "chosen": _chosen(tried),
+            "basis": _basis(tried),
             "judged": {name: _errors(e) for name, e in tried.judged.items()},
             "few": {name: {k: 100 * v for k, v in e.items()} for name, e in tried.few.items()},
             "estimated_spread": {k: [100 * x for x in v] for k, v in tried.spread.items()},
             "draws": tried.draws,
             "floor": {k: _floor(tried, k) for k in tried.cases.level},
             "relation": _relation(tried),
-            "assembly_std_percent": 100 * tried.relation.assembly_std,
+            "assembly_std_percent": 100
+            * float(np.sqrt(common_variance(tried.relation.covariance([*tried.cases.level])))),
             "depths": _depths(tried),
             "curves": _curves(tried),
         }
@@ -86,6 +92,18 @@ def _chosen(tried: Tried) -> dict[str, Any]:
     } | _errors(tried.errors)
 
 
+def _basis(tried: Tried) -> dict[str, Any]:
+    """What the relation rests on: the model, or a monotone cubic through the cases, and the errors of both."""
+    indicators = [k for k in tried.every.level if k not in tried.cases.level]
+    return {
+        "curve": tried.basis,
+        "cubic_over_model_nat": tried.cubic.errors.log_density - tried.modelled.log_density,
+        "model": _errors(tried.modelled),
+        "cubic": _errors(tried.cubic.errors),
+        "indicators": {k: tried.cubic.indicators.get(k) for k in indicators},
+    }
+
+
 def _floor(tried: Tried, condition: str) -> dict[str, float | None]:
     """The error that no relation can fall below at one operating condition [%]."""
     cases = tried.cases
@@ -115,6 +133,7 @@ def _relation(tried: Tried) -> dict[str, Any]:
             "not_rising": _falling(worn.depth, worn.level[k]),
         }
         for k, curve in relation.curves.items()
+        if k in worn.level
     }
 
 
@@ -138,9 +157,9 @@ def _falling(depth: np.ndarray, level: np.ndarray) -> dict[str, float] | None:
 
 def _depths(tried: Tried) -> list[dict[str, Any]]:
     """Depth of every worn case from its levels, by the relation of all other cases."""
-    out, cases = [], tried.cases
+    out, cases = [], tried.every
     for i, relation in zip(np.flatnonzero(cases.worn), tried.relations, strict=True):
-        found = relation.depth({k: float(v[i]) for k, v in cases.level.items()})
+        found = relation.depth({k: float(cases.level[k][i]) for k in relation.curves})
         out.append(
             {
                 "name": tried.cases.name[i],
@@ -148,6 +167,7 @@ def _depths(tried: Tried) -> list[dict[str, Any]]:
                 "median_um": 1e6 * found.median,
                 "p05_um": 1e6 * found.p05,
                 "p95_um": 1e6 * found.p95 if found.bounded else None,
+                "reason": bounds_reason(found),
             }
         )
     return out
@@ -179,7 +199,8 @@ def _curves(tried: Tried) -> dict[str, Any]:
 
 
 def _origin(series: Series, tried: Tried) -> Origin:
-    return Origin(asset=series.asset, causes=tried.choice.causes, sensor=series.sensor, band=series.band)
+    causes = tried.choice.causes if tried.basis == MODEL else ()
+    return Origin(asset=series.asset, curve=tried.basis, causes=causes, sensor=series.sensor, band=series.band)
 
 
 def save_relation(series: Series, tried: Tried, path: Path) -> None:

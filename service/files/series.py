@@ -19,7 +19,7 @@
 
     [levels.fast]                          # one table an operating condition
     column = "rms"                         # RMS of the reference accelerometer
-    unit = "g"                             # g or m/s2
+    unit = "g"                             # g or m/s2; "1": an indicator that the model does not predict
     speed_hz = 45.0                        # of the pinion
     torque_nm = 5.1                        # on the pinion
 
@@ -47,14 +47,14 @@ from service.files.documents import check_asset, check_keys, check_schema, load_
 from service.files.rig import checked_rig
 from service.stream.channels import STANDARD_GRAVITY
 from twin.errors import ParameterError
-from twin.levels.relation import Cases
+from twin.levels.relation import INDICATOR, Cases, Quantity
 from twin.levels.trials import LEAST_WORN
 from twin.model import Condition
 from twin.rig import Rig
 
 SCHEMA = "gear-series/1"
 DEPTH_UNITS = {"um": 1e-6, "mm": 1e-3, "m": 1.0}
-LEVEL_UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0}
+LEVEL_UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0, INDICATOR: 1.0}
 DEEPEST = 0.01  # [m]
 FACTORS = (1.001, 100.0)
 SPEEDS, TORQUES = (0.01, 2000.0), (1e-3, 1e6)  # [Hz], [N·m]
@@ -77,6 +77,7 @@ class Series:
     notes: tuple[str, ...]
     rig: Rig
     conditions: Mapping[str, Condition]
+    quantities: Mapping[str, Quantity]  # column and unit of every condition
     estimated: Mapping[str, float]
     cases: Cases
     records: int
@@ -100,6 +101,8 @@ def load_series(path: Path, source: Path | None = None) -> Series:
     if not levels:
         raise InputError(f"{where}: levels must name at least one operating condition")
     conditions = {name: _condition(where, name, table) for name, table in levels.items()}
+    if all(table["unit"] == INDICATOR for table in levels.values()):
+        raise InputError(f"{where}: levels names indicators alone (unit {INDICATOR!r}): one vibration level is needed")
     sensor, band = _sensor(where, table_of(where, data, "sensor"))
     tables = table_of(where, data, "rig")
     if band is not None:
@@ -120,6 +123,7 @@ def load_series(path: Path, source: Path | None = None) -> Series:
         notes=tuple(str(n) for n in data.get("notes", ())),
         rig=rig,
         conditions=conditions,
+        quantities={k: Quantity(column=str(v["column"]), unit=str(v["unit"])) for k, v in levels.items()},
         estimated={k: float(v) for k, v in estimated.items()},
         cases=cases,
         records=rows,

@@ -11,7 +11,15 @@ from twin.dynamics.hunting import HuntingPeriod
 from twin.errors import ParameterError
 from twin.levels.causes import drawn
 from twin.levels.curve import LevelCurve, level_curve, linear_curve, uneven
-from twin.levels.left_out import each_without, interpolated, leave_out, of_curve, of_twin, spline, straight_line
+from twin.levels.left_out import (
+    each_without,
+    leave_out,
+    monotone_cubic,
+    of_curve,
+    of_twin,
+    spline,
+    straight_line,
+)
 from twin.levels.relation import Cases, Form, Origin, Relation, falling_region, fit
 from twin.levels.trials import LEAST_GAIN, Choice, Fits, choose, choose_without_each, halves, judge, kept
 from twin.levels.wear import by_load_sharing, by_sliding, quasi_static_state, with_even_part
@@ -307,7 +315,7 @@ def test_straight_line_and_spline_give_back_what_they_can_hold():
     x = np.linspace(50e-6, 800e-6, 30)
     assert straight_line(x, 2.0 + 1e4 * x, 333e-6) == pytest.approx(2.0 + 1e4 * 333e-6)
     twice = np.concatenate((x, x[5:9]))  # cases that share a depth
-    for curve in (spline, interpolated):
+    for curve in (spline, monotone_cubic):
         for d in (x, twice, x[::10]):
             assert curve(d, np.exp(3e3 * d), 333e-6) == pytest.approx(np.exp(3e3 * 333e-6), rel=1e-3)
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from tests.mesh_pairs import UNSW_RIG
 from tests.service.test_baselines import recording
 from twin.levels import causes
 from twin.levels.curve import LevelCurve
-from twin.levels.relation import Origin, Relation
+from twin.levels.relation import Origin, Quantity, Relation
 from twin.model import Condition
 from twin.options import Options
 from twin.rig import Rig
@@ -106,7 +107,7 @@ WRONG = {
         ('column = "fast"', 'column = "quick"'),
         "levels.fast.column = 'quick' is not in records.csv, which has",
     ),
-    "unit": (('unit = "g"', 'unit = "mm/s"'), "levels.slow.unit = 'mm/s' must be one of g, m/s2"),
+    "unit": (('unit = "g"', 'unit = "mm/s"'), "levels.slow.unit = 'mm/s' must be one of g, m/s2, 1"),
     "speed": (
         ("speed_hz = 14.0", "speed_hz = -14.0"),
         "levels.fast.speed_hz = -14 Hz is outside [0.01, 2000]; rev/min?",
@@ -185,10 +186,12 @@ def test_relate_prints_writes_and_draws(series, short, capsys):
     said = capsys.readouterr().out
     assert "12 worn and 2 unworn assemblies of 56 records" in said and "straight line" in said
     answer = json.loads(out["answer.json"].read_text())
-    assert [t["name"] for t in answer["trials"]][:4] == ["straight line", "spline", "twin", "background"]
+    assert [t["name"] for t in answer["trials"]][:5] == [
+        "straight line", "spline", "monotone cubic", "twin", "background",
+    ]  # fmt: skip
     assert len(answer["depths"]) == 12 and answer["draws"] == 1
     names = {t["name"] for t in answer["trials"]}
-    assert {"straight line + assembly", "spline + assembly", "assembly"} <= names
+    assert {"straight line + assembly", "spline + assembly", "monotone cubic + assembly", "assembly"} <= names
     assert "other sensor" not in names  # it is stated
     assert answer["chosen"]["without_a_case"]["cases"] == 12
     assert "does not state the band of its levels" in said
@@ -198,7 +201,11 @@ def test_relate_prints_writes_and_draws(series, short, capsys):
     assert page.count('"showSendToCloud": false') == 3  # no figure offers to upload itself
     relation = read_relation(out["relation.json"])
     assert relation.teeth == (20, 40) and set(relation.curves) == {"fast", "slow"}
-    assert relation.origin == Origin(asset="bench", causes=tuple(answer["chosen"]["causes"][1:]), sensor="a2")
+    basis = answer["basis"]
+    assert basis["curve"] == relation.origin.curve == "monotone cubic" and basis["cubic_over_model_nat"] > 0
+    assert relation.origin == Origin(asset="bench", curve="monotone cubic", sensor="a2")
+    assert relation.quantities["slow"] == Quantity(column="slow", unit="g")
+    assert "predicts left-out cases better than the model" in said
 
 
 @pytest.mark.parametrize(
@@ -227,6 +234,59 @@ def test_file_that_is_no_relation_is_refused_in_one_line(series, tmp_path, capsy
         capsys.readouterr()
         assert run(["assess", str(recording_file), "--relation", str(wrong)]) == 2
         assert str(wrong) in capsys.readouterr().err
+
+
+# depths of a table of levels
+
+
+@pytest.fixture
+def known(tmp_path):
+    """A relation file: 100 µm at 10 m/s² in the column "rms", given in g; no longer rising from 400 µm on."""
+    found = replace(relation_to(10.0), quantities={"only": Quantity(column="rms", unit="g")})
+    path = tmp_path / "bench.relation"
+    path.write_text(json.dumps({"schema": "gear-relation/1", "relation": found.to_dict()}), encoding="utf-8")
+    return path
+
+
+def depths(known, table, *more):
+    path = known.with_name("levels.csv")
+    path.write_text(table, encoding="utf-8")
+    return run(["depths", str(known), str(path), *more])
+
+
+def test_table_of_levels_becomes_depths(known, capsys):
+    table = f"day,rms,by\nmonday,{10 / 9.80665},me\ntuesday,{24 / 9.80665},me\nfriday,,you\n"
+    assert depths(known, table, "--json", "-") == 0
+    monday, tuesday, friday = json.loads(capsys.readouterr().out)
+    assert monday["day"] == "monday" and monday["by"] == "me" and "rms" not in monday
+    assert monday["median_um"] == pytest.approx(100, abs=2) and monday["p05_um"] < 98 < 102 < monday["p95_um"]
+    assert tuesday["median_um"] is None and tuesday["p95_um"] is None and tuesday["p05_um"] > 300
+    assert "an upper bound is not known" in tuesday["reason"]
+    assert friday["p05_um"] is None and friday["reason"] == "no level is given"
+    out = known.with_name("depths.csv")
+    assert depths(known, table, "--out", str(out)) == 0
+    lines = out.read_text().splitlines()
+    assert lines[0] == "day,by,median_um,p05_um,p95_um,reason" and lines[1].startswith("monday,me,")
+    assert "3 depths written to" in capsys.readouterr().err
+    assert depths(known, table) == 0
+    said = capsys.readouterr().out
+    assert "monday" in said and "at least" in said and "not available" in said
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("day,level\nmonday,1\n", "none of the relation's columns is there: 'rms'"),
+        ("day,rms\nmonday,loud\n", "levels.csv, line 2: rms = 'loud' must be a number"),
+        ("day,rms\nmonday,-1\n", "levels.csv, line 2: rms = '-1' must be positive and finite"),
+        ("day,rms\nmonday\n", "levels.csv, line 2: 2 cells are needed, as in the header"),
+        ("day,rms\n", "levels.csv: has no rows"),
+    ],
+)
+def test_fault_of_a_table_is_one_line(known, table, message, capsys):
+    assert depths(known, table) == 2
+    said = capsys.readouterr().err.strip()
+    assert message in said and "\n" not in said
 
 
 # a machine of which tooth counts and a relation are known

@@ -109,6 +109,7 @@ class RelationOrigin:
     """What a relation of level and depth was learned from."""
 
     asset: str | None
+    curve: str  # what gives the level by depth: the model, or the cases alone
     causes: tuple[str, ...]
     sensor: str | None
     band: tuple[float, float] | None  # of the level [Hz]
@@ -122,7 +123,7 @@ class LevelWear:
     depth: Interval  # combined [m]
     relation: RelationOrigin
     levels: Mapping[str, LevelReading]  # by operating condition
-    reason: str | None  # why no upper bound is known, where it is not
+    reason: str | None  # why no upper bound is known, or the lower one is zero
     flank_reason: str  # why the depth of a single flank is not available
 
 

@@ -1,4 +1,4 @@
-"""Errors on cases left out: the twin's relation compared with a straight line and a spline that know nothing of gears.
+"""Errors on cases left out: the twin's relation compared with curves that know nothing of gears.
 
 Each worn case is left out in turn, the rest fitted, the case predicted: of its ln(level) under all conditions, a mean
 and a covariance S. The evidence is the logarithm of the density of what was measured, once a case, in all [nat]:
@@ -12,7 +12,7 @@ them left out in turn.
 
 Source   leave-one-out predictive density: A. Gelman, J. Hwang, A. Vehtari, Stat. Comput. 24 (2014) 997–1016;
          spline, its parameter by generalised cross-validation: P. Craven, G. Wahba, Numer. Math. 31 (1978) 377–403;
-         monotone cubic: F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300–304
+         monotone cubic: monotone.py
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator, make_smoothing_spline
+from scipy.interpolate import make_smoothing_spline
 
 from twin.levels.curve import LevelCurve
+from twin.levels.monotone import by_depth, monotone
 from twin.levels.relation import LEAST_VARIANCE, Cases, Form, Relation, fit
 
 Predict = Callable[[np.ndarray, np.ndarray, float], float]  # depths, levels of the others, depth → level
@@ -131,20 +132,13 @@ def straight_line(depth: np.ndarray, level: np.ndarray, at: float) -> float:
 
 def spline(depth: np.ndarray, level: np.ndarray, at: float) -> float:
     """Cubic smoothing spline of ln(level), cases of one depth as one; of fewer than five depths their straight line."""
-    known, mean, count = _by_depth(depth, level)
+    known, mean, count = by_depth(depth, level)
     if known.size < SPLINE_DEPTHS:
         return float(np.exp(np.polyval(np.polyfit(known, mean, 1, w=np.sqrt(count)), at)))
     unit = float(np.ptp(known)) / known.size  # of the order of the distance between cases: the search for the parameter
     return float(np.exp(make_smoothing_spline(known / unit, mean, w=count)(at / unit)))
 
 
-def interpolated(depth: np.ndarray, level: np.ndarray, at: float) -> float:
-    """Monotone cubic through every ln(level), cases of one depth as one."""
-    known, mean, _ = _by_depth(depth, level)
-    return float(np.exp(PchipInterpolator(known, mean)(at)))
-
-
-def _by_depth(depth: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Depths, mean of ln(level) and number of the cases at each."""
-    known, which, count = np.unique(depth, return_inverse=True, return_counts=True)
-    return known, np.bincount(which, np.log(level)) / count, count.astype(float)
+def monotone_cubic(depth: np.ndarray, level: np.ndarray, at: float) -> float:
+    """Monotone cubic through the isotonic regression of ln(level); beyond the outermost depths their level."""
+    return float(monotone(depth, level, at))

@@ -10,8 +10,9 @@ a           difference of this assembly from the others: a number of standard de
 The residual in ln(level) is normal: a, common to the conditions of one case, and a rest of its own in each. Both are
 estimated from the cases: σ_a² is the covariance of their residuals, the variance of the rest what remains.
 
-The depth that belongs to levels is the posterior on an even grid of depths with a uniform prior. Where the level no
-longer rises with depth, only a lower bound results.
+The depth that belongs to levels is the posterior on an even grid of depths with a uniform prior. Where depths are not
+ruled out that the level does not distinguish from the deepest, only a lower bound results; where the levels may be
+those of unworn gears, the lower bound is zero.
 
 Source   the level and its gain: paper, section 3.3; posterior by quadrature: A. Gelman et al., Bayesian Data Analysis,
          3rd ed., ch. 3
@@ -20,13 +21,13 @@ Holds    within the depths of the cases; for the sensor, the speeds and the load
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import rankdata
+from scipy.stats import chi2, rankdata
 
 from twin.errors import ParameterError
 from twin.levels.curve import LevelCurve
@@ -37,6 +38,8 @@ from twin.thresholds import deciding
 GRID = 401  # depths of the posterior
 LEAST_VARIANCE = 1e-6  # of the residual in ln(level): keeps a covariance invertible
 DRAWS = 2000  # of a rising level
+INDICATOR = "1"  # unit of a number without one
+MODEL, CASES = "model", "monotone cubic"  # what gives the level by depth: the twin, or the cases alone (monotone.py)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +66,11 @@ class RelationLimits:
         unit="cases",
         meaning="deepest cases that are called a region",
         source="not derived: fewer have no rank order",
+    )
+    unworn: float = deciding(
+        0.05,
+        meaning="chance of levels as far from those of unworn assemblies, down to which unworn gears are not ruled out",
+        source="the lower end of the 5–95 % band",
     )
     chance: float = deciding(
         0.05,
@@ -97,10 +105,31 @@ class Cases:
             scatter={k: v[which] for k, v in self.scatter.items()},
         )
 
+    def under(self, labels: Collection[str]) -> Cases:
+        """The cases with their levels under some of the conditions."""
+        return replace(
+            self,
+            level={k: v for k, v in self.level.items() if k in labels},
+            scatter={k: v for k, v in self.scatter.items() if k in labels},
+        )
+
     @property
     def worn(self) -> np.ndarray:
         """Which are worn (n,) bool."""
         return self.depth > 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """What a table of levels states of one operating condition."""
+
+    column: str
+    unit: str  # g or m/s2 of a vibration level, INDICATOR of a number that the model does not predict
+
+    @property
+    def modelled(self) -> bool:
+        """Whether the twin predicts it."""
+        return self.unit != INDICATOR
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +148,17 @@ class DepthFound:
     median: float  # [m]
     p05: float
     p95: float
-    bounded: bool  # False where the deepest case is not ruled out: then only p05 says something
+    bounded: bool  # False where depths of one level with the deepest are not ruled out: only p05 says something
+    unworn: bool = False  # whether unworn gears are not ruled out: then p05 is 0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Unworn:
+    """Levels of assemblies with unworn gears, conditions in the order of the relation's."""
+
+    assemblies: int
+    log_level: np.ndarray  # mean of ln(level) (m,)
+    covariance: np.ndarray  # of ln(level) among them (m, m); zeros of a single one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,6 +166,7 @@ class Origin:
     """Machine, sensor and band that a relation belongs to; None where that was not stated."""
 
     asset: str | None = None
+    curve: str = MODEL  # what gives the level by depth: MODEL or CASES
     causes: tuple[str, ...] = ()  # changes of its curves against the twin as its rig file describes it
     sensor: str | None = None  # accelerometer of the levels
     band: tuple[float, float] | None = None  # of the levels [Hz]
@@ -151,6 +191,9 @@ class Relation:
     assembly_std: float  # σ_a
     rest_std: Mapping[str, float]
     deepest: float  # of the cases [m]
+    unworn: Unworn | None = None  # None where no unworn assembly was measured
+    correlation: np.ndarray | None = None  # of the rests, in the order of the curves (m, m); None: independent
+    quantities: Mapping[str, Quantity] = field(default_factory=dict)  # of each condition; none where not stated
     origin: Origin = Origin()
 
     @property
@@ -168,29 +211,58 @@ class Relation:
 
     def covariance(self, labels: Sequence[str]) -> np.ndarray:
         """S of ln(level) of a new assembly under several conditions (m, m)."""
-        return np.diag([self.rest_std[k] ** 2 for k in labels]) + self.assembly_std**2
+        rest = np.diag([self.rest_std[k] for k in labels])
+        if self.correlation is None:
+            return rest**2 + self.assembly_std**2
+        at = [list(self.curves).index(k) for k in labels]
+        return rest @ self.correlation[np.ix_(at, at)] @ rest + self.assembly_std**2
 
     def depth(self, levels: Mapping[str, float]) -> DepthFound:
         """Depth from the levels [m/s²] of one assembly under some of the conditions."""
+        labels = list(levels)
+        grid, log = self._likelihood(levels)
+        mass = np.cumsum(np.exp(log - log.max()))
+        p05, median, p95 = np.interp([0.05, 0.5, 0.95], mass / mass[-1], grid)
+        flat = grid >= self._told_to(labels)
+        unworn = self._may_be_unworn(levels)
+        return DepthFound(
+            median=float(median),
+            p05=0.0 if unworn else float(p05),
+            p95=float(p95),
+            bounded=bool(log[flat].max() - log.max() < -0.5 * Z95**2),
+            unworn=unworn,
+        )
+
+    def _likelihood(self, levels: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Depths [m] and the logarithm of their likelihood, (GRID,) each."""
         unknown = set(levels) - set(self.curves)
         if unknown or not levels:
             raise ParameterError(f"no curve for {', '.join(map(repr, sorted(unknown)))}; {', '.join(self.curves)}")
-        grid = np.linspace(0, self.deepest, GRID)
-        labels = list(levels)
+        grid, labels = np.linspace(0, self.deepest, GRID), list(levels)
         off = np.array([np.log(levels[k]) - np.log(self.level(k, grid)) for k in labels])
-        log = -0.5 * np.sum(off * np.linalg.solve(self.covariance(labels), off), axis=0)
-        mass = np.cumsum(np.exp(log - log.max()))
-        p05, median, p95 = np.interp([0.05, 0.5, 0.95], mass / mass[-1], grid)
-        return DepthFound(
-            median=float(median),
-            p05=float(p05),
-            p95=float(p95),
-            bounded=bool(log[-1] - log.max() < -0.5 * Z95**2),
-        )
+        return grid, -0.5 * np.sum(off * np.linalg.solve(self.covariance(labels), off), axis=0)
+
+    def log_density(self, levels: Mapping[str, float], depth: float) -> float:
+        """Logarithm of the posterior density of a depth [m] within the relation, of an even one's [nat]."""
+        grid, log = self._likelihood(levels)
+        return float(np.interp(depth, grid, log) - np.log(np.mean(np.exp(log - log.max()))) - log.max())
+
+    def _may_be_unworn(self, levels: Mapping[str, float]) -> bool:
+        """Whether the levels [m/s²] are within what unworn assemblies have: their own scatter and a new assembly's."""
+        if self.unworn is None:
+            return False
+        every, labels = list(self.curves), list(levels)
+        at = [every.index(k) for k in labels]
+        off = np.log([levels[k] for k in labels]) - self.unworn.log_level[at]
+        S = self.covariance(labels) + self.unworn.covariance[np.ix_(at, at)]
+        distance = off @ np.linalg.solve(S * (1 + 1 / self.unworn.assemblies), off)
+        return bool(distance < chi2.isf(LIMITS.unworn, len(labels)))
 
     def condition_of(self, speed_hz: float, torque: float | None) -> str | None:
         """The condition of a window by its speed [Hz] and torque [N·m], None where it is another."""
         for label, curve in self.curves.items():
+            if label in self.quantities and not self.quantities[label].modelled:
+                continue
             c = curve.condition
             near = abs(speed_hz / c.speed_hz - 1) <= LIMITS.same_speed
             if near and (torque is None or abs(torque / c.torque - 1) <= LIMITS.same_torque):
@@ -199,9 +271,11 @@ class Relation:
 
     def to_dict(self) -> dict[str, Any]:
         """The relation as JSON-safe data; of its curves depth and level alone."""
+        unworn = self.unworn
         return {
             "of": {
                 "asset": self.origin.asset,
+                "curve": self.origin.curve,
                 "causes": list(self.origin.causes),
                 "sensor": self.origin.sensor,
                 "band_hz": None if self.origin.band is None else list(self.origin.band),
@@ -216,11 +290,21 @@ class Relation:
                     "background": self.background[k],
                     "gain": self.gain[k],
                     "rest_std": self.rest_std[k],
+                    "column": self.quantities[k].column if k in self.quantities else None,
+                    "unit": self.quantities[k].unit if k in self.quantities else None,
                 }
                 for k, c in self.curves.items()
             },
             "assembly_std": self.assembly_std,
             "deepest": self.deepest,
+            "correlation": None if self.correlation is None else self.correlation.tolist(),
+            "unworn": None
+            if unworn is None
+            else {
+                "assemblies": unworn.assemblies,
+                "log_level": unworn.log_level.tolist(),
+                "covariance": unworn.covariance.tolist(),
+            },
         }
 
     @classmethod
@@ -242,7 +326,7 @@ class Relation:
         def each(name: str) -> dict[str, float]:
             return {k: float(v[name]) for k, v in conditions.items()}
 
-        of = data.get("of", {})
+        of, unworn, correlation = data.get("of", {}), data.get("unworn"), data.get("correlation")
         band = of.get("band_hz")
 
         return cls(
@@ -252,8 +336,20 @@ class Relation:
             rest_std=each("rest_std"),
             assembly_std=float(data["assembly_std"]),
             deepest=float(data["deepest"]),
+            correlation=None if correlation is None else np.array(correlation, float),
+            unworn=None
+            if unworn is None
+            else Unworn(
+                assemblies=int(unworn["assemblies"]),
+                log_level=np.array(unworn["log_level"], float),
+                covariance=np.array(unworn["covariance"], float),
+            ),
+            quantities={
+                k: Quantity(column=v["column"], unit=v["unit"]) for k, v in conditions.items() if v.get("column")
+            },
             origin=Origin(
                 asset=of.get("asset"),
+                curve=of.get("curve", MODEL),
                 causes=tuple(of.get("causes", ())),
                 sensor=of.get("sensor"),
                 band=None if band is None else (float(band[0]), float(band[1])),
@@ -267,10 +363,35 @@ class Relation:
         of 20: their difference scatters by √2·std, so that the curve must differ by Z95·√2·std. That the 5–95 % bands
         of both do not overlap would ask for Z95·2·std, and the order is then right 99 times of 100.
         """
+        return self._told_to([label])
+
+    def _told_to(self, labels: Sequence[str]) -> float:
+        """The same of several conditions together: the distance of their levels in units of what they scatter by."""
         grid = np.linspace(0, self.deepest, GRID)
-        rise = np.log(self.level(label, grid[-1])) - np.log(self.level(label, grid))
-        apart = np.abs(rise) > Z95 * np.sqrt(2) * self.std(label)
-        return float(grid[np.flatnonzero(apart)[-1] + 1]) if apart.any() else 0.0
+        rise = np.log([self.level(k, grid[-1]) / self.level(k, grid) for k in labels])
+        distance = np.sum(rise * np.linalg.solve(self.covariance(labels), rise), axis=0)
+        apart = np.flatnonzero(distance > 2 * Z95**2)
+        return float(grid[apart[-1] + 1]) if apart.size else 0.0
+
+
+def common_variance(covariance: np.ndarray) -> float:
+    """σ_a² of residuals in ln(level) with a covariance (m, m): the mean covariance of two conditions."""
+    m = len(covariance)
+    common = float(np.mean(covariance[~np.eye(m, dtype=bool)])) if m > 1 else 0.0
+    return float(np.clip(common, 0.0, np.diag(covariance).min()))
+
+
+def unworn_of(relation: Relation, cases: Cases) -> Relation:
+    """The relation with the levels of the unworn assemblies among the cases."""
+    count = int(np.sum(~cases.worn))
+    if not count:
+        return relation
+    levels = np.log([cases.level[k][~cases.worn] for k in relation.curves])
+    off = levels - levels.mean(axis=1, keepdims=True)
+    return replace(
+        relation,
+        unworn=Unworn(assemblies=count, log_level=levels.mean(axis=1), covariance=off @ off.T / max(count - 1, 1)),
+    )
 
 
 def fit(cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None) -> Relation:
@@ -311,9 +432,8 @@ def fit(cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None
     free = len(p) / m
     covariance = residual @ residual.T / max(residual.shape[1] - free, 1)
     variance = dict(zip(labels, np.diag(covariance), strict=True))
-    common = float(np.mean(covariance[~np.eye(m, dtype=bool)])) if m > 1 else 0.0
-    common = float(np.clip(common, 0.0, np.diag(covariance).min()))
-    return Relation(
+    common = common_variance(covariance)
+    relation = Relation(
         curves=curves,
         background=dict(zip(labels, background.tolist(), strict=True)),
         gain=dict(zip(labels, gain.tolist(), strict=True)),
@@ -321,6 +441,7 @@ def fit(cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None
         rest_std={k: float(np.sqrt(max(v - common, LEAST_VARIANCE))) for k, v in variance.items()},
         deepest=float(cases.depth.max()),
     )
+    return unworn_of(relation, cases)
 
 
 def falling_region(depth: np.ndarray, level: np.ndarray, *, draws: int = DRAWS, seed: int = 1) -> NotRising | None:

@@ -13,7 +13,9 @@ anew for each case left out predicts that case better than the twin with its bac
     one gain    the same from the mesh to the sensor at every speed
     assembly    what all conditions of one assembly have in common: one is predicted from the others as well
 
-Straight line and spline are given the other conditions of the assembly wherever the twin is.
+Straight line, spline and monotone cubic are given the other conditions of the assembly wherever the twin is. Where the
+monotone cubic through the cases predicts cases left out better than what is kept of the model, the relation is that
+cubic, and indicators that the model does not predict join it one by one while they tell depths left out better.
 
 Source   causes: twin.levels.causes; comparison: twin.levels.left_out
 """
@@ -21,13 +23,14 @@ Source   causes: twin.levels.causes; comparison: twin.levels.left_out
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 
 import numpy as np
 
 from twin.errors import NotConverged, ParameterError
+from twin.levels.basis import ByCases, by_cases
 from twin.levels.causes import (
     EVEN_SHARES,
     EVEN_WEAR,
@@ -46,14 +49,15 @@ from twin.levels.left_out import (
     by_curve,
     by_relation,
     each_without,
-    interpolated,
     leave_out,
+    monotone_cubic,
     of_curve,
     score,
     spline,
     straight_line,
 )
-from twin.levels.relation import Cases, Form, Relation, fit
+from twin.levels.relation import CASES, MODEL, Cases, Form, Quantity, Relation, fit
+from twin.levels.wear import Wear
 from twin.model import Condition
 from twin.rig import Rig
 from twin.thresholds import deciding
@@ -61,7 +65,11 @@ from twin.thresholds import deciding
 PLAIN = Form()
 Progress = Callable[[float, str], None]  # share done, what is being done
 
-BLIND: dict[str, Predict] = {"straight line": straight_line, "spline": spline}  # curves that know nothing of gears
+BLIND: dict[str, Predict] = {  # curves that know nothing of gears
+    "straight line": straight_line,
+    "spline": spline,
+    CASES: monotone_cubic,
+}
 WITH_OTHERS = " + assembly"  # with the other conditions of the assembly known
 
 
@@ -135,10 +143,14 @@ class Tried:
     choices: tuple[Choice, ...]  # chosen without each worn case
     errors: Errors  # by that, fitted without that case, on the case
     gain: float  # of their log density over the twin with its background [nat]
-    choice: Choice  # what holds (`kept`)
-    relation: Relation  # by what holds, of all cases
-    relations: tuple[Relation, ...]  # by what holds, fitted (a combination chosen, too) without each worn case
+    choice: Choice  # what holds of the model (`kept`)
+    modelled: Errors  # by that, fitted without each worn case, on the case
+    basis: str  # which predicts cases left out better: MODEL, or CASES without it
+    relation: Relation  # on that basis, of all cases
+    relations: tuple[Relation, ...]  # the same, fitted (a combination chosen, too) without each worn case
     left: Errors  # of these on that case
+    cubic: ByCases  # on the cases alone
+    every: Cases  # with the indicators that the model does not predict
     judged: Mapping[str, Errors]  # chosen and fitted on every other case, on the rest; by method
     few: Mapping[str, Mapping[str, float]]  # mean errors on the rest from few cases, by method and condition
     spread: Mapping[str, tuple[float, float, float]]  # 10, 50, 90 % of mean errors over draws of what is estimated
@@ -251,11 +263,42 @@ def _few(cases: Cases, twin: Curves) -> dict[str, dict[str, float]]:
     relation = fit(some, twin)
     out: dict[str, dict[str, float]] = {}
     for k, level in rest.level.items():
-        blind = BLIND | {"interpolation": interpolated}
-        found = {n: [curve(some.depth, some.level[k], float(d)) for d in rest.depth] for n, curve in blind.items()}
+        known_depths = some.only(some.worn)
+        found = {
+            n: [curve(known_depths.depth, known_depths.level[k], float(d)) for d in rest.depth]
+            for n, curve in BLIND.items()
+        }
         for name, each in (found | {"background": relation.level(k, rest.depth)}).items():
             out.setdefault(name, {})[k] = float(np.mean(np.abs(np.array(each) / level - 1)))
     return out
+
+
+def _curves(
+    rig: Rig,
+    conditions: Mapping[str, Condition],
+    causes: Mapping[str, tuple[str, Callable[[Machine, Wear], Curves]]],
+    deepest: float,
+    spreads: Mapping[str, float],
+    names: Sequence[str],
+    rng: np.random.Generator,
+    progress: Progress,
+) -> dict[str, Curves]:
+    """The curves of causes and of draws of estimated values, by name, to a depth [m]."""
+    depths = depths_to(deepest)
+    machine = Machine.of(rig, conditions, depths)
+    wear = machine.worn()
+    curves: dict[str, Curves] = {}
+    for i, name in enumerate(names):
+        progress(i / (len(names) + 3), name)
+        if name in causes:
+            curves[name] = causes[name][1](machine, wear)
+            continue
+        other = Machine.of(drawn(rig, spreads, rng), conditions, depths)
+        try:
+            curves[name] = other.curves(other.worn())
+        except NotConverged:  # no steady state of the unworn gears to begin with
+            continue
+    return curves
 
 
 def try_all(
@@ -263,6 +306,7 @@ def try_all(
     conditions: Mapping[str, Condition],
     cases: Cases,
     *,
+    quantities: Mapping[str, Quantity] | None = None,
     stated: Collection[str] = (),
     spreads: Mapping[str, float] | None = None,
     draws: int = 0,
@@ -272,6 +316,7 @@ def try_all(
     """Compares every cause on a series of cases.
 
     conditions  of every label of the cases' levels
+    quantities  what the levels are; all of them vibration levels where they are not given
     stated      which of "sensor" and "band" of the levels are known and need not be tried
     spreads     estimated numbers of the rig file by dotted path, and the factor by which they may be off
     draws       number of draws of them
@@ -279,23 +324,14 @@ def try_all(
     """
     if cases.worn.sum() < LEAST_WORN:
         raise ParameterError(f"{cases.worn.sum()} worn cases are too few: at least {LEAST_WORN}")
-    depths = depths_to(float(cases.depth.max()))
+    quantities = quantities or {}
+    every = cases
+    modelled = {k: c for k, c in conditions.items() if k not in quantities or quantities[k].modelled}
+    cases = every.under(modelled)
     causes = causes_of(rig, stated)
     names = [*causes, *(f"{OTHER_VALUES}{NUMBERED}{i + 1}" for i in range(draws))]
-    curves: dict[str, Curves] = {}
-    machine = Machine.of(rig, conditions, depths)
-    wear = machine.worn()
     rng = np.random.default_rng(seed)
-    for i, name in enumerate(names):
-        progress(i / (len(names) + 3), name)
-        if name in causes:
-            curves[name] = causes[name][1](machine, wear)
-            continue
-        other = Machine.of(drawn(rig, spreads or {}, rng), conditions, depths)
-        try:
-            curves[name] = other.curves(other.worn())
-        except NotConverged:  # no steady state of the unworn gears to begin with
-            continue
+    curves = _curves(rig, modelled, causes, float(cases.depth.max()), spreads or {}, names, rng, progress)
     progress(len(names) / (len(names) + 3), "cases left out")
     fits = Fits(curves)
     drawn_names = [name for name in curves if name.startswith(OTHER_VALUES)]
@@ -309,9 +345,13 @@ def try_all(
     if choice == Choice():
         relations = tuple(fits.of(others, choice.curves, choice.form) for _, others in each_without(cases))
         left = next(t.errors for t in trials if t.name == "background")
+    cubic = by_cases(every, conditions, modelled, next(iter(curves["twin"].values())).teeth, LEAST_GAIN)
+    better = cubic.errors.log_density > left.log_density
+    relation = cubic.relation if better else fits.of(cases, choice.curves, choice.form)
     progress((len(names) + 2) / (len(names) + 3), "halves")
     return Tried(
         cases=cases,
+        every=every,
         curves=curves,
         trials=tuple(trials),
         best=best,
@@ -319,9 +359,12 @@ def try_all(
         errors=errors,
         gain=gain,
         choice=choice,
-        relation=fits.of(cases, choice.curves, choice.form),
-        relations=relations,
-        left=left,
+        modelled=left,
+        basis=CASES if better else MODEL,
+        cubic=cubic,
+        relation=replace(relation, quantities={k: quantities[k] for k in relation.curves if k in quantities}),
+        relations=cubic.relations if better else relations,
+        left=cubic.errors if better else left,
         judged=judge(cases, fits),
         few=_few(cases, curves["twin"]),
         spread=spread,

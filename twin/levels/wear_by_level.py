@@ -74,13 +74,14 @@ def wear_by_level(
         ),
         relation=RelationOrigin(
             asset=origin.asset,
+            curve=origin.curve,
             causes=tuple(origin.causes),
             sensor=origin.sensor,
             band=origin.band,
             note=not_stated(origin),
         ),
         levels=levels,
-        reason=None if found.bounded else _unbounded(found),
+        reason=bounds_reason(found),
         flank_reason=ONE_FLANK,
     )
 
@@ -106,5 +107,12 @@ def _condition(relation: Relation, rig: Rig, features: WindowFeatures) -> str:
     return label
 
 
-def _unbounded(found: DepthFound) -> str:
-    return f"the level no longer rises with depth: at least {found.p05 * 1e6:.0f} µm, an upper bound is not known"
+def bounds_reason(found: DepthFound) -> str | None:
+    """Why a bound of the depth is not known or is zero, as a sentence; None where both are as the levels give them."""
+    reasons = []
+    if not found.bounded:
+        least = f"at least {found.p05 * 1e6:.0f} µm, " if found.p05 > 0 else ""
+        reasons.append(f"the level no longer rises with depth: {least}an upper bound is not known")
+    if found.unworn:
+        reasons.append("the levels may be those of unworn gears")
+    return "; ".join(reasons) or None
