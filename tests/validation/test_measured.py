@@ -129,8 +129,10 @@ def test_wear_series_has_its_assemblies(wear_series):
     assert cases.depth[i] == pytest.approx(488e-6)
     assert cases.level["45rps"][i] / 9.80665 == pytest.approx(1.676, abs=0.002)
     first = cases.name.index("W1")
-    for level in cases.level.values():  # the first case lies below the unworn ones
-        assert level[first] < level[~cases.worn].mean()
+    for label in ("45rps", "15rps"):  # the first case lies below the unworn ones in level, not in modulation
+        assert cases.level[label][first] < cases.level[label][~cases.worn].mean()
+    assert cases.level["45rps-fme"][first] > cases.level["45rps-fme"][~cases.worn].mean()
+    assert [k for k, q in wear_series.quantities.items() if not q.modelled] == ["45rps-fme", "15rps-fme"]
 
 
 @needs
