@@ -120,7 +120,8 @@ def test_two_effects_that_are_both_there_both_stay_and_each_with_what_leaving_it
     for c in findings.found:
         (other,) = (d for d in findings.found if d is not c)
         without = machine.windows.fitted((started(other.trial, other.numbers, 0.0),), findings.base, 2).fit
-        assert c.gain == pytest.approx(findings.best.log_evidence - without.log_evidence, abs=1.0)
+        # a fit that leaves as much unexplained as this one ends where a step promises 5 % of its misfit
+        assert c.gain == pytest.approx(findings.best.log_evidence - without.log_evidence, rel=0.01)
 
 
 def test_pruning_of_nothing_is_nothing():
