@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from service.errors import InputError
+from service.files.csv_table import read_table
 from service.files.series import LEVEL_UNITS
 from twin.levels.relation import Quantity, Relation
 from twin.levels.wear_by_level import bounds_reason
@@ -24,8 +25,13 @@ ONE_UNIT = "m/s2"  # of the levels of a relation that states none
 def depths_of(relation: Relation, table: Path, delimiter: str = ",") -> list[dict[str, Any]]:
     """Every row with the depth of both flanks together [µm]; InputError with what is wrong."""
     columns = {k: relation.quantities.get(k, Quantity(column=k, unit=ONE_UNIT)) for k in relation.curves}
-    rows = _rows(table, delimiter)
-    there = {k: q for k, q in columns.items() if rows and q.column in rows[0]}
+    wrong = [q.unit for q in columns.values() if q.unit not in LEVEL_UNITS]
+    if wrong:
+        raise InputError(f"the relation's unit {wrong[0]!r} must be one of {', '.join(LEVEL_UNITS)}")
+    header, rows = read_table(table, delimiter)
+    if not rows:
+        raise InputError(f"{table}: has no rows")
+    there = {k: q for k, q in columns.items() if q.column in header}
     if not there:
         wanted = ", ".join(repr(q.column) for q in columns.values())
         raise InputError(f"{table}: none of the relation's columns is there: {wanted}")
@@ -61,22 +67,6 @@ def _depth(relation: Relation, levels: dict[str, float]) -> dict[str, Any]:
         "p95_um": 1e6 * found.p95 if found.bounded else None,
         "reason": bounds_reason(found),
     }
-
-
-def _rows(table: Path, delimiter: str) -> list[dict[str, str]]:
-    try:
-        with table.open(encoding="utf-8-sig", newline="") as lines:
-            rows = list(csv.DictReader(lines, delimiter=delimiter))
-    except OSError as error:
-        raise InputError(f"{table}: cannot be read: {(error.strerror or 'fault').lower()}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{table}: is no readable CSV file: {error}") from None
-    if not rows:
-        raise InputError(f"{table}: has no rows")
-    for number, row in enumerate(rows, start=2):
-        if None in row or None in row.values():
-            raise InputError(f"{table.name}, line {number}: {len(rows[0])} cells are needed, as in the header")
-    return rows
 
 
 def _level(at: str, column: str, row: dict[str, str]) -> float | None:

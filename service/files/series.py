@@ -33,7 +33,6 @@ Every fault is one line that names the key, its value and what would be right.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
@@ -43,6 +42,7 @@ from typing import Any
 import numpy as np
 
 from service.errors import InputError
+from service.files.csv_table import read_table
 from service.files.documents import check_asset, check_keys, check_schema, load_document, number_of, table_of
 from service.files.rig import checked_rig
 from service.stream.channels import STANDARD_GRAVITY
@@ -212,20 +212,11 @@ def _cases(
 
 
 def _rows(where: str, table: Path, delimiter: str, columns: Mapping[str, str]) -> list[dict[str, str]]:
-    try:
-        with table.open(encoding="utf-8-sig", newline="") as lines:
-            reader = csv.DictReader(lines, delimiter=delimiter)
-            header = list(reader.fieldnames or ())
-            for key, column in columns.items():
-                if column not in header:
-                    raise InputError(
-                        f"{where}: {key} = {column!r} is not in {table.name}, which has {', '.join(header)}"
-                    )
-            return list(reader)
-    except OSError as error:
-        raise InputError(f"{where}: {table} cannot be read: {(error.strerror or 'fault').lower()}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{where}: {table.name} is no readable CSV file: {error}") from None
+    header, rows = read_table(table, delimiter)
+    for key, column in columns.items():
+        if column not in header:
+            raise InputError(f"{where}: {key} = {column!r} is not in {table.name}, which has {', '.join(header)}")
+    return rows
 
 
 def _cell(at: str, column: str, row: Mapping[str, str]) -> float:

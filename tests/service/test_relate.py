@@ -291,6 +291,14 @@ def test_fault_of_a_table_is_one_line(known, table, message, capsys):
     assert message in said and "\n" not in said
 
 
+def test_delimiter_of_several_characters_and_foreign_unit_are_one_line(known, capsys):
+    assert depths(known, "day,rms\nmonday,1\n", "--delimiter", ";;") == 2
+    assert "delimiter = ';;' must be one character" in capsys.readouterr().err
+    known.write_text(known.read_text().replace('"unit": "g"', '"unit": "mm/s"'))
+    assert depths(known, "day,rms\nmonday,1\n") == 2
+    assert "the relation's unit 'mm/s' must be one of g, m/s2, 1" in capsys.readouterr().err
+
+
 # a machine of which tooth counts and a relation are known
 
 
