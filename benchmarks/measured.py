@@ -35,7 +35,6 @@ from twin.baseline.diagnosis import WindowParts, diagnose
 from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.reading import WindowReading, read
-from twin.levels.trials import try_all
 
 ROOT = Path(__file__).parents[1]
 MAPPINGS = ROOT / "recordings" / "mappings"
@@ -207,15 +206,8 @@ def wear(folder: Path) -> None:
     """Levels at measured depths, each case left out in turn."""
     name = "bgu-spur-wear-35"
     series = load_series(MAPPINGS / f"{name}.toml", MEASURED / name / "records.csv")
-    tried = try_all(
-        series.rig,
-        series.conditions,
-        series.cases,
-        quantities=series.quantities,
-        stated=series.stated,
-        spreads=series.estimated,
-        draws=DRAWS,
-        progress=lambda share, doing: print(f"{100 * share:3.0f} % {doing}", file=sys.stderr),
+    tried = relating.tried_on(
+        series, DRAWS, lambda share, doing: print(f"{100 * share:3.0f} % {doing}", file=sys.stderr)
     )
     answer = relating.answer(series, tried)
     print(shown.text(answer))

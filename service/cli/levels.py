@@ -34,21 +34,11 @@ def relate(
     from service.files import relation as relating
     from service.files.series import load_series
     from twin.errors import TwinError
-    from twin.levels.trials import try_all
 
     known = load_series(series, source)
     with progress_bar("relating") as bar:
         try:
-            tried = try_all(
-                known.rig,
-                known.conditions,
-                known.cases,
-                quantities=known.quantities,
-                stated=known.stated,
-                spreads=known.estimated,
-                draws=draws,
-                progress=bar,
-            )
+            tried = relating.tried_on(known, draws, bar)
         except TwinError as error:
             raise InputError(f"{series}: {error}") from None
     answer = relating.answer(known, tried)

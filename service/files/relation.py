@@ -20,11 +20,25 @@ from service.json_text import json_text, plain, write_text
 from twin.errors import ParameterError
 from twin.levels.left_out import Errors, spline
 from twin.levels.relation import MODEL, Z95, Origin, Relation, common_variance, falling_region, fit
-from twin.levels.trials import Tried
+from twin.levels.trials import Progress, Tried, try_all
 from twin.levels.wear_by_level import bounds_reason, not_stated
 
 SCHEMA = "gear-relation/1"
 DRAWN = 200  # points of a drawn curve
+
+
+def tried_on(series: Series, draws: int, progress: Progress = lambda share, doing: None) -> Tried:
+    """Every cause of the model's errors, and the cases alone, on a series; errors as `try_all`."""
+    return try_all(
+        series.rig,
+        series.conditions,
+        series.cases,
+        quantities=series.quantities,
+        stated=series.stated,
+        spreads=series.estimated,
+        draws=draws,
+        progress=progress,
+    )
 
 
 def answer(series: Series, tried: Tried) -> dict[str, Any]:

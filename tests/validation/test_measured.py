@@ -9,11 +9,11 @@ import pytest
 from service.errors import InputError
 from service.files.baseline import compared, learned, lines_of_no_shaft, load
 from service.files.import_recording import import_recording
-from service.files.relation import answer
+from service.files.relation import answer, tried_on
 from service.files.series import load_series
 from twin.baseline.comparison import described
 from twin.levels.relation import CASES
-from twin.levels.trials import LEAST_GAIN, try_all
+from twin.levels.trials import LEAST_GAIN
 
 ROOT = Path(__file__).parents[2]
 MEASURED = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared")) / "measured"
@@ -140,9 +140,7 @@ def test_wear_series_has_its_assemblies(wear_series):
 @pytest.mark.timeout(1200)  # nine time-domain curves of the levels, half a minute each on a slow core
 def test_levels_of_the_wear_series_beside_curves_that_know_nothing_of_gears(wear_series):
     s = wear_series
-    tried = try_all(
-        s.rig, s.conditions, s.cases, quantities=s.quantities, stated=s.stated, spreads=s.estimated, draws=2
-    )
+    tried = tried_on(s, draws=2)
     by = {t.name: t.errors for t in tried.trials}
     fast, slow = "45rps", "15rps"
     # with equal information the twin is nearer than a line at 15 rev/s and not at 45, and nowhere nearer than a spline
