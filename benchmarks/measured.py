@@ -69,7 +69,7 @@ def spectraquest(folder: Path) -> None:
             found = load(imported(data.name, data / f"{state}30hz{percent}.csv.gz", folder))
             rig, window = found.rig, found.windows[0]
             shafts = (*pair_shafts(rig), THIRD)
-            seen = None if window.spacing is None else window.spacing.ratio
+            seen = window.spacings[0].ratio if window.spacings else None
             print(f"{state}{percent:<3} {window.track.speed:.4f} Hz   strange spacing of order {seen}", file=sys.stderr)
             readings[state, percent] = read(rig, window.window, shafts, f"{state}{percent}", window.track)
     assert rig is not None
@@ -180,7 +180,9 @@ def modulation(folder: Path) -> None:
     assert isinstance(breakdown, list), breakdown
     print("\n".join(energies(breakdown)))
     for s in lines_of_no_shaft(found):
-        print(f"lines spaced by {s['frequency_hz']:.4f} ± {s['frequency_std_hz']:.4f} Hz, order {s['order']:.5f}")
+        chance = f"by chance once in {np.exp(s['clearness']):.0e} searches; on {len(s['channels'])} channels"
+        place = f"{s['frequency_hz']:.4f} ± {s['frequency_std_hz']:.4f} Hz, order {s['order']:.5f}"
+        print(f"lines spaced by {place}; {chance}")
         if s["part"] > 1:
             print(f"  weaker lines at {s['frequency_hz'] / s['part']:.4f} Hz, too: causes are tried at that")
         for b in s["sidebands"][:12]:

@@ -20,6 +20,7 @@ from twin.baseline.modulation import NewModulationThresholds
 from twin.baseline.operating import OperatingThresholds as BaselineOperatingThresholds
 from twin.baseline.reading import ReadingThresholds
 from twin.baseline.spacing import SpacingThresholds
+from twin.baseline.spacing_search import SpacingSearchThresholds
 from twin.baseline.sufficiency import SufficiencyLimits
 from twin.baseline.transfer_path import PathThresholds
 from twin.effects.facts import DetectionThresholds
@@ -106,6 +107,7 @@ SETS: tuple[type, ...] = (
     BaselineOperatingThresholds,
     ReadingThresholds,
     SpacingThresholds,
+    SpacingSearchThresholds,
     SufficiencyLimits,
     PathThresholds,
     DetectionThresholds,

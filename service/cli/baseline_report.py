@@ -70,6 +70,7 @@ def text(answer: Mapping[str, Any]) -> str:
     elif left["reason"]:
         lines.append(f"Note: {left['reason']}.")
     lines += strange.sentences(answer["unattributed_lines"])
+    lines += strange.search_sentences(answer.get("unattributed_search"))
     lines += not_judged(answer["baseline"])
     outside = [w["name"] for w in answer["windows"] if not w["interpolated"]]
     if outside:

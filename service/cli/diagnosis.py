@@ -68,7 +68,8 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
     held = tracing.get("held_out") or []
     if held:
         out.append(f"Errors are computed on held-out windows, which no fit used: windows {', '.join(map(str, held))}.")
-    others = [*strange.sentences(answer.get("unattributed_lines") or ()), *pair.sentences(answer.get("pair"))]
+    found = strange.sentences(answer.get("unattributed_lines") or ())
+    others = [*found, *strange.search_sentences(answer.get("unattributed_search")), *pair.sentences(answer.get("pair"))]
     return out + others
 
 

@@ -19,6 +19,23 @@ def sentences(strange: Sequence[Mapping[str, Any]]) -> list[str]:
     return [_sentence(found) for found in strange]
 
 
+def search_sentences(search: Mapping[str, Any] | None) -> list[str]:
+    """What was sought and from which size it would have been found, where nothing was; empty otherwise."""
+    if search is None or search["found"]:
+        return []
+    if not search["detection_limits"]:
+        return ["Lines of no known shaft were not sought: the window is too short for them."]
+    first: dict[str, str] = {}
+    for limit in search["detection_limits"]:
+        if limit["harmonic"] == 1:
+            first[limit["channel"]] = number(limit["amplitude"], 2)
+    return [
+        f"Modulation by a frequency of no known shaft: none found. Sidebands {search['from_hz']:.2f} to "
+        f"{search['to_hz']:.0f} Hz from the mesh lines were sought; at mesh harmonic 1 they would be found from a peak "
+        "of " + ", ".join(f"{value} ({channel})" for channel, value in first.items()) + "."
+    ]
+
+
 def _sentence(found: Mapping[str, Any]) -> str:
     shown = ", ".join(
         f"{s['channel']} {s['multiple']}× "
@@ -40,8 +57,9 @@ def _sentence(found: Mapping[str, Any]) -> str:
     place = f"{found['frequency_hz']:.3f} ± {found['frequency_std_hz']:.3f} Hz (order {found['order']:.4f})"
     if found["geared"] is not None:
         return f"Another shaft turns with the pinion as {found['geared']}: lines spaced by {place}, {shown}."
+    seen = f" They stand out on {', '.join(found['channels'])}." if found.get("channels") else ""
     return (
-        f"Unknown effect: lines spaced by {place} belong to no known shaft: {shown}. {slower}"
+        f"Unknown effect: lines spaced by {place} belong to no known shaft: {shown}.{seen} {slower}"
         f"Ruled out: {'; '.join(failed) or 'none'}. Possible: "
         f"{'; '.join(possible) or 'none of the tested causes'}."
     )

@@ -10,7 +10,7 @@ from pydantic import Field
 from service.contract.alarms import AlarmCount
 from service.contract.attribution import Calibration, Tracing
 from service.contract.base import ContractModel, NotAvailable, not_available
-from service.contract.baseline import Baseline, UnattributedLines
+from service.contract.baseline import Baseline, UnattributedLines, UnattributedSearch
 from service.contract.effects import Effect, Residual, Unexplained
 from service.contract.encoder_pair import EncoderPair
 from service.contract.modulation import Modulation
@@ -55,6 +55,9 @@ class Asset(ContractModel):
         default=None, description="absent where a model is known, or an encoder is not there"
     )
     unattributed_lines: list[UnattributedLines] | None = None
+    unattributed_search: UnattributedSearch | None = Field(
+        default=None, description="where lines of no known shaft were sought in the latest window"
+    )
     alarms: AlarmCount | None = Field(default=None, description="open alarms; of the service")
     modulation: list[Modulation] | None = Field(
         default=None, description="sidebands of the mesh lines, of a machine without a model; the deepest first"
@@ -82,6 +85,8 @@ def report_of(found: assessment.Assessment, status: Status) -> dict[str, Any]:
         parts["pair"] = part_of(found.encoder_pair, EncoderPair)
     if found.unattributed_lines is not None:
         parts["unattributed_lines"] = [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines]
+    if found.unattributed_search is not None:
+        parts["unattributed_search"] = UnattributedSearch.of(found.unattributed_search).as_json()
     if found.modulation is not None:
         parts["modulation"] = [Modulation.of(one).as_json() for one in found.modulation]
     return parts

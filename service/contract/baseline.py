@@ -145,8 +145,11 @@ class UnattributedLines(ContractModel):
     frequency_std_hz: float | None
     part: int
     geared: str | None = Field(description="ratio to the pinion, where it is one of small tooth counts")
-    clearness: float | None
-    next_clearness: float | None
+    clearness: float | None = Field(description="-ln of the probability that the search finds one as clear by chance")
+    next_clearness: float | None = Field(description="the same of the best spacing that is not related to this one")
+    channels: list[str] = Field(
+        default_factory=list, description="on which both sidebands stand out of their neighbourhood"
+    )
     sidebands: list[Sideband]
     spectrum: list[Excerpt]
     causes: list[Cause]
@@ -180,4 +183,35 @@ class UnattributedLines(ContractModel):
                 for e in lines.spectrum
             ],
             causes=[Cause(name=c.name, possible=c.possible, detail=c.detail) for c in lines.causes],
+            channels=list(lines.channels),
+        )
+
+
+class SidebandLimit(ContractModel):
+    """From which amplitude sidebands at one mesh harmonic alone would have been found in one channel."""
+
+    channel: str
+    harmonic: int
+    amplitude: float | None = Field(description="peak of the weaker side, in the channel's unit")
+
+
+class UnattributedSearch(ContractModel):
+    """What lines of no known shaft were sought in a window: pairs of sidebands about mesh harmonics."""
+
+    window: str
+    from_hz: float | None = Field(description="smallest distance from a mesh line")
+    to_hz: float | None = Field(description="largest distance from a mesh line")
+    found: int = Field(description="spacings")
+    detection_limits: list[SidebandLimit]
+
+    @classmethod
+    def of(cls, search: assessment.UnattributedSearch) -> UnattributedSearch:
+        return cls(
+            window=search.window,
+            from_hz=search.smallest,
+            to_hz=search.largest,
+            found=search.found,
+            detection_limits=[
+                SidebandLimit(channel=x.channel, harmonic=x.harmonic, amplitude=x.amplitude) for x in search.limits
+            ],
         )

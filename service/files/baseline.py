@@ -19,7 +19,7 @@ import numpy as np
 
 from service.contract.base import not_available
 from service.contract.baseline import Baseline as BaselineModel
-from service.contract.baseline import BaselineWindow, UnattributedLines
+from service.contract.baseline import BaselineWindow, UnattributedLines, UnattributedSearch
 from service.contract.effects import Effect, Residual, Unexplained
 from service.contract.modulation import Modulation
 from service.errors import InputError
@@ -141,7 +141,7 @@ def _learned(rig: Rig, windows: Sequence[TrackedWindow], earlier: Baseline | Non
 
 def _geared(windows: Sequence[TrackedWindow]) -> tuple[Fraction, ...]:
     """The order of another shaft that most windows show and are long enough to tell apart."""
-    ratio = shared_ratio([w.spacing for w in windows])
+    ratio = shared_ratio([w.spacings for w in windows])
     if ratio is None:
         return ()
     turns = min(w.track.turns for w in windows)
@@ -178,6 +178,7 @@ def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[st
             "effects": [Effect.of(effect).as_json() for effect in found.effects],
             "unexplained": Unexplained.of(found.unexplained).as_json(),
             "unattributed_lines": [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines],
+            "unattributed_search": UnattributedSearch.of(found.unattributed_search).as_json(),
             "modulation": [Modulation.of(one).as_json() for one in modulation_of(loaded, baseline)],
         }
     )
@@ -207,7 +208,7 @@ def energy_of(
         loaded = load(path, rig_path, assembly=assembly, prefix=prefix)
         first = loaded.windows[0]
         shafts = pair_shafts(loaded.rig)
-        found = energy_breakdown(first.window.accelerations, first.track, loaded.rig.teeth, shafts, first.spacing)
+        found = energy_breakdown(first.window.accelerations, first.track, loaded.rig.teeth, shafts, first.spacings)
     except (InputError, TwinError) as reason:
         return not_available(str(reason))
     return [

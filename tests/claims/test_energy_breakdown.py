@@ -38,11 +38,20 @@ def window(slip=0.0, seconds=16.0, seed=1):
     ), energy  # fmt: skip
 
 
-SPACING = Spacing(order=STRANGE, std=1e-5, score=3.0, next_score=1.0, sidebands=(), excerpts=(), ratio=None)
+SPACING = Spacing(
+    order=STRANGE,
+    std=1e-5,
+    log_chance=-20.0,
+    next_log_chance=0.0,
+    channels=("a",),
+    sidebands=(),
+    excerpts=(),
+    ratio=None,
+)
 
 
 def found(w):
-    return {f.name: f for f in energy_breakdown(w.accelerations, angle_of(RIG, w), TEETH, SHAFTS, SPACING)}
+    return {f.name: f for f in energy_breakdown(w.accelerations, angle_of(RIG, w), TEETH, SHAFTS, [SPACING])}
 
 
 def test_every_family_has_its_share_and_what_turns_is_steady():

@@ -11,10 +11,13 @@ from service.files.baseline import compared, learned, lines_of_no_shaft, load
 from service.files.import_recording import import_recording
 from service.files.relation import answer, tried_on
 from service.files.series import load_series
-from twin.baseline.comparison import described
+from twin.baseline.comparison import described, pair_shafts
+from twin.baseline.spacing import unattributed_spacings
+from twin.baseline.spacing_search import SpacingSearchThresholds, search, spectra
 from twin.levels.relation import CASES
 from twin.levels.trials import LEAST_GAIN
 
+CAGE = 0.39602  # third of the order of the 28-channel rig's modulation
 ROOT = Path(__file__).parents[2]
 MEASURED = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared")) / "measured"
 MAPPINGS = ROOT / "recordings" / "mappings"
@@ -73,12 +76,38 @@ def test_baseline_of_four_healthy_recordings_says_that_it_cannot_judge_teeth_and
 @needs
 def test_modulation_of_the_28_channel_rig_is_named_and_belongs_to_no_gear(brought):
     found = load(brought("spur-rig-28ch-2000rpm", "channels.npz"))
-    (line,) = lines_of_no_shaft(found)
+    lines = {round(line["frequency_hz"], 1): line for line in lines_of_no_shaft(found)}
+    line, race = lines[39.6], lines[171.6]
     assert line["frequency_hz"] == pytest.approx(39.58, abs=0.05)
     assert line["frequency_std_hz"] < 0.01 and line["geared"] is None and line["part"] == 3
     possible = [c["name"] for c in line["causes"] if c["possible"]]
-    assert possible == ["cage of a bearing on the pinion"]
-    assert {s["channel"] for s in line["sidebands"]} >= {"ch01", "ch05", "ch06", "ch11", "ch13", "ch14", "ch15", "ch20"}
+    shared = "cage and outer race of one bearing of 13 elements"
+    assert possible == ["cage of a bearing on the pinion", shared]
+    assert set(line["channels"]) == set(race["channels"]) == set(found.windows[0].window.accelerations)
+    assert {c["name"] for c in race["causes"] if c["possible"]} >= {"outer race of a bearing on the pinion", shared}
+
+
+@needs
+def test_modulation_of_the_28_channel_rig_is_found_on_every_channel_alone(brought):
+    """Its sidebands stand at least 12 times above the median of their neighbourhood on each of the ten."""
+    found = load(brought("spur-rig-28ch-2000rpm", "channels.npz"))
+    one, track = found.windows[0].window, found.windows[0].track
+    for channel, samples in one.accelerations.items():
+        alone = unattributed_spacings({channel: samples}, track, (23, 46), pair_shafts(found.rig))
+        off = [abs(s.order / round(s.order / CAGE) - CAGE) for s in alone.spacings if abs(s.order - 3 * CAGE) < 0.02]
+        assert off and min(off) < 0.002, channel
+        assert all(s.log_chance < np.log(0.01) for s in alone.spacings)
+
+
+@needs
+def test_search_about_shifted_places_of_the_28_channel_rig_finds_no_more_than_chance(brought):
+    found = load(brought("spur-rig-28ch-2000rpm", "channels.npz")).windows[0]
+    shown = spectra(found.window.accelerations, found.track, 2)
+    rng, limit = np.random.default_rng(1), np.log(SpacingSearchThresholds().chance)
+    tried = [search(shown, 23, 2, shift=tuple(rng.uniform(-9, 9, 3))) for _ in range(60)]
+    alone = [values.min() < limit for t in tried for values in t.alone.values()]
+    assert sum(t.log_chance.min() < limit for t in tried) <= 3  # of 60 at 1 %: four and more once in 300
+    assert np.mean(alone) < 0.025  # of 600 at 1 %, ten channels of one record at a time
 
 
 WRONG = {

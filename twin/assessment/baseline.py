@@ -95,8 +95,29 @@ class UnattributedLines:
     frequency_std: float  # [Hz]
     part: int
     geared: str | None  # ratio to the pinion, where it is one of small tooth counts
-    clearness: float
-    next_clearness: float
+    clearness: float  # −ln of the probability that the search finds one as clear by chance [nat]
+    next_clearness: float  # the same of the best unrelated spacing
     sidebands: tuple[LineSideband, ...] = ()
     spectrum: tuple[SpectrumExcerpt, ...] = ()
     causes: tuple[PossibleCause, ...] = ()
+    channels: tuple[str, ...] = ()  # on which both sidebands stand out of their neighbourhood
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SidebandLimit:
+    """From which amplitude a pair of sidebands at one mesh harmonic alone would have been found in one channel."""
+
+    channel: str
+    harmonic: int
+    amplitude: float  # peak, of the weaker side [unit of the channel]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnattributedSearch:
+    """What lines of no known shaft were sought in a window, and from which size they would have been found."""
+
+    window: str
+    smallest: float  # distance from a mesh line [Hz]
+    largest: float  # [Hz]
+    found: int  # spacings
+    limits: tuple[SidebandLimit, ...]

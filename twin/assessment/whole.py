@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from twin.assessment.attribution import Attribution, CalibrationAssessment, EffectEvent
-from twin.assessment.baseline import BaselineAssessment, UnattributedLines
+from twin.assessment.baseline import BaselineAssessment, UnattributedLines, UnattributedSearch
 from twin.assessment.effects import EffectAssessment, Residual, Unexplained
 from twin.assessment.encoder_pair import EncoderPair
 from twin.assessment.modulation import Modulation
@@ -56,6 +56,7 @@ class Assessment:
     baseline: BaselineAssessment | None = None
     encoder_pair: EncoderPair | Unavailable | None = None  # None where the machine has a model, or no two encoders
     unattributed_lines: tuple[UnattributedLines, ...] | None = None
+    unattributed_search: UnattributedSearch | None = None  # of the latest window; None where they were not sought
     modulation: tuple[Modulation, ...] | None = None  # of the latest window; None where it was not examined
     events: tuple[Event, ...] = ()
     revolutions: float | None = None  # of the pinion so far, where no window is in the answer

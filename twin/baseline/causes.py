@@ -30,6 +30,10 @@ class CauseThresholds:
         0.01, unit="Hz", meaning="standard deviation of the mains frequency",
         source="not derived: of the order of the continental European grid's usual deviations",
     )  # fmt: skip
+    whole_count: float = deciding(
+        0.01, of="spacing", meaning="standard deviation up to which a ratio of two spacings is a whole number",
+        source="derivation: five of these deviations to either side leave a ratio whole by chance once in ten",
+    )  # fmt: skip
 
 
 DEFAULT = CauseThresholds()
@@ -95,6 +99,29 @@ def causes_of(
             ),
             Cause(name=f"rolling element on the {name}", possible=BALL[0] <= ratio <= BALL[1], detail=described),
         ]
+    return out
+
+
+def one_bearing(
+    order: float, std: float, others: Sequence[tuple[float, float]], limits: CauseThresholds = DEFAULT
+) -> list[Cause]:
+    """Another spacing that, with this one, is cage and outer race of one bearing: their ratio is its element count.
+
+    others  orders of other spacings with their standard deviations
+    """
+    out = []
+    for other, other_std in others:
+        (cage, cage_std), (race, race_std) = sorted([(order, std), (other, other_std)])
+        count = round(race / cage)
+        off, spread = abs(race - count * cage), (race_std**2 + (count * cage_std) ** 2) ** 0.5
+        if count in ELEMENTS and off < limits.far * spread and spread < limits.whole_count * cage:
+            out.append(
+                Cause(
+                    name=f"cage and outer race of one bearing of {count} elements",
+                    possible=True,
+                    detail=f"lines are spaced by orders {cage:.4f} and {race:.4f}, too: {race / cage:.3f} times it",
+                )
+            )
     return out
 
 

@@ -20,17 +20,19 @@ from twin.assessment import (
     LineSideband,
     PossibleCause,
     Residual,
+    SidebandLimit,
     SpectralLine,
     SpectrumExcerpt,
     UnattributedLines,
+    UnattributedSearch,
     Unexplained,
 )
-from twin.baseline.causes import causes_of
+from twin.baseline.causes import causes_of, one_bearing
 from twin.baseline.diagnosis import Diagnosis, Named, WindowParts, diagnose, shaft_name
 from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
 from twin.baseline.reading import TURNS_PER_PERIOD, angle_of, read
-from twin.baseline.spacing import Spacing, unattributed_spacing
+from twin.baseline.spacing import Spacing, SpacingsFound, unattributed_spacings
 from twin.baseline.sufficiency import sufficiency_of
 from twin.errors import NotAvailable
 from twin.features.angle import AngleTrack
@@ -47,7 +49,12 @@ class TrackedWindow:
     name: str
     window: Window
     track: AngleTrack
-    spacing: Spacing | None  # of lines that no known shaft makes
+    sought: SpacingsFound  # lines that no known shaft makes
+
+    @property
+    def spacings(self) -> tuple[Spacing, ...]:
+        """Of lines that no known shaft makes, the clearest first."""
+        return self.sought.spacings
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -59,13 +66,15 @@ class BaselineResult:
     unexplained: Unexplained
     windows: tuple[BaselineWindow, ...]
     unattributed_lines: tuple[UnattributedLines, ...]
+    unattributed_search: UnattributedSearch  # of the latest window
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LinesWithoutShaft:
-    """Lines of one window that neither gear makes; `unexplained` is None where a further shaft makes them."""
+    """Lines of one window that neither gear makes; `unexplained` is None where further shafts make them."""
 
     lines: tuple[UnattributedLines, ...]
+    sought: UnattributedSearch
     unexplained: Unexplained | None
 
 
@@ -81,8 +90,8 @@ def tracked(rig: Rig, window: Window, name: str, shafts: Sequence[Fraction]) -> 
     Raises TwinError where the angle cannot be determined.
     """
     track = angle_of(rig, window)
-    spacing = unattributed_spacing(window.accelerations, track, rig.teeth, shafts)
-    return TrackedWindow(name=name, window=window, track=track, spacing=spacing)
+    sought = unattributed_spacings(window.accelerations, track, rig.teeth, shafts)
+    return TrackedWindow(name=name, window=window, track=track, sought=sought)
 
 
 def compare_with_baseline(baseline: Baseline, rig: Rig, windows: Sequence[TrackedWindow]) -> BaselineResult:
@@ -110,11 +119,12 @@ def compare_with_baseline(baseline: Baseline, rig: Rig, windows: Sequence[Tracke
         unexplained=Unexplained(verdict=found.verdict, share=found.share, lines=found.lines, reason=found.reason),
         windows=tuple(_window(i, c) for i, c in enumerate(found.compared)),
         unattributed_lines=unattributed_lines(windows, baseline.shafts, names),
+        unattributed_search=_search_of(windows[-1]),
     )
 
 
-def lines_without_shaft(rig: Rig, window: Window, name: str) -> LinesWithoutShaft | None:
-    """Lines of one window that neither gear makes; None where there are none.
+def lines_without_shaft(rig: Rig, window: Window, name: str) -> LinesWithoutShaft:
+    """Lines of one window that neither gear makes.
 
     Raises TwinError where the pinion's angle cannot be determined.
     """
@@ -122,22 +132,23 @@ def lines_without_shaft(rig: Rig, window: Window, name: str) -> LinesWithoutShaf
     z1 = rig.teeth[0]
     seen = tracked(rig, window, name, shafts)
     lines = unattributed_lines([seen], shafts, ("pinion", "gear"))
-    spacing, speed = seen.spacing, seen.track.speed
-    if spacing is None or not lines:
-        return None
-    if spacing.ratio is not None:
-        return LinesWithoutShaft(lines=lines, unexplained=None)
+    speed = seen.track.speed
+    free = [spacing for spacing in seen.spacings if spacing.ratio is None]
+    if not free:
+        return LinesWithoutShaft(lines=lines, sought=_search_of(seen), unexplained=None)
     orders: dict[float, SpectralLine] = {}
-    for side in spacing.sidebands:
-        for sign in (-1, 1) if side.harmonic else (1,):
-            order = side.harmonic * z1 + sign * side.multiple * spacing.order
-            orders.setdefault(round(order, 6), SpectralLine(order=order, frequency=order * speed, share=None))
+    for spacing in free:
+        for side in spacing.sidebands:
+            for sign in (-1, 1) if side.harmonic else (1,):
+                order = side.harmonic * z1 + sign * side.multiple * spacing.order
+                orders.setdefault(round(order, 6), SpectralLine(order=order, frequency=order * speed, share=None))
+    places = ", ".join(f"{s.order * speed:.3f} Hz" for s in free)
     unexplained = Unexplained(
         verdict="unknown_effect",
         lines=tuple(orders.values()),
-        reason=f"lines spaced by {spacing.order * speed:.3f} Hz belong to no shaft of the rig file",
+        reason=f"lines spaced by {places} belong to no shaft of the rig file",
     )
-    return LinesWithoutShaft(lines=lines, unexplained=unexplained)
+    return LinesWithoutShaft(lines=lines, sought=_search_of(seen), unexplained=unexplained)
 
 
 def described(baseline: Baseline, window: BaselineWindow | None = None) -> BaselineAssessment:
@@ -157,9 +168,23 @@ def unattributed_lines(
 ) -> tuple[UnattributedLines, ...]:
     """Spacings of lines that none of these shafts makes, with the causes that were tried."""
     return tuple(
-        _unattributed(w, w.spacing, shafts, names)
+        _unattributed(w, spacing, shafts, names)
         for w in windows
-        if w.spacing is not None and w.spacing.ratio not in shafts
+        for spacing in w.spacings
+        if spacing.ratio not in shafts
+    )
+
+
+def _search_of(window: TrackedWindow) -> UnattributedSearch:
+    sought, speed = window.sought, window.track.speed
+    return UnattributedSearch(
+        window=window.name,
+        smallest=sought.smallest * speed,
+        largest=sought.largest * speed,
+        found=len(sought.spacings),
+        limits=tuple(
+            SidebandLimit(channel=x.channel, harmonic=x.harmonic, amplitude=x.amplitude) for x in sought.limits
+        ),
     )
 
 
@@ -167,7 +192,9 @@ def _unattributed(
     window: TrackedWindow, s: Spacing, shafts: Sequence[Fraction], names: Sequence[str]
 ) -> UnattributedLines:
     track = window.track
-    causes = causes_of(s.order / s.part, s.std / s.part, track.speed, shafts, names)
+    others = [(x.order / x.part, x.std / x.part) for x in window.spacings if x is not s]
+    at, std = s.order / s.part, s.std / s.part
+    causes = [*causes_of(at, std, track.speed, shafts, names), *one_bearing(at, std, others)]
     return UnattributedLines(
         window=window.name,
         order=s.order,
@@ -176,8 +203,8 @@ def _unattributed(
         frequency_std=float(np.hypot(s.std * track.speed, s.order * track.speed_std)),
         part=s.part,
         geared=None if s.ratio is None else str(s.ratio),
-        clearness=s.score,
-        next_clearness=s.next_score,
+        clearness=-s.log_chance,
+        next_clearness=-s.next_log_chance,
         sidebands=tuple(
             LineSideband(
                 channel=b.channel, harmonic=b.harmonic, multiple=b.multiple, amplitude=b.amplitude, depth=b.depth
@@ -195,6 +222,7 @@ def _unattributed(
             for e in s.excerpts
         ),
         causes=tuple(PossibleCause(name=c.name, possible=c.possible, detail=c.detail) for c in causes),
+        channels=s.channels,
     )
 
 

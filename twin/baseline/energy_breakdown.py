@@ -27,7 +27,8 @@ from fractions import Fraction
 import numpy as np
 
 from twin.baseline.reading import HIGHEST, TURNS_PER_PERIOD, USABLE, common_period, lines_of, part_of
-from twin.baseline.spacing import Spacing, SpacingThresholds
+from twin.baseline.spacing import Spacing
+from twin.baseline.spacing_search import SpacingSearchThresholds
 from twin.errors import WindowError
 from twin.features.angle import AngleTrack
 from twin.features.resample import AngleSignal, on_angle, spline_response
@@ -71,13 +72,13 @@ def energy_breakdown(
     track: AngleTrack,
     teeth: tuple[int, int],
     shafts: Sequence[Fraction],
-    spacing: Spacing | None = None,
+    spacings: Sequence[Spacing] = (),
     limits: EnergyThresholds = DEFAULT,
 ) -> list[Family]:
     """Shares of every channel's energy by family.
 
     shafts   orders of the pinion, of the gear and of what else is geared to them
-    spacing  of lines that no shaft makes, where there is one
+    spacings  of lines that no shaft makes
     Raises WindowError where the window is too short.
     """
     Q = common_period(shafts)
@@ -100,14 +101,28 @@ def energy_breakdown(
             own = kind == i
             tones = _fixed(track, stretches, orders[own])
             out.append(_family(name, family, lines[:, own], floor[:, own], rms2, tones))
-        if spacing is not None:
-            grid, apart = _orders(spacing, teeth[0], Q, per_turn, signal.turns / STRETCHES)
-            unattributed = _at(stretches, grid, spacing.order, per_turn)
-            near = np.clip(np.rint(grid[apart] * Q).astype(int) - 1, 0, floor.shape[1] - 1)
-            modulation = np.broadcast_to(spacing.order * np.arange(-MULTIPLES, MULTIPLES + 1), grid.shape)
-            tones = _fixed(track, stretches, modulation[apart])
-            out.append(_family(name, FAMILIES[-1], unattributed[:, apart], floor[:, near], rms2, tones))
+        if spacings:
+            own, at, tones = _of_no_shaft(spacings, track, stretches, teeth[0], Q, per_turn)
+            near = np.clip(np.rint(at * Q).astype(int) - 1, 0, floor.shape[1] - 1)
+            out.append(_family(name, FAMILIES[-1], own, floor[:, near], rms2, tones))
     return out
+
+
+def _of_no_shaft(
+    spacings: Sequence[Spacing], track: AngleTrack, stretches: Sequence[AngleSignal], z1: int, Q: int, per_turn: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lines of all spacings, each once: of every stretch, their orders (n,), and tones (stretches, n)."""
+    lines, orders, tones = [], [np.zeros(0)], []
+    for spacing in spacings:
+        turns = stretches[0].turns
+        grid, apart = _orders(spacing, z1, Q, per_turn, turns)
+        reach = SpacingSearchThresholds().known_lines / turns
+        apart &= (np.abs(grid[..., None] - np.concatenate(orders)) > reach).all(axis=-1)
+        modulation = np.broadcast_to(spacing.order * np.arange(-MULTIPLES, MULTIPLES + 1), grid.shape)
+        lines.append(_at(stretches, grid, spacing.order, per_turn)[:, apart])
+        orders.append(grid[apart])
+        tones.append(_fixed(track, stretches, modulation[apart]))
+    return np.concatenate(lines, axis=1), np.concatenate(orders), np.concatenate(tones, axis=1)
 
 
 def _kinds(count: int, Q: int, teeth: tuple[int, int], shafts: Sequence[Fraction]) -> np.ndarray:
@@ -126,7 +141,7 @@ def _orders(spacing: Spacing, z1: int, Q: int, per_turn: float, turns: float) ->
     multiples = np.arange(-MULTIPLES, MULTIPLES + 1)
     top = min(HIGHEST, USABLE * per_turn)
     grid = np.arange(int(top // z1) + 1)[:, None] * z1 + multiples * spacing.order
-    apart = np.abs(grid * Q - np.rint(grid * Q)) / Q > SpacingThresholds().known_lines / turns
+    apart = np.abs(grid * Q - np.rint(grid * Q)) / Q > SpacingSearchThresholds().known_lines / turns
     return grid, apart & (multiples != 0) & (grid > 0) & (grid < top)
 
 

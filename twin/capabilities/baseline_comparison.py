@@ -44,6 +44,7 @@ def assess(context: Context, draft: Draft) -> Draft:
         unexplained=parts.unexplained,
         baseline=parts.baseline,
         unattributed_lines=parts.unattributed_lines,
+        unattributed_search=result.unattributed_search,
         events=tuple(
             EffectEvent(action="found", name=e.name, window=index, evidence=e.evidence)
             for e in effects

@@ -20,7 +20,8 @@ def assess(context: Context, draft: Draft) -> Draft:
         found = lines_without_shaft(context.rig, context.window, f"window {context.input.index}")
     except TwinError:  # the record says already why there is no speed
         return draft
-    if found is None:
+    draft = draft.with_parts(unattributed_search=found.sought)
+    if not found.lines:
         return draft
     draft = draft.with_parts(unattributed_lines=found.lines)
     return draft if found.unexplained is None else draft.with_parts(unexplained=found.unexplained)

@@ -1,0 +1,204 @@
+"""The search for a spacing: pairs of lines at h·z1 ± s that stand out of their neighbourhood, and the chance of them.
+
+    E_c(s) = −2·Σ_h ln q_c(min over both sides of A(h·z1 ± s)/M)      h = 1 … 3
+    ln p_c = ln N + ln Q(3, E_c)
+    ln p   = ln 2 + min(ln n + min_c ln p_c, 1 + mean_c ln p_c)        of n channels, n > 1
+
+A, M amplitude spectrum against order without the lines that known shafts make, and its running median
+q_c  share of the channel's searched lines that stand as far out of their neighbourhood: a machine with many lines
+     of its own needs more than noise does
+Q    upper tail of the gamma distribution: E of lines that are paired by chance; N spacings are tried
+
+Both combinations over channels hold whatever channels have in common.
+
+Source   V. Vovk, R. Wang, Combining p-values via averaging, Biometrika 107 (2020) 791–808
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.special import gammaincc, gammainccinv
+
+from twin.baseline.reading import FLOOR_ORDERS, USABLE
+from twin.features.angle import AngleTrack
+from twin.features.resample import on_angle
+from twin.features.transforms import hann
+from twin.thresholds import deciding
+from twin.windows import Samples
+
+HARMONICS = 3  # of the mesh whose sidebands are searched
+LINE_CAP = 5.0  # ln(power/floor) that one line counts at most where levels are averaged
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpacingSearchThresholds:
+    """Where a spacing is sought, and when it is found."""
+
+    chance: float = deciding(
+        0.01, meaning="probability up to which the search of one window may find a spacing by chance",
+        source="convention: one in a hundred; searches about shifted places of the 28-channel rig's spectra stay below",
+    )  # fmt: skip
+    stands_out: float = deciding(
+        3.0, of="median amplitude of the neighbourhood", meaning="amplitude from which a line stands out",
+        source="derivation: one line of noise (Rayleigh) does so with a probability of 2^-9 = 0.2 %",
+    )  # fmt: skip
+    smallest_spacing: float = deciding(
+        8.0, unit="spectral lines", meaning="smallest spacing that is searched",
+        source="derivation: Hann's main lobe is four lines wide, and two lobes must be resolved",
+    )  # fmt: skip
+    largest_spacing: float = deciding(
+        0.5, of="mesh order", meaning="largest spacing that is searched",
+        source="derivation: from there on the sidebands of the next mesh harmonic are nearer",
+    )  # fmt: skip
+    known_lines: float = deciding(
+        2.5, unit="spectral lines", meaning="distance up to which a line belongs to a known order",
+        source="derivation: half of the main lobe of Hann's window is two lines wide",
+    )  # fmt: skip
+
+
+DEFAULT = SpacingSearchThresholds()
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class OrderSpectrum:
+    """One channel's amplitude spectrum against order, and how far each line stands out."""
+
+    amplitude: np.ndarray  # peak (n,)
+    median: np.ndarray  # of the neighbourhood's amplitudes (n,)
+    ratio: np.ndarray  # amplitude over median at peaks off the known orders, 0 elsewhere (n,)
+    own: np.ndarray  # whether a line belongs to a known order (n,)
+    level: np.ndarray  # min(ln(power/floor), LINE_CAP) at peaks off the known orders, 0 elsewhere (n,)
+    bin: float  # [orders]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PairSearch:
+    """All spacings that were tried, with what the channels show of them."""
+
+    spacings: np.ndarray  # (n,) [orders]
+    log_chance: np.ndarray  # ln p of the whole search (n,)
+    alone: Mapping[str, np.ndarray]  # ln p_c of every channel (n,)
+    pairs: Mapping[str, np.ndarray]  # weaker side's ratio to its neighbourhood, (HARMONICS, n)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairLimit:
+    """From which amplitude a pair of sidebands at one mesh harmonic alone would have been found in one channel."""
+
+    channel: str
+    harmonic: int
+    amplitude: float  # peak, of the weaker side, in the channel's unit
+
+
+def spectra(
+    accelerations: Mapping[str, Samples], track: AngleTrack, period: int, limits: SpacingSearchThresholds = DEFAULT
+) -> dict[str, OrderSpectrum]:
+    """Spectrum of every channel against order.
+
+    period  pinion turns after which all known shafts are back in the same position
+    """
+    out = {}
+    for name, samples in accelerations.items():
+        signal, per_turn = on_angle(samples, track, samples.values.size)
+        weight = hann(signal.values.size)
+        width = 1 / signal.turns
+        amplitude = 2 * np.abs(np.fft.rfft((signal.values - signal.values.mean()) * weight)) / weight.sum()
+        amplitude = amplitude[: int(USABLE * per_turn / width)]
+        median = median_filter(amplitude, size=max(9, int(FLOOR_ORDERS / width)) | 1, mode="nearest")
+        median = np.maximum(median, 1e-150)
+        order = np.arange(amplitude.size) * width
+        own = np.abs(order * period - np.rint(order * period)) / period < limits.known_lines * width
+        ratio = np.where(own | (amplitude < maximum_filter1d(amplitude, 5)), 0.0, amplitude / median)
+        out[name] = OrderSpectrum(
+            amplitude=amplitude,
+            median=median,
+            ratio=ratio,
+            level=np.minimum(np.log(np.maximum(ratio**2 * np.log(2), 1.0)), LINE_CAP),
+            own=own,
+            bin=width,
+        )
+    return out
+
+
+def search(
+    found: Mapping[str, OrderSpectrum],
+    z1: int,
+    period: int,
+    limits: SpacingSearchThresholds = DEFAULT,
+    shift: tuple[float, ...] = (0.0,) * HARMONICS,
+) -> PairSearch:
+    """Every spacing that no known shaft has, tried on every channel.
+
+    z1     teeth of the pinion
+    shift  of the places about which pairs are sought, from the mesh harmonics (HARMONICS,) [orders]: elsewhere than
+           at 0, whatever is found is chance
+    """
+    width, finest = max(s.bin for s in found.values()), min(s.bin for s in found.values())
+    spacings = np.arange(limits.smallest_spacing * width, limits.largest_spacing * z1, finest / 2)
+    off = np.abs(spacings * period - np.rint(spacings * period)) / period
+    spacings = spacings[off > limits.known_lines * width]
+    alone, pairs = {}, {}
+    tried = np.log(max(spacings.size * finest / (2 * width), 1.0))  # spacings that lie a line apart
+    for name, s in found.items():
+        near = maximum_filter1d(s.ratio, 3)
+        pool = _pool(s, near, z1)
+        pairs[name] = np.array([_weaker(near, s.bin, h * z1 + shift[h - 1], spacings) for h in range(1, HARMONICS + 1)])
+        evidence = -2 * np.log(_share(pool, pairs[name])).sum(axis=0)
+        stands = (pairs[name] >= limits.stands_out).any(axis=0)
+        alone[name] = np.where(stands, tried + np.log(np.maximum(gammaincc(HARMONICS, evidence), 1e-300)), 0.0)
+    return PairSearch(spacings=spacings, log_chance=_together(list(alone.values())), alone=alone, pairs=pairs)
+
+
+def limits_of_search(
+    found: Mapping[str, OrderSpectrum], z1: int, tried: int, limits: SpacingSearchThresholds = DEFAULT
+) -> tuple[PairLimit, ...]:
+    """What would have been found, by channel and mesh harmonic: the other harmonics show what lines do on average.
+
+    tried  spacings
+    """
+    out = []
+    chance = limits.chance / (2 * len(found) if len(found) > 1 else 1)
+    # the others' mean of −2·ln q is 1·2 for each, as pairs by chance have it
+    needed = float(gammainccinv(HARMONICS, chance / max(tried, 1))) - (HARMONICS - 1)
+    for name, s in found.items():
+        pool = _pool(s, maximum_filter1d(s.ratio, 3), z1)
+        place = int(np.ceil(pool.size * (1 - np.exp(-needed / 2))))
+        ratio = max(float(pool[min(place, pool.size - 1)]), limits.stands_out) if pool.size else limits.stands_out
+        for h in range(1, HARMONICS + 1):
+            at = round(h * z1 / s.bin)
+            if at < s.median.size:
+                out.append(PairLimit(channel=name, harmonic=h, amplitude=ratio * float(s.median[at])))
+    return tuple(out)
+
+
+def _pool(s: OrderSpectrum, near: np.ndarray, z1: int) -> np.ndarray:
+    """Sorted ratios of all lines off the known orders, where sidebands are sought (m,)."""
+    inside = slice(int(0.5 * z1 / s.bin), min(int((HARMONICS + 0.5) * z1 / s.bin), near.size))
+    return np.sort(near[inside][~s.own[inside]])
+
+
+def _weaker(near: np.ndarray, bin_: float, middle: float, spacings: np.ndarray) -> np.ndarray:
+    """The weaker of both sides' ratios at every spacing about a middle (n,)."""
+    sides = []
+    for sign in (-1, 1):
+        at = np.rint((middle + sign * spacings) / bin_).astype(int)
+        sides.append(np.where((at > 0) & (at < near.size), near[np.clip(at, 0, near.size - 1)], 0.0))
+    return np.minimum(*sides)
+
+
+def _share(pool: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Share of a sorted pool that is as large as each value, never 0."""
+    above = pool.size - np.searchsorted(pool, values, side="left")
+    return np.minimum((above + 0.5) / (pool.size + 1), 1.0)
+
+
+def _together(alone: list[np.ndarray]) -> np.ndarray:
+    """ln p over channels (n,)."""
+    if len(alone) == 1:
+        return alone[0]
+    each = np.array(alone)
+    return np.log(2) + np.minimum(np.log(len(alone)) + each.min(axis=0), 1 + each.mean(axis=0))
