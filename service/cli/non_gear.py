@@ -24,15 +24,17 @@ def search_sentences(search: Mapping[str, Any] | None) -> list[str]:
     if search is None or search["found"]:
         return []
     if not search["detection_limits"]:
-        return ["Lines of no known shaft were not sought: the window is too short for them."]
+        return ["Lines of no known shaft were not searched for: the window is too short for them."]
     first: dict[str, str] = {}
     for limit in search["detection_limits"]:
         if limit["harmonic"] == 1:
             first[limit["channel"]] = number(limit["amplitude"], 2)
     return [
         f"Modulation by a frequency of no known shaft: none found. Sidebands {search['from_hz']:.2f} to "
-        f"{search['to_hz']:.0f} Hz from the mesh lines were sought; at mesh harmonic 1 they would be found from a peak "
-        "of " + ", ".join(f"{value} ({channel})" for channel, value in first.items()) + "."
+        f"{search['to_hz']:.0f} Hz from the mesh lines were searched for; at mesh harmonic 1, half of "
+        "those with this peak would be found: "
+        + ", ".join(f"{value} ({channel})" for channel, value in first.items())
+        + "."
     ]
 
 

@@ -56,7 +56,7 @@ class Asset(ContractModel):
     )
     unattributed_lines: list[UnattributedLines] | None = None
     unattributed_search: UnattributedSearch | None = Field(
-        default=None, description="where lines of no known shaft were sought in the latest window"
+        default=None, description="search of the latest window for lines of no known shaft"
     )
     alarms: AlarmCount | None = Field(default=None, description="open alarms; of the service")
     modulation: list[Modulation] | None = Field(

@@ -188,7 +188,7 @@ class UnattributedLines(ContractModel):
 
 
 class SidebandLimit(ContractModel):
-    """From which amplitude sidebands at one mesh harmonic alone would have been found in one channel."""
+    """The amplitude of which half of the sidebands at one mesh harmonic alone are found in one channel."""
 
     channel: str
     harmonic: int
@@ -196,7 +196,7 @@ class SidebandLimit(ContractModel):
 
 
 class UnattributedSearch(ContractModel):
-    """What lines of no known shaft were sought in a window: pairs of sidebands about mesh harmonics."""
+    """What lines of no known shaft were searched for in a window: pairs of sidebands about mesh harmonics."""
 
     window: str
     from_hz: float | None = Field(description="smallest distance from a mesh line")

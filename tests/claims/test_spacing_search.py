@@ -50,7 +50,7 @@ def test_noise_has_a_spacing_as_rarely_as_stated():
 
 
 @pytest.mark.parametrize("channels", [("a",), ("a", "b", "c", "d")])
-def test_sidebands_are_found_from_the_stated_limit_on_one_channel_however_many_others_there_are(channels):
+def test_sidebands_are_found_near_the_stated_limit_on_one_channel_however_many_others_there_are(channels):
     limit = next(x for x in found(noise(5, channels)).limits if x.channel == "a" and x.harmonic == 2)
     seen = {}
     for times in (0.4, 1.5):
@@ -82,7 +82,7 @@ def test_where_nothing_is_found_what_was_sought_is_said_with_its_limit():
     })  # fmt: skip
     assert said == [
         "Modulation by a frequency of no known shaft: none found. Sidebands 1.50 to 160 Hz from the mesh lines were "
-        "sought; at mesh harmonic 1 they would be found from a peak of 0.031 (a)."
+        "searched for; at mesh harmonic 1, half of those with this peak would be found: 0.031 (a)."
     ]
 
 

@@ -105,7 +105,7 @@ class UnattributedLines:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SidebandLimit:
-    """From which amplitude a pair of sidebands at one mesh harmonic alone would have been found in one channel."""
+    """The amplitude of which half of the pairs of sidebands at one mesh harmonic alone are found in one channel."""
 
     channel: str
     harmonic: int

@@ -109,12 +109,12 @@ def one_bearing(
 
     others  orders of other spacings with their standard deviations
     """
-    out = []
+    out, counts = [], set(ELEMENTS)
     for other, other_std in others:
         (cage, cage_std), (race, race_std) = sorted([(order, std), (other, other_std)])
         count = round(race / cage)
         off, spread = abs(race - count * cage), (race_std**2 + (count * cage_std) ** 2) ** 0.5
-        if count in ELEMENTS and off < limits.far * spread and spread < limits.whole_count * cage:
+        if count in counts and off < limits.far * spread and spread < limits.whole_count * cage:
             out.append(
                 Cause(
                     name=f"cage and outer race of one bearing of {count} elements",

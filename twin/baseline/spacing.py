@@ -14,7 +14,7 @@ Holds    spacings of 8 bins and more
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import count
 from math import gcd, lcm
@@ -139,15 +139,31 @@ def unattributed_spacings(
     spacings: list[Spacing] = []
     width = max(s.bin for s in shown.values())
     free = np.ones(tried.spacings.size, dtype=bool)  # not related to a spacing that was found
-    while len(spacings) < MOST and free.any():
+    for _ in range(MOST):
+        if not free.any():
+            break
         best = int(np.flatnonzero(free)[np.argmin(tried.log_chance[free])])
         if tried.log_chance[best] > np.log(searching.chance):
             break
         first, _ = _refined(shown, z1, float(tried.spacings[best]), limits, searching, most=1)
         order, std = _refined(shown, z1, first, limits, searching)
-        free &= ~_related(tried.spacings, order, period, simple_ratio(order, std, limits), 3 * width)
+        part = _part(shown, z1, order, limits)
+        ratio = simple_ratio(order / part, std / part, limits)
+        free &= ~_related(tried.spacings, order, period, ratio, 3 * width)
         free[best] = False
-        spacings.append(_described(shown, tried, best, (order, std), free, z1, limits, searching))
+        one = Spacing(
+            order=order,
+            std=std,
+            log_chance=float(tried.log_chance[best]),
+            next_log_chance=float(tried.log_chance[free].min(initial=0.0)),
+            channels=_seen_on(tried, best, searching),
+            sidebands=_sidebands(shown, z1, order, searching),
+            excerpts=(),
+            ratio=ratio,
+            part=part,
+        )
+        drawn = next((b.channel for b in one.sidebands if b.harmonic), None)
+        spacings.append(one if drawn is None else replace(one, excerpts=_excerpts(drawn, shown[drawn], z1, order)))
     return SpacingsFound(
         spacings=tuple(spacings),
         smallest=float(tried.spacings[0]),
@@ -156,39 +172,18 @@ def unattributed_spacings(
     )
 
 
-def _described(
-    shown: Mapping[str, OrderSpectrum],
-    tried: PairSearch,
-    best: int,
-    place: tuple[float, float],
-    free: np.ndarray,
-    z1: int,
-    limits: SpacingThresholds,
-    searching: SpacingSearchThresholds,
-) -> Spacing:
-    """A spacing with its sidebands.
-
-    best, place  index of the spacing tried, its order with the standard deviation
-    free         spacings that are related to none that was found (n,)
-    """
-    order, std = place
+def _part(shown: Mapping[str, OrderSpectrum], z1: int, order: float, limits: SpacingThresholds) -> int:
+    """2 or 3 where weaker lines lie at halves or thirds of a spacing, too; else 1."""
     near = {name: maximum_filter1d(s.level, 3) for name, s in shown.items()}
     between = {q: _between(shown, near, z1, order, q) for q in (3, 2)}
     part = max(between, key=lambda q: between[q])
-    sidebands = _sidebands(shown, z1, order, searching)
-    drawn = next((b.channel for b in sidebands if b.harmonic), None)
+    return part if between[part] > limits.part_score else 1
+
+
+def _seen_on(tried: PairSearch, best: int, searching: SpacingSearchThresholds) -> tuple[str, ...]:
+    """Channels on which both sidebands of a spacing tried stand out about a mesh harmonic."""
     beside = slice(max(best - 2, 0), best + 3)
-    return Spacing(
-        order=order,
-        std=std,
-        log_chance=float(tried.log_chance[best]),
-        next_log_chance=float(tried.log_chance[free].min(initial=0.0)),
-        channels=tuple(c for c, r in tried.pairs.items() if (r[:, beside] >= searching.stands_out).any()),
-        sidebands=sidebands,
-        excerpts=() if drawn is None else _excerpts(drawn, shown[drawn], z1, order),
-        ratio=simple_ratio(order, std, limits),
-        part=part if between[part] > limits.part_score else 1,
-    )
+    return tuple(c for c, r in tried.pairs.items() if (r[:, beside] >= searching.stands_out).any())
 
 
 def _related(spacings: np.ndarray, found: float, period: int, ratio: Fraction | None, reach: float) -> np.ndarray:
@@ -231,7 +226,7 @@ def shared_ratio(windows: Sequence[Iterable[Spacing]], limits: SpacingThresholds
 
     windows  the spacings of every window
     """
-    all_of = [[(s.order, s.std) for s in spacings] for spacings in windows]
+    all_of = [[(s.order / s.part, s.std / s.part) for s in spacings] for spacings in windows]
     best: list[tuple[float, float]] = []
     for order, std in (place for places in all_of for place in places):
         near = [

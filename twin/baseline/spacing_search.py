@@ -5,8 +5,8 @@
     ln p   = ln 2 + min(ln n + min_c ln p_c, 1 + mean_c ln p_c)        of n channels, n > 1
 
 A, M amplitude spectrum against order without the lines that known shafts make, and its running median
-q_c  share of the channel's searched lines that stand as far out of their neighbourhood: a machine with many lines
-     of its own needs more than noise does
+q_c  share of the channel's searched places, without the pair's own, that stand as far out of their neighbourhood; no
+     less than the power law through its shares of 3 and 1 %: a machine of many lines needs more than noise does
 Q    upper tail of the gamma distribution: E of lines that are paired by chance; N spacings are tried
 
 Both combinations over channels hold whatever channels have in common.
@@ -31,6 +31,9 @@ from twin.thresholds import deciding
 from twin.windows import Samples
 
 HARMONICS = 3  # of the mesh whose sidebands are searched
+TAIL = (0.03, 0.01)  # shares of the places whose values give the power law beyond them
+SCALLOP = 0.849  # of its amplitude that a line half a bin off keeps under Hann's window
+OWN_PLACES = 6  # of a pair in the pool: a line counts at three places
 LINE_CAP = 5.0  # ln(power/floor) that one line counts at most where levels are averaged
 
 
@@ -87,7 +90,7 @@ class PairSearch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairLimit:
-    """From which amplitude a pair of sidebands at one mesh harmonic alone would have been found in one channel."""
+    """The amplitude of which half of the pairs of sidebands at one mesh harmonic alone are found in one channel."""
 
     channel: str
     harmonic: int
@@ -156,22 +159,20 @@ def search(
 def limits_of_search(
     found: Mapping[str, OrderSpectrum], z1: int, tried: int, limits: SpacingSearchThresholds = DEFAULT
 ) -> tuple[PairLimit, ...]:
-    """What would have been found, by channel and mesh harmonic: the other harmonics show what lines do on average.
+    """Sizes of which half would have been found about one mesh harmonic alone, by channel and harmonic.
 
     tried  spacings
     """
     out = []
     chance = limits.chance / (2 * len(found) if len(found) > 1 else 1)
-    # the others' mean of −2·ln q is 1·2 for each, as pairs by chance have it
-    needed = float(gammainccinv(HARMONICS, chance / max(tried, 1))) - (HARMONICS - 1)
+    needed = float(gammainccinv(HARMONICS, chance / max(tried, 1)))
     for name, s in found.items():
         pool = _pool(s, maximum_filter1d(s.ratio, 3), z1)
-        place = int(np.ceil(pool.size * (1 - np.exp(-needed / 2))))
-        ratio = max(float(pool[min(place, pool.size - 1)]), limits.stands_out) if pool.size else limits.stands_out
+        ratio = max(_value_of(pool, float(np.exp(-needed / 2))), limits.stands_out)
         for h in range(1, HARMONICS + 1):
             at = round(h * z1 / s.bin)
             if at < s.median.size:
-                out.append(PairLimit(channel=name, harmonic=h, amplitude=ratio * float(s.median[at])))
+                out.append(PairLimit(channel=name, harmonic=h, amplitude=ratio / SCALLOP * float(s.median[at])))
     return tuple(out)
 
 
@@ -191,9 +192,30 @@ def _weaker(near: np.ndarray, bin_: float, middle: float, spacings: np.ndarray) 
 
 
 def _share(pool: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Share of a sorted pool that is as large as each value, never 0."""
+    """Share of places that are as large as each value by chance, from the sorted pool of all places.
+
+    The pair's own lines, which lie in the pool, are left out; beyond what the pool resolves, its power law goes on.
+    """
     above = pool.size - np.searchsorted(pool, values, side="left")
-    return np.minimum((above + 0.5) / (pool.size + 1), 1.0)
+    counted = np.minimum((np.maximum(above - OWN_PLACES, 0) + 0.5) / (pool.size + 1), 1.0)
+    start, steepness = _tail(pool)
+    beyond = TAIL[1] * (np.maximum(values, start) / start) ** -steepness
+    return np.where(values > start, np.maximum(counted, beyond), counted)
+
+
+def _tail(pool: np.ndarray) -> tuple[float, float]:
+    """Value above which a power law is taken, and its exponent, by two quantiles that a few lines do not move."""
+    wide, start = (float(pool[round((1 - share) * (pool.size - 1))]) for share in TAIL)
+    if not 0 < wide < start:
+        return np.inf, 1.0
+    return start, float(np.log(TAIL[0] / TAIL[1]) / np.log(start / wide))
+
+
+def _value_of(pool: np.ndarray, share: float) -> float:
+    """The value that so small a share of places reaches by chance: the inverse of `_share`."""
+    above = int(max(share * (pool.size + 1) - 0.5, 0.0)) + OWN_PLACES
+    start, steepness = _tail(pool)
+    return max(float(pool[max(pool.size - 1 - above, 0)]), start * (TAIL[1] / share) ** (1 / steepness))
 
 
 def _together(alone: list[np.ndarray]) -> np.ndarray:
