@@ -63,11 +63,19 @@ def test_sidebands_are_found_near_the_stated_limit_on_one_channel_however_many_o
 
 def test_chance_of_several_channels_is_never_below_that_of_the_clearest_by_more_than_they_agree():
     w = noise(3, ("a", "b", "c"), 0.3)
-    tried = search(spectra(w.accelerations, track(), 3), TEETH[0], 3)
+    tried = search(spectra(w.accelerations, track(), TEETH[0], 3), TEETH[0], 3)
     each = np.array(list(tried.alone.values()))
     # e times the geometric mean, and twice for the better of two combinations
     assert np.all(tried.log_chance >= np.minimum(each.min(axis=0), each.mean(axis=0)))
     assert np.all(tried.log_chance <= np.log(2 * 3) + each.min(axis=0))
+
+
+def test_channel_that_does_not_reach_the_mesh_frequency_is_not_searched():
+    slow = {"slow": Samples(start=0.0, rate=256.0, values=np.random.default_rng(1).normal(size=2048))}
+    seen = unattributed_spacings(slow, track(), TEETH, SHAFTS)
+    assert seen.spacings == () and seen.limits == ()
+    both = unattributed_spacings(slow | dict(noise(5, ("a",)).accelerations), track(), TEETH, SHAFTS)
+    assert {x.channel for x in both.limits} == {"a"}
 
 
 def test_where_nothing_is_found_what_was_sought_is_said_with_its_limit():

@@ -102,7 +102,7 @@ def test_modulation_of_the_28_channel_rig_is_found_on_every_channel_alone(brough
 @needs
 def test_search_about_shifted_places_of_the_28_channel_rig_finds_no_more_than_chance(brought):
     found = load(brought("spur-rig-28ch-2000rpm", "channels.npz")).windows[0]
-    shown = spectra(found.window.accelerations, found.track, 2)
+    shown = spectra(found.window.accelerations, found.track, 23, 2)
     rng, limit = np.random.default_rng(1), np.log(SpacingSearchThresholds().chance)
     tried = [search(shown, 23, 2, shift=tuple(rng.uniform(-9, 9, 3))) for _ in range(60)]
     alone = [values.min() < limit for t in tried for values in t.alone.values()]

@@ -132,7 +132,9 @@ def unattributed_spacings(
     if not accelerations:
         return nothing
     period, z1 = common_period(shafts), teeth[0]
-    shown = spectra(accelerations, track, period, searching)
+    shown = spectra(accelerations, track, z1, period, searching)
+    if not shown:
+        return nothing
     tried = search(shown, z1, period, searching)
     if tried.spacings.size == 0:  # the window is too short: lines of known shafts fill the spectrum
         return nothing

@@ -98,10 +98,15 @@ class PairLimit:
 
 
 def spectra(
-    accelerations: Mapping[str, Samples], track: AngleTrack, period: int, limits: SpacingSearchThresholds = DEFAULT
+    accelerations: Mapping[str, Samples],
+    track: AngleTrack,
+    z1: int,
+    period: int,
+    limits: SpacingSearchThresholds = DEFAULT,
 ) -> dict[str, OrderSpectrum]:
-    """Spectrum of every channel against order.
+    """Spectrum against order of every channel that reaches the first mesh harmonic and has lines off the known orders.
 
+    z1      teeth of the pinion
     period  pinion turns after which all known shafts are back in the same position
     """
     out = {}
@@ -124,7 +129,7 @@ def spectra(
             own=own,
             bin=width,
         )
-    return out
+    return {name: s for name, s in out.items() if s.own.size * s.bin > z1 and (~s.own).sum() * TAIL[1] > 1}
 
 
 def search(
