@@ -57,6 +57,10 @@ class SpacingSearchThresholds:
         0.5, of="mesh order", meaning="largest spacing that is searched",
         source="derivation: from there on the sidebands of the next mesh harmonic are nearer",
     )  # fmt: skip
+    least_lines: int = deciding(
+        200, meaning="lines off the known orders that a channel must have to be searched",
+        source="derivation: the largest hundredth of them, from which the power law starts, is more than one line",
+    )  # fmt: skip
     known_lines: float = deciding(
         2.5, unit="spectral lines", meaning="distance up to which a line belongs to a known order",
         source="derivation: half of the main lobe of Hann's window is two lines wide",
@@ -129,7 +133,7 @@ def spectra(
             own=own,
             bin=width,
         )
-    return {name: s for name, s in out.items() if s.own.size * s.bin > z1 and (~s.own).sum() * TAIL[1] > 1}
+    return {name: s for name, s in out.items() if s.own.size * s.bin > z1 and (~s.own).sum() > limits.least_lines}
 
 
 def search(
