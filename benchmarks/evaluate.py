@@ -1,15 +1,16 @@
 """Recordings with undeclared effects through `assess`: what was named, and the errors before and after.
 
-    python -m benchmarks.evaluate [--set judge|fresh|tune|shared|all …] [--only TEXT …] [--json OUT] [--processes N]
+    python -m benchmarks.evaluate [--set judge|fresh|tune|wide|clean|shared|all …] [--only TEXT …] [--json OUT]
                                   [--channels all|accel+encoders|accel] [--conditions own|one|two] [--folder DIR]
-                                  [--spreads N] [--draw N]
+                                  [--spreads N] [--draw N] [--processes N]
 
 The campaigns of the tables `judge`, `fresh` and `tune` are made by the project's own generator where they are not kept
 yet; `shared` are the reference campaigns beside the project (GEAR_TWIN_SHARED sets where). With `--spreads 2` the
 machines that are made are twice as far from the rig file as the twin takes them to be, in structure, teeth and discs:
-the generator's usual spreads are the twin's default tolerances. `--draw 2` draws the fresh set again. Prints one line
-a campaign, the parameters against the truth, and a summary with the aims. The status is 0 whenever it ran: an aim
-missed is a line.
+the generator's usual spreads are the twin's default tolerances. `wide` and `clean` are campaigns on three machines
+(`trace_campaigns.wide`), `wide` with twice the spreads unless `--spreads` says otherwise. `--draw 2` draws the sets
+fresh, wide and clean again. Prints one line a campaign, the parameters against the truth, tables of false alarms,
+errors of added effects and bands, and a summary with the aims. The status is 0 whenever it ran.
 """
 
 from __future__ import annotations
@@ -26,24 +27,27 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.channels import SETS, only
+from benchmarks.evaluate_claims import claim_tables
 from benchmarks.evaluate_tables import campaign_table, figure_table, size_table, summary
 from benchmarks.realised import with_draws
 from benchmarks.scoring import ROOT, read_truth, truth_beside
-from benchmarks.trace_campaigns import judge, tune
+from benchmarks.trace_campaigns import judge, tune, wide
 from benchmarks.trace_campaigns.generate import FOLDER, make_all
 from benchmarks.trace_campaigns.table import Row
 from benchmarks.tracing_score import Traced, no_answer, score_tracing
 from service.errors import InputError
 from service.runtime.assess import assess
+from service.runtime.twin_port import gear_twin
 from twin.options import Options
 
-SETS_MADE = ("judge", "fresh", "tune")
+SETS_MADE = ("judge", "fresh", "tune", "wide", "clean")
 CONDITIONS = {"own": None, "one": False, "two": True}
 
 
 def rows_of(table: str, draw: int = 1) -> Sequence[Row]:
-    """The campaigns of a set that is made; `draw` is that of the fresh ones."""
-    return {"judge": judge.ROWS, "fresh": judge.fresh(draw), "tune": tune.ROWS}[table]
+    """The campaigns of a set that is made; `draw` is that of the sets that are drawn again."""
+    drawn = {"fresh": judge.fresh, "wide": wide.rows, "clean": wide.clean}
+    return drawn[table](draw) if table in drawn else {"judge": judge.ROWS, "tune": tune.ROWS}[table]
 
 
 def without_tracing() -> Options | None:
@@ -54,6 +58,19 @@ def without_tracing() -> Options | None:
     return Options(**left_out)
 
 
+def _noting(lives: list[dict[str, Any]]) -> Any:
+    """The twin itself, which notes after every window what it says of the remaining life."""
+    twin = gear_twin(None)
+
+    def step(*given: Any) -> tuple[Any, Any]:
+        state, estimate = twin.step(*given)
+        record, report = estimate.record, estimate.report
+        lives.append({"revolutions": record.get("revolutions"), "kind": record.get("kind"), "rul": report.get("rul")})
+        return state, estimate
+
+    return replace(twin, step=step)
+
+
 def evaluate(path: Path, channels: str = "all") -> Traced:
     """One recording's score: assessed without and with tracing."""
     beside = truth_beside(path)
@@ -61,15 +78,16 @@ def evaluate(path: Path, channels: str = "all") -> Traced:
     truth = with_draws(read_truth(beside))
     name = truth.get("id", path.stem)
     untraced = without_tracing()
+    lives: list[dict[str, Any]] = []
     try:
         with only(SETS[channels]):
             before = None if untraced is None else assess(path, options=untraced)
             start = time.process_time()
-            answer = assess(path)
+            answer = assess(path, twin=_noting(lives))
             used = time.process_time() - start
     except InputError as why:
         return no_answer(truth, str(why), name=name)
-    return replace(score_tracing(truth, answer, before, name=name), seconds=used)
+    return replace(score_tracing(truth, answer, before, name=name, lives=lives), seconds=used)
 
 
 def campaigns(
@@ -78,7 +96,7 @@ def campaigns(
     processes: int,
     names: Sequence[str],
     conditions: str,
-    spreads: float = 1.0,
+    spreads: float | None = None,
     draw: int = 1,
 ) -> Iterator[Path]:
     """The recordings of some sets; those that are missing are made."""
@@ -86,7 +104,8 @@ def campaigns(
         if table not in chosen and "all" not in chosen:
             continue
         wanted = [row for row in rows_of(table, draw) if _named(row.name, names)]
-        made = make_all(wanted, folder, processes, CONDITIONS[conditions], spreads)
+        usual = wide.SPREADS_TWICE if table == "wide" else 1.0
+        made = make_all(wanted, folder, processes, CONDITIONS[conditions], usual if spreads is None else spreads)
         for i, (row, path, why) in enumerate(made, start=1):
             _tell(f"campaign {i} of {len(wanted)}: {row.name}")
             if path is None:
@@ -140,15 +159,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--conditions", choices=list(CONDITIONS), default="own", help="operating conditions of the campaigns"
     )
     parser.add_argument(
-        "--spreads", type=float, default=1.0, metavar="N", help="times the usual spreads of structure and instruments"
+        "--spreads", type=float, metavar="N", help="times the usual spreads of structure and instruments"
     )
     parser.add_argument(
-        "--draw", type=int, default=1, metavar="N", help="which draw of the fresh set, 1 or more; look at each once"
+        "--draw", type=int, default=1, metavar="N", help="which draw of the sets fresh, wide and clean, 1 or more"
     )
     given = parser.parse_args(arguments)
     if given.draw < 1:
         parser.error(f"--draw {given.draw}: draws are numbered from 1")
-    if given.spreads != 1 and {"shared", "all"} & set(given.set):
+    if given.spreads not in (None, 1) and {"shared", "all"} & set(given.set):
         print("--spreads makes campaigns: the reference campaigns are as they are and are left out", file=sys.stderr)
         given.set = [name for name in (SETS_MADE if "all" in given.set else given.set) if name != "shared"]
     paths = list(
@@ -161,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if without_tracing() is None:
         print("this program has no tracing: what stands after is what stands before", end="\n\n")
     in_short = [*size_table(results), "-" * 62, *summary(results)]
-    for table in (campaign_table(results), figure_table(results), in_short):
+    for table in (campaign_table(results), figure_table(results), *claim_tables(results), in_short):
         print("\n".join(table), end="\n\n")
     if given.json:
         text = json.dumps([r.to_dict() for r in results], ensure_ascii=False, indent=1)

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.trace_campaigns.generate import RIG
+from benchmarks.trace_campaigns.benches import BENCHES
 from recordings.generator.effects import knobs_at
 from recordings.generator.flanks import Pair, pair_of
 
 
 @cache
-def _pair() -> Pair:
-    return pair_of(tomllib.loads(RIG.read_text(encoding="utf-8")))
+def _pair(bench: str) -> Pair:
+    return pair_of(tomllib.loads(BENCHES[bench].rig.read_text(encoding="utf-8")))
 
 
 def with_draws(truth: Mapping[str, Any]) -> dict[str, Any]:
@@ -29,7 +29,7 @@ def with_draws(truth: Mapping[str, Any]) -> dict[str, Any]:
     if not any(drawn):
         return dict(truth)
     rows = tuple({**e["parameters"], "name": e["name"], "onset_revolutions": 0.0} for e in truth["effects"])
-    knobs, _ = knobs_at(rows, inf, _pair(), truth["seed"])
+    knobs, _ = knobs_at(rows, inf, _pair(truth.get("bench", "unsw")), truth["seed"])
     spread = {
         f"{shaft}_um": 1e6 * float(np.std(np.atleast_2d(form).mean(axis=1)))
         for shaft, form in (("pinion", knobs.pinion_form), ("gear", knobs.gear_form))

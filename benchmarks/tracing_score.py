@@ -5,18 +5,22 @@ Truth is for scoring only: nothing here feeds back into an estimate.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import json
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from benchmarks.reliability import DEPTH_AIM, Band, depth_bands, life_bands
 from benchmarks.scoring import life_left
 
 UNKNOWN = "unknown_effect"
+UNDECIDED = "insufficient_data"
 VISIBLE = 31.6  # waveform error before, from which the residual holds a tenth of the energy [%]
-DEPTH_AIM = 5.0, 2.0  # error of the depth allowed: percent, or µm where that is more
 LINE_WIDTH = 1.0  # within which an unexplained line is the non-gear tone [Hz]
+HIGHEST_ORDER = 3  # of the shaft, up to which the lines of a coupling or a loose foot are looked for
 TO_UM, TO_G_MM = 1e6, 1e6  # from m and from kg·m
 
 Known = tuple[str, tuple[str, ...], float]  # truth's key, the twin's names for it, factor from the twin's SI unit
@@ -67,11 +71,28 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Gain:
+    """Errors on held-out windows before and after one added effect, as the answer states them [%]."""
+
+    effect: str
+    waveform_before: float | None
+    waveform_after: float | None
+    transmission_before: float | None
+    transmission_after: float | None
+
+    @property
+    def rises(self) -> bool:
+        """Whether either error is larger with the effect than without, by more than rounding."""
+        both = ((self.waveform_before, self.waveform_after), (self.transmission_before, self.transmission_after))
+        return any(b is not None and a is not None and a > b + 0.05 for b, a in both)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Traced:
     """The score of one recording; errors in percent, depths in µm, lives in revolutions."""
 
     name: str
-    kind: str  # single, pair, unknown or clean
+    kind: str  # single, pair, triple, growth, unknown, instrument, wear, life, ramp or clean
     level: str
     expected: tuple[str, ...]
     named: tuple[str, ...]  # in the order found
@@ -96,6 +117,15 @@ class Traced:
     life_after: float | None
     seconds: float = field(default=0.0)
     failed: str | None = None  # why there is no answer
+    bench: str = ""  # the machine
+    group: str = ""  # how it wears and is run, for the bands
+    foreign_width_hz: tuple[float, ...] = ()  # within which each tone is found
+    place_named: bool | None = None  # None where the truth names no place
+    data_fault: bool = False  # a window was refused or degraded
+    bands: tuple[Band, ...] = ()  # of depth and life
+    gains: tuple[Gain, ...] = ()  # of every effect that was added
+    held_out: tuple[float | None, float | None] = (None, None)  # waveform and transmission error, in the end [%]
+    limit: float | None = None  # up to which they count as explained [%]
 
     @property
     def false(self) -> tuple[str, ...]:
@@ -107,6 +137,9 @@ class Traced:
         """All that is there named, nothing else; of an unknown effect: no name, and the verdict says so."""
         if self.failed or self.false:
             return False
+        if self.kind == "instrument":
+            sensed = any(name in self.tolerated for name in self.named)
+            return self.verdict in (UNKNOWN, UNDECIDED) or sensed or self.data_fault
         if UNKNOWN in self.expected:
             return self.verdict == UNKNOWN
         return set(self.expected) <= set(self.named)
@@ -134,7 +167,36 @@ class Traced:
     @property
     def lines_found(self) -> int:
         """How many of the non-gear tones are among the lines said to be left."""
-        return sum(any(abs(line - f) <= LINE_WIDTH for line in self.lines_hz) for f in self.foreign_hz)
+        widths = self.foreign_width_hz or (LINE_WIDTH,) * len(self.foreign_hz)
+        return sum(
+            any(abs(line - f) <= width for line in self.lines_hz)
+            for f, width in zip(self.foreign_hz, widths, strict=True)
+        )
+
+    @property
+    def located(self) -> bool | None:
+        """Whether a frequency or the place of what is foreign was named; None where there is neither."""
+        if not self.foreign_hz and self.place_named is None:
+            return None
+        return bool(self.lines_found) or bool(self.place_named)
+
+    @property
+    def explained_beyond_limit(self) -> bool:
+        """Said to be explained although an error on held-out windows is above the limit."""
+        over = [e for e in self.held_out if e is not None and self.limit is not None and e > self.limit]
+        return self.verdict == "explained" and bool(over)
+
+    @property
+    def explained_wrongly(self) -> bool:
+        """Said to be explained although something is there that was not named, or named that is not there."""
+        missing = self.kind not in ("clean", "life", "wear", "ramp") and not self.right
+        return self.verdict == "explained" and (missing or bool(self.false))
+
+    @property
+    def onset_errors(self) -> tuple[float, ...]:
+        """Of every onset within the campaign that was stated: the error over the window spacing it can be known to."""
+        pairs = zip(self.onset_true, self.onset_said, strict=True)
+        return tuple(said - true for true, said in pairs if said is not None and true)
 
     def depth_error(self, when: str) -> float | None:
         """|error| of the depth at the last window [µm], `before` or `after` tracing."""
@@ -155,25 +217,41 @@ class Traced:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe, with what the tables show."""
-        shown = ("false", "right", "in_class", "visible", "halved", "lines_found", "depth_met", "depth_worse")
+        shown: tuple[str, ...] = (
+            "false",
+            "right",
+            "in_class",
+            "visible",
+            "halved",
+            "lines_found",
+            "depth_met",
+            "depth_worse",
+        )
+        shown += ("located", "explained_beyond_limit", "explained_wrongly")
         out = asdict(self) | {name: getattr(self, name) for name in shown}
         out["figures"] = [asdict(f) | {"error_percent": f.error_percent} for f in self.figures]
         return out
 
 
 def score_tracing(
-    truth: Mapping[str, Any], answer: Mapping[str, Any], without: Mapping[str, Any] | None = None, *, name: str
+    truth: Mapping[str, Any],
+    answer: Mapping[str, Any],
+    without: Mapping[str, Any] | None = None,
+    *,
+    name: str,
+    lives: Sequence[Mapping[str, Any]] = (),
 ) -> Traced:
     """The score of an answer of `assess`; `without`: the answer to the same recording without tracing.
 
     Where there is no answer without tracing, the depth before is the first effect's own figure of it, or the
-    answer's where nothing was added.
+    answer's where nothing was added. lives: `rul` after every window, for the life at half-life.
     """
     effects = list(answer["effects"])
     residual, unexplained = answer["residual"], answer["unexplained"]
     expected = expected_names(truth)
     said = {e["name"]: e for e in effects}
-    true = {e["name"]: e for e in truth["effects"]}
+    true = {e["name"]: e for e in reversed(truth["effects"])}
+    tones = non_gear_tones(truth)
     before, after = (_errors(effects, residual, which) for which in ("before", "after"))
     orders = unexplained.get("orders") or ()
     return Traced(
@@ -187,7 +265,8 @@ def score_tracing(
         runner_up=runner_up(effects),
         verdict=str(unexplained.get("verdict", unexplained.get("status"))),
         lines_hz=tuple(line["frequency_hz"] for line in orders if line.get("frequency_hz") is not None),
-        foreign_hz=tuple(non_gear_tones(truth)),
+        foreign_hz=tuple(f for f, _ in tones),
+        foreign_width_hz=tuple(width for _, width in tones),
         figures=tuple(f for n in expected if n in said and n in true for f in figures(true[n], said[n])),
         onset_true=tuple(true[n]["onset_revolutions"] for n in expected if n in true),
         onset_said=tuple(said[n]["onset_revolutions"] if n in said else None for n in expected if n in true),
@@ -201,7 +280,41 @@ def score_tracing(
         life_true=life_left(truth),
         life_before=_life(without if without is not None else answer),
         life_after=_life(answer),
+        bench=str(truth.get("bench", "unsw")),
+        group=str(truth.get("group", "")),
+        place_named=_place_named(truth, answer),
+        data_fault=any(w.get("quality") in ("refused", "degraded") for w in answer.get("windows", ())),
+        bands=depth_bands(truth, answer.get("windows", ())) + life_bands(truth, lives),
+        gains=tuple(_gain(e) for e in effects),
+        held_out=_held_out(answer, effects),
+        limit=unexplained.get("limit_percent"),
     )
+
+
+def _place_named(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> bool | None:
+    """Whether what is said of the unexplained part has one of the words for its place."""
+    words = truth.get("place")
+    if not words:
+        return None
+    said = [answer["unexplained"], answer.get("status") or {}, [w.get("faults") for w in answer.get("windows", ())]]
+    return re.search(words, json.dumps(said, ensure_ascii=False), re.IGNORECASE) is not None
+
+
+def _gain(effect: Mapping[str, Any]) -> Gain:
+    before, after = effect["error_before"], effect["error_after"]
+    return Gain(
+        effect=effect["name"],
+        waveform_before=before["waveform_percent"],
+        waveform_after=after["waveform_percent"],
+        transmission_before=before.get("transmission_error_percent"),
+        transmission_after=after.get("transmission_error_percent"),
+    )
+
+
+def _held_out(answer: Mapping[str, Any], effects: Sequence[Mapping]) -> tuple[float | None, float | None]:
+    """Waveform and transmission error on held-out windows after all, as the answer states them [%]."""
+    errors = (answer.get("tracing") or {}).get("errors") or (effects[-1]["error_after"] if effects else {})
+    return errors.get("waveform_percent"), errors.get("transmission_error_percent")
 
 
 def no_answer(truth: Mapping[str, Any], why: str, *, name: str) -> Traced:
@@ -212,7 +325,7 @@ def no_answer(truth: Mapping[str, Any], why: str, *, name: str) -> Traced:
 
 def expected_names(truth: Mapping[str, Any]) -> tuple[str, ...]:
     """Names that should be given, sorted."""
-    return tuple(sorted(truth["expected_names"]))
+    return tuple(sorted(set(truth["expected_names"])))
 
 
 def kind_of(truth: Mapping[str, Any], expected: Sequence[str]) -> str:
@@ -221,13 +334,24 @@ def kind_of(truth: Mapping[str, Any], expected: Sequence[str]) -> str:
     return "unknown" if UNKNOWN in expected else ("clean", "single", "pair")[min(len(expected), 2)]
 
 
-def non_gear_tones(truth: Mapping[str, Any]) -> Iterable[float]:
-    """Frequencies [Hz] of tones in the recording that are no effect of the list."""
+def non_gear_tones(truth: Mapping[str, Any]) -> list[tuple[float, float]]:
+    """Frequencies [Hz] of tones in the recording that are no effect of the list, and within what each is found."""
+    out: list[tuple[float, float]] = []
+    speed = truth["windows"][-1]["speed_hz"]
     for effect in truth["effects"]:
-        p = effect["parameters"]
-        yield from p.get("frequencies_hz", p.get("freqs", ()))
-        if effect["name"] == "order_tone":
-            yield p["order"] * truth["windows"][-1]["speed_hz"]
+        p, name = effect["parameters"], effect["name"]
+        out += [(f, LINE_WIDTH) for f in p.get("frequencies_hz", p.get("freqs", ()))]
+        if name == "order_tone":
+            out.append((p["order"] * speed, LINE_WIDTH))
+        elif name == "drifting_tone":
+            f = p["frequency_hz"]
+            out.append((f, LINE_WIDTH + f * (p["between"] + abs(p["within"]) / 2)))
+        elif name == "second_mesh":
+            f = p["teeth"] * p["shaft_hz"]
+            out.append((f * (1 - p["slip"] / 2), LINE_WIDTH + 0.65 * f * p["slip"]))
+        elif name in ("coupling_misalignment", "loose_foot"):
+            out += [(k * speed, LINE_WIDTH) for k in range(1, HIGHEST_ORDER + 1)]
+    return out
 
 
 def runner_up(effects: Sequence[Mapping[str, Any]]) -> str | None:

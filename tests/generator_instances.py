@@ -47,6 +47,17 @@ EFFECT_INSTANCES = {
     "level_modulation": {"depth": 0.3, "frequency_hz": 39.6},
     "random_impacts": {"amplitude": 20.0, "rate_hz": 8.0, "frequency_hz": 1200.0},
     "rub": {"amplitude": 3.0},
+    "drifting_tone": {"amplitude": 2.0, "frequency_hz": 310.0},
+    "second_mesh": {"amplitude": 2.0, "teeth": 31, "shaft_hz": 24.0},
+    "loose_bearing": {"play_um": 40.0},
+    "coupling_misalignment": {"offset_mm": 0.15, "angle_deg": 1.0},
+    "shaft_rub": {"force_n": 30.0},
+    "loose_foot": {"load_n": 20.0, "unbalance_g_mm": 4000.0},
+    "loose_accelerometer": {"hold": 30.0},
+    "time_shift": {"shift_ms": 1.0},
+    "wrong_polarity": {},
+    "lost_encoder_line": {"line": 100},
+    "doubled_encoder_line": {"line": 100},
 }
 
 
@@ -83,7 +94,8 @@ def knobs(name: str | None = None, **parameters) -> Knobs:
     """The knobs with one effect turned on from the start."""
     if name is None:
         return Knobs()
-    schema = {"name": Text(), "onset_revolutions": Number("rev", 0, 1e9, 0.0), **EFFECTS[name].parameters}
+    age = Number("rev", 0, 1e9, 0.0)
+    schema = {"name": Text(), "onset_revolutions": age, "full_revolutions": age, **EFFECTS[name].parameters}
     row = checked({"name": name, **parameters}, schema)
     return knobs_at((row,), 0.0, pair(), seed=3)[0]
 

@@ -1,6 +1,7 @@
 """Makes the recordings of a table and keeps them: NAME-DIGEST.mcap, and the truth in truth/ beside.
 
-The digest covers the spec, the rig file and the generator's source, so what is kept is never stale.
+The digest covers the spec, the rig file and the generator's edition (`recordings.generator.EDITION`, and that of the
+spec's effects), which a test holds to what the generator gives: what is kept stays of use while the generator grows.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -16,29 +18,33 @@ from itertools import repeat
 from pathlib import Path
 from typing import Any
 
+from benchmarks.trace_campaigns.benches import BENCHES
 from benchmarks.trace_campaigns.table import Row, spec_of
-from recordings.generator import SimulationError, simulate, write
+from recordings.generator import EDITION, SimulationError, simulate, write
+from recordings.generator.effects import EFFECTS
 
 ROOT = Path(__file__).resolve().parents[2]
-RIG = ROOT / "recordings" / "rigs" / "unsw.toml"
+RIG = BENCHES["unsw"].rig
 FOLDER = ROOT / ".gear-twin" / "campaigns"
 
 
 @cache
-def _generator_digest() -> bytes:
-    sources = [RIG, *sorted((ROOT / "recordings" / "generator").glob("*.py"))]
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).digest()
+def _edition(rig: Path) -> bytes:
+    return hashlib.sha256(rig.read_bytes() + f"edition {EDITION}".encode()).digest()
 
 
-def digest_of(spec: Mapping[str, Any]) -> str:
-    """Of all that a recording depends on."""
-    text = json.dumps(spec, sort_keys=True).encode()
-    return hashlib.sha256(text + _generator_digest()).hexdigest()[:10]
+def digest_of(spec: Mapping[str, Any], rig: Path = RIG) -> str:
+    """Of all that a recording depends on; a new effect or key of the generator changes nothing for other specs."""
+    editions = {e["name"]: EFFECTS[e["name"]].edition for e in spec.get("effects", ())}
+    changed = {name: edition for name, edition in editions.items() if edition != 1}
+    text = json.dumps([spec, changed] if changed else spec, sort_keys=True).encode()
+    return hashlib.sha256(text + _edition(rig)).hexdigest()[:10]
 
 
 def recording_of(row: Row, folder: Path, two_conditions: bool | None = None, spreads: float = 1.0) -> Path:
     """Where a row's recording is kept."""
-    return folder / f"{row.name}-{digest_of(spec_of(row, two_conditions=two_conditions, spreads=spreads))}.mcap"
+    digest = digest_of(spec_of(row, two_conditions=two_conditions, spreads=spreads), BENCHES[row.bench].rig)
+    return folder / f"{row.name}-{digest}.mcap"
 
 
 def make(row: Row, path: Path, two_conditions: bool | None = None, spreads: float = 1.0) -> Path:
@@ -47,19 +53,29 @@ def make(row: Row, path: Path, two_conditions: bool | None = None, spreads: floa
     if path.is_file() and truth.is_file():
         return path
     truth.parent.mkdir(parents=True, exist_ok=True)
-    rig = RIG.read_text(encoding="utf-8")
+    rig = BENCHES[row.bench].rig.read_text(encoding="utf-8")
     campaign = simulate(spec_of(row, two_conditions=two_conditions, spreads=spreads), tomllib.loads(rig))
     campaign.truth |= {
         "id": row.name,
         "kind": row.kind,
+        "bench": row.bench,
         "levels": [put.level for put in row.effects],
         "expected_names": list(row.expected),
         "tolerated_names": list(row.tolerated),
-    }
+    } | {key: value for key, value in (("place", row.place), ("group", row.group)) if value}
     part = path.with_suffix(f".{os.getpid()}.part")
-    write(campaign, part, truth, rig)
+    write(campaign, part, truth, with_limit(rig, campaign.truth.get("end_of_life")))
     part.replace(path)
     return path
+
+
+def with_limit(rig: str, end_of_life: Mapping[str, Any] | None) -> str:
+    """A rig file's text with the end-of-life limit that a campaign was given."""
+    if end_of_life is None:
+        return rig
+    head, table, tail = rig.partition("[end_of_life]")
+    limit = f"max_depth = {1e-6 * end_of_life['limit_um']:.6g}"
+    return head + table + re.sub(r"max_depth = [0-9.e+-]+", limit, tail, count=1)
 
 
 def make_all(

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.trace_campaigns.benches import BENCHES, Bench
+
 LEVELS = ("small", "medium", "large")
 SPREAD = (0.88, 1.14)  # factor of the drawn size on the level's
-FIRST_MODE = 21.8  # torsional, of the reference rig [Hz]
 _PHASE = (0.0, 6.28)
 
 SIZES: Mapping[str, tuple[Mapping[str, float], ...]] = {
@@ -41,6 +42,33 @@ SIZES: Mapping[str, tuple[Mapping[str, float], ...]] = {
     "level_modulation": ({"depth": 0.15}, {"depth": 0.3}, {"depth": 0.5}),
     "random_impacts": ({"amplitude": 5.0}, {"amplitude": 15.0}, {"amplitude": 40.0}),
     "rub": ({"amplitude": 1.0}, {"amplitude": 3.0}, {"amplitude": 8.0}),
+    "drifting_tone": ({"amplitude": 0.8}, {"amplitude": 2.0}, {"amplitude": 5.0}),
+    "second_mesh": ({"amplitude": 0.8}, {"amplitude": 2.0}, {"amplitude": 5.0}),
+    "loose_bearing": (
+        {"play_um": 15.0, "slack": 0.4},
+        {"play_um": 40.0, "slack": 0.6},
+        {"play_um": 90.0, "slack": 0.8},
+    ),
+    "coupling_misalignment": (
+        {"offset_mm": 0.15, "angle_deg": 0.7, "jaw_scatter": 0.1},
+        {"offset_mm": 0.4, "angle_deg": 1.5, "jaw_scatter": 0.2},
+        {"offset_mm": 1.0, "angle_deg": 3.0, "jaw_scatter": 0.35},
+    ),
+    "shaft_rub": ({"force_n": 3.0}, {"force_n": 10.0}, {"force_n": 40.0}),
+    "loose_foot": ({"unbalance_g_mm": 2500.0}, {"unbalance_g_mm": 6000.0}, {"unbalance_g_mm": 14000.0}),
+    "loose_accelerometer": (
+        {"spread": 0.15, "ease": 0.012},
+        {"spread": 0.3, "ease": 0.03},
+        {"spread": 0.55, "ease": 0.08},
+    ),
+    "time_shift": (
+        {"shift_ms": 0.12, "drift_ms_per_hour": 4.0},
+        {"shift_ms": 0.7, "drift_ms_per_hour": 20.0},
+        {"shift_ms": 4.0, "drift_ms_per_hour": 80.0},
+    ),
+    "wrong_polarity": ({}, {}, {}),
+    "lost_encoder_line": ({"share": 0.1}, {"share": 0.4}, {"share": 0.85}),
+    "doubled_encoder_line": ({"share": 0.1}, {"share": 0.4}, {"share": 0.85}),
 }
 
 HIDDEN = 3
@@ -62,15 +90,25 @@ def visible(name: str, level: str) -> bool:
 
 
 def drawn(
-    name: str, level: str, rng: np.random.Generator, speed_hz: float = 10.0, torque_nm: float = 10.0
+    name: str,
+    level: str,
+    rng: np.random.Generator,
+    speed_hz: float = 10.0,
+    torque_nm: float = 10.0,
+    bench: Bench = BENCHES["unsw"],
 ) -> dict[str, Any]:
     """Parameters of the generator for an effect of a level, with this campaign's own size and position.
 
-    Whether a load rattles depends on the operating condition; all else leaves it aside.
+    Whether a load rattles or a foot lifts off depends on the operating condition; all else leaves it aside.
     """
     sizes = {key: _rounded(value * rng.uniform(*SPREAD)) for key, value in SIZES[name][LEVELS.index(level)].items()}
+    for key, factor in (("amplitude_nm", bench.load), ("force_n", bench.force)):
+        if key in sizes and factor != 1.0:
+            sizes[key] = _rounded(sizes[key] * factor)
     if name == "backlash_rattle":
-        return _rattling(sizes["severity"], rng, speed_hz, torque_nm)
+        return _rattling(sizes["severity"], rng, speed_hz, torque_nm, bench.first_mode)
+    if name == "loose_foot":
+        return _lifting(sizes, rng, speed_hz, torque_nm, bench)
     shape = _SHAPES.get(name)
     return sizes if shape is None else shape(sizes, rng)
 
@@ -106,12 +144,14 @@ def _rolling(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     return {**sizes, "order": round(order, 3), "slip": _rounded(rng.uniform(0.004, 0.015))}
 
 
-def _rattling(severity: float, rng: np.random.Generator, speed_hz: float, torque_nm: float) -> dict[str, Any]:
+def _rattling(
+    severity: float, rng: np.random.Generator, speed_hz: float, torque_nm: float, first_mode: float
+) -> dict[str, Any]:
     """A load that pulsates once a pinion turn: its swing, swollen by the first torsional mode, over its mean.
 
     From a severity of about 0.8 on the teeth part at every turn.
     """
-    swing = severity * torque_nm * abs(1 - (speed_hz / FIRST_MODE) ** 2)
+    swing = severity * torque_nm * abs(1 - (speed_hz / first_mode) ** 2)
     return {
         "load_ripple_nm": _rounded(swing),
         "extra_backlash_um": _rounded(rng.uniform(20, 120)),
@@ -152,6 +192,67 @@ def _rubbing(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     return {**sizes, "share": _rounded(rng.uniform(0.15, 0.4))}
 
 
+def _lifting(
+    sizes: dict[str, Any], rng: np.random.Generator, speed_hz: float, torque_nm: float, bench: Bench
+) -> dict[str, Any]:
+    """A foot on which the torque leaves about half of what the shaft's unbalance lifts."""
+    lift = sizes["unbalance_g_mm"] * 1e-6 * (2 * np.pi * speed_hz) ** 2
+    load = rng.uniform(0.35, 0.65) * lift + bench.reaction * (torque_nm - bench.rated_torque)
+    return {**sizes, "load_n": _rounded(max(load, 0.3 * lift)), "natural_hz": _rounded(rng.uniform(30, 60))}
+
+
+def _slack(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {
+        "play_um": sizes["play_um"],
+        "stiffness": _rounded(1 - min(sizes["slack"], 0.93)),
+        "exponent": _rounded(rng.uniform(1.5, 2.2)),
+        "bearing": int(rng.choice([4, 6])),
+    }
+
+
+def _eased(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    frequency = _rounded(rng.uniform(1500, 3500))
+    return {"spread": sizes["spread"], "hold": _rounded(1 / sizes["ease"]), "frequency_hz": frequency}
+
+
+def _drifting(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """A fan's or a pump's tone, anywhere in the band."""
+    return {
+        **sizes,
+        "frequency_hz": _rounded(rng.uniform(90, 900)),
+        "between": _rounded(rng.uniform(0.01, 0.05)),
+        "within": _rounded(rng.uniform(-0.03, 0.03)),
+    }
+
+
+def _neighbour(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {
+        **sizes,
+        "teeth": int(rng.integers(17, 46)),
+        "shaft_hz": _rounded(rng.uniform(8, 25)),
+        "slip": _rounded(rng.uniform(0.005, 0.03)),
+    }
+
+
+def _coupled(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {**sizes, "jaws": int(rng.choice([3, 4, 6]))}
+
+
+def _touching(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return _phased({**sizes, "share": _rounded(rng.uniform(0.08, 0.4))}, rng)
+
+
+def _shifted(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """A fixed shift or a clock that drifts, to either side."""
+    side, fixed = float(rng.choice([-1.0, 1.0])), bool(rng.integers(2))
+    shift = side * sizes["shift_ms"] if fixed else 0.0
+    return {"shift_ms": shift, "drift_ms_per_hour": 0.0 if fixed else side * sizes["drift_ms_per_hour"]}
+
+
+def _lined(sizes: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    return {**sizes, "shaft": str(rng.choice(["pinion", "gear"])), "line": int(rng.integers(0, 500))}
+
+
 _SHAPES: Mapping[str, Callable[[dict[str, Any], np.random.Generator], dict[str, Any]]] = {
     "pinion_eccentricity": _phased,
     "gear_eccentricity": _phased,
@@ -168,4 +269,13 @@ _SHAPES: Mapping[str, Callable[[dict[str, Any], np.random.Generator], dict[str, 
     "level_modulation": _breathing,
     "random_impacts": _striking,
     "rub": _rubbing,
+    "drifting_tone": _drifting,
+    "second_mesh": _neighbour,
+    "loose_bearing": _slack,
+    "coupling_misalignment": _coupled,
+    "shaft_rub": _touching,
+    "loose_accelerometer": _eased,
+    "time_shift": _shifted,
+    "lost_encoder_line": _lined,
+    "doubled_encoder_line": _lined,
 }

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.trace_campaigns.benches import BENCHES
 from benchmarks.trace_campaigns.levels import drawn
 from recordings.generator.spec import SCHEMA
 
@@ -27,9 +28,7 @@ CONTRACT_EFFECTS = (
     "mesh_stiffness_loss", "mesh_damping", "sensor_gain", "sensor_resonance",
 )  # fmt: skip
 
-SPEED, TORQUE = (9.0, 16.0), (8.0, 15.0)  # of the operating condition [Hz], [N·m]
 DEPTH, WORN = (25.0, 60.0), (6000.0, 9000.0)  # combined depth at the end [µm], revolutions until there
-REFERENCE = 1.2e-12, 9000.0, 10.0, 46.7  # k [m²/N], revolutions, torque [N·m] and the depth they wear [µm]
 SECONDS = 2.5  # of a window
 NEW = 60.0  # revolutions before wear begins: the first window is on new gears
 SPREADS = {  # keys of the generator's spec that say how far a healthy machine is from its rig file
@@ -37,22 +36,27 @@ SPREADS = {  # keys of the generator's spec that say how far a healthy machine i
     "wear": ("tooth_scatter",),
     "sensors": ("pinion_graduation_um", "gear_graduation_um"),
 }
+STEPPED = 1.35  # times the torque after a step
 DETUNED = 1.27, 0.8  # speed and torque of the second operating condition, against the first
 
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """One effect put into a campaign; onset as a share of the campaign, 0 from the start."""
+    """One effect put into a campaign; onset as a share of the campaign, 0 from the start.
+
+    full  where it has grown to its size, as a share of the campaign; 0 where it has it from its onset
+    """
 
     name: str
     level: str
     onset: float = 0.0
     given: Mapping[str, Any] = field(default_factory=dict)  # parameters that are not drawn
+    full: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One campaign. `kind` is single, pair, unknown or clean; `extra` is merged over the spec drawn."""
+    """One campaign. `kind` says how it is scored (`tracing_score`); `extra` is merged over the spec drawn."""
 
     name: str
     seed: int
@@ -64,10 +68,18 @@ class Row:
     two_conditions: bool = False
     tolerated: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
+    bench: str = "unsw"
+    given_names: tuple[str, ...] | None = None  # names expected where they are not those of the effects
+    place: str = ""  # words, one of which names where an unknown effect sits, apart by |
+    group: str = ""  # how the machine wears and is run, for depth and life
+    spreads: float | None = None  # of its own, whatever is asked for
+    stepped: bool = False  # the load rises at the middle of the campaign, and stays so
 
     @property
     def expected(self) -> tuple[str, ...]:
         """Names that the tracing should give, sorted; an effect on no list is `unknown_effect`."""
+        if self.given_names is not None:
+            return tuple(sorted(self.given_names))
         names = {put.name if put.name in CONTRACT_EFFECTS else UNKNOWN for put in self.effects}
         return tuple(sorted(names))
 
@@ -84,13 +96,14 @@ def spec_of(row: Row, *, two_conditions: bool | None = None, spreads: float = 1.
                     farther from the rig file than the twin takes it to be
     """
     rng = np.random.default_rng([row.seed, 11])
-    speed, torque = round(rng.uniform(*SPEED), 2), round(rng.uniform(*TORQUE), 2)
+    bench = BENCHES[row.bench]
+    speed, torque = round(rng.uniform(*bench.speed), 2), round(rng.uniform(*bench.torque), 2)
     depth, worn = rng.uniform(*DEPTH), round(rng.uniform(*WORN), -2)
-    k, revolutions, load, reached = REFERENCE
+    k, revolutions, load, reached = bench.reference
     at = np.round(np.linspace(0.0, worn, row.windows))
     spec: dict[str, Any] = {
         "schema": "gear-campaign/1",
-        "asset": "unsw-rig",
+        "asset": bench.asset,
         "description": "wear campaign, measurement windows",
         "seed": row.seed,
         "wear": {
@@ -109,7 +122,8 @@ def spec_of(row: Row, *, two_conditions: bool | None = None, spreads: float = 1.
             {
                 "name": put.name,
                 "onset_revolutions": float(round(put.onset * worn)),
-                **drawn(put.name, put.level, np.random.default_rng([row.seed, 12, i]), speed, torque),
+                **({"full_revolutions": float(round(put.full * worn))} if put.full else {}),
+                **drawn(put.name, put.level, np.random.default_rng([row.seed, 12, i]), speed, torque, bench),
                 **put.given,
             }
             for i, put in enumerate(row.effects)
@@ -117,13 +131,20 @@ def spec_of(row: Row, *, two_conditions: bool | None = None, spreads: float = 1.
         "truth": {"to_end_of_life": True, "life_step_um": 10.0},
     }
     if row.calibrated:
-        spec["calibration"] = [{"speed_hz": 2.0, "torque_nm": t, "seconds": 3.0} for t in (10.0, 20.0)]
+        spec["calibration"] = [
+            {"speed_hz": 2.0, "torque_nm": times * bench.rated_torque, "seconds": 3.0} for times in (1.0, 2.0)
+        ]
         spec["wear"]["from_revolutions"] = NEW + 35.0
     if row.running_in:
         spec["wear"] |= {"running_in_factor": round(rng.uniform(1.4, 2.2), 2), "running_in_revolutions": worn / 4}
     if row.two_conditions if two_conditions is None else two_conditions:
-        spec["conditions"] = alternating(speed, torque, at.tolist())
-    return merged(merged(spec, wider(spreads)), row.extra)
+        spec["conditions"] = alternating(speed, torque, at.tolist(), bench.fastest)
+    if row.stepped:
+        spec["conditions"] = [
+            {"speed_hz": speed, "torque_nm": torque, "until_revolutions": worn / 2},
+            {"speed_hz": speed, "torque_nm": round(STEPPED * torque, 2)},
+        ]
+    return merged(merged(spec, wider(spreads if row.spreads is None else row.spreads)), row.extra)
 
 
 def wider(spreads: float) -> dict[str, Any]:
@@ -140,10 +161,10 @@ def wider(spreads: float) -> dict[str, Any]:
     return out
 
 
-def alternating(speed: float, torque: float, at: Sequence[float]) -> list[dict[str, float]]:
+def alternating(speed: float, torque: float, at: Sequence[float], fastest: float = 17.0) -> list[dict[str, float]]:
     """Conditions that change halfway between the windows, there and back."""
     fast, light = DETUNED
-    other = {"speed_hz": round(min(speed * fast, 17.0), 2), "torque_nm": round(torque * light, 2)}
+    other = {"speed_hz": round(min(speed * fast, fastest), 2), "torque_nm": round(torque * light, 2)}
     both = ({"speed_hz": speed, "torque_nm": torque}, other)
     ends = [(a + b) / 2 for a, b in pairwise(at)]
     rows = [{**both[i % 2], "until_revolutions": float(end)} for i, end in enumerate(ends)]

@@ -12,4 +12,6 @@ from recordings.generator.campaign import Campaign, simulate
 from recordings.generator.deliver import simulate_file, write
 from recordings.generator.errors import SimulationError, SpecError
 
-__all__ = ["Campaign", "SimulationError", "SpecError", "simulate", "simulate_file", "write"]
+EDITION = 1  # raised when a spec gives another recording than before; that of one effect: `Effect.edition`
+
+__all__ = ["EDITION", "Campaign", "SimulationError", "SpecError", "simulate", "simulate_file", "write"]

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from recordings.generator import sensors
+from recordings.generator import sensor_faults, sensors
 from recordings.generator import spec as specs
 from recordings.generator.effects import knobs_at
 from recordings.generator.errors import SimulationError, SpecError
 from recordings.generator.flanks import pair_of
+from recordings.generator.knobs import Knobs
 from recordings.generator.machine import Condition, Machine
 from recordings.generator.structure import INDEX, build
 from recordings.generator.truth import end_of_life, whole_truth, window_truth
@@ -22,6 +23,7 @@ from recordings.generator.wear import Wearing, depths
 
 SETTLE = 0.6  # the machine runs before a window's record starts [s]
 PAD = 0.1  # recorded beyond both ends of a window, for the filters [s]
+GROWTH_STEPS = 12  # in which an effect that grows does so while the flanks wear
 PAUSE = (2.0, 6.0)  # the machine stands between windows to be set up [s]
 
 Progress = Callable[[float, str], None]
@@ -63,7 +65,7 @@ class _Run:
         self.discs = _discs(spec, rig, self.machine, self.rng["discs"])
         self.revolutions = 0.0  # that the flanks are worn by
         self.ended = 0.0  # revolutions at the end of the last window
-        self.clock = datetime.fromisoformat(spec["started"]).timestamp()
+        self.started = self.clock = datetime.fromisoformat(spec["started"]).timestamp()
 
     def knobs(self, revolutions: float):
         return knobs_at(self.spec["effects"], revolutions, self.machine.pair, self.spec["seed"])
@@ -79,6 +81,9 @@ class _Run:
         """Wears on to an age, under the campaign's conditions or a forced one; effects set in on the way."""
         turning = [c["until_revolutions"] for c in self.spec["conditions"]]
         turning += [e["onset_revolutions"] for e in self.spec["effects"]]
+        for e in self.spec["effects"]:
+            if e["full_revolutions"] > e["onset_revolutions"]:
+                turning += np.linspace(e["onset_revolutions"], e["full_revolutions"], GROWTH_STEPS + 1).tolist()
         first = self.spec["wear"]["from_revolutions"]
         turning.append(first)
         while self.revolutions < stop:
@@ -88,6 +93,11 @@ class _Run:
                 knobs, active = self.knobs(now)
                 self.wearing.advance(now, until, forced or self.operating(now), knobs, len(active))
             self.revolutions = until
+
+    def rising(self, condition: Condition, number: int) -> Condition:
+        """The condition of a measurement window, in which speed and torque may rise."""
+        rises = {key: self.spec["windows"][key] for key in ("speed_rise", "torque_rise")}
+        return replace(condition, **{key: rise[number] for key, rise in rises.items() if rise})
 
     def window(self, kind: str, index: int, target: float, condition: Condition, seconds: float):
         """One window with its middle at `target` pinion revolutions, or as soon after as can be."""
@@ -132,12 +142,19 @@ class _Run:
         z1, z2 = machine.pair.teeth
         cycle = np.floor(start / z2)  # rounds of all tooth pairs: not in the angles, put back in the counts
         before = (SETTLE + PAD) * condition.speed / (2 * pi)
-        motion = machine.at_rest(condition, knobs, 2 * pi * (start - before - cycle * z2))
-        machine.settle(motion, condition, knobs, SETTLE, self.rng["drive"])
+        at_start = replace(
+            condition,
+            speed=condition.speed * (1 - condition.speed_rise / 2),
+            torque=condition.torque * (1 - condition.torque_rise / 2),
+            speed_rise=0.0,
+            torque_rise=0.0,
+        )
+        motion = machine.at_rest(at_start, knobs, 2 * pi * (start - before - cycle * z2))
+        machine.settle(motion, at_start, knobs, SETTLE, self.rng["drive"])
         record = machine.run(motion, condition, knobs, seconds + 2 * PAD, self.rng["drive"])
         times = machine.dt * np.arange(len(record)) - PAD
         inside = (times >= 0) & (times < seconds)
-        acceleration, clean = self._acceleration(record[:, 0], record[:, 2], knobs, seconds)
+        acceleration, clean = self._acceleration(record, condition.torque, knobs, seconds)
         rate, noise = 1 / machine.dt, self.rng["noise"]
         factor = round(rate / spec["torque_rate_hz"])
         torque = sensors.decimated(record[:, 1], factor, round(PAD * rate), round(seconds * spec["torque_rate_hz"]))
@@ -145,10 +162,12 @@ class _Run:
         torque += spec["torque_drift_nm"] * drifted
         gear_zero = spec["encoder_drift_um"] * 1e-6 * drifted / machine.pair.base_radius[1]
         jitter, clock = spec["encoder_jitter_ns"] * 1e-9, spec["encoder_clock_ns"] * 1e-9
-        told = []
+        told: list[tuple[int, np.ndarray]] = []
         for disc, angle, turns in zip(self.discs, (record[:, 2], record[:, 3] - gear_zero), (z2, z1), strict=True):
             first, at = sensors.edges(disc, times, angle, 0.0, seconds, jitter, clock, noise)
-            told.append((first + round(cycle * turns) * disc.edges_per_rev, at))
+            first += round(cycle * turns) * disc.edges_per_rev
+            lines = knobs.disc_lines.get("gear" if told else "pinion", [])
+            told.append(sensor_faults.seen(first, at, disc.edges_per_rev, lines, self.rng["foreign"]))
         recorded = Recorded(
             round(self.clock * 1e9),
             acceleration,
@@ -162,18 +181,24 @@ class _Run:
         )
         return recorded, facts
 
-    def _acceleration(self, raw: np.ndarray, angle, knobs, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    def _acceleration(
+        self, record: np.ndarray, torque: float, knobs: Knobs, seconds: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The accelerometer's samples, and the housing's true acceleration in its band.
 
-        From acceleration [m/s²] and pinion angle [rad] at every step; what is foreign to the machine is
-        not in its true acceleration.
+        From the record of `integrate.run` and the mean torque [N·m]; what is foreign to the machine is not in
+        its true acceleration.
         """
         spec, rate = self.spec["sensors"], 1 / self.machine.dt
         out_rate = spec["acceleration_rate_hz"]
         cut = round(rate / out_rate), round(PAD * rate), round(seconds * out_rate)
-        clean = felt = sensors.decimated(raw, *cut)
+        raw, angle = self._housing(record, torque, knobs), record[:, 2]
+        clean = sensors.decimated(raw, *cut)
         if knobs.resonance[0]:
-            felt = sensors.decimated(sensors.mounted(raw, rate, *knobs.resonance), *cut)
+            raw = sensors.mounted(raw, rate, *knobs.resonance)
+        if knobs.loose_accelerometer is not None:
+            raw = knobs.loose_accelerometer(raw, 1 / rate, self.rng["foreign"])
+        felt = sensors.decimated(knobs.clock(raw, 1 / rate, self.clock - self.started), *cut)
         t = np.arange(felt.size) / out_rate
         for shaken in knobs.foreign:
             at = angle[cut[1] :: cut[0]][: felt.size]
@@ -185,6 +210,13 @@ class _Run:
             felt, spec["acceleration_noise"], spec["acceleration_range"], spec["bits"], self.rng["noise"]
         )
         return noisy, clean
+
+    def _housing(self, record: np.ndarray, torque: float, knobs: Knobs) -> np.ndarray:
+        """Acceleration of the housing at the accelerometer, at every step [m/s²]."""
+        if knobs.foot is None or not self.machine.accelerometer.startswith("y"):
+            return record[:, 0]
+        z1, z2 = self.machine.pair.teeth
+        return record[:, 0] + knobs.foot(record, self.machine.dt, torque, self.machine.rated_torque, z2 / z1)
 
 
 def _machine(spec: dict[str, Any], rig: Mapping[str, Any], rng: np.random.Generator) -> Machine:
@@ -206,6 +238,7 @@ def _machine(spec: dict[str, Any], rig: Mapping[str, Any], rng: np.random.Genera
         dt=1 / spec["solver"]["step_rate_hz"],
         pinion_worn=np.zeros((pair.teeth[0], *shape)),
         gear_worn=np.zeros((pair.teeth[1], *shape)),
+        bearing_span=float(rig["shafts"].get("bearing_span", 0.15)),
     )
 
 
@@ -240,8 +273,8 @@ def simulate(spec: Mapping[str, Any], rig: Mapping[str, Any], progress: Progress
         for c in checked["calibration"]
     ]
     plan += [
-        ("measurement", r, run.operating(r), checked["windows"]["seconds"])
-        for r in checked["windows"]["at_revolutions"]
+        ("measurement", r, run.rising(run.operating(r), i), checked["windows"]["seconds"])
+        for i, r in enumerate(checked["windows"]["at_revolutions"])
     ]
     truths = []
     for index, (kind, target, condition, seconds) in enumerate(plan):
@@ -259,6 +292,8 @@ def simulate(spec: Mapping[str, Any], rig: Mapping[str, Any], progress: Progress
             progress(1.0, "on to the end of life")
         if checked["truth"]["life_step_um"] is not None:
             run.wearing.wear = run.wearing.wear | {"step_um": checked["truth"]["life_step_um"]}
+        if checked["truth"]["life_share"] is not None:
+            limit = 1e-6 * np.ceil(depths(run.machine)["combined_um"] / checked["truth"]["life_share"])
         campaign.truth["end_of_life"] = end_of_life(
             run.machine, run.wear_to, run.revolutions, limit, run.operating(run.revolutions)
         )

@@ -23,13 +23,19 @@ def wander(rng: np.random.Generator, n: int, dt: float, spread: float, time_cons
     return spread * np.interp(np.arange(n) / coarse, np.arange(m), slow)
 
 
-def blows(rng: np.random.Generator, n: int, dt: float, force: float, rate: float, slip: float) -> np.ndarray:
-    """Half-sine blows [N] at a mean rate [Hz], every interval off by the relative slip; (n,)."""
+def blows(rng: np.random.Generator, n: int, dt: float, force: float, rate: float, slip: float, rise: float = 0.0):
+    """Half-sine blows [N] at a mean rate [Hz], every interval off by the relative slip; (n,).
+
+    The rate rises by a share of its mean from start to end.
+    """
     out = np.zeros(n)
     if force == 0 or rate == 0:
         return out
     count = int(n * dt * rate * 1.2) + 10
     times = np.cumsum((1 + slip * rng.normal(0, 1, count)) / rate) - rng.uniform(0, 1) / rate
+    if rise:
+        t = dt * np.arange(n)
+        times = np.interp(times, t * (1 + rise / 2 * (t / t[-1] - 1)), t, left=-1.0)
     width = max(2, int(BLOW_SECONDS / dt))
     shape = np.sin(np.pi * (np.arange(width) + 0.5) / width)
     for t in times[times >= 0]:

@@ -13,42 +13,26 @@ import numpy as np
 
 from recordings.generator.errors import SpecError
 from recordings.generator.flanks import Pair
-from recordings.generator.foreign import Felt, LevelModulation, OrderTone, RandomImpacts, Rub
+from recordings.generator.foreign import DriftingTone, LevelModulation, OrderTone, RandomImpacts, Rub, SecondMesh
+from recordings.generator.housing import LooseFoot
+from recordings.generator.knobs import Knobs
 from recordings.generator.schema import REQUIRED, Number, Numbers, Text
-
-
-@dataclass(slots=True)
-class Knobs:
-    """Everything that effects may turn; SI. As made, a healthy machine with perfect instruments."""
-
-    pinion_eccentricity: tuple[float, float] = (0.0, 0.0)  # [m], high point [rad]
-    gear_eccentricity: tuple[float, float] = (0.0, 0.0)
-    lead: float = 0.0  # across the whole face [m]
-    friction: float = 0.0
-    stiffness: float = 1.0  # of the mesh
-    damping: float = 1.0  # of the mesh
-    backlash: float = 0.0  # added [m]
-    tooth_stiffness: dict[int, float] = field(default_factory=dict)  # of pinion teeth
-    gear_tooth_stiffness: dict[int, float] = field(default_factory=dict)
-    pinion_form: np.ndarray | float = 0.0  # missing material, broadcast to (teeth, points) [m]
-    gear_form: np.ndarray | float = 0.0
-    pinion_unbalance: tuple[float, float] = (0.0, 0.0)  # [kg·m], phase
-    gear_unbalance: tuple[float, float] = (0.0, 0.0)
-    ripple: tuple[float, float, float] = (0.0, 1.0, 0.0)  # motor torque [N·m], order, phase
-    load_ripple: tuple[float, float] = (0.0, 1.0)  # brake torque at the pinion [N·m], order of the pinion
-    bearing: tuple[float, float, float] = (0.0, 0.0, 0.0)  # blow [N], order of the pinion, slip
-    gain: float = 1.0  # of the accelerometer
-    resonance: tuple[float, float] = (0.0, 0.0)  # of the accelerometer's mounting [Hz], damping ratio
-    tones: list[tuple[float, float]] = field(default_factory=list)  # (Hz, m/s²) added to the acceleration
-    foreign: list[Felt] = field(default_factory=list)  # what else shakes the housing
+from recordings.generator.sensor_faults import Clock, DiscLine, LooseAccelerometer
+from recordings.generator.turning import Coupling, ShaftRub, jaws
 
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One effect: its parameters and what it does to the knobs."""
+    """One effect: its parameters and what it does to the knobs.
+
+    grows    the parameters that are its size, with the value of each at which there is no effect
+    edition  raised when the same parameters give another recording: what was made before is then made anew
+    """
 
     parameters: Mapping[str, Number | Numbers | Text]
     apply: Callable[[Knobs, Mapping[str, Any], Pair, np.random.Generator], None]
+    grows: Mapping[str, float] = field(default_factory=dict)
+    edition: int = 1
 
 
 def _um(low: float, high: float, default=REQUIRED) -> Number:
@@ -177,14 +161,95 @@ def _rub(knobs, p, pair, rng):
     knobs.foreign.append(Rub(p["amplitude"], p["low_hz"], p["high_hz"], p["share"]))
 
 
+def _drifting_tone(knobs, p, pair, rng):
+    """A tone that comes and goes by per cents of its frequency."""
+    knobs.foreign.append(DriftingTone(*(p[k] for k in ("amplitude", "frequency_hz", "between", "within", "harmonics"))))
+
+
+def _second_mesh(knobs, p, pair, rng):
+    """Another machine's gears, heard through the floor."""
+    knobs.foreign.append(
+        SecondMesh(*(p[k] for k in ("amplitude", "teeth", "shaft_hz", "slip", "modulation", "harmonics")))
+    )
+
+
+def _loose_bearing(knobs, p, pair, rng):
+    """A bearing of the pinion's shaft sits loosely: play, and a seat that stiffens with the load as δ^n beyond it."""
+    if p["bearing"] not in (4, 6):
+        raise SpecError(f"loose_bearing has bearing = {p['bearing']}, must be 4 (drive side) or 6 (free side)")
+    knobs.play = (p["bearing"], p["play_um"] * 1e-6, p["exponent"], p["stiffness"])
+
+
+def _coupling_misalignment(knobs, p, pair, rng):
+    """The coupling's hubs are apart and at an angle; its jaws are not alike."""
+    stiffness = jaws(p["jaws"], p["jaw_stiffness"], p["jaw_scatter"], rng)
+    offset, angle = p["offset_mm"] * 1e-3, np.radians(p["angle_deg"])
+    knobs.turning.append(Coupling(offset, float(angle), stiffness, p["radius_mm"] * 1e-3))
+
+
+def _shaft_rub(knobs, p, pair, rng):
+    """The pinion's shaft runs against a fixed part over a share of every turn."""
+    knobs.turning.append(
+        ShaftRub(p["force_n"], p["share"], p["phase"], p["friction"], p["radius_mm"] * 1e-3, p["roughness"])
+    )
+
+
+def _loose_foot(knobs, p, pair, rng):
+    """A foot of the housing lifts off its foundation at every turn."""
+    knobs.foot = LooseFoot(
+        p["mass_kg"], p["natural_hz"], p["damping_ratio"], p["load_n"], p["open_share"],
+        p["unbalance_g_mm"] * 1e-6, p["mesh_share"], p["span_m"],
+    )  # fmt: skip
+
+
+def _loose_accelerometer(knobs, p, pair, rng):
+    """The accelerometer's stud has come loose."""
+    knobs.loose_accelerometer = LooseAccelerometer(p["frequency_hz"], p["damping_ratio"], p["hold"], p["spread"])
+
+
+def _time_shift(knobs, p, pair, rng):
+    """The accelerometer's samples carry the time of another clock than the encoders' edges."""
+    knobs.clock = Clock(p["shift_ms"] * 1e-3, p["drift_ms_per_hour"] * 1e-3 / 3600)
+
+
+def _wrong_polarity(knobs, p, pair, rng):
+    """The accelerometer is mounted or wired the other way round."""
+    knobs.gain *= -1
+
+
+def _disc_line(knobs, p, pair, rng, twice):
+    if p["shaft"] not in ("pinion", "gear"):
+        raise SpecError(f"an encoder's line has shaft = {p['shaft']!r}, must be 'pinion' or 'gear'")
+    ratio = 1.0 if p["shaft"] == "pinion" else pair.teeth[0] / pair.teeth[1]
+    fault = DiscLine(p["line"], twice, p["share"], ratio * p["onset_revolutions"])
+    knobs.disc_lines.setdefault(p["shaft"], []).append(fault)
+
+
+def _lost_line(knobs, p, pair, rng):
+    """A line of an encoder's disc is not seen: the count falls behind by one every turn."""
+    _disc_line(knobs, p, pair, rng, twice=False)
+
+
+def _doubled_line(knobs, p, pair, rng):
+    """A scratch beside a line of an encoder's disc is seen as one more line in every turn."""
+    _disc_line(knobs, p, pair, rng, twice=True)
+
+
 _LEVEL = Number("m/s²", 0, 1000)
+_LINE: dict[str, Number | Numbers | Text] = {
+    "shaft": Text("gear"),
+    "line": Number("", 0, 1e7, integer=True),
+    "share": Number("", 0, 1, 1.0),
+}
 
 EFFECTS: dict[str, Effect] = {
-    "pinion_eccentricity": Effect({"e_um": _um(0, 500), "phase": _PHASE}, _pinion_eccentricity),
-    "gear_eccentricity": Effect({"e_um": _um(0, 500), "phase": _PHASE}, _gear_eccentricity),
-    "misalignment": Effect({"lead_um": _um(-500, 500)}, _misalignment),
-    "tooth_friction": Effect({"mu": Number("", 0, 0.5)}, _tooth_friction),
-    "pitch_error": Effect({"pinion_um": _um(0, 100), "gear_um": _um(0, 100)}, _pitch_error),
+    "pinion_eccentricity": Effect({"e_um": _um(0, 500), "phase": _PHASE}, _pinion_eccentricity, {"e_um": 0.0}),
+    "gear_eccentricity": Effect({"e_um": _um(0, 500), "phase": _PHASE}, _gear_eccentricity, {"e_um": 0.0}),
+    "misalignment": Effect({"lead_um": _um(-500, 500)}, _misalignment, {"lead_um": 0.0}),
+    "tooth_friction": Effect({"mu": Number("", 0, 0.5)}, _tooth_friction, {"mu": 0.0}),
+    "pitch_error": Effect(
+        {"pinion_um": _um(0, 100), "gear_um": _um(0, 100)}, _pitch_error, {"pinion_um": 0.0, "gear_um": 0.0}
+    ),
     "profile_error": Effect(
         {
             "tip_relief_um": _um(0, 100),
@@ -193,6 +258,7 @@ EFFECTS: dict[str, Effect] = {
             "slope_um": _um(-100, 100, 0.0),
         },
         _profile_error,
+        {"tip_relief_um": 0.0, "gear_tip_relief_um": 0.0, "slope_um": 0.0},
     ),
     "tooth_crack": Effect(
         {
@@ -201,6 +267,7 @@ EFFECTS: dict[str, Effect] = {
             "shaft": Text("pinion"),
         },
         _tooth_crack,
+        {"remaining_stiffness": 1.0},
     ),
     "mass_unbalance": Effect(
         {
@@ -209,10 +276,12 @@ EFFECTS: dict[str, Effect] = {
             "phase": _PHASE,
         },
         _mass_unbalance,
+        {"pinion_g_mm": 0.0, "gear_g_mm": 0.0},
     ),
     "torque_ripple": Effect(
         {"amplitude_nm": Number("N·m", 0, 100), "order": Number("", 0.1, 100), "phase": _PHASE},
         _torque_ripple,
+        {"amplitude_nm": 0.0},
     ),
     "bearing_defect": Effect(
         {
@@ -221,14 +290,15 @@ EFFECTS: dict[str, Effect] = {
             "slip": Number("", 0, 0.1, 0.01),
         },
         _bearing_defect,
+        {"force_n": 0.0},
     ),
-    "sensor_gain": Effect({"gain": Number("", 0.01, 100)}, _sensor_gain),
+    "sensor_gain": Effect({"gain": Number("", 0.01, 100)}, _sensor_gain, {"gain": 1.0}),
     "sensor_resonance": Effect(
         {"frequency_hz": Number("Hz", 50, 20000), "damping_ratio": Number("", 0.001, 1, 0.03)},
         _sensor_resonance,
     ),
-    "mesh_damping": Effect({"factor": Number("", 0, 20)}, _mesh_damping),
-    "mesh_stiffness_loss": Effect({"loss": Number("", 0, 0.9)}, _mesh_stiffness_loss),
+    "mesh_damping": Effect({"factor": Number("", 0, 20)}, _mesh_damping, {"factor": 1.0}),
+    "mesh_stiffness_loss": Effect({"loss": Number("", 0, 0.9)}, _mesh_stiffness_loss, {"loss": 0.0}),
     "backlash_rattle": Effect(
         {
             "extra_backlash_um": _um(0, 1000, 0.0),
@@ -236,6 +306,7 @@ EFFECTS: dict[str, Effect] = {
             "order": Number("", 0.1, 50, 1.0),
         },
         _backlash_rattle,
+        {"extra_backlash_um": 0.0, "load_ripple_nm": 0.0},
     ),
     "mains_interference": Effect(
         {
@@ -247,8 +318,11 @@ EFFECTS: dict[str, Effect] = {
     "order_tone": Effect(
         {"amplitude": _LEVEL, "order": Number("", 0.05, 200), "harmonics": Number("", 1, 10, 1, integer=True)},
         _order_tone,
+        {"amplitude": 0.0},
     ),
-    "level_modulation": Effect({"depth": Number("", 0, 1), "frequency_hz": Number("Hz", 0.5, 2000)}, _level_modulation),
+    "level_modulation": Effect(
+        {"depth": Number("", 0, 1), "frequency_hz": Number("Hz", 0.5, 2000)}, _level_modulation, {"depth": 0.0}
+    ),
     "random_impacts": Effect(
         {
             "amplitude": _LEVEL,
@@ -257,6 +331,7 @@ EFFECTS: dict[str, Effect] = {
             "damping_ratio": Number("", 0.001, 0.9, 0.03),
         },
         _random_impacts,
+        {"amplitude": 0.0},
     ),
     "rub": Effect(
         {
@@ -266,8 +341,111 @@ EFFECTS: dict[str, Effect] = {
             "share": Number("", 0.05, 0.95, 0.3),
         },
         _rub,
+        {"amplitude": 0.0},
     ),
+    "drifting_tone": Effect(
+        {
+            "amplitude": _LEVEL,
+            "frequency_hz": Number("Hz", 1, 5000),
+            "between": Number("", 0, 0.3, 0.02),
+            "within": Number("", -0.3, 0.3, 0.0),
+            "harmonics": Number("", 1, 10, 2, integer=True),
+        },
+        _drifting_tone,
+        {"amplitude": 0.0},
+    ),
+    "second_mesh": Effect(
+        {
+            "amplitude": _LEVEL,
+            "teeth": Number("", 5, 500, integer=True),
+            "shaft_hz": Number("Hz", 0.5, 100),
+            "slip": Number("", 0, 0.2, 0.02),
+            "modulation": Number("", 0, 1, 0.3),
+            "harmonics": Number("", 1, 10, 3, integer=True),
+        },
+        _second_mesh,
+        {"amplitude": 0.0},
+    ),
+    "loose_bearing": Effect(
+        {
+            "play_um": _um(0, 500),
+            "bearing": Number("", 4, 6, 6, integer=True),
+            "exponent": Number("", 1, 3, 1.5),
+            "stiffness": Number("", 0.02, 1, 0.5),
+        },
+        _loose_bearing,
+        {"play_um": 0.0, "exponent": 1.0, "stiffness": 1.0},
+    ),
+    "coupling_misalignment": Effect(
+        {
+            "offset_mm": Number("mm", 0, 5),
+            "angle_deg": Number("°", 0, 10, 0.0),
+            "jaws": Number("", 2, 12, 3, integer=True),
+            "jaw_stiffness": Number("N/m", 1e3, 1e9, 5e5),
+            "jaw_scatter": Number("", 0, 0.9, 0.15),
+            "radius_mm": Number("mm", 2, 500, 25.0),
+        },
+        _coupling_misalignment,
+        {"offset_mm": 0.0, "angle_deg": 0.0, "jaw_scatter": 0.0},
+    ),
+    "shaft_rub": Effect(
+        {
+            "force_n": Number("N", 0, 1e4),
+            "share": Number("", 0.02, 0.98, 0.2),
+            "phase": _PHASE,
+            "friction": Number("", 0, 1, 0.2),
+            "radius_mm": Number("mm", 1, 500, 10.0),
+            "roughness": Number("", 0, 2, 0.3),
+        },
+        _shaft_rub,
+        {"force_n": 0.0},
+    ),
+    "loose_foot": Effect(
+        {
+            "load_n": Number("N", 0, 1e5),
+            "unbalance_g_mm": Number("g·mm", 0, 1e6),
+            "mass_kg": Number("kg", 0.1, 1e5, 15.0),
+            "natural_hz": Number("Hz", 2, 2000, 45.0),
+            "damping_ratio": Number("", 0.001, 1, 0.05),
+            "open_share": Number("", 0, 1, 0.15),
+            "mesh_share": Number("", 0, 1, 0.05),
+            "span_m": Number("m", 0.01, 10, 0.3),
+        },
+        _loose_foot,
+        {"unbalance_g_mm": 0.0, "mesh_share": 0.0},
+    ),
+    "loose_accelerometer": Effect(
+        {
+            "hold": Number("m/s²", 0.01, 1e5),
+            "frequency_hz": Number("Hz", 100, 20000, 2500.0),
+            "damping_ratio": Number("", 0.001, 1, 0.04),
+            "spread": Number("", 0, 0.9, 0.3),
+        },
+        _loose_accelerometer,
+    ),
+    "time_shift": Effect(
+        {"shift_ms": Number("ms", -40, 40), "drift_ms_per_hour": Number("ms/h", -1000, 1000, 0.0)},
+        _time_shift,
+        {"shift_ms": 0.0, "drift_ms_per_hour": 0.0},
+    ),
+    "wrong_polarity": Effect({}, _wrong_polarity),
+    "lost_encoder_line": Effect(_LINE, _lost_line),
+    "doubled_encoder_line": Effect(_LINE, _doubled_line),
 }
+
+
+def grown(effect: Mapping[str, Any], revolutions: float) -> Mapping[str, Any]:
+    """The parameters that an effect has at an age: its size rises evenly from its onset until `full_revolutions`."""
+    begin, full = effect["onset_revolutions"], effect.get("full_revolutions", 0.0)
+    if full <= begin or revolutions >= full:
+        return effect
+    share = max(0.0, (revolutions - begin) / (full - begin))
+    sizes = {
+        key: none + share * (effect[key] - none)
+        for key, none in EFFECTS[effect["name"]].grows.items()
+        if effect[key] is not None
+    }
+    return {**effect, **sizes}
 
 
 def knobs_at(effects: tuple[Mapping, ...], revolutions: float, pair: Pair, seed: int) -> tuple[Knobs, list[str]]:
@@ -276,6 +454,6 @@ def knobs_at(effects: tuple[Mapping, ...], revolutions: float, pair: Pair, seed:
     for i, effect in enumerate(effects):
         if revolutions >= effect["onset_revolutions"]:
             rng = np.random.default_rng([seed, 7, i])  # of its own: an effect's draw never depends on others
-            EFFECTS[effect["name"]].apply(knobs, effect, pair, rng)
+            EFFECTS[effect["name"]].apply(knobs, grown(effect, revolutions), pair, rng)
             active.append(effect["name"])
     return knobs, active

@@ -76,3 +76,51 @@ class Rub:
         noise = sosfilt(band, rng.normal(0, 1, time.size))
         contact = np.clip(np.cos(angle) - np.cos(pi * self.share), 0, None) / (1 - np.cos(pi * self.share))
         return acceleration + self.amplitude * contact * noise / noise.std()
+
+
+@dataclass(frozen=True, slots=True)
+class DriftingTone:
+    """A tone of something that runs by itself, as a fan with slip: off its frequency, anew in every window.
+
+    f = f0·(1 + d·u + w·(t/T − ½)), u drawn from −1 … 1 for a window of T, harmonics falling as 1/n.
+    """
+
+    amplitude: float  # [m/s²]
+    frequency: float  # f0 [Hz]
+    between: float  # d, relative
+    within: float  # w, relative
+    harmonics: int
+
+    def __call__(self, acceleration, time, angle, rng):
+        """(n,) [m/s²] at times [s] → (n,)."""
+        t = time - time[0]
+        f = self.frequency * (1 + self.between * rng.uniform(-1, 1) - self.within / 2)
+        turned = 2 * pi * (f * t + self.frequency * self.within * t**2 / (2 * t[-1])) + rng.uniform(0, 2 * pi)
+        own = sum(np.sin(n * turned) / n for n in range(1, self.harmonics + 1))
+        return acceleration + self.amplitude * own
+
+
+@dataclass(frozen=True, slots=True)
+class SecondMesh:
+    """Another machine's gears on the same base: mesh harmonics and their sidebands, at a speed of its own.
+
+    a·Σ (1/k)·(1 + m·cos θ)·sin(k·z·θ + φ_k), with its shaft's speed f0·(1 − s·u), slip u drawn for every window,
+    which wanders slowly by a tenth of that.
+    """
+
+    amplitude: float  # of the first mesh harmonic [m/s²]
+    teeth: int  # z
+    frequency: float  # of its shaft without slip, f0 [Hz]
+    slip: float  # s
+    modulation: float  # m
+    harmonics: int
+
+    def __call__(self, acceleration, time, angle, rng):
+        """(n,) [m/s²] at times [s] → (n,)."""
+        t = time - time[0]
+        slip = self.slip * (rng.uniform(0, 1) + 0.1 * np.sin(2 * pi * rng.uniform(0.1, 0.5) * t + rng.uniform(0, 6)))
+        turned = 2 * pi * np.cumsum(self.frequency * (1 - slip)) * (t[1] - t[0]) + rng.uniform(0, 2 * pi)
+        level = self.amplitude * (1 + self.modulation * np.cos(turned))
+        phases = rng.uniform(0, 2 * pi, self.harmonics)
+        own = sum(np.sin(k * self.teeth * turned + phase) / k for k, phase in enumerate(phases, start=1))
+        return acceleration + level * own

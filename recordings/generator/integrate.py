@@ -3,7 +3,8 @@
     u'' = −ω²u − 2ζωu' + Φᵀ f(t, u, u')
 
 f holds the mesh (drive and back flanks, friction), the speed-controlled motor, the brake, and what effects
-add: unbalance, torque ripple, blows in a bearing. Fixed step, a few times shorter than the fastest mode.
+add: unbalance, torque ripple, blows in a bearing, play in a bearing, and forces that are a function of the
+pinion's angle (couplings, rubs). Fixed step, a few times shorter than the fastest mode.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ class Linear(NamedTuple):
     x10: np.ndarray
     y10: np.ndarray
     bearing: np.ndarray  # of the node that a damaged bearing strikes
+    loose_x: np.ndarray  # of the bearing that may have play
+    loose_y: np.ndarray
     accelerometer: np.ndarray
     torque_meter: np.ndarray
 
@@ -51,6 +54,9 @@ class Drive(NamedTuple):
     ripple: np.ndarray  # motor torque ripple: amplitude [N·m], order of the motor's turn, phase
     eccentricity: np.ndarray  # pinion [m], its high point [rad], gear [m], its high point
     unbalance: np.ndarray  # pinion m·e [kg·m], phase, gear, phase
+    loose: np.ndarray  # bearing with play: kx, ky [N/m], play, δ0 [m], exponent − 1, share s of kx and ky at δ0
+    turn: np.ndarray  # modal forces over one pinion turn, its start again at the end; (bins + 1, n), (0, n) none
+    rough: np.ndarray  # factor of the modal forces over a turn, one a step and one more
     sin: float  # of the pressure angle
     cos: float
 
@@ -64,7 +70,38 @@ def _dot(a, b):
 
 
 @nb.njit(cache=True)
-def _acceleration(lin, mesh, drive, u, v, integral, speed, brake, blow, out, sums, slices, state):
+def loose_force(x, y, loose):
+    """What play takes off the linear force of a bearing at its displacement (x, y) [m]; (fx, fy) [N].
+
+    Outside the play the bearing carries, in the direction of its displacement,
+    s·k·δ·(δ/δ0)^p with δ the displacement beyond the play; inside nothing.
+    """
+    r = np.sqrt(x * x + y * y)
+    off = 1.0
+    if r > loose[2]:
+        δ = r - loose[2]
+        off = 1.0 - loose[5] * δ / r * (δ / loose[3]) ** loose[4]
+    return loose[0] * x * off, loose[1] * y * off
+
+
+@nb.njit(cache=True)
+def _add_loose_and_turning(lin, drive, u, θ1, rough, out):
+    """Adds what play in a bearing and forces over the turn do to the modal accelerations."""
+    if drive.loose[0] != 0.0:
+        fx, fy = loose_force(_dot(lin.loose_x, u), _dot(lin.loose_y, u), drive.loose)
+        for i in range(u.size):
+            out[i] += lin.loose_x[i] * fx + lin.loose_y[i] * fy
+    if drive.turn.shape[0] > 0:
+        at = θ1 / (2.0 * np.pi)
+        at = (at - np.floor(at)) * (drive.turn.shape[0] - 1)
+        low = int(at)
+        w = at - low
+        for i in range(u.size):
+            out[i] += rough * ((1.0 - w) * drive.turn[low, i] + w * drive.turn[low + 1, i])
+
+
+@nb.njit(cache=True)
+def _acceleration(lin, mesh, drive, u, v, integral, speed, brake, blow, rough, out, sums, slices, state):
     """Modal accelerations into out (n,); state (4,): drive force, back force, approach d, motor speed."""
     θ1, θ2 = _dot(lin.th5, u), _dot(lin.th10, u)
     ω1, ω2 = _dot(lin.th5, v), _dot(lin.th10, v)
@@ -106,6 +143,7 @@ def _acceleration(lin, mesh, drive, u, v, integral, speed, brake, blow, out, sum
         for i in range(u.size):
             out[i] += f1 * (lin.x5[i] * np.cos(a1) - lin.y5[i] * np.sin(a1))
             out[i] += f2 * (lin.x10[i] * np.cos(a2) + lin.y10[i] * np.sin(a2))
+    _add_loose_and_turning(lin, drive, u, θ1, rough, out)
 
 
 @nb.njit(cache=True)
@@ -125,6 +163,7 @@ def run(lin, mesh, drive, u, v, control, dt, steps, record, slices):
         s0, s1 = drive.speed[step], drive.speed[step + 1]
         b0, b1 = drive.brake[step], drive.brake[step + 1]
         f0, f1 = drive.bearing[step], drive.bearing[step + 1]
+        r0, r1 = drive.rough[step], drive.rough[step + 1]
         for stage in range(4):
             at = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
             w = control[0]
@@ -141,7 +180,7 @@ def run(lin, mesh, drive, u, v, control, dt, steps, record, slices):
             speed = s0 + at * (s1 - s0)
             _acceleration(
                 lin, mesh, drive, us, vs, w, speed, b0 + at * (b1 - b0), f0 + at * (f1 - f0),
-                k[stage], sums, slices, state,
+                r0 + at * (r1 - r0), k[stage], sums, slices, state,
             )  # fmt: skip
             rates[stage] = speed - state[3]
             if stage == 0 and record.shape[0] > 0:

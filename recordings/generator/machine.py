@@ -10,11 +10,12 @@ import numpy as np
 from recordings.generator import integrate
 from recordings.generator.contact import Mesh, static_approach, work_space
 from recordings.generator.drive import blows, wander
-from recordings.generator.effects import Knobs
 from recordings.generator.errors import SimulationError
 from recordings.generator.flanks import CORNER_SPACING, SPACING, Pair
+from recordings.generator.knobs import Knobs
 from recordings.generator.structure import Structure
 from recordings.generator.sweep import sweep
+from recordings.generator.turning import BINS, Turning
 
 SPEED_BANDWIDTH = 4.0  # of the motor's speed control [rad/s]
 FORCE_BINS = 64  # of a mesh period, for the force that wears
@@ -31,6 +32,8 @@ class Condition:
     speed_wander: float = 0.0  # relative standard deviation
     torque_wander: float = 0.0
     wander_seconds: float = 1.5
+    speed_rise: float = 0.0  # from start to end of a run, relative, evenly about the mean
+    torque_rise: float = 0.0
 
 
 @dataclass(slots=True)
@@ -57,6 +60,7 @@ class Machine:
     dt: float
     pinion_worn: np.ndarray  # (z1, points, slices) [m]
     gear_worn: np.ndarray  # (z2, points, slices) [m]
+    bearing_span: float = 0.15  # of the pinion's shaft [m]
 
     def mesh(self, knobs: Knobs) -> Mesh:
         """The contact as it is now, with the present wear and the effects' knobs."""
@@ -95,9 +99,10 @@ class Machine:
             ρ2=rb[1] * np.tan(α),
         )
 
-    def linear(self) -> integrate.Linear:
+    def linear(self, knobs: Knobs) -> integrate.Linear:
         """The structure's rows for the integrator."""
         S = self.structure
+        loose = 6 if knobs.play is None else knobs.play[0]
         return integrate.Linear(
             ω2=S.frequency**2,
             c=2 * S.damping_ratio * S.frequency,
@@ -106,6 +111,8 @@ class Machine:
             tangent=S.modes.T @ S.tangent,
             **{name: S.row(name) for name in ("th1", "th5", "th7", "th8", "th10", "th13", "x5", "y5", "x10", "y10")},
             bearing=S.row(self.accelerometer),
+            loose_x=S.row(f"x{loose}"),
+            loose_y=S.row(f"y{loose}"),
             accelerometer=S.row(self.accelerometer),
             torque_meter=S.modes.T @ S.torque_meter,
         )
@@ -117,6 +124,9 @@ class Machine:
         t = dt * np.arange(n)
         speed = condition.speed * (1 + wander(rng, n, dt, condition.speed_wander, condition.wander_seconds))
         load = condition.torque * (1 + wander(rng, n, dt, condition.torque_wander, condition.wander_seconds))
+        if condition.speed_rise or condition.torque_rise:
+            rising = np.linspace(-0.5, 0.5, n)
+            speed, load = speed * (1 + condition.speed_rise * rising), load * (1 + condition.torque_rise * rising)
         load = load + knobs.load_ripple[0] * np.sin(knobs.load_ripple[1] * condition.speed * t)
         M = np.diag(S.mass)
         inertia = M[:5].sum() + M[5:9].sum() * (z1 / z2) ** 2
@@ -124,16 +134,59 @@ class Machine:
         return integrate.Drive(
             speed=speed,
             brake=load * z2 / z1,
-            bearing=blows(rng, n, dt, force, order * condition.speed / (2 * pi), slip),
+            bearing=blows(rng, n, dt, force, order * condition.speed / (2 * pi), slip, condition.speed_rise),
             feed_forward=condition.torque,
             proportional=SPEED_BANDWIDTH * inertia,
             integral=SPEED_BANDWIDTH**2 / 4 * inertia,
             ripple=np.array(knobs.ripple),
             eccentricity=np.array(knobs.pinion_eccentricity + knobs.gear_eccentricity),
             unbalance=np.array(knobs.pinion_unbalance + knobs.gear_unbalance),
+            loose=self._loose(knobs),
+            turn=self._turning_modes(self._turning(condition, knobs)),
+            rough=self._rough(condition, knobs, n, rng),
             sin=np.sin(self.pair.pressure_angle),
             cos=np.cos(self.pair.pressure_angle),
         )
+
+    def _loose(self, knobs: Knobs) -> np.ndarray:
+        """`Drive.loose`; δ0 is how far half of the rated mesh force moves the sound bearing."""
+        if knobs.play is None:
+            return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+        bearing, play, exponent, share = knobs.play
+        kx, ky = (self.structure.bearings[f"{axis}{bearing}"] for axis in "xy")
+        δ0 = self.rated_torque / self.pair.base_radius[0] / 2 / ky
+        return np.array([kx, ky, play, δ0, exponent - 1, share])
+
+    def _turning(self, condition: Condition, knobs: Knobs) -> list[Turning]:
+        return [force.turning(condition.torque, self.bearing_span) for force in knobs.turning]
+
+    def _turning_modes(self, turning: list[Turning]) -> np.ndarray:
+        """Modal forces over a turn (BINS + 1, n), or (0, n) where there are none."""
+        S = self.structure
+        if not turning:
+            return np.zeros((0, S.frequency.size))
+        out = np.zeros((BINS + 1, S.frequency.size))
+        for each in turning:
+            for name, force in each.forces.items():
+                out += force[:, None] * S.row(name)[None, :]
+            if each.twist is not None:  # the coupling between 2 and 3 is as much longer
+                out += self._meter_stiffness() * each.twist[:, None] * (S.row("th2") - S.row("th3"))[None, :]
+        return out
+
+    def _meter_stiffness(self) -> float:
+        return float(self.structure.torque_meter.max())
+
+    def _rough(self, condition: Condition, knobs: Knobs, n: int, rng: np.random.Generator) -> np.ndarray:
+        """Quick changes of the forces over a turn, white; (n,)."""
+        roughness = max((each.roughness for each in self._turning(condition, knobs)), default=0.0)
+        return np.ones(n) if roughness == 0 else 1 + roughness * rng.normal(0, 1, n)
+
+    def _twisted(self, record: np.ndarray, condition: Condition, knobs: Knobs) -> None:
+        """Takes from the sensed torque of a record (steps, 8) what the coupling's twist makes of it."""
+        for each in self._turning(condition, knobs):
+            if each.twist is not None:
+                at = record[:, 2] / (2 * pi) % 1.0 * BINS
+                record[:, 1] -= self._meter_stiffness() * np.interp(at, np.arange(BINS + 1), each.twist)
 
     def at_rest(self, condition: Condition, knobs: Knobs, angle: float) -> Motion:
         """Wound up by the load and turning evenly at pinion angle [rad], as no vibration were excited yet."""
@@ -157,6 +210,7 @@ class Machine:
         steps = round(seconds / self.dt)
         record = np.zeros((steps, 8))
         self._run(motion, condition, knobs, steps, rng, record)
+        self._twisted(record, condition, knobs)
         return record
 
     def settle(self, motion: Motion, condition: Condition, knobs: Knobs, seconds: float, rng) -> None:
@@ -203,7 +257,7 @@ class Machine:
         mesh = self.mesh(knobs)
         drive = self.drive(condition, knobs, steps, rng)
         integrate.run(
-            self.linear(), mesh, drive, motion.u, motion.v, motion.control, self.dt, steps, record,
+            self.linear(knobs), mesh, drive, motion.u, motion.v, motion.control, self.dt, steps, record,
             work_space(mesh),
         )  # fmt: skip
         if not np.all(np.isfinite(motion.u)):

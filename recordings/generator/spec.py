@@ -33,7 +33,10 @@ SCHEMA: dict[str, Any] = {
         "from_revolutions": Number("rev", 0, 1e9, 0.0),
         "contact_half_width_um": Number("µm", 20, 1000, 200.0),
         "step_um": Number("µm", 0.05, 2, 1.0),
-        "tooth_scatter": Number("", 0, 0.1, 0.01),
+        "tooth_scatter": Number("", 0, 0.6, 0.01),
+        "pinion_factor": Number("", 0, 20, 1.0),
+        "gear_factor": Number("", 0, 20, 1.0),
+        "face_gradient": Number("", -1, 1, 0.0),
         "dynamic_forces": Flag(False),
         "running_in_factor": Number("", 0.1, 10, 1.0),
         "running_in_revolutions": Number("rev", 1, 1e9, 2000.0),
@@ -62,6 +65,8 @@ SCHEMA: dict[str, Any] = {
     "windows": {
         "seconds": Number("s", 0.25, 600, 2.5),
         "at_revolutions": Numbers(_REVOLUTIONS),
+        "speed_rise": Numbers(Number("", -0.8, 0.8), ()),
+        "torque_rise": Numbers(Number("", -0.8, 0.8), ()),
     },
     "sensors": {
         "acceleration_rate_hz": Number("Hz", 1000, 102400, 12800.0),
@@ -81,9 +86,17 @@ SCHEMA: dict[str, Any] = {
         "missing": Choices(("torque/pinion", "encoder/pinion", "encoder/gear")),
         "gear_graduation_um": Numbers(Number("µm", 0, 100), (1.4, 0.5, 0.2)),
     },
-    "effects": Named("name", {"onset_revolutions": Number("rev", 0, 1e9, 0.0)}, EFFECTS),
+    "effects": Named(
+        "name",
+        {"onset_revolutions": Number("rev", 0, 1e9, 0.0), "full_revolutions": Number("rev", 0, 1e9, 0.0)},
+        EFFECTS,
+    ),
     "faults": Named("kind", {"window": Number("", 0, 10000, integer=True), "channel": Text("accel/y6")}, FAULTS),
-    "truth": {"to_end_of_life": Flag(False), "life_step_um": Number("µm", 0.05, 20, None)},
+    "truth": {
+        "to_end_of_life": Flag(False),
+        "life_step_um": Number("µm", 0.05, 20, None),
+        "life_share": Number("", 0.05, 1, None),
+    },
 }
 
 
@@ -98,6 +111,9 @@ def read(mapping: Mapping[str, Any]) -> dict[str, Any]:
         raise SpecError("windows.at_revolutions must rise")
     if not windows and not spec["calibration"]:
         raise SpecError("windows.at_revolutions is empty and there is no calibration: nothing to record")
+    for key in ("speed_rise", "torque_rise"):
+        if spec["windows"][key] and len(spec["windows"][key]) != len(windows):
+            raise SpecError(f"windows.{key} must have one value for each of the {len(windows)} windows, or none")
     ends = [c["until_revolutions"] for c in spec["conditions"]]
     if not ends or ends != sorted(ends) or (windows and windows[-1] > ends[-1]):
         raise SpecError("conditions must be in rising order of until_revolutions and reach the last window")

@@ -45,6 +45,7 @@ class Structure:
     tangent: np.ndarray  # translations of t (n,); the moments depend on where the teeth touch
     back_direction: np.ndarray  # b (n,)
     torque_meter: np.ndarray  # (n,) row giving the sensed torque [N·m]
+    bearings: Mapping[str, float]  # stiffness of each bearing to the ground, by coordinate [N/m]
 
     def row(self, name: str) -> np.ndarray:
         """Φ's row of one coordinate: from modes to that coordinate, and from a force on it to modes."""
@@ -60,7 +61,7 @@ def build(
         return value * (1 + spread * rng.uniform(-1, 1))
 
     M = np.diag([off(_inertia(rig, name), mass_spread) for name in COORDINATES])
-    K, k_23 = _stiffness(rig, lambda value: off(value, stiffness_spread))
+    K, k_23, bearings = _stiffness(rig, lambda value: off(value, stiffness_spread))
     ζ0 = float(rig["damping"]["modal_ratio"])
     α = radians(rig["gears"]["pressure_angle_deg"])
     rb1, rb2 = (float(rig["gears"][w]["base_radius"]) for w in ("pinion", "gear"))
@@ -81,6 +82,7 @@ def build(
         tangent=_vector(x5=cos(α), y5=sin(α), x10=-cos(α), y10=-sin(α)),
         back_direction=_vector(th5=-rb1, th10=rb2, y5=cos(α), y10=-cos(α), x5=sin(α), x10=-sin(α)),
         torque_meter=meter,
+        bearings=bearings,
     )
 
 
@@ -103,15 +105,15 @@ def _inertia(rig: Mapping, name: str) -> float:
     return float(rig["inertias"][f"J{node}"] if name.startswith("th") else rig["masses"][f"m{node}"])
 
 
-def _stiffness(rig: Mapping, off) -> tuple[np.ndarray, float]:
-    """K without the mesh, and the torque meter's own stiffness."""
+def _stiffness(rig: Mapping, off) -> tuple[np.ndarray, float, dict[str, float]]:
+    """K without the mesh, the torque meter's own stiffness, and that of the bearings by coordinate."""
     n = len(COORDINATES)
     K = np.zeros((n, n))
     torsion = {pair: off(float(rig["torsional_stiffness"][f"k_{pair[0]}_{pair[1]}"])) for pair in CHAIN}
     for (a, b), k in torsion.items():
         v = _vector(**{f"th{a}": 1.0, f"th{b}": -1.0})
         K += k * np.outer(v, v)
-    f = float(rig["shafts"]["gear_position_fraction"])
+    f, bearings = float(rig["shafts"]["gear_position_fraction"]), {}
     for shaft, (near, gear, far), share in (("input", (4, 5, 6), f), ("output", (9, 10, 11), 1 - f)):
         bend = off(float(rig["shafts"][f"bending_stiffness_{shaft}"]))
         for axis in "xy":
@@ -119,8 +121,9 @@ def _stiffness(rig: Mapping, off) -> tuple[np.ndarray, float]:
             K += bend * np.outer(v, v)
             for node in (near, far):
                 i = INDEX[f"{axis}{node}"]
-                K[i, i] += off(float(rig["bearings"][f"k{axis}_{shaft}"]))
-    return K, torsion[2, 3]
+                bearings[f"{axis}{node}"] = off(float(rig["bearings"][f"k{axis}_{shaft}"]))
+                K[i, i] += bearings[f"{axis}{node}"]
+    return K, torsion[2, 3], bearings
 
 
 def _separate_rigid(Φ: np.ndarray, M: np.ndarray) -> np.ndarray:

@@ -49,7 +49,7 @@ def window_truth(machine: Machine, record, clean, recorded, rate: float, cycles:
 
 def whole_truth(spec: dict[str, Any], machine: Machine, windows: list[dict[str, Any]]) -> dict[str, Any]:
     """The truth of a campaign up to its last window."""
-    meta = ("name", "onset_revolutions")
+    meta = ("name", "onset_revolutions", "full_revolutions")
     return {
         "asset": spec["asset"],
         "seed": spec["seed"],
@@ -57,6 +57,7 @@ def whole_truth(spec: dict[str, Any], machine: Machine, windows: list[dict[str, 
             {
                 "name": e["name"],
                 "onset_revolutions": e["onset_revolutions"],
+                **({"full_revolutions": e["full_revolutions"]} if e["full_revolutions"] else {}),
                 "parameters": {k: v for k, v in e.items() if k not in meta},
             }
             for e in spec["effects"]

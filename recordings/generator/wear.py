@@ -6,6 +6,9 @@ the same on both flanks. F/W line force of the slice, s distance of the contact 
 pinion tooth is passed once a pinion revolution, a gear tooth z1/z2 times: the pinion has 1/(1 + z1/z2) of
 the depth.
 
+The wear of each gear can differ by a factor (its hardness), across the face (1 + 2·g·z, z from −½ to ½) and from
+tooth to tooth.
+
 The forces are those of the pair at rest under the mean load (`sweep`), or, with `dynamic_forces`, under the
 mesh force of the turning machine, averaged over its mesh periods; every geometrical effect and friction
 included, over TURNS turns of the present surfaces, on which every tooth of both gears is passed; each block
@@ -49,13 +52,16 @@ def coefficient(wear: dict, revolutions: float) -> float:
 
 
 def depth_per_revolution(machine: Machine, rates, k: float, hardness, kernel) -> tuple[np.ndarray, np.ndarray]:
-    """Depth per pinion revolution [m] from force × distance [N·m] of one passage; pinion and gear."""
+    """Depth per pinion revolution [m] from force × distance [N·m] of one passage; pinion and gear.
+
+    hardness  factor of each tooth's wear, of either gear: (teeth,), or (teeth, slices) where the face differs
+    """
     z1, z2 = machine.pair.teeth
     per_newton_metre = k / (machine.pair.face_width / machine.slices) * (1 + z1 / z2) / machine.pair.base_radius[0]
     out = []
     for rate, hard, passages in zip(rates, hardness, (1.0, z1 / z2), strict=True):
         smooth = correlate1d(rate, kernel, axis=1, mode="constant")
-        out.append(smooth * hard[:, None, None] * per_newton_metre * passages)
+        out.append(smooth * hard.reshape(len(hard), 1, -1) * per_newton_metre * passages)
     return out[0], out[1]
 
 
@@ -65,7 +71,12 @@ class Wearing:
     def __init__(self, machine: Machine, wear: dict, rng: np.random.Generator):
         self.machine, self.wear = machine, wear
         self.kernel = elliptic_kernel(wear["contact_half_width_um"] * 1e-6)
-        self.hardness = tuple(1 + wear["tooth_scatter"] * rng.normal(0, 1, z) for z in machine.pair.teeth)
+        place = (np.arange(machine.slices) + 0.5) / machine.slices - 0.5
+        face = 1 + 2 * wear.get("face_gradient", 0.0) * place
+        self.hardness = tuple(
+            np.maximum(0.0, 1 + wear["tooth_scatter"] * rng.normal(0, 1, z))[:, None] * wear.get(factor, 1.0) * face
+            for z, factor in zip(machine.pair.teeth, ("pinion_factor", "gear_factor"), strict=True)
+        )
         self.turns = max(TURNS, np.ceil(machine.pair.teeth[1] / machine.pair.teeth[0]))
         self.angle = 0.0
         self.ratio: np.ndarray | None = None  # of the dynamic force to its mean, over the mesh period

@@ -25,7 +25,8 @@ from tests.generator_instances import (
 
 INSTRUMENTS = (  # shown by the tests of the sensors and of what is foreign to the gears
     "sensor_gain", "sensor_resonance", "mains_interference",
-    "order_tone", "level_modulation", "random_impacts", "rub",
+    "order_tone", "level_modulation", "random_impacts", "rub", "drifting_tone", "second_mesh", "loose_foot",
+    "loose_accelerometer", "time_shift", "wrong_polarity", "lost_encoder_line", "doubled_encoder_line",
 )  # fmt: skip
 
 

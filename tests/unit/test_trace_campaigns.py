@@ -5,18 +5,23 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import evaluate
 from benchmarks.channels import SETS, once_a_turn, only
-from benchmarks.trace_campaigns import generate, judge, tune
+from benchmarks.trace_campaigns import generate, judge, tune, wide
+from benchmarks.trace_campaigns.benches import BENCHES
 from benchmarks.trace_campaigns.levels import LEVELS, SIZES, SPREAD
+from benchmarks.trace_campaigns.pair_stiffness import table as stiffness_table
 from benchmarks.trace_campaigns.table import CONTRACT_EFFECTS, SPREADS, UNKNOWN, Put, Row, alternating, merged, spec_of
 from recordings.generator.effects import EFFECTS
 from recordings.generator.spec import read
+from service.files.rig import checked_rig
 from service.runtime import assess
 from service.stream.sources.mcap import Recording
 from tests.generator_instances import SPEC
@@ -152,7 +157,7 @@ def test_a_recording_is_made_once_and_kept_with_its_truth(kept):
 def test_another_spec_or_another_generator_is_another_recording(kept, monkeypatch):
     row, folder, path = kept
     assert generate.recording_of(replace(row, seed=6), folder) != path
-    monkeypatch.setattr(generate, "_generator_digest", lambda: b"another")
+    monkeypatch.setattr(generate, "_edition", lambda rig: b"another")
     assert generate.recording_of(row, folder) != path
 
 
@@ -222,3 +227,74 @@ def test_wider_spreads_change_the_machine_and_nothing_that_was_drawn():
     assert usual["effects"] == wide["effects"] and usual["conditions"] == wide["conditions"]
     folder = Path("kept")
     assert generate.recording_of(row, folder) != generate.recording_of(row, folder, spreads=2)
+
+
+WIDE = wide.rows(1)
+
+
+def test_the_wide_set_has_every_effect_at_three_sizes_pairs_threes_and_three_of_every_unknown():
+    kinds = [row.kind for row in WIDE]
+    assert kinds.count("pair") >= 12 and kinds.count("triple") >= 8
+    singles = {(row.effects[0].name, row.effects[0].level) for row in WIDE if row.kind == "single"}
+    assert singles >= {(name, level) for name in CONTRACT_EFFECTS for level in LEVELS}
+    for name in (*wide.UNKNOWN_KINDS, *wide.INSTRUMENT_KINDS):
+        levels = {row.effects[0].level for row in WIDE if len(row.effects) == 1 and row.effects[0].name == name}
+        assert levels == set(LEVELS), name
+    assert {row.bench for row in WIDE} == set(BENCHES)
+    assert {row.group for row in WIDE} >= {"constant", "running-in", "step", "drift", "changing", "with effects"}
+
+
+@pytest.mark.parametrize("row", [*WIDE, *wide.clean(1)[:36]], ids=lambda row: row.name)
+def test_every_row_of_the_wide_and_clean_sets_is_a_spec_that_the_generator_takes(row):
+    spec = read(spec_of(row, spreads=2.0))
+    assert spec["asset"] == BENCHES[row.bench].asset
+    assert len(spec["windows"]["at_revolutions"]) == row.windows
+
+
+def test_two_draws_share_no_seed_and_no_seed_of_the_other_sets():
+    sets = [wide.rows(1), wide.rows(2), wide.clean(1), wide.clean(2), EVERY, judge.fresh(1), judge.fresh(2)]
+    seeds = [row.seed for rows in sets for row in rows]
+    assert len(set(seeds)) == len(seeds)
+
+
+def test_there_are_two_hundred_clean_campaigns_on_three_machines_and_both_spreads():
+    rows = wide.clean(1)
+    assert len(rows) >= 200 and all(row.kind == "clean" and not row.effects for row in rows)
+    assert {(row.bench, row.spreads) for row in rows} == {(bench, s) for bench in BENCHES for s in (1.0, 2.0)}
+    one = rows[0]
+    assert spec_of(one, spreads=2.0) == spec_of(one)  # its spreads are its own
+
+
+def test_the_limit_of_a_campaign_is_written_into_its_rig_file():
+    text = BENCHES["pump"].rig.read_text(encoding="utf-8")
+    assert tomllib.loads(generate.with_limit(text, {"limit_um": 57.0}))["end_of_life"]["max_depth"] == 57e-6
+    assert generate.with_limit(text, None) == text
+
+
+def test_a_new_key_of_the_generator_leaves_the_digest_of_other_specs(monkeypatch):
+    spec = spec_of(judge.ROWS[0])
+    before = generate.digest_of(spec)
+    assert generate.digest_of(spec, BENCHES["pump"].rig) != before
+    name = judge.ROWS[0].effects[0].name
+    monkeypatch.setitem(generate.EFFECTS, name, replace(EFFECTS[name], edition=2))
+    assert generate.digest_of(spec) != before
+
+
+@pytest.mark.parametrize("name", ["pump", "spindle"])
+def test_the_rig_files_of_the_other_machines_are_whole_and_their_pairs_those_of_weber_and_banaschek(name):
+    bench = BENCHES[name]
+    mapping = tomllib.loads(bench.rig.read_text(encoding="utf-8"))
+    checked_rig(mapping, name)  # the twin takes it
+    assert (mapping["gears"]["pinion"]["teeth"], mapping["gears"]["gear"]["teeth"]) == bench.teeth
+    assert mapping["sensors"]["accelerometer"] == bench.accelerometer
+    s, stiffness = stiffness_table(mapping)
+    given = np.array(mapping["mesh"]["pair_stiffness"])
+    assert np.array(mapping["mesh"]["pair_s"]) == pytest.approx(s, abs=1e-9)
+    assert given / given.mean() == pytest.approx(stiffness / stiffness.mean(), rel=1e-4)
+
+
+def test_weber_and_banascheks_stiffest_pair_is_near_that_of_iso_6336():
+    """c'th of ISO 6336-1 (2019), 9.3: 1/(0.04723 + 0.15551/z1 + 0.25791/z2) N/(mm·µm), spur gears without shift."""
+    mapping = tomllib.loads(BENCHES["pump"].rig.read_text(encoding="utf-8"))
+    c = 1e9 / (0.04723 + 0.15551 / 20 + 0.25791 / 40) * 0.025
+    assert max(stiffness_table(mapping)[1]) == pytest.approx(c, rel=0.15)
