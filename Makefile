@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 WORKERS ?= 2
 ARGS ?=
 
-.PHONY: help install install-dev install-formats install-plant demo serve test test-slow test-all chaos bench peers figures evaluate check format site lint-docker sbom audit lock clean
+.PHONY: help install install-dev install-formats install-plant demo serve test test-slow test-all chaos bench peers figures evaluate evaluate-wide check format site lint-docker sbom audit lock clean
 
 help:
 	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
@@ -21,6 +21,7 @@ help:
 	@echo 'make bench        all benchmarks, with their aims'
 	@echo 'make peers        gear-twin and its peers (exudyn, ROSS, ProgPy, scipy, mcap) on the same problems'
 	@echo 'make evaluate     campaigns with undeclared effects: named, and errors before and after (ARGS=--help: options)'
+	@echo 'make evaluate-wide  the same on three machines, with unknown effects, growth, false alarms and bands (ARGS=--draw 2)'
 	@echo 'make figures      writes the tables of figures in README and docs anew (ARGS=PART: one of them)'
 	@echo 'make check        ruff and mypy; format: put the code in form; lint-docker: the Dockerfile'
 	@echo 'make site         the documentation as a site, in build/site, with warnings as errors'
@@ -98,6 +99,9 @@ evaluate: install-dev
 	$(BIN)/python -m benchmarks.evaluate --processes $(WORKERS) $(ARGS)
 	@echo 'the same with twice the spreads of structure and instruments'
 	$(BIN)/python -m benchmarks.evaluate --processes $(WORKERS) --set judge --spreads 2 $(ARGS)
+
+evaluate-wide: install-dev
+	$(BIN)/python -m benchmarks.evaluate --processes $(WORKERS) --set wide clean $(ARGS)
 
 check: install-dev
 	$(BIN)/ruff check .

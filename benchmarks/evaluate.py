@@ -86,7 +86,9 @@ def evaluate(path: Path, channels: str = "all") -> Traced:
             answer = assess(path, twin=_noting(lives))
             used = time.process_time() - start
     except InputError as why:
-        return no_answer(truth, str(why), name=name)
+        return replace(no_answer(truth, str(why), name=name), refused=True)
+    except Exception as fault:  # one campaign without an answer is a line of the table, not the end of all
+        return no_answer(truth, f"{type(fault).__name__}: {fault}", name=name)
     return replace(score_tracing(truth, answer, before, name=name, lives=lives), seconds=used)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from benchmarks.bands import Band, binomial_interval, diagram
 from benchmarks.evaluate_tables import number
-from benchmarks.reliability import Band, binomial_interval, diagram
 from benchmarks.tracing_score import Gain, Traced
 
 CHOSEN_RATE = 0.01  # of clean campaigns that are given an effect
@@ -126,9 +126,8 @@ def band_tables(results: Sequence[Traced]) -> list[list[str]]:
     grouped: dict[str, list[Band]] = {}
     for r in results:
         grouped.setdefault(r.group or r.kind, []).extend(r.bands)
-    return [
-        diagram(_filled(grouped), what, when) for what, when in (("depth", "window"), ("life", "half"), ("life", "end"))
-    ]
+    shown = (("depth", "window"), ("pinion", "end"), ("gear", "end"), ("life", "half"), ("life", "end"))
+    return [diagram(_filled(grouped), what, when) for what, when in shown]
 
 
 def _filled(grouped: Mapping[str, Sequence[Band]]) -> dict[str, Sequence[Band]]:

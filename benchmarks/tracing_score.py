@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.reliability import DEPTH_AIM, Band, depth_bands, life_bands
+from benchmarks.bands import DEPTH_AIM, Band, depth_bands, gear_bands, life_bands
 from benchmarks.scoring import life_left
 
 UNKNOWN = "unknown_effect"
@@ -122,6 +122,7 @@ class Traced:
     foreign_width_hz: tuple[float, ...] = ()  # within which each tone is found
     place_named: bool | None = None  # None where the truth names no place
     data_fault: bool = False  # a window was refused or degraded
+    refused: bool = False  # the recording was refused with a reason
     bands: tuple[Band, ...] = ()  # of depth and life
     gains: tuple[Gain, ...] = ()  # of every effect that was added
     held_out: tuple[float | None, float | None] = (None, None)  # waveform and transmission error, in the end [%]
@@ -135,6 +136,8 @@ class Traced:
     @property
     def right(self) -> bool:
         """All that is there named, nothing else; of an unknown effect: no name, and the verdict says so."""
+        if self.kind == "instrument" and self.refused:
+            return True
         if self.failed or self.false:
             return False
         if self.kind == "instrument":
@@ -284,7 +287,11 @@ def score_tracing(
         group=str(truth.get("group", "")),
         place_named=_place_named(truth, answer),
         data_fault=any(w.get("quality") in ("refused", "degraded") for w in answer.get("windows", ())),
-        bands=depth_bands(truth, answer.get("windows", ())) + life_bands(truth, lives),
+        bands=(
+            *depth_bands(truth, answer.get("windows", ())),
+            *gear_bands(truth, answer),
+            *life_bands(truth, lives),
+        ),
         gains=tuple(_gain(e) for e in effects),
         held_out=_held_out(answer, effects),
         limit=unexplained.get("limit_percent"),

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.bands import binomial_interval, depth_bands, diagram, gear_bands, life_bands
 from benchmarks.evaluate_claims import claim_tables, false_alarm_table, gain_table
-from benchmarks.reliability import binomial_interval, depth_bands, diagram, life_bands
-from benchmarks.tracing_score import Gain, score_tracing
+from benchmarks.tracing_score import Gain, no_answer, score_tracing
 from tests.unit.test_tracing_score import ANSWER, FOUND, TRUTH, changed
 
 WINDOWS = [
@@ -114,6 +114,19 @@ def test_a_fault_of_an_instrument_may_be_unknown_named_or_refused_but_not_explai
         (ANSWER, False),
     ):
         assert score_tracing(truth, answer, name="N1-x").right == right
+
+
+def test_a_refused_recording_is_a_right_answer_to_a_faulty_instrument_and_to_nothing_else():
+    for kind, right in (("instrument", True), ("single", False)):
+        r = replace(no_answer(changed(TRUTH, kind=kind), "the count of edges fell", name="N1-x"), refused=True)
+        assert r.right == right
+
+
+def test_the_depth_of_either_gear_is_scored_at_the_end():
+    truth = changed(LONG, windows=[{**WINDOWS[-1], "depth": {"combined_um": 90.0, "pinion_um": 80.0, "gear_um": 10.0}}])
+    said = {"pinion": {"p05": 62.0, "median": 66.0, "p95": 70.0}, "gear": {"p05": 8.0, "median": 11.0, "p95": 14.0}}
+    pinion, gear = gear_bands(truth, {"wear": {"max_depth_um": said}})
+    assert not pinion.inside and pinion.rank > 0.99 and gear.inside and gear.met
 
 
 def test_what_is_unknown_is_located_by_its_frequency_or_its_place():

@@ -23,7 +23,7 @@ TO_P95 = float(norm.ppf(0.95))
 class Band:
     """One figure with its 5–95 % band against the truth: µm or revolutions; None where it was not given."""
 
-    what: str  # depth or life
+    what: str  # depth, pinion, gear (depth of that gear alone) or life
     when: str  # window, half or end
     true: float
     said: float | None
@@ -73,6 +73,22 @@ def depth_bands(truth: Mapping[str, Any], records: Iterable[Mapping[str, Any]]) 
     return tuple(out)
 
 
+def gear_bands(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> tuple[Band, ...]:
+    """The depth of either gear at the last window."""
+    last, said = truth["windows"][-1]["depth"], (answer.get("wear") or {}).get("max_depth_um") or {}
+    out = []
+    for gear in ("pinion", "gear"):
+        true, band = last.get(f"{gear}_um"), said.get(gear) or {}
+        if true is None or true < LEAST_DEPTH:
+            continue
+        low, median, high = (band.get(key) for key in ("p05", "median", "p95"))
+        rank = None
+        if low is not None and median is not None and high is not None:
+            rank = _normal_rank(true, median, low, high)
+        out.append(Band(what=gear, when="end", true=true, said=median, low=low, high=high, rank=rank))
+    return tuple(out)
+
+
 def life_bands(truth: Mapping[str, Any], lives: Sequence[Mapping[str, Any]]) -> tuple[Band, ...]:
     """The remaining life as said at the window nearest to half of the life, and at the last one.
 
@@ -116,7 +132,7 @@ def binomial_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, f
 def diagram(grouped: Mapping[str, Sequence[Band]], what: str, when: str) -> list[str]:
     """One line a group: how many figures, how many inside their bands, and how the ranks are spread [%]."""
     bins = "".join(f"{f'{100 * a:.0f}–{100 * b:.0f}':>8s}" for a, b in pairwise(RANKS))
-    met = "   ≤ 5 % or 2 µm" if what == "depth" else "   median error"
+    met = "   ≤ 5 % or 2 µm" if what != "life" else "   median error"
     out = [f"{f'{what}, {when}':24s}{'n':>5s}{'none':>6s}  inside (aim 85–95 %){bins}{met}"]
     everything = [band for bands in grouped.values() for band in bands]
     for name, bands in [*sorted(grouped.items()), ("all", everything)]:
@@ -136,7 +152,7 @@ def diagram(grouped: Mapping[str, Sequence[Band]], what: str, when: str) -> list
 
 
 def _closeness(bands: Sequence[Band], what: str) -> str:
-    if what == "depth":
+    if what != "life":
         met = [b.met for b in bands if b.met is not None]
         return f"{100 * np.mean(met):12.0f} %" if met else ""
     off = [100 * (b.said / b.true - 1) for b in bands if b.said is not None and b.true > 0]
