@@ -96,6 +96,15 @@ class Twin(Table):
     relation: Path | None = Field(
         default=None, description="relation file of level and wear depth, for machines whose rig file gives no model"
     )
+    false_alarm_rate: float = Field(
+        default=0.01,
+        gt=0,
+        lt=1,
+        description="share of campaigns of healthy machines in which an effect may be reported",
+    )
+    detectability: list[Path] = Field(
+        default=[], description="files of `gear-twin detectability`, each used for machines with its rig file's values"
+    )
     trace: bool = Field(
         default=True, description="whether to search for effects besides wear, and to add them to the model"
     )

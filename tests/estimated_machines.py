@@ -62,7 +62,7 @@ def followed(rig: Rig, features: Iterator[WindowFeatures]) -> list[UpdateOutcome
     """What the twin with a rig file makes of windows."""
     memory, out = Memory(), []
     for i, window in enumerate(features):
-        outcome = update_twin(rig, memory, window, i, Options().updating)
+        outcome = update_twin(rig, memory, window, i, Options().updating(rig))
         memory = outcome.memory
         out.append(outcome)
     return out

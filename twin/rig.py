@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from hashlib import sha256
 from math import radians
 from typing import Any
 
@@ -41,6 +42,11 @@ class Rig:
         rig = cls(checked(mapping, SCHEMA))
         refuse_contradictions(rig.get, rig.gear_pair)
         return rig
+
+    @property
+    def digest(self) -> str:
+        """Sixteen hexadecimal digits by which files that belong to this rig file's values name it."""
+        return sha256(self.text.encode()).hexdigest()[:16]
 
     @property
     def name(self) -> str:

@@ -163,12 +163,12 @@ def decide(rig: Rig, state: State, decision: Decision, options: Options = DEFAUL
     if not history:
         raise NotAvailable("no effect can be decided on before the first window has been taken and traced")
     latest = history[-1]
-    _, outcomes = replay(rig, state.tracing, state.memory.effects, options.updating)
+    _, outcomes = replay(rig, state.tracing, state.memory.effects, options.updating(rig))
     known = [(t, o) for t, o in zip(history, outcomes, strict=True) if o is not None]
     if not known:
         raise NotAvailable(f"the history up to window {latest.index} has no steady state")
     outcome = replace(known[-1][1], memory=state.memory)
-    result = decided(rig, state.tracing, decision, outcome, options.updating)
+    result = decided(rig, state.tracing, decision, outcome, options.updating(rig))
     recent = recent_residuals(rig, (), result.again or tuple(known))
     alone = band_of_wear_alone(rig, result.tracing)
     confidence = confidence_of(

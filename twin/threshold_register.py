@@ -23,6 +23,9 @@ from twin.baseline.spacing import SpacingThresholds
 from twin.baseline.spacing_search import SpacingSearchThresholds
 from twin.baseline.sufficiency import SufficiencyLimits
 from twin.baseline.transfer_path import PathThresholds
+from twin.detectability.machines import HealthySpread
+from twin.detectability.nulls import NullThresholds
+from twin.detectability.windows import NoiseOfFloor
 from twin.effects.facts import DetectionThresholds
 from twin.effects.mass_unbalance import MassUnbalanceDetection
 from twin.effects.mesh_damping import MeshDampingDetection
@@ -46,6 +49,7 @@ from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
 from twin.levels.wear_by_level import LevelLimits
 from twin.plausibility.thresholds import LevelThresholds, SamplingThresholds, SpeedThresholds
+from twin.required_evidence import NullTail, StatedRate
 from twin.rig_notes import NoteLimits
 from twin.scales import UNITS, Scales
 from twin.suitability import SuitabilityLimits
@@ -110,6 +114,11 @@ SETS: tuple[type, ...] = (
     SpacingSearchThresholds,
     SufficiencyLimits,
     PathThresholds,
+    HealthySpread,
+    NullThresholds,
+    NoiseOfFloor,
+    StatedRate,
+    NullTail,
     DetectionThresholds,
     MassUnbalanceDetection,
     MeshDampingDetection,

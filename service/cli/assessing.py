@@ -26,9 +26,12 @@ def assessed(
     enough: Any = None,
     trace: bool = True,
     relation: Path | None = None,
+    detectability: Path | None = None,
+    false_alarm_rate: float | None = None,
 ) -> dict[str, Any]:
     """An assessment, with its progress and one line for each fault of the data on standard error."""
     from service.cli.show import progress_bar
+    from service.files.detectability import nulls_of
     from service.runtime.assess import assess as run
     from service.runtime.assess import warnings
     from twin.options import Options
@@ -38,7 +41,16 @@ def assessed(
         from service.files.relation import read_relation
 
         known = read_relation(relation)
-    options = Options(update=update, trace=trace, relation=known, status_limits=settings_of().status_limits)
+    settings = settings_of()
+    files = [*settings.detectability, *([] if detectability is None else [detectability])]
+    options = Options(
+        update=update,
+        trace=trace,
+        relation=known,
+        status_limits=settings.status_limits,
+        false_alarm_rate=settings.false_alarm_rate if false_alarm_rate is None else false_alarm_rate,
+        nulls=nulls_of(files),
+    )
     with progress_bar("assessing") as bar:
         answer = run(
             recording,

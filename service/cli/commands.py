@@ -27,6 +27,7 @@ from service.cli.assessing import (
 from service.cli.assets import app as assets
 from service.cli.audit import audit
 from service.cli.config import ConfigFile, config, configured
+from service.cli.detectability import detectability
 from service.cli.doctor import doctor
 from service.cli.effects import app as effects
 from service.cli.example import app as example
@@ -110,6 +111,13 @@ def assess(
     relation: Annotated[
         Path | None, typer.Option(help="Relation of level and depth (from `relate`), for machines without a model.")
     ] = None,
+    detectability: Annotated[
+        Path | None, typer.Option(help="What simulated healthy machines of the rig show (from `detectability`).")
+    ] = None,
+    false_alarm_rate: Annotated[
+        float | None,
+        typer.Option(help="Share of campaigns of healthy machines in which an effect may be reported; default 0.01."),
+    ] = None,
     asset: Asset = None,
     prefix: Prefix = None,
     mcap: Annotated[
@@ -123,8 +131,9 @@ def assess(
 
     try:
         answer = assessed(
-            recording, rig, update.value, asset, prefix, trace=searches_effects(no_trace), relation=relation
-        )
+            recording, rig, update.value, asset, prefix, trace=searches_effects(no_trace), relation=relation,
+            detectability=detectability, false_alarm_rate=false_alarm_rate,
+        )  # fmt: skip
     except Unassessable as error:
         wrote_json(error.answer, json)
         raise
@@ -424,6 +433,7 @@ app.command(name="doctor", rich_help_panel=START)(configured(doctor))
 app.command(name="config", rich_help_panel=START)(config)
 app.command(name="ready", rich_help_panel=START)(asking(ready))
 app.command(name="relate", rich_help_panel=MODEL)(relate)
+app.command(name="detectability", rich_help_panel=MODEL)(detectability)
 app.command(name="depths", rich_help_panel=ANSWER)(depths)
 app.command(name="what-if", rich_help_panel=ANSWER)(configured(asking(what_if)))
 app.command(name="audit", rich_help_panel=START)(asking(audit))

@@ -180,6 +180,7 @@ def _opened(
 
 def _twin_of(settings: Settings) -> Twin:
     """The twin itself with the options of the settings."""
+    from service.files.detectability import nulls_of
     from twin.options import Options
 
     baseline = relation = None
@@ -196,6 +197,8 @@ def _twin_of(settings: Settings) -> Twin:
             update=settings.update,
             error_threshold=settings.error_threshold,
             trace=settings.trace,
+            false_alarm_rate=settings.false_alarm_rate,
+            nulls=nulls_of(settings.detectability),
             baseline=baseline,
             relation=relation,
             status_limits=settings.status_limits,

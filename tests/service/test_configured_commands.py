@@ -13,7 +13,7 @@ from service.cli import run
 from service.cli.commands import app
 
 LEAVES = dict(_leaves(typer.main.get_command(app), "gear-twin"))
-WITHOUT_SETTINGS = {"simulate", "thresholds", "init", "relate", "depths", "example"}
+WITHOUT_SETTINGS = {"simulate", "thresholds", "init", "relate", "depths", "detectability", "example"}
 
 
 def options(command):

@@ -35,8 +35,8 @@ HANDED_ON = {  # what the prefix is handed to
 }
 WRITING = {"import"}
 NO_STREAM = {  # commands that read neither a recording nor a stream
-    "config", "init", "thresholds", "relate", "depths", "example", "backup", "restore", "export", "check", "migrate",
-    "keys", "simulate",  # another program's recordings: their prefix is that of the contract
+    "config", "init", "thresholds", "relate", "depths", "detectability", "example", "backup", "restore", "export",
+    "check", "migrate", "keys", "simulate",  # another program's recordings: their prefix is that of the contract
 }  # fmt: skip
 
 

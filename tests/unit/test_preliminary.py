@@ -30,7 +30,7 @@ def history():
     """The bundled short campaign, without effects."""
     rig, windows = recorded()
     inputs = [WindowInput(index=i, features=extract(rig, w)) for i, w in enumerate(windows)]
-    _, outcomes = replay_history(rig, (), inputs, Options().updating)
+    _, outcomes = replay_history(rig, (), inputs, Options().updating(rig))
     return rig, outcomes
 
 

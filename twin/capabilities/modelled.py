@@ -56,13 +56,13 @@ def assess(context: Context, draft: Draft) -> Draft:
     """The draft with everything that the model says, or with the reason why this window says nothing."""
     rig, state, options = context.rig, context.state, context.options
     try:
-        outcome = update_window(rig, state.memory, context.input, options.updating)
+        outcome = update_window(rig, state.memory, context.input, options.updating(rig))
     except NotAvailable as reason:
         return carried_over(context, str(reason))
     except NotConverged as reason:
         return carried_over(context, f"the model found no steady state for this window and was not updated: {reason}")
     if options.trace:
-        result = attribute_window(rig, state.tracing, context.input, outcome, options.updating)
+        result = attribute_window(rig, state.tracing, context.input, outcome, options.updating(rig))
     else:
         result = LoopResult(tracing=_updated(rig, state.tracing, context.input, outcome), outcome=outcome)
     recent = recent_residuals(rig, state.recent, ((context.input, result.outcome),))

@@ -59,7 +59,7 @@ def attribute_window(
     with part(TRACING):
         try:
             tracing, traced = trace_over_remounts(
-                rig, tracing, outcome.memory, kept, tolerated_misfit(tracing, search)
+                rig, tracing, outcome.memory, kept, tolerated_misfit(tracing, search), options.required
             )  # fmt: skip
         except (NotAvailable, NotConverged) as reason:
             tracing = replace(tracing, latest=replace(tracing.latest, reason=str(reason)))

@@ -17,6 +17,7 @@ from twin.errors import NotAvailable
 from twin.features.non_gear import NonGearFeatures
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
+from twin.required_evidence import DEFAULT, RequiredEvidence
 from twin.rig import Rig
 from twin.scales import Scales
 from twin.thresholds import deciding
@@ -175,6 +176,7 @@ class TracingContext:
     kept: tuple[AttributedEffect, ...] = ()  # effects that the mesh lines are fitted with from the start
     fixed: tuple[str, ...] = ()  # effects that an engineer has accepted or pinned: they stay, whatever they add
     tolerated: float = 0.0  # misfit of the mesh lines up to which no more effects are sought
+    required: RequiredEvidence = DEFAULT  # that an effect must have
     scales: Scales
     worn: WornWindows | None  # None without a mesh phase
     findings: Findings = NOTHING
@@ -192,6 +194,7 @@ class TracingContext:
         fixed: Collection[str] = (),
         tolerated: float = 0.0,
         since_ns: int = 0,
+        required: RequiredEvidence = DEFAULT,
         limits: WindowThresholds = THRESHOLDS,
     ) -> TracingContext:
         """The context of a history; NotAvailable where fewer than two measurement windows can be read.
@@ -231,6 +234,7 @@ class TracingContext:
             kept=tuple(kept),
             fixed=tuple(fixed),
             tolerated=tolerated,
+            required=required,
             scales=scales,
             worn=worn,
         )

@@ -333,4 +333,5 @@ def least_gain(fits: Fits, name: str, explained: float) -> float:
     limits = fits.thresholds
     other = 0.0 if fits.windows.channels == CHANNELS else limits.other_structure_gain
     own = EFFECTS[name].facts.detection.least_gain
-    return max(limits.least_gain, own, other, limits.share_of_explained * explained)
+    asked = max(limits.least_gain, own, other, limits.share_of_explained * explained)
+    return fits.windows.required.least(name, asked)

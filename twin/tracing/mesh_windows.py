@@ -17,6 +17,7 @@ import numpy as np
 from twin.effects.response import Effect
 from twin.errors import NotConverged
 from twin.model import Model
+from twin.required_evidence import DEFAULT, RequiredEvidence
 from twin.thresholds import deciding
 from twin.tracing.joint_fit import JointFit, fit
 from twin.tracing.joint_problem import EffectTrial, Problem, Profiles
@@ -73,6 +74,7 @@ class MeshWindows:
     channels: tuple[str, ...] = CHANNELS
     scatter: HealthyScatter
     onset: OnsetThresholds = OnsetThresholds()
+    required: RequiredEvidence = DEFAULT
 
     def problem(
         self, trials: Sequence[EffectTrial], profiles: Profiles, windows: Sequence[int] | None = None

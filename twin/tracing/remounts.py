@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.errors import NotAvailable, NotConverged
+from twin.required_evidence import DEFAULT, RequiredEvidence
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
@@ -51,12 +52,14 @@ def trace_over_remounts(
     memory: Memory,
     kept: Sequence[AttributedEffect],
     tolerated: float,
+    required: RequiredEvidence = DEFAULT,
     limits: RemountLimits = REMOUNT_LIMITS,
 ) -> tuple[Tracing, Traced]:
     """A trace of all windows, with the turns of the disc that are believed; NotAvailable, NotConverged.
 
     kept       effects that the mesh lines are fitted with from the start
     tolerated  misfit of the mesh lines up to which no more effects are sought
+    required   evidence that an effect must have
     """
     depths = dict(tracing.stages[-1].depths)
     phase = memory.phase if tracing.phase is None else tracing.phase
@@ -65,7 +68,7 @@ def trace_over_remounts(
     def attempt(turns: Sequence[tuple[int, float]], since_ns: int = 0, at: float | None = phase) -> Traced:
         return trace(
             rig, [turned_back(rig, t, turns) for t in tracing.history], depths, at, rejected=tracing.rejected,
-            kept=kept, fixed=tracing.fixed, tolerated=tolerated, since_ns=since_ns,
+            kept=kept, fixed=tracing.fixed, tolerated=tolerated, since_ns=since_ns, required=required,
         )  # fmt: skip
 
     known = tracing.turns[-1][0] if tracing.turns else 0

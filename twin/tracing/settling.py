@@ -32,6 +32,10 @@ def ask(context: TracingContext, detector: Detector, known: Known) -> TracingCon
         findings = detector.detect(before)
     except ImpossibleSize:
         findings = before.findings
+    weak = [e for e in findings.effects if not context.required.accepts(e.name, e.log_evidence)]
+    for effect in weak:
+        if effect.name not in context.fixed:
+            findings = findings.without(effect.name)
     known[detector.name] = consulted(without_own(findings, detector), detector)  # it may have ruled some out itself
     for step in DETECTORS:  # what it had made better of this detector's findings has gone with them
         if step.refines == detector.reports:

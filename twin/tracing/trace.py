@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+from twin.required_evidence import DEFAULT, RequiredEvidence
 from twin.rig import Rig
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import TracingContext, held_out
@@ -46,6 +47,7 @@ def trace(
     fixed: Collection[str] = (),
     tolerated: float = 0.0,
     since_ns: int = 0,
+    required: RequiredEvidence = DEFAULT,
     detectors: Sequence[Detector] = DETECTORS,
 ) -> Traced:
     """The effects that the history shows; NotAvailable where it does not suffice.
@@ -57,6 +59,7 @@ def trace(
     fixed      names that an engineer has accepted or pinned: they stay, whatever they add
     tolerated  misfit of the mesh lines up to which no more effects are sought
     since_ns   when the pinion's disc was last turned: the mesh phase of what was recorded before is another [Unix ns]
+    required   evidence that an effect must have
     """
     context = TracingContext.of(
         rig,
@@ -68,6 +71,7 @@ def trace(
         fixed=fixed,
         tolerated=tolerated,
         since_ns=since_ns,
+        required=required,
     )
     known: Known = {}
     for detector in detectors:

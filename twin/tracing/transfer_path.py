@@ -23,13 +23,13 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from twin.dynamics.structure import Structure, direction
 from twin.effects import EFFECTS
 from twin.effects.response import Effect
 from twin.rig import Rig
-from twin.rig_tolerances import Tolerances
 from twin.thresholds import deciding
 from twin.tracing.joint_fit import JointFit
 from twin.tracing.observed import Observed
@@ -75,6 +75,12 @@ class TransferPathThresholds:
     )
     least_step_lines: int = deciding(
         4, meaning="lines beyond one a group that a change of gain is judged by", source="not derived: chosen"
+    )
+    tolerance_scales: tuple[float, ...] = deciding(
+        (1.0, 1.41, 2.0),
+        of="rig file's tolerance of the structure",
+        meaning="spreads of the structure that are taken for equally likely",
+        source="not derived: tolerances are estimates, trusted within a factor of two; even on a logarithmic scale",
     )
     resonance_band: tuple[float, float] = deciding(
         (0.25, 3.0),
@@ -156,25 +162,30 @@ class _Paths:
 @lru_cache(maxsize=4)
 def _draws(text: str, damping: float, sensor: str) -> _Paths:
     """Structures within the tolerance of a rig; the seed is fixed: a pure function."""
-    values, rng = json.loads(text), np.random.default_rng(2019)
-    allowed = Tolerances.of(values)
+    rig, rng = Rig(json.loads(text)), np.random.default_rng(2019)
     out = []
     for _ in range(DRAWS):
-        changed = dict(values)
-        for table, spread in (
-            ("torsional_stiffness", allowed.stiffness),
-            ("bearings", allowed.stiffness),
-            ("inertias", allowed.mass),
-            ("masses", allowed.mass),
-        ):
-            changed[table] = _scaled(values[table], rng, spread)
-        shafts = dict(values["shafts"])
-        for key in ("bending_stiffness_input", "bending_stiffness_output"):
-            shafts[key] *= float(1 + allowed.stiffness * rng.uniform(-1, 1))
-        changed["shafts"] = shafts
-        ζ = min(damping * float(1 + allowed.damping * rng.uniform(-1, 1)), 0.9)
-        out.append(Structure.from_rig(Rig(changed), modal_damping=ζ))
+        changed, ζ = within_tolerances(rig, damping, rng)
+        out.append(Structure.from_rig(changed, modal_damping=ζ))
     return _Paths.of(out, sensor)
+
+
+def within_tolerances(rig: Rig, damping: float, rng: np.random.Generator) -> tuple[Rig, float]:
+    """A rig whose structure is drawn within the tolerances of another one, and its modal damping ratio."""
+    values, allowed = json.loads(rig.text), rig.tolerances
+    changed = dict(values)
+    for table, spread in (
+        ("torsional_stiffness", allowed.stiffness),
+        ("bearings", allowed.stiffness),
+        ("inertias", allowed.mass),
+        ("masses", allowed.mass),
+    ):
+        changed[table] = _scaled(values[table], rng, spread)
+    shafts = dict(values["shafts"])
+    for key in ("bending_stiffness_input", "bending_stiffness_output"):
+        shafts[key] *= float(1 + allowed.stiffness * rng.uniform(-1, 1))
+    changed["shafts"] = shafts
+    return Rig(changed), min(damping * float(1 + allowed.damping * rng.uniform(-1, 1)), 0.9)
 
 
 def path_covariance(rig: Rig, damping: float, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -326,47 +337,82 @@ def fit_sensor(
     f = np.array([q.frequency for q in lines])
     z = np.concatenate(([q.log.real for q in lines], [q.log.imag for q in lines]))
     mean, C = path_covariance(rig, damping, f)
-    C = C + np.diag(np.tile([q.std**2 + limits.own_scatter**2 for q in lines], 2))
-    rest = z - mean
-    plain = float(multivariate_normal.logpdf(rest, cov=C))
-    scatter = limits.other_structure_scatter**2 * np.eye(rest.size)
-    other = float(multivariate_normal.logpdf(rest, cov=C + scatter))
-    gain = _fitted_gain(rest, C, rig.tolerances.accelerometer_gain, plain, other)
+    noise = np.diag(np.tile([q.std**2 + limits.own_scatter**2 for q in lines], 2))
+    other = limits.other_structure_scatter**2 * np.eye(z.size)
+    path = PathScatter(
+        rest=z - mean,
+        covariances=tuple(s**2 * C + noise for s in limits.tolerance_scales),
+        other=C + noise + other,
+    )
+    gain = _fitted_gain(path, rig.tolerances.accelerometer_gain)
     low, high = (share * rig.band[1] for share in limits.resonance_band)
-    resonance = _fitted_resonance(rest, C, f, np.geomspace(low, high, FREQUENCIES), plain, other)
+    resonance = _fitted_resonance(path, f, np.geomspace(low, high, FREQUENCIES))
     return [gain, resonance]
 
 
-def _fitted_gain(rest: np.ndarray, C: np.ndarray, prior: float, plain: float, other: float) -> PathFit:
-    """A gain g that all lines share, ln g with the prior's standard deviation.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PathScatter:
+    """Quotients of n lines, and how far structures within the tolerance scatter them; real parts first, then phases.
 
-    rest   ln of the quotients, real parts and phases (2n,), of covariance C
-    plain  ln likelihood with a sensor as it should be; `other` with another structure
+    How wide the tolerance really is, is not known: the scales are equally likely before the lines are seen.
     """
-    n = rest.size // 2
+
+    rest: np.ndarray  # ln of the quotients, less the mean over the tolerance (2n,)
+    covariances: tuple[np.ndarray, ...]  # for each scale of the tolerance (2n, 2n)
+    other: np.ndarray  # of a structure of another kind (2n, 2n)
+
+    def likelihoods(self, rest: np.ndarray | None = None, added: np.ndarray | float = 0.0) -> np.ndarray:
+        """ln likelihood for each scale (s,), of the quotients or of others (m, 2n) → (s, m), with more covariance."""
+        rest = self.rest if rest is None else rest
+        return np.array([multivariate_normal.logpdf(rest, cov=C + added) for C in self.covariances])
+
+    @property
+    def plain(self) -> float:
+        """ln evidence of a sensor as it should be."""
+        return float(_ln_mean(self.likelihoods()))
+
+    @property
+    def by_other(self) -> float:
+        """ln evidence of another structure."""
+        return float(multivariate_normal.logpdf(self.rest, cov=self.other))
+
+
+def _ln_mean(logs: np.ndarray) -> np.ndarray:
+    """ln of the mean of exp over the first axis."""
+    return logsumexp(logs, axis=0) - np.log(logs.shape[0])
+
+
+def _fitted_gain(path: PathScatter, prior: float) -> PathFit:
+    """A gain g that all lines share, ln g with the prior's standard deviation."""
+    n = path.rest.size // 2
     level = np.concatenate((np.ones(n), np.zeros(n)))
-    with_gain = float(multivariate_normal.logpdf(rest, cov=C + prior**2 * np.outer(level, level)))
-    inverse = np.linalg.inv(C)
-    information = level @ inverse @ level + 1 / prior**2
-    ln_g = float(level @ inverse @ rest / information)
+    with_gain = path.likelihoods(added=prior**2 * np.outer(level, level))
+    weight = np.exp(with_gain - with_gain.max())
+    weight /= weight.sum()
+    inverse = [np.linalg.inv(C) for C in path.covariances]
+    information = np.array([level @ P @ level + 1 / prior**2 for P in inverse])
+    values = np.array([level @ P @ path.rest for P in inverse]) / information
+    ln_g = float(weight @ values)
+    evidence = float(_ln_mean(with_gain))
     return PathFit(
         name="sensor_gain",
         effect=EFFECTS["sensor_gain"](gain=float(np.exp(ln_g))),
-        std=float(1 / np.sqrt(information)),
-        log_evidence=with_gain - plain,
-        over_other=with_gain - other,
+        std=float(np.sqrt(weight @ (1 / information + (values - ln_g) ** 2))),
+        log_evidence=evidence - path.plain,
+        over_other=evidence - path.by_other,
     )
 
 
-def _fitted_resonance(
-    rest: np.ndarray, C: np.ndarray, f: np.ndarray, frequencies: np.ndarray, plain: float, other: float
-) -> PathFit:
-    """A resonance of the mount, every frequency and damping ratio of the grid as likely before; as `_fitted_gain`."""
+def _fitted_resonance(path: PathScatter, f: np.ndarray, frequencies: np.ndarray) -> PathFit:
+    """A resonance of the mount, every frequency and damping ratio of the grid as likely before.
+
+    f  frequencies of the lines (n,) [Hz]
+    """
     kind = EFFECTS["sensor_resonance"]
     tried = [kind(frequency=float(f0), damping_ratio=ζ) for f0 in frequencies for ζ in RATIOS]
     shapes = np.log([effect.response(f) for effect in tried])
-    moved = rest - np.concatenate((shapes.real, np.angle(np.exp(1j * shapes.imag))), axis=1)
-    likelihood = multivariate_normal.logpdf(moved, cov=C)
+    moved = path.rest - np.concatenate((shapes.real, np.angle(np.exp(1j * shapes.imag))), axis=1)
+    likelihood = _ln_mean(path.likelihoods(moved))
     best = int(np.argmax(likelihood))
     evidence = float(np.log(np.mean(np.exp(likelihood - likelihood[best]))) + likelihood[best])
     weight = np.exp(likelihood - likelihood[best])
@@ -379,6 +425,6 @@ def _fitted_resonance(
         effect=tried[best],
         std=float(np.hypot(spread, step / np.sqrt(12))),
         damping_std=float(np.sqrt(weight @ (ratios - tried[best].damping_ratio) ** 2 / weight.sum())),
-        log_evidence=evidence - plain,
-        over_other=evidence - other,
+        log_evidence=evidence - path.plain,
+        over_other=evidence - path.by_other,
     )

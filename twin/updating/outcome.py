@@ -8,6 +8,7 @@ import numpy as np
 
 from twin.model import Condition, Model
 from twin.quantiles import Z95
+from twin.required_evidence import DEFAULT, RequiredEvidence
 from twin.updating.depth import DepthEstimate
 from twin.updating.memory import Memory
 from twin.updating.prediction import Expectation
@@ -22,6 +23,7 @@ class UpdateOptions:
     threshold: float  # relative error of the RMS above which a window updates the twin
     update: str  # "fused" or "rms": which method sets the depth
     update_until: float  # pinion revolutions after which the twin only predicts
+    required: RequiredEvidence = DEFAULT  # evidence that an effect must have before it joins the twin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,11 +24,13 @@ import numpy as np
 from scipy.optimize import minimize
 
 from twin.effects import EFFECTS
+from twin.effects.addition import name_of
 from twin.effects.kept import RESPONSES
 from twin.effects.response import Effect, ResponseLines
 from twin.errors import NotConverged
 from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.model import Condition, Model
+from twin.required_evidence import DEFAULT, RequiredEvidence
 from twin.scales import Scales
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
@@ -131,7 +133,7 @@ def detect(context: TracingContext, limits: EccentricityThresholds = THRESHOLDS)
         fit = fit_eccentricity(
             model, windows, context.mesh_phase, shaft, context.scales, differ, explained.get(shaft, 0.0), limits
         )
-        if fit is None or not is_proven(fit, context.scales, differ, limits):
+        if fit is None or not is_proven(fit, context.scales, differ, limits, context.required):
             continue
         if shaft == 0:
             orders.add(1)
@@ -202,10 +204,15 @@ class EccentricityFit:
 
 
 def is_proven(
-    fit: EccentricityFit, scales: Scales, tooth_errors: bool, limits: EccentricityThresholds = THRESHOLDS
+    fit: EccentricityFit,
+    scales: Scales,
+    tooth_errors: bool,
+    limits: EccentricityThresholds = THRESHOLDS,
+    required: RequiredEvidence = DEFAULT,
 ) -> bool:
     """Whether teeth, not a disc, run out; `tooth_errors` tells whether teeth differ, which imitates a small run-out."""
-    if min(fit.by_sidebands, fit.log_evidence) <= limits.least_evidence or fit.eccentricity > limits.largest:
+    least = required.least(name_of(fit.effect), limits.least_evidence)
+    if min(fit.by_sidebands, fit.log_evidence) <= least or fit.eccentricity > limits.largest:
         return False
     if fit.run_out is None:
         return not tooth_errors and fit.eccentricity >= limits.least_without_run_out * scales.base_pitch

@@ -91,6 +91,7 @@ def mesh_windows(context: TracingContext, limits: MeshThresholds = THRESHOLDS) -
         phase=context.mesh_phase,
         factors=factors,
         scatter=HealthyScatter.of_rig(context.rig, context.scales),
+        required=context.required,
     )
 
 

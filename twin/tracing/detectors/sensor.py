@@ -57,7 +57,8 @@ def detect(context: TracingContext, limits: SensorThresholds = THRESHOLDS) -> Fi
         return findings
     seen = quotients(mesh.best, mesh.windows, context.model.mesh.pair.teeth[0], context.scales.graduation[0])
     step = gain_step(seen, context.rig.tolerances.accelerometer_gain)
-    if step is not None and step.log_evidence > limits.step_evidence and abs(np.log(step.gain)) > limits.least_gain:
+    needed = context.required.least("sensor_gain", limits.step_evidence)
+    if step is not None and step.log_evidence > needed and abs(np.log(step.gain)) > limits.least_gain:
         return findings.adding(_of_step(step), rejected=context.rejected)
     fits = fit_sensor(context.rig, context.model.calibration.modal_damping, seen)
     if not fits:
@@ -65,7 +66,8 @@ def detect(context: TracingContext, limits: SensorThresholds = THRESHOLDS) -> Fi
     best = max(fits, key=lambda s: s.log_evidence)
     size = abs(np.log(best.effect.gain)) if isinstance(best.effect, SensorGain) else np.inf
     other = max(s.over_other for s in fits) < limits.over_other_structure
-    known = best.log_evidence > limits.least_evidence and best.over_other > limits.over_other_structure
+    needed = context.required.least(best.name, limits.least_evidence)
+    known = best.log_evidence > needed and best.over_other > limits.over_other_structure
     if known and size > limits.least_gain:
         findings = findings.adding(_of_fit(best, [s for s in fits if s is not best]), rejected=context.rejected)
     return replace(findings, other_structure=other)
