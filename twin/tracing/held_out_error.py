@@ -18,15 +18,17 @@ import numpy as np
 from twin.assessment import HeldOutBand, HeldOutErrors, HeldOutLine, HeldOutResidual
 from twin.effects.addition import Addition
 from twin.effects.kept import RESPONSES
-from twin.effects.response import ResponseLines
+from twin.effects.response import Effect, ResponseLines, solve_with
 from twin.errors import NotAvailable, NotConverged
 from twin.features.window_features import MeasuredLines
+from twin.model import Condition, Model
 from twin.rig import Rig
 from twin.updating.conditions import condition_of
 from twin.updating.history import WindowInput
 from twin.updating.memory import Line, Memory
 from twin.updating.model_cache import healthy_model_of, profile_of
 from twin.updating.prediction import MESH, PATH
+from twin.wear.profile import WornProfile
 
 HARMONICS = 5  # of the mesh, reported by band
 BAND = 2  # shaft orders beside a mesh harmonic
@@ -93,7 +95,8 @@ def compare(
     if not response.converged:
         raise NotConverged(f"no steady state at {condition.speed_hz:g} Hz with {len(effects)} effects")
     per_turn = memory.phase / rig.teeth[0]
-    orders, y, std, m = _lines(features.acceleration, response, "acceleration", per_turn)
+    alone = _of_mesh(model, effects, profile.slices, condition, response)
+    orders, y, std, m = _lines(features.acceleration, response, alone, "acceleration", per_turn)
     f = np.maximum(orders * condition.speed_hz, 1.0)
     m = m * PATH.predict(learned.path, f, window.index)[0] * MESH.predict(learned.mesh, f, window.index)[0]
     top = min(rig.band[1], np.inf if features.band is None else features.band[1])
@@ -104,7 +107,7 @@ def compare(
     encoder = "transmission_error" if features.transmission_error is not None else "pinion_motion"
     seen = getattr(features, encoder)
     if seen is not None and seen.unit == "m":
-        at, e, _, predicted = _lines(seen, response, encoder, per_turn)
+        at, e, _, predicted = _lines(seen, response, alone, encoder, per_turn)
         predicted = predicted * MESH.predict(learned.mesh, at * condition.speed_hz, window.index)[0]
         left, measured = float(np.sum(np.abs(e - predicted) ** 2)), float(np.sum(np.abs(e) ** 2))
     return HeldOutComparison(
@@ -121,8 +124,32 @@ def compare(
     )
 
 
+OfMesh = tuple[ResponseLines, ResponseLines] | None
+
+
+def _of_mesh(
+    model: Model,
+    effects: Sequence[Effect],
+    flanks: Sequence[WornProfile],
+    condition: Condition,
+    response: ResponseLines,
+) -> OfMesh:
+    """Of the effects of the mesh's own period alone: with the usual samples, and with those of a longer response.
+
+    A longer period is solved with fewer samples of every mesh period, which moves the mesh lines by some per cent; None
+    where the response is of one mesh period itself, or where one of both is not found.
+    """
+    if response.mesh_periods == 1:
+        return None
+    samples = 2 * (response.steady.omega.size - 1) // response.mesh_periods
+    own = tuple(e for e in effects if e.period == "mesh")
+    usual = RESPONSES.get(model, own, flanks, condition)
+    coarse = solve_with(model, own, flanks, condition, samples=samples).alone
+    return (usual, coarse) if usual.converged and coarse.converged else None
+
+
 def _lines(
-    lines: MeasuredLines, response: ResponseLines, channel: str, per_turn: float
+    lines: MeasuredLines, response: ResponseLines, of_mesh: OfMesh, channel: str, per_turn: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Orders, measured lines, their std and the predicted ones, turned to the encoder's zero; (n,) each."""
     every = np.array(lines.orders, dtype=float)
@@ -130,6 +157,11 @@ def _lines(
     orders = every[use]
     y, std = np.array(lines.amplitudes)[use], np.array(lines.std)[use]
     own = getattr(response, f"{channel}_lines")
+    if of_mesh is not None:
+        usual, coarse = (getattr(r, f"{channel}_lines") for r in of_mesh)
+        at = np.arange(response.mesh_periods - 1, own.size, response.mesh_periods)[: min(usual.size, coarse.size)]
+        own = own.copy()
+        own[at] += usual[: at.size] - coarse[: at.size]
     place = orders * float(response.turns)
     k = np.rint(place).astype(int)
     there = (np.abs(place - k) < 1e-6) & (k >= 1) & (k <= own.size)

@@ -67,8 +67,9 @@ def joined(rig: Rig, tracing: Tracing, traced: Traced, outcome: UpdateOutcome, o
     new = [f for f in _candidates(tracing, traced) if not refuted_before(f, tracing.refuted)]
     tracing = _summarised(tracing, traced)
     if _same_effects(new, tracing):
-        return LoopResult(tracing=with_errors(rig, replace(tracing, found=tuple(new))), outcome=outcome)
-    changed = with_found(rig, tracing, tuple(new), outcome, options)
+        changed = LoopResult(tracing=with_errors(rig, replace(tracing, found=tuple(new))), outcome=outcome)
+    else:
+        changed = with_found(rig, tracing, tuple(new), outcome, options)
     doubted = not_confirmed(changed.tracing, old)
     if not doubted:
         return changed
