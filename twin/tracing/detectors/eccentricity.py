@@ -24,7 +24,6 @@ import numpy as np
 from scipy.optimize import minimize
 
 from twin.effects import EFFECTS
-from twin.effects.addition import name_of
 from twin.effects.kept import RESPONSES
 from twin.effects.response import Effect, ResponseLines
 from twin.errors import NotConverged
@@ -40,7 +39,8 @@ from twin.tracing.findings import Findings
 from twin.wear.profile import WornProfile
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
-KINDS = (EFFECTS["pinion_eccentricity"], EFFECTS["gear_eccentricity"])
+NAMES = ("pinion_eccentricity", "gear_eccentricity")
+KINDS = tuple(EFFECTS[name] for name in NAMES)
 PRIOR = next(p.prior for p in KINDS[0].parameters if p.name == "eccentricity")  # of e [m]
 REFERENCE = 0.4 * PRIOR  # at which the linear response is taken [m]
 UNIT = 0.2 * PRIOR  # of the minimisation [m]
@@ -211,7 +211,7 @@ def is_proven(
     required: RequiredEvidence = DEFAULT,
 ) -> bool:
     """Whether teeth, not a disc, run out; `tooth_errors` tells whether teeth differ, which imitates a small run-out."""
-    least = required.least(name_of(fit.effect), limits.least_evidence)
+    least = required.least(NAMES[fit.shaft], limits.least_evidence)
     if min(fit.by_sidebands, fit.log_evidence) <= least or fit.eccentricity > limits.largest:
         return False
     if fit.run_out is None:
