@@ -357,7 +357,8 @@ def non_gear_tones(truth: Mapping[str, Any]) -> list[tuple[float, float]]:
             f = p["teeth"] * p["shaft_hz"]
             out.append((f * (1 - p["slip"] / 2), LINE_WIDTH + 0.65 * f * p["slip"]))
         elif name in ("coupling_misalignment", "loose_foot"):
-            out += [(k * speed, LINE_WIDTH) for k in range(1, HIGHEST_ORDER + 1)]
+            parts = 2 if name == "loose_foot" else 1  # a foot lifts off at every other turn, too
+            out += [(k / parts * speed, LINE_WIDTH) for k in range(1, parts * HIGHEST_ORDER + 1)]
     return out
 
 

@@ -24,6 +24,7 @@ from recordings.generator.wear import Wearing, depths
 SETTLE = 0.6  # the machine runs before a window's record starts [s]
 PAD = 0.1  # recorded beyond both ends of a window, for the filters [s]
 GROWTH_STEPS = 12  # in which an effect that grows does so while the flanks wear
+MOST_SHIFT = PAD - 0.01  # of the accelerometer's clock [s]
 PAUSE = (2.0, 6.0)  # the machine stands between windows to be set up [s]
 
 Progress = Callable[[float, str], None]
@@ -198,7 +199,13 @@ class _Run:
             raw = sensors.mounted(raw, rate, *knobs.resonance)
         if knobs.loose_accelerometer is not None:
             raw = knobs.loose_accelerometer(raw, 1 / rate, self.rng["foreign"])
-        felt = sensors.decimated(knobs.clock(raw, 1 / rate, self.clock - self.started), *cut)
+        elapsed = self.clock - self.started
+        if abs(knobs.clock.at(elapsed + seconds)) > MOST_SHIFT:
+            raise SimulationError(
+                f"time_shift: the clocks differ by {1e3 * knobs.clock.at(elapsed + seconds):.0f} ms, more than the "
+                f"{1e3 * MOST_SHIFT:.0f} ms that are simulated around a window"
+            )
+        felt = sensors.decimated(knobs.clock(raw, 1 / rate, elapsed), *cut)
         t = np.arange(felt.size) / out_rate
         for shaken in knobs.foreign:
             at = angle[cut[1] :: cut[0]][: felt.size]

@@ -63,6 +63,10 @@ class Clock:
     shift: float = 0.0  # [s]
     drift: float = 0.0  # [s/s]
 
+    def at(self, elapsed: float) -> float:
+        """How much later its samples are, `elapsed` [s] into the campaign [s]."""
+        return self.shift + self.drift * elapsed
+
     def __call__(self, values: np.ndarray, dt: float, elapsed: float) -> np.ndarray:
         """(n,) values at even steps as that clock would have it, `elapsed` [s] into the campaign; (n,)."""
         if not self.shift and not self.drift:
