@@ -34,6 +34,7 @@ def _load() -> ctypes.CDLL:
     library.carry_on.argtypes = [POINTER(_Balance), POINTER(_Balance), doubles, doubles, c_double, doubles,
                                  POINTER(_Progress), POINTER(_Answer)]  # fmt: skip
     library.quasi_static.argtypes = [count, count, doubles, doubles, doubles, c_double, doubles]
+    library.share_load.argtypes = [count] * 4 + [doubles] * 6 + [c_double, doubles, doubles]
     library.integrate.argtypes = [POINTER(_Motion), count, count, *[doubles] * 6]
     library.monodromy.argtypes = [count, count, count, doubles, doubles, doubles, c_double, doubles]
     library.spline.argtypes = [count, count, c_double, c_double, doubles, count, doubles, doubles, doubles]
@@ -63,8 +64,8 @@ def _load() -> ctypes.CDLL:
         "noise_floor",
     ):
         getattr(library, name).restype = c_int
-    for name in ("quasi_static", "averages", "quintic_coefficients", "quintic_coefficients_of_four", "quintic_at",
-                 "quintic_means_of_four", "linear_at", "cubics_at", "best_phases"):  # fmt: skip
+    for name in ("quasi_static", "share_load", "averages", "quintic_coefficients", "quintic_coefficients_of_four",
+                 "quintic_at", "quintic_means_of_four", "linear_at", "cubics_at", "best_phases"):  # fmt: skip
         getattr(library, name).restype = None
     return library
 

@@ -22,6 +22,7 @@ from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup, common_period
 from twin.effects.signature import Signature
 from twin.errors import ParameterError
+from twin.wear.differing_teeth import ToothDifferences
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +58,10 @@ class PitchError:
     @property
     def period(self) -> str:
         return common_period(name for name, present in (("pinion", self.pinion), ("gear", self.gear)) if any(present))
+
+    def differences(self, teeth: tuple[int, int]) -> ToothDifferences:
+        """What sets the teeth apart as they wear."""
+        return ToothDifferences(displacement=(self.pinion, self.gear))
 
     def apply(self, setup: Setup) -> Setup:
         teeth = (setup.passages.pinion_tooth, setup.passages.gear_tooth)

@@ -23,6 +23,7 @@ from twin.effects.facts import Facts
 from twin.effects.parameter import Parameter
 from twin.effects.setup import SensorGain, Setup, common_period, contacts_of, setup_of
 from twin.effects.signature import Signature
+from twin.effects.tooth_wear import with_tooth_wear
 from twin.errors import ParameterError
 from twin.model import Condition, Model
 from twin.wear.profile import WornProfile
@@ -260,7 +261,7 @@ def solve_with(
 
     def posed(samples: int | None) -> tuple[Setup, Contacts]:
         setup = _applied(setup_of(model, condition, period, len(profiles), samples), effects)
-        return setup, contacts_of(setup, profiles)
+        return setup, contacts_of(with_tooth_wear(setup, model, effects, profiles), profiles)
 
     setup, contacts = posed(samples)
     if samples is None and period != "mesh":

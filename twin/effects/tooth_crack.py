@@ -24,6 +24,7 @@ from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup
 from twin.effects.signature import Signature
 from twin.errors import ParameterError
+from twin.wear.differing_teeth import ToothDifferences
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,10 +34,12 @@ class ToothCrack:
     stiffness_loss: float  # q
     tooth: int = 0  # counted as the passages count
     on: str = "pinion"  # or "gear"
+    onset_depth: float = 0.0  # of the mean flank when it set in: from then on the teeth wear differently [m]
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(name="stiffness_loss", unit="", low=0.0, high=0.95, prior=0.3),
         Parameter(name="tooth", unit="", low=0, high=10_000, prior=10_000, shape=True),
+        Parameter(name="onset_depth", unit="m", low=0.0, high=1e-2, prior=1e-2, shape=True),
     )
     signature: ClassVar[Signature] = Signature(shape="local", shafts=("pinion", "gear", "other"))
     facts: ClassVar[Facts] = Facts(
@@ -57,6 +60,12 @@ class ToothCrack:
     @property
     def period(self) -> str:
         return self.on
+
+    def differences(self, teeth: tuple[int, int]) -> ToothDifferences:
+        """What sets the teeth apart as they wear."""
+        gear = self.on == "gear"
+        loss = tuple(self.stiffness_loss if k == self.tooth else 0.0 for k in range(teeth[gear]))
+        return ToothDifferences(stiffness_loss=((), loss) if gear else (loss, ()), onset_depth=self.onset_depth)
 
     def apply(self, setup: Setup) -> Setup:
         gear = self.on == "gear"

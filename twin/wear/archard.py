@@ -95,13 +95,13 @@ def wear_per_revolution(mesh: PairMesh, contact_forces: np.ndarray, half_width: 
     force = contact_forces[: slices * len(ROWS)].reshape(slices, len(ROWS), n)
     along = np.concatenate((force[..., half:], force[..., :half]), axis=2).reshape(slices, -1)  # rows follow along s
     ratio = 1 + mesh.pair.teeth[0] / mesh.pair.teeth[1]
-    weights = _elliptic_weights(half_width, mesh.pair.base_pitch / n)
-    worn = slices * ratio**2 * averages(along * mesh.sliding_arm, _twice(weights.tobytes()), stride)
+    weights = elliptic_twice(half_width, mesh.pair.base_pitch / n)
+    worn = slices * ratio**2 * averages(along * mesh.sliding_arm, weights, stride)
     return worn[0] if slices == 1 else worn
 
 
 @lru_cache(maxsize=32)
-def _twice(weights: bytes) -> np.ndarray:
-    """The weights of averaging twice."""
-    once = np.frombuffer(weights)
+def elliptic_twice(half_width: float, spacing: float) -> np.ndarray:
+    """Weights of the elliptic average of a contact [m], taken twice, on a grid of this spacing [m]; (4j + 1,)."""
+    once = _elliptic_weights(half_width, spacing)
     return np.convolve(once, once)
