@@ -1,8 +1,9 @@
 """Pitch errors: do teeth differ from one another, from the first window on?
 
 The lines at whole orders of both gears in the first windows are compared with those of a healthy machine. Displacements
-of all teeth are fitted to them by linear least squares; the response is not linear once errors reach what the load
-deflects, so the fit goes on with the whole response. The lowest orders get the scatter of run-out and graduation.
+of all teeth are fitted by linear least squares to those windows whose flanks are new, or to all of the first ones with
+the flanks that such teeth have by then; the response is not linear once errors reach what the load deflects, so the fit
+goes on with the whole response. The lowest orders get the scatter of run-out and graduation.
 
 A torque ripple makes one such line, too: where pitch errors do not explain the torque's line, the transmission error's
 line at its order is left out.
@@ -21,7 +22,7 @@ import numpy as np
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
 from twin.effects.kept import RESPONSES
-from twin.effects.response import Effect
+from twin.effects.response import Effect, ResponseLines
 from twin.errors import NotConverged
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
@@ -65,6 +66,12 @@ class ToothErrorThresholds:
         meaning="energy beyond it from which pitch errors are reported",
         source="tuned on D00–D13 and T01–T58; not derived",
     )
+    new_flanks: float = deciding(
+        1.0,
+        of="static mesh deflection",
+        meaning="depth below which a window's flanks are new: where there are such windows, the errors are fitted to them",
+        source="derivation: the load of teeth that differ evens out within such a depth (twin/wear/differing_teeth.py)",
+    )
     line_noise: float = deciding(
         0.05, of="pinion graduation error", meaning="noise of a line", source="measured: 0.03 µm on the reference rig"
     )
@@ -85,9 +92,12 @@ def detect(context: TracingContext, limits: ToothErrorThresholds = THRESHOLDS) -
     ripple = findings.force("torque")
     if ripple is not None:
         order = round(ripple.order)
-        first = context.features[: PATTERNS.first_windows]
+        first = context.fitting[: PATTERNS.first_windows]
+        worn = [context.profiles[w.index] for w in first]
+        new = _with_newest_flanks(worn, limits.new_flanks * context.scales.deflection)
+        features, condition = [first[i].features for i in new], first[new[0]].condition
         if found is not None and tooth_errors_explain(
-            context.model, first, context.fitting[0].condition, (found.effect,), context.mesh_phase, order
+            context.model, features, condition, (found.effect,), context.mesh_phase, order
         ):
             findings = findings.without(ripple.name)
         elif found is not None:
@@ -128,12 +138,12 @@ def _fitted(
     limits: ToothErrorThresholds,
     effects: Sequence[Effect] = (),
 ) -> ToothFinding | None:
-    model, condition = context.model, context.fitting[0].condition
+    fitting = context.fitting
     return find_pitch_errors(
-        model,
+        context.model,
         windows,
-        condition,
-        model.unworn,
+        [w.condition for w in fitting],
+        [context.profiles[w.index] for w in fitting],
         context.mesh_phase,
         context.scales,
         context.rig.tolerances,
@@ -176,8 +186,8 @@ class _ToothFit:
 def find_pitch_errors(
     model: Model,
     windows: Sequence[WindowFeatures],
-    condition: Condition,
-    profile: WornProfile,
+    conditions: Sequence[Condition],
+    profiles: Sequence[WornProfile],
     phase: float,
     scales: Scales,
     tolerances: Tolerances,
@@ -186,25 +196,30 @@ def find_pitch_errors(
 ) -> ToothFinding | None:
     """Pitch errors of both gears from the first windows; None where a healthy machine's lines explain them.
 
-    windows  measurement windows, the first first; only the first few are used
+    windows, conditions, profiles  of measurement windows, the first first (n,); only the first few are used
     effects  of the mesh's period, that are in the twin already
     """
     first, teeth = list(windows)[: PATTERNS.first_windows], model.mesh.pair.teeth
+    new = _with_newest_flanks(profiles[: len(first)], limits.new_flanks * scales.deflection)
     strength, counts, measured = [], [], []
     for gear in (0, 1):
         lines = _mean_lines(patterns(first, teeth, phase, gear))
         strength.append(rms_of(lines) / (limits.healthy_pattern[gear] * scales.graduation[gear]))
         counts.append(lines.size)
-        measured.append(_with_low_orders(first, teeth, phase, gear))
+        measured.append(_with_low_orders([first[i] for i in new], teeth, phase, gear))
     if max(strength) < 1.0:
         return None
 
-    def made_by(effect: Effect, gear: int, orders: np.ndarray) -> np.ndarray:
-        """Lines of a gear's own orders with an effect (n,) [m]."""
-        response = RESPONSES.get(model, (*effects, effect), profile, condition, NAMES[gear])
+    def solved(i: int, effect: Effect, period: str | None = None) -> ResponseLines:
+        """The response in a window with an effect, and with what it has made of the wear until then."""
+        response = RESPONSES.get(model, (*effects, effect), profiles[i], conditions[i], period)
         if not response.converged:
-            raise NotConverged("no steady state with a displaced tooth")
-        return response.transmission_error(pinion_orders(orders, gear, teeth))
+            raise NotConverged("no steady state with displaced teeth")
+        return response
+
+    def made_by(effect: Effect, gear: int, orders: np.ndarray) -> np.ndarray:
+        """Lines of a gear's own orders with an effect, in the first window that is fitted (n,) [m]."""
+        return solved(new[0], effect, NAMES[gear]).transmission_error(pinion_orders(orders, gear, teeth))
 
     unit = 0.06 * PRIOR  # small against the deflection: the response is linear
     graduation = (tolerances.pinion_graduation, tolerances.gear_graduation)
@@ -220,7 +235,7 @@ def find_pitch_errors(
         std = np.hypot(noise, limits.line_scatter * np.abs(pattern.lines)) + low
         whitened = (response.real / std[:, None], response.imag / std[:, None], np.eye(z) / PRIOR)
         fits.append(_ToothFit(gear=gear, pattern=pattern, matrix=np.concatenate(whitened), std=std))
-    values = _displacements(fits, teeth, lambda effect: RESPONSES.get(model, (*effects, effect), profile, condition))
+    values = _displacements(fits, teeth, lambda effect: [solved(i, effect) for i in new])
     B = fits[0].matrix
     # every line a circular Gaussian, of a healthy machine's variance or of its own
     evidence = sum(n * (s**2 - 1 - 2 * np.log(s)) for s, n in zip(strength, counts, strict=True) if s > 1)
@@ -234,10 +249,15 @@ def find_pitch_errors(
     )
 
 
+def _with_newest_flanks(profiles: Sequence[WornProfile], new: float) -> list[int]:
+    """Which of the first windows are fitted: those whose flanks are worn less than a depth [m], all where none is."""
+    return [i for i, p in enumerate(profiles) if p.max_depth < new] or list(range(len(profiles)))
+
+
 def _displacements(fits: Sequence[_ToothFit], teeth: tuple[int, int], solved) -> dict[str, np.ndarray]:
     """Displacements of the teeth by gear, (z,) each [m]: a linear start, then corrected by the whole response.
 
-    solved  the response with pitch errors in the model
+    solved  the responses with pitch errors in the model, in every window that is fitted
     """
     values = {NAMES[fit.gear]: np.zeros(teeth[fit.gear]) for fit in fits}
     rest = {fit.gear: fit.pattern.lines for fit in fits}
@@ -247,12 +267,13 @@ def _displacements(fits: Sequence[_ToothFit], teeth: tuple[int, int], solved) ->
             values[name] = values[name] + fit.correction(rest[fit.gear], values[name])
         if step == STEPS - 1:
             break
-        response = solved(_pitch_error(values))
-        if not response.converged:
+        try:
+            responses = solved(_pitch_error(values))
+        except NotConverged:
             break
         for fit in fits:
-            made = response.transmission_error(pinion_orders(fit.pattern.orders, fit.gear, teeth))
-            rest[fit.gear] = fit.pattern.lines - made
+            orders = pinion_orders(fit.pattern.orders, fit.gear, teeth)
+            rest[fit.gear] = fit.pattern.lines - np.mean([r.transmission_error(orders) for r in responses], axis=0)
     return values
 
 
