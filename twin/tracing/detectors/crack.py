@@ -3,7 +3,8 @@
     q̂ = argmin Σ_m |Δ_m − R_m(q)·e^{−2πi·m·k/z}|²/σ_m²       over the loss q and the tooth k
 
 Δ_m  change of the gear's lines from one window to the next, or the lines of the first windows     [m]
-R_m  response to tooth 0 that has lost the share q of its stiffness, by the harmonic balance       [m]
+R_m  response to tooth 0 that has lost the share q of its stiffness, by the harmonic balance, with the flanks that the
+     teeth have worn to since then                                                                 [m]
 
 The change must be sudden against those from window to window before it, larger than a floor, and have its energy within
 two tooth pitches, more than a change that is spread over the turn would have by chance. A local pattern in the first
@@ -99,6 +100,7 @@ class LocalChange:
     """A change of one gear's lines at one place of its turn."""
 
     window: int  # from which it is there; 0 from the start
+    shown: tuple[int, ...]  # windows with it, of which the lines are the mean
     lines: np.ndarray  # (n,) complex [m]
     noise: float  # of a line [m]
 
@@ -164,12 +166,12 @@ def find_crack(
         change = local_change(seen, teeth[gear], gear, scales, limits)
         if change is None:
             continue
-        i = min(change.window + 1, len(windows) - 1)
-        at_fault = _Candidates(model, conditions[i], profiles[i], gear, seen[0].orders, limits)
-        found = at_fault.fitted(change)
+        at = change.window
+        since = 0.5 * (profiles[at - 1].max_depth + profiles[at].max_depth) if at else 0.0
+        flanks = [(conditions[i], profiles[i]) for i in change.shown]
+        found = _Candidates(model, flanks, since, gear, seen[0].orders, limits).fitted(change)
         if found is None or (best is not None and found.log_evidence <= best.log_evidence):
             continue
-        at = change.window
         onset = 0.0 if at == 0 else 0.5 * (seen[at - 1].revolutions + seen[at].revolutions)
         best = ToothFinding(
             effect=found.effect,
@@ -208,8 +210,13 @@ def local_change(
     floor = limits.healthy_local_pattern[gear] * scales.graduation[gear]
     # what was local before a change was there from the start: wear alone makes it change once more
     if rms_of(start) > floor and _is_local(start, m, z, limits.local_share):
-        return LocalChange(window=0, lines=X[:first].mean(axis=0), noise=max(noise, floor * np.sqrt(2 / m.size)))
-    return None if latest is None else LocalChange(window=latest[1], lines=latest[2], noise=noise)
+        shown = tuple(range(min(first, len(seen))))
+        widened = max(noise, floor * np.sqrt(2 / m.size))
+        return LocalChange(window=0, shown=shown, lines=X[:first].mean(axis=0), noise=widened)
+    if latest is None:
+        return None
+    _, at, change = latest
+    return LocalChange(window=at, shown=tuple(range(at, min(at + NEAR, len(seen)))), lines=change, noise=noise)
 
 
 def _is_local(change: np.ndarray, m: np.ndarray, z: int, least: float = 0.0) -> bool:
@@ -232,26 +239,28 @@ class _Candidates:
     def __init__(
         self,
         model: Model,
-        condition: Condition,
-        profile: WornProfile,
+        flanks: Sequence[tuple[Condition, WornProfile]],
+        since: float,
         gear: int,
         orders: np.ndarray,
         limits: CrackThresholds,
     ) -> None:
-        self.model, self.condition, self.profile = model, condition, profile
+        """flanks  of the windows that show the change; since  depth [m] at which it came, from which teeth wear apart"""
+        self.model, self.flanks, self.since = model, flanks, since
         self.gear, self.orders, self.limits = gear, orders, limits
         self.teeth = model.mesh.pair.teeth[gear]
 
     def crack(self, loss: float, tooth: int) -> ToothCrack:
         """The effect: one tooth of this gear."""
-        return EFFECTS["tooth_crack"](stiffness_loss=loss, tooth=tooth, on=NAMES[self.gear])
+        return EFFECTS["tooth_crack"](stiffness_loss=loss, tooth=tooth, on=NAMES[self.gear], onset_depth=self.since)
 
     def lines(self, loss: float, tooth: int) -> np.ndarray | None:
-        """Lines at the gear's orders (n,) [m]; None where there is no steady state."""
-        response = RESPONSES.get(self.model, (self.crack(loss, tooth),), self.profile, self.condition)
-        if not response.converged:
+        """Lines at the gear's orders, mean of the windows (n,) [m]; None where there is no steady state."""
+        crack, orders = self.crack(loss, tooth), pinion_orders(self.orders, self.gear, self.model.mesh.pair.teeth)
+        responses = [RESPONSES.get(self.model, (crack,), profile, condition) for condition, profile in self.flanks]
+        if not all(response.converged for response in responses):
             return None
-        return response.transmission_error(pinion_orders(self.orders, self.gear, self.model.mesh.pair.teeth))
+        return np.mean([response.transmission_error(orders) for response in responses], axis=0)
 
     def misfits(self, change: LocalChange, variance: np.ndarray) -> dict[float, np.ndarray]:
         """Squares of what each tooth would leave of a change, over its variance (z,), by loss."""
