@@ -308,10 +308,15 @@ class _Candidates:
 
 
 def _refined(misfits: dict[float, float], best: float, widen: float) -> tuple[float, float]:
-    """The loss at the least of a parabola through the best and its neighbours, and its standard deviation."""
+    """The loss at the least of a parabola through the best and its neighbours, and its standard deviation.
+
+    The parabola is over q/(1 − q), to which the further deflection of a softer pair is in proportion.
+    """
     near = sorted((q, c) for q, c in misfits.items() if abs(q - best) < NEIGHBOURS)
     if len(near) == 3:
-        a, b, _ = np.polyfit([q for q, _ in near], [c for _, c in near], 2)
+        softer = [q / (1 - q) for q, _ in near]
+        a, b, _ = np.polyfit(softer, [c for _, c in near], 2)
         if a > 0:
-            return float(np.clip(-b / (2 * a), near[0][0], near[-1][0])), float(np.sqrt(widen / (2 * a)))
+            x = float(np.clip(-b / (2 * a), softer[0], softer[-1]))
+            return x / (1 + x), float(np.sqrt(widen / (2 * a))) / (1 + x) ** 2
     return best, LOSSES[1] - LOSSES[0]  # no parabola
