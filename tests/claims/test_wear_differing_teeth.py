@@ -124,7 +124,8 @@ def test_a_tooth_that_protrudes_is_worn_down_where_two_pairs_touch_and_stays_whe
     corner = 0.7e-3  # how much longer than the path a tooth touches that is 5 µm ahead, with its corner
     single = (s > pair.path_end - pair.base_pitch + corner) & (s < pair.path_start + pair.base_pitch - corner)
     assert single.sum() > 5 and np.abs(pinion[3, single]).max() < 1e-9
-    assert pinion[3, POINTS] > 3e-6
+    assert pinion[3, POINTS] == pytest.approx(2.5e-6, rel=0.01)  # slides as much as its mate: each gives half
+    assert pinion[2, 2 * POINTS] == pytest.approx(-2.5e-6, rel=0.01)
 
 
 def test_a_soft_tooth_wears_less_from_its_onset_on():
