@@ -2,12 +2,14 @@
 
 Its tables give two digits of a worn state that another wear calculation made (RMS 34.6 m/s², here 31.0), so shapes and
 shares are compared, to a third of their value; levels that depend on a draw or on an amplitude it does not state
-are compared by their order alone. Its transmission-error figures are RMS of the residual. Not compared: friction
+are compared by their order alone. Its teeth all wear alike, so that here those that differ begin to at the depth that is
+compared. Its transmission-error figures are RMS of the residual. Not compared: friction
 (its sign was wrong there), and the transmission error of misalignment (0.40 µm there; 0.07 µm here, and 1.9 µm in
 the mean: the share of mean and mesh orders depends on where across the face the gap is zero), and the size of an
 eccentricity's sidebands (0.07 there, by another shift of the contact; here that of the two base circles' tangent).
 """
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -62,7 +64,7 @@ def test_slight_misalignment_of_worn_teeth_lowers_the_upper_mesh_orders():
 
 
 def test_crack_shows_in_the_high_pinion_orders():
-    level, mesh, share, orders, te, _ = signature(EFFECTS["tooth_crack"](stiffness_loss=0.2))
+    level, mesh, share, orders, te, _ = signature(EFFECTS["tooth_crack"](stiffness_loss=0.2, onset_depth=WORN))
     assert abs(level) < 0.5 and np.abs(mesh).max() < 0.5
     assert share == pytest.approx(0.013, rel=1 / 3)
     assert set(orders[:3]) <= set(np.arange(196.0, 201.0))
@@ -70,11 +72,21 @@ def test_crack_shows_in_the_high_pinion_orders():
 
 
 def test_pitch_errors_take_from_every_mesh_order_and_fill_the_record():
-    level, mesh, share, orders, te, _ = signature(EFFECTS["pitch_error"].drawn(TEETH, 5e-6, 5e-6, seed=1))
+    errors = replace(EFFECTS["pitch_error"].drawn(TEETH, 5e-6, 5e-6, seed=1), onset_depth=WORN)
+    level, mesh, share, orders, te, _ = signature(errors)
     assert -4 < level < 0 and (mesh < 0).all()
     assert 0.3 < share < 0.8
     assert set(orders[:2]) == {76.0, 190.0}
     assert te == pytest.approx(5.4e-6, rel=0.4)
+
+
+def test_flanks_that_have_worn_with_pitch_errors_leave_the_vibration_to_the_mesh_and_the_errors_to_the_encoders():
+    """The load is shared evenly again, so that little is left of the residual; where one pair touches nothing adapts."""
+    errors = EFFECTS["pitch_error"].drawn(TEETH, 5e-6, 5e-6, seed=1)
+    _, mesh, share, _, te, _ = signature(errors)
+    _, before, sudden, _, te_before, _ = signature(replace(errors, onset_depth=WORN))
+    assert share < 0.25 * sudden and np.abs(mesh).max() < 0.25 * np.abs(before).max()
+    assert te == pytest.approx(te_before, rel=0.3)
 
 
 def test_gain_raises_everything_alike():

@@ -4,6 +4,8 @@
 
 f1, f2  displacement of each tooth along the line of action, positive towards closing the drive flanks  [m]
 
+Teeth that protrude wear faster where two pairs share the load, until their flanks have adapted: twin/effects/tooth_wear.py.
+
 Order    whole orders of the pinion's rotation for f1, multiples of z1/z2 for f2
 Source   index deviations of ISO 1328-1:2013, clause 3; kinematic effect as in D. B. Welbourn, Proc. IMechE
          Noise and Vibrations of Engines and Transmissions (1979) 9–14
@@ -31,10 +33,12 @@ class PitchError:
 
     pinion: tuple[float, ...] = ()  # f1 (z1,) [m]
     gear: tuple[float, ...] = ()  # f2 (z2,) [m]
+    onset_depth: float = 0.0  # of the mean flank from which the teeth are displaced, and wear differently [m]
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(name="pinion", unit="m", low=-100e-6, high=100e-6, prior=5e-6, teeth=0),
         Parameter(name="gear", unit="m", low=-100e-6, high=100e-6, prior=5e-6, teeth=1),
+        Parameter(name="onset_depth", unit="m", low=0.0, high=1e-2, prior=1e-2, shape=True),
     )
     signature: ClassVar[Signature] = Signature(shape="all_round", shafts=("pinion", "gear"))
     facts: ClassVar[Facts] = Facts(
@@ -61,7 +65,7 @@ class PitchError:
 
     def differences(self, teeth: tuple[int, int]) -> ToothDifferences:
         """What sets the teeth apart as they wear."""
-        return ToothDifferences(displacement=(self.pinion, self.gear))
+        return ToothDifferences(displacement=(self.pinion, self.gear), onset_depth=self.onset_depth)
 
     def apply(self, setup: Setup) -> Setup:
         teeth = (setup.passages.pinion_tooth, setup.passages.gear_tooth)

@@ -318,7 +318,7 @@ class Nearby:
         period = common_period(effect.period for effect in effects)
         samples = near.mesh.samples
         setup = _applied(setup_of(model, near.condition, period, len(profiles), samples), effects)
-        return self._moved(model, setup, contacts_of(setup, profiles))
+        return self._moved(model, setup, contacts_of(with_tooth_wear(setup, model, effects, profiles), profiles))
 
     def _moved(self, model: Model, setup: Setup, contacts: Contacts) -> Response:
         mean_force = model.mean_force(setup.condition)

@@ -4,6 +4,8 @@
 
 q  loss of the pair's stiffness
 
+A soft tooth carries less and wears less where two pairs share the load: twin/effects/tooth_wear.py.
+
 Order    all whole orders of the pinion's rotation (a cracked gear tooth: multiples of z1/z2), within two pitches
          of the tooth's passage
 Source   a root crack as loss of the tooth's bending and shear stiffness: F. Chaari, T. Fakhfakh, M. Haddar,
