@@ -2,8 +2,8 @@
 
 Its tables give two digits of a worn state that another wear calculation made (RMS 34.6 m/s², here 31.0), so shapes and
 shares are compared, to a third of their value; levels that depend on a draw or on an amplitude it does not state
-are compared by their order alone. Its teeth all wear alike, so that here those that differ begin to at the depth that is
-compared. Its transmission-error figures are RMS of the residual. Not compared: friction
+are compared by their order alone. Its teeth all wear alike, so that here those that differ begin to at the depth that
+is compared. Its transmission-error figures are RMS of the residual. Not compared: friction
 (its sign was wrong there), and the transmission error of misalignment (0.40 µm there; 0.07 µm here, and 1.9 µm in
 the mean: the share of mean and mesh orders depends on where across the face the gap is zero), and the size of an
 eccentricity's sidebands (0.07 there, by another shift of the contact; here that of the two base circles' tangent).
@@ -81,7 +81,7 @@ def test_pitch_errors_take_from_every_mesh_order_and_fill_the_record():
 
 
 def test_flanks_that_have_worn_with_pitch_errors_leave_the_vibration_to_the_mesh_and_the_errors_to_the_encoders():
-    """The load is shared evenly again, so that little is left of the residual; where one pair touches nothing adapts."""
+    """The load is shared evenly again, and little is left of the residual; where one pair touches nothing adapts."""
     errors = EFFECTS["pitch_error"].drawn(TEETH, 5e-6, 5e-6, seed=1)
     _, mesh, share, _, te, _ = signature(errors)
     _, before, sudden, _, te_before, _ = signature(replace(errors, onset_depth=WORN))

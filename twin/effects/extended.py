@@ -4,13 +4,13 @@
 
 What acts over one mesh period (misalignment, friction, profile, stiffness, damping) is in every steady state, and in
 the wear that follows from it: with misalignment every slice of the face wears by its own load. What repeats only with
-a turn of a shaft (pitch errors, a crack, eccentricity) wears the flanks by the mean tooth, which has none of it, and
-joins where a window is predicted: `window_lines`, over the period that it needs. A sensor's error is in the
-acceleration alone.
+a turn of a shaft (pitch errors, a crack, eccentricity) leaves the mean flank as it is, and joins where a window is
+predicted: `window_lines`, over the period that it needs, with what every tooth has worn more or less than the mean
+where teeth differ (twin/effects/tooth_wear.py). A sensor's error is in the acceleration alone.
 
 Sizes    on the reference rig, worn 25 µm, eccentricities of 90 µm move the transmission error's mesh lines by less than
          0.1 %, unworn by 0.1 µm; pitch errors of 5 µm double the unworn ones
-Ignores  wear that differs from tooth to tooth
+Ignores  what differing teeth do to the mean flank in the wear curve; what eccentricity does to the wear of single teeth
 """
 
 from __future__ import annotations

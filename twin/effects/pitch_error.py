@@ -4,7 +4,8 @@
 
 f1, f2  displacement of each tooth along the line of action, positive towards closing the drive flanks  [m]
 
-Teeth that protrude wear faster where two pairs share the load, until their flanks have adapted: twin/effects/tooth_wear.py.
+Teeth that protrude wear faster where two pairs share the load, until their flanks have adapted
+(twin/effects/tooth_wear.py).
 
 Order    whole orders of the pinion's rotation for f1, multiples of z1/z2 for f2
 Source   index deviations of ISO 1328-1:2013, clause 3; kinematic effect as in D. B. Welbourn, Proc. IMechE

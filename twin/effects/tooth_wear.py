@@ -15,7 +15,6 @@ Ignores  what shaft errors, friction and a load that differs across the face do 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
 from math import exp, log
 from typing import Protocol, runtime_checkable
 
@@ -39,9 +38,7 @@ class ToothEffect(Protocol):
     def differences(self, teeth: tuple[int, int]) -> ToothDifferences: ...
 
 
-def with_tooth_wear(
-    setup: Setup, model: Model, effects: Iterable[object], profiles: Sequence[WornProfile]
-) -> Setup:
+def with_tooth_wear(setup: Setup, model: Model, effects: Iterable[object], profiles: Sequence[WornProfile]) -> Setup:
     """The setup with what its teeth have worn differently at the depth of the profiles; itself where they are alike."""
     differences = tuple(e.differences(setup.pair.teeth) for e in effects if isinstance(e, ToothEffect))
     depth = float(np.mean([p.mean for p in profiles], axis=0)[profiles[0].on_active].max())

@@ -136,7 +136,7 @@ class DifferingFlanks:
     def rates(self, flanks: Flanks, depth: float) -> Flanks:
         """dh/dx of every flank [m·N/rad], with the differences that are there at a largest depth [m]."""
         acting = [d for d in self._differences if d.onset_depth <= depth]
-        missing, share = [], []
+        missing, share, force = [], [], self.sharing.force
         for gear, (flank, z) in enumerate(zip(flanks, self.classes, strict=True)):
             moved, kept = np.zeros(z), np.ones(z)
             for d in acting:
@@ -146,14 +146,15 @@ class DifferingFlanks:
                     kept = kept * (1 - np.array(d.stiffness_loss[gear]))
             missing.append(flank - moved[:, None])
             share.append(kept)
-        loads = share_load(
-            self._periods, self._stiffness, self._gap, (missing[0], missing[1]), (share[0], share[1]), self.sharing.force
-        )
-        pinion, gear = (
-            a * self.sharing.law.rate(averages(load * self._arm, self._weights, 1)[:, :-1], flank / a)
-            for a, load, flank in zip(self.shares, loads, flanks, strict=True)
-        )
-        return pinion, gear
+        m1, m2 = missing
+        c1, c2 = share
+        loads = share_load(self._periods, self._stiffness, self._gap, (m1, m2), (c1, c2), force)
+        return self._rate(loads[0], flanks[0], self.shares[0]), self._rate(loads[1], flanks[1], self.shares[1])
+
+    def _rate(self, load: np.ndarray, flank: np.ndarray, share: float) -> np.ndarray:
+        """dh/dx [m·N/rad] of flanks (classes, 3·POINTS) of one gear by what they carry [N]; its share of the depth."""
+        work = averages(load * self._arm, self._weights, 1)[:, :-1]
+        return share * self.sharing.law.rate(work, flank / share)
 
     def _advance(self) -> None:
         """One step more, of as many stages as its stability asks for."""

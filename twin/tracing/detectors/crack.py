@@ -245,7 +245,7 @@ class _Candidates:
         orders: np.ndarray,
         limits: CrackThresholds,
     ) -> None:
-        """flanks  of the windows that show the change; since  depth [m] at which it came, from which teeth wear apart"""
+        """flanks  of the windows that show the change; since  depth [m] from which on the teeth wear apart"""
         self.model, self.flanks, self.since = model, flanks, since
         self.gear, self.orders, self.limits = gear, orders, limits
         self.teeth = model.mesh.pair.teeth[gear]

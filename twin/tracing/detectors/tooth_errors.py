@@ -69,7 +69,7 @@ class ToothErrorThresholds:
     new_flanks: float = deciding(
         1.0,
         of="static mesh deflection",
-        meaning="depth below which a window's flanks are new: where there are such windows, the errors are fitted to them",
+        meaning="depth below which flanks are new: where there are such windows, the errors are fitted to them",
         source="derivation: the load of teeth that differ evens out within such a depth (twin/wear/differing_teeth.py)",
     )
     line_noise: float = deciding(
