@@ -26,6 +26,13 @@ INSTANCES = {
     "sensor_gain": (EFFECTS["sensor_gain"](gain=0.88), MESH),
     "sensor_resonance": (EFFECTS["sensor_resonance"](frequency=3000.0, damping_ratio=0.03), MESH),
 }
+INSTANCES["unknown_effect"] = (
+    EFFECTS["unknown_effect"](
+        amplitude=(2e-6,), frequency=(0.0,), order=(3.5,), entry=("mesh",), drift=(0.0,), torque_exponent=(0.0,),
+        speed_exponent=(0.0,), growth=(0.0,), since=(0.0,), torque=TEN.torque, speed=TEN.speed_hz,
+    ),
+    26,  # gcd(182, 988)
+)  # fmt: skip
 GEAR_INSTANCES = {
     "gear pitch": (EFFECTS["pitch_error"].drawn(TEETH, 0.0, 5e-6, seed=1), GEAR),
     "gear crack": (EFFECTS["tooth_crack"](stiffness_loss=0.2, tooth=3, on="gear"), GEAR),

@@ -55,6 +55,7 @@ from twin.scales import UNITS, Scales
 from twin.suitability import SuitabilityLimits
 from twin.thresholds import ThresholdRow, rows_of
 from twin.tracing.change_detection import ChangeLimits
+from twin.tracing.channel_faults import ChannelFaultThresholds
 from twin.tracing.confirmation import ConfirmationLimits
 from twin.tracing.context import WindowThresholds
 from twin.tracing.detectors.crack import CrackThresholds
@@ -65,6 +66,7 @@ from twin.tracing.detectors.rattle import RattleThresholds
 from twin.tracing.detectors.sensor import SensorThresholds
 from twin.tracing.detectors.shaft_forces import ShaftForceThresholds
 from twin.tracing.detectors.tooth_errors import ToothErrorThresholds
+from twin.tracing.detectors.unknown import UnknownThresholds
 from twin.tracing.joining import JoiningLimits
 from twin.tracing.joint_problem import JointFitThresholds
 from twin.tracing.mesh_fits import MeshSearchThresholds, MeshSearchWithDifferingTeethThresholds
@@ -77,6 +79,9 @@ from twin.tracing.state import SearchStart
 from twin.tracing.tooth_patterns import PatternThresholds
 from twin.tracing.transfer_path import TransferPathThresholds
 from twin.tracing.unexplained import VerdictLimits
+from twin.tracing.unknown_entry import EntryThresholds
+from twin.tracing.unknown_held_out import UnknownConfirmation
+from twin.tracing.unknown_lines import UnknownLineThresholds
 from twin.updating.calibration import CalibrationFit, RigFilePrior
 from twin.updating.carried_over import CarriedOver
 from twin.updating.conditions import ConditionMatch, RevolutionCount
@@ -154,6 +159,11 @@ SETS: tuple[type, ...] = (
     SensorThresholds,
     ShaftForceThresholds,
     ToothErrorThresholds,
+    ChannelFaultThresholds,
+    UnknownThresholds,
+    UnknownLineThresholds,
+    EntryThresholds,
+    UnknownConfirmation,
     JoiningLimits,
     JointFitThresholds,
     MeshSearchThresholds,

@@ -146,6 +146,8 @@ def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Fin
 
     for effect in found.effects:
         known = EFFECTS.get(effect.name)
+        if known is not None and known.facts.acts_on == "unknown":
+            continue  # what is unknown of it is said where the rest is judged
         alarm = known is not None and known.facts.alarm_class == "alarm"
         label = effect.name.replace("_", " ") if known is None else known.facts.label
         action = OTHER_ACTIONS.get(effect.name, UNNAMED_ACTION) if known is None else known.facts.action

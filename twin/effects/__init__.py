@@ -21,6 +21,7 @@ from twin.effects.setup import Setup
 from twin.effects.tooth_crack import ToothCrack
 from twin.effects.tooth_friction import ToothFriction
 from twin.effects.torque_ripple import TorqueRipple
+from twin.effects.unknown_effect import UnknownEffect
 
 EFFECTS: dict[str, Any] = {
     "none": NoEffect,
@@ -39,6 +40,7 @@ EFFECTS: dict[str, Any] = {
     "mesh_damping": MeshDamping,
     "sensor_gain": SensorGain,
     "sensor_resonance": SensorResonance,
+    "unknown_effect": UnknownEffect,
 }
 
 __all__ = ["EFFECTS", "BearingGeometry", "Effect", "Parameter", "Response", "Setup", "neutral", "solve_with"]

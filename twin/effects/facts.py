@@ -13,8 +13,10 @@ from math import exp, inf
 from twin.effects.parameter import Parameter
 from twin.thresholds import deciding
 
-ACTS_ON = ("nothing", "mesh", "teeth", "shaft", "bearing", "sensor")
-DETECTORS = ("", "rattle", "shaft_forces", "non_gear", "tooth_errors", "crack", "eccentricity", "mesh", "sensor")
+ACTS_ON = ("nothing", "mesh", "teeth", "shaft", "bearing", "sensor", "unknown")
+DETECTORS = (
+    "", "rattle", "shaft_forces", "non_gear", "tooth_errors", "crack", "eccentricity", "mesh", "sensor", "unknown",
+)  # fmt: skip
 ALARM_CLASSES = ("none", "watch", "alarm")
 CHANGES = ("gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled")  # of a machine, by people
 
@@ -129,5 +131,5 @@ def numbers_from_priors(parameters: Iterable[Parameter]) -> tuple[FittedNumber, 
             high=(p.high - p.neutral) / p.prior,
         )
         for p in parameters
-        if not p.shape and p.teeth is None
+        if not p.shape and not p.many
     )

@@ -20,14 +20,20 @@ class Parameter:
     prior: float  # spread about the neutral value before any measurement; of an angle its whole range
     neutral: float = 0.0  # where the effect vanishes, whatever the others are, unless `shape`
     shape: bool = False  # only shapes the effect: no value of it makes the effect vanish
-    teeth: int | None = None  # 0 one value a pinion tooth, 1 one a gear tooth, None a single number
+    teeth: int | None = None  # 0 one value a pinion tooth, 1 one a gear tooth, None not by tooth
+    several: bool = False  # whether it has several values that belong to no teeth
+
+    @property
+    def many(self) -> bool:
+        """Whether it has several values, and none where the effect is not there."""
+        return self.teeth is not None or self.several
 
 
 def check(effect: Any) -> None:
     """Raises ImpossibleSize where a parameter is outside its bounds; the neutral value is always allowed."""
     for parameter in effect.parameters:
         value = getattr(effect, parameter.name)
-        for v in value if parameter.teeth is not None else (value,):
+        for v in value if parameter.many else (value,):
             if isnan(v) or not (parameter.low <= v <= parameter.high or v == parameter.neutral):
                 unit = f" {parameter.unit}" if parameter.unit else ""
                 raise ImpossibleSize(
@@ -41,6 +47,5 @@ def neutral(effect: Any) -> Any:
     changes = {}
     for parameter in effect.parameters:
         if not parameter.shape:
-            per_tooth = parameter.teeth is not None
-            changes[parameter.name] = () if per_tooth else parameter.neutral
+            changes[parameter.name] = () if parameter.many else parameter.neutral
     return replace(effect, **changes)

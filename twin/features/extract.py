@@ -25,7 +25,7 @@ from twin.features.lines import mesh_keys, noise_rms, read_lines, shaft_keys
 from twin.features.mesh_speed import mesh_track
 from twin.features.orders import mesh_bands
 from twin.features.resample import AngleGrid, AngleSignal, angle_grid, on_angle, spline_response
-from twin.features.transmission_error import pinion_motion, transmission_error
+from twin.features.transmission_error import TransmissionError, pinion_motion, transmission_error
 from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.rig import Rig
 from twin.windows import Samples, Window
@@ -179,6 +179,28 @@ class WindowSignals:
         """An accelerometer on an even grid of pinion angle, and its samples per turn; the reference one's is kept."""
         return self._reference_on_angle if name == self._reference else self._on_angle(name)
 
+    @cached_property
+    def _error(self) -> TransmissionError | TwinError:
+        rig, window, track = self.rig, self.window, self.track
+        try:
+            missing = [s for s in ("pinion", "gear") if s not in window.encoders]
+            if missing:
+                where = " and the ".join(missing)
+                raise NotAvailable(f"transmission error is not available: no encoder on the {where}")
+            if track.source != "encoder/pinion":
+                angle_track(window.encoders["pinion"])  # says what is wrong with it
+            pinion, gear = window.encoders["pinion"], window.encoders["gear"]
+            return transmission_error(pinion, gear, rig.teeth, _base_radius(rig), track)
+        except TwinError as error:
+            return error
+
+    @property
+    def transmission_error(self) -> TransmissionError:
+        """The transmission error over the window; an error that says why it is not available."""
+        if isinstance(self._error, TwinError):
+            raise self._error
+        return self._error
+
     def gear_averages(self, name: str) -> list[Average | WindowError]:
         """Synchronous averages of an accelerometer with a valid sample over a turn of each gear."""
         samples = self.window.accelerations[name]
@@ -244,15 +266,11 @@ def _torque(out: _Collector, rig: Rig, samples: Samples, track: AngleTrack) -> N
     out.add("torque", lines)
 
 
-def _transmission_error(out: _Collector, rig: Rig, window: Window, track: AngleTrack) -> None:
+def _transmission_error(out: _Collector, signals: WindowSignals) -> None:
+    rig, window, track = signals.rig, signals.window, signals.track
+
     def compute() -> MeasuredLines:
-        missing = [s for s in ("pinion", "gear") if s not in window.encoders]
-        if missing:
-            raise NotAvailable(f"transmission error is not available: no encoder on the {' and the '.join(missing)}")
-        teeth = rig.teeth
-        if track.source != "encoder/pinion":
-            angle_track(window.encoders["pinion"])  # says what is wrong with it
-        te = transmission_error(window.encoders["pinion"], window.encoders["gear"], teeth, _base_radius(rig), track)
+        te, teeth = signals.transmission_error, rig.teeth
         harmonics = min(TE_HARMONICS, int(USABLE_RATE * min(te.edges_per_turn) / teeth[0]))
         keys = [(0, 0, 0), *mesh_keys(harmonics, 4), *shaft_keys(teeth, SHAFT_ORDERS)]
 
@@ -359,7 +377,7 @@ def extract(rig: Rig, window: Window, signals: WindowSignals | None = None) -> W
             _acceleration(out, signals, name)
         if torque is not None:
             _torque(out, rig, torque, track)
-        _transmission_error(out, rig, window, track)
+        _transmission_error(out, signals)
     return WindowFeatures(
         start_time_ns=window.start_time_ns,
         duration=window.duration,

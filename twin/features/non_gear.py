@@ -22,7 +22,7 @@ Limits   up to the rig's analysis band; impacts that fill a band of 1 kHz and mo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import pi
 from typing import Any
 
@@ -31,17 +31,23 @@ from scipy import fft
 from scipy.ndimage import maximum_filter1d
 
 from twin.errors import TwinError
+from twin.features.channel_lines import ChannelRecord, LineReading, Wanted, read_channels
+from twin.features.despike import without_spikes
 from twin.features.envelope import Carrier, kurtogram, modulations, without_shaft_lines
 from twin.features.extract import WindowSignals, reference
-from twin.features.resample import AngleSignal
+from twin.features.resample import AngleSignal, on_angle
 from twin.features.tones import CLOSE, Tone, window_tones
 from twin.features.transforms import hann, power_of
 from twin.rig import Rig
+from twin.serial import from_plain, to_plain
 from twin.thresholds import deciding
-from twin.windows import Window
+from twin.windows import Samples, Window
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
 MOST_LINES = 12
+RINGING_WIDTH = 60.0  # of the bands among which the frequency that impacts ring at is sought [Hz]
+MOST_READ = 16  # lines of no shaft that are read from every channel of a window
+HIGHEST_OTHER = 60.0  # order of the pinion up to which transmission error and torque are searched
 LINE_REACH = 4  # bins to either side that a line is the highest of
 AROUND = 61  # bins that the noise near a line is taken from
 MESH_HARMONICS = range(1, 99)
@@ -73,6 +79,9 @@ class NonGearFeatureThresholds:
     impulsive: float = deciding(
         1.5, meaning="kurtosis from which the envelope of a band is examined", source="not derived: chosen"
     )
+    rings: float = deciding(
+        10.0, meaning="kurtosis from which the frequency that impacts ring at is read", source="not derived: chosen"
+    )
     least_width: float = deciding(
         0.5,
         of="upper limit of the analysis band",
@@ -84,6 +93,18 @@ class NonGearFeatureThresholds:
         of="upper limit of the analysis band",
         meaning="frequency above which noise is examined for modulation by a shaft",
         source="not derived: above the mesh lines that carry the load",
+    )
+    least_error: float = deciding(
+        0.05,
+        of="gear graduation error",
+        meaning="amplitude of a line of no shaft that is read from the transmission error",
+        source="not derived: chosen; 0.08 µm on the reference rig",
+    )
+    least_torque: float = deciding(
+        4.0,
+        of="torque noise floor",
+        meaning="amplitude of a line of no shaft that is read from the torque",
+        source="not derived: chosen; 20 mN·m on the reference rig",
     )
     same_rate: float = deciding(
         0.02,
@@ -107,10 +128,12 @@ class NonGearFeatures:
     rates: tuple[tuple[float, float], ...]  # order of pinion rotation, depth, of impacts that no shaft makes
     swelling: tuple[tuple[str, float], ...] = ()  # shafts whose turn modulates the noise, and how deep
     fault: str = ""  # why impacts and modulation, or part of them, are not available
+    ringing: float | None = None  # frequency at which impacts ring [Hz]; None where there are none
+    readings: tuple[LineReading, ...] = ()  # of tones and lines, the strongest of each channel, in every channel
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
-        return asdict(self)
+        return {**asdict(replace(self, readings=())), "readings": to_plain(self.readings)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> NonGearFeatures:
@@ -123,6 +146,8 @@ class NonGearFeatures:
             rates=tuple(tuple(r) for r in data["rates"]),
             swelling=tuple((name, depth) for name, depth in data["swelling"]),
             fault=data.get("fault", ""),
+            ringing=data.get("ringing"),
+            readings=from_plain(tuple[LineReading, ...], data.get("readings", ())),
         )
 
     def as_tones(self) -> tuple[Tone, ...]:
@@ -193,6 +218,7 @@ class _Impacts:
     kurtosis: float | None = None
     rates: tuple[tuple[float, float], ...] = ()
     modulation: tuple[tuple[str, float], ...] = ()
+    ringing: float | None = None
     fault: str = ""
 
 
@@ -220,6 +246,7 @@ def non_gear_features(
         lines = off_order_lines(
             signal, rig.teeth, track.speed, rig.band[1], rig.tolerances.acceleration_floor, limits, error
         )
+        readings = _readings(signals, samples, signal, tones, lines, limits)
     except TwinError:
         return None
     impacts = _impacts(rig, signal, track.speed, limits)
@@ -231,11 +258,60 @@ def non_gear_features(
             for t in tones
         ),
         lines=tuple(lines),
+        readings=readings,
         kurtosis=impacts.kurtosis,
         rates=impacts.rates,
         swelling=impacts.modulation,
+        ringing=impacts.ringing,
         fault=impacts.fault,
     )
+
+
+def _readings(
+    signals: WindowSignals,
+    samples: Samples,
+    signal: AngleSignal,
+    tones: Sequence[Tone],
+    lines: Sequence[tuple[float, float]],
+    limits: NonGearFeatureThresholds,
+) -> tuple[LineReading, ...]:
+    """Lines of no shaft in every channel: those of the acceleration, then those that only others show."""
+    rig, track = signals.rig, signals.track
+    speed, duration = track.speed, signals.window.duration
+    wanted = [
+        Wanted(frequency=t.frequency, channel="acceleration", tone=True)
+        for t in sorted(tones, key=lambda t: -abs(t.amplitude))
+    ]
+    wanted += [Wanted(frequency=o * speed, channel="acceleration") for o, _ in lines]
+    others = {}
+    top = HIGHEST_OTHER * speed
+    try:
+        error = signals.transmission_error
+    except TwinError:
+        pass
+    else:
+        if error.unit == "m":
+            floor = limits.least_error * rig.tolerances.gear_graduation / limits.least_amplitude
+            seen = off_order_lines(error.signal, rig.teeth, speed, top, floor, limits)
+            wanted += [Wanted(frequency=o * speed, channel="encoder") for o, _ in seen]
+            others["encoder"] = error.signal
+    torque = signals.window.torques.get("pinion")
+    if torque is not None and np.isfinite(torque.values).any():
+        torque = replace(torque, values=without_spikes(torque.values))
+        floor = limits.least_torque * rig.tolerances.torque_floor / limits.least_amplitude
+        on, per_turn = on_angle(torque, track)
+        seen = off_order_lines(on, rig.teeth, speed, min(top, 0.45 * per_turn * speed), floor, limits)
+        wanted += [Wanted(frequency=o * speed, channel="torque") for o, _ in seen]
+        others["torque"] = on
+    if not wanted:
+        return ()
+    angle = np.linspace(track.start, track.stop, max(64, int(64 * track.turns)))
+    time = track.time(angle)
+    channels = {
+        name: ChannelRecord.of(on.values, on.start, on.step, time, angle, True)
+        for name, on in (("acceleration", signal), *others.items())
+    }
+    return read_channels(channels, wanted, rig.teeth, speed, duration, MOST_READ)
 
 
 def timing_error(window: Window, source: str) -> float:
@@ -276,6 +352,7 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
     band, carrier = max(wide, key=lambda b: b.kurtosis), Carrier(rest, per_turn)
     rates: tuple[tuple[float, float], ...] = ()
     modulation: tuple[tuple[str, float], ...] = ()
+    ringing = _ringing(rest, per_turn * speed_hz, top) if band.kurtosis > limits.rings else None
     try:
         noise = (limits.noise_from * top / speed_hz, 0.45 * per_turn)
         modulation = tuple(_by_shaft(carrier, noise, shafts, limits.same_rate))
@@ -284,8 +361,17 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
             rates = tuple((float(m.rate), float(m.depth)) for m in seen if m.shaft is None)
     except TwinError as reason:
         fault = f"the envelope is not examined: {reason}"
-        return _Impacts(kurtosis=float(band.kurtosis), modulation=modulation, fault=fault)
-    return _Impacts(kurtosis=float(band.kurtosis), rates=rates, modulation=modulation)
+        return _Impacts(kurtosis=float(band.kurtosis), modulation=modulation, ringing=ringing, fault=fault)
+    return _Impacts(kurtosis=float(band.kurtosis), rates=rates, modulation=modulation, ringing=ringing)
+
+
+def _ringing(values: np.ndarray, rate: float, top: float) -> float:
+    """Frequency [Hz] up to `top` about which the power of values is highest, in bands of RINGING_WIDTH."""
+    power = power_of(fft.rfft(values))
+    step = rate / values.size
+    width = max(1, round(RINGING_WIDTH / step))
+    smooth = np.convolve(power[: max(int(top / step), width + 1)], np.ones(width), "same")
+    return float(np.argmax(smooth) * step)
 
 
 def _by_shaft(

@@ -24,7 +24,8 @@ from twin.tracing.held_out_error import (
 )
 from twin.tracing.state import EffectErrors, Tracing, relevant
 from twin.tracing.trace import held_out
-from twin.updating.conditions import kind_of
+from twin.tracing.unknown_held_out import improves, path_without_fault, with_unknown
+from twin.updating.conditions import condition_of, kind_of
 from twin.updating.history import WindowInput
 
 MOST_COMPARED = 3  # held-out windows that errors are computed on, the newest
@@ -63,6 +64,8 @@ def with_errors(rig: Rig, tracing: Tracing) -> Tracing:
     if not windows or not tracing.stages:
         return replace(tracing, errors=(), error=None, residual=None)
     learned = LearnedFactors.of(tracing.stages[-1].memory, indices)
+    found = [f.addition for f in tracing.found]
+    learned = replace(learned, path=path_without_fault(learned.path, found, tracing.history))
     rows = [_row(rig, tracing, count, learned, windows) for count in range(len(tracing.found) + 1)]
     errors = tuple(_pair(before, after) for before, after in pairwise(rows))
     final = _pair(rows[-1], rows[-1]).after
@@ -85,7 +88,10 @@ def _row(rig: Rig, tracing: Tracing, count: int, learned: LearnedFactors, window
     for window in windows:
         depth = stage.depths.get(window.index, stage.depth)
         try:
-            row[window.index] = compare(rig, stage.memory, additions, learned, window, depth)
+            compared = compare(rig, stage.memory, additions, learned, window, depth)
+            torque = condition_of(window.features, rig).torque
+            every = [f.addition for f in tracing.found]
+            row[window.index] = with_unknown(rig, stage.memory, compared, every, additions, window, torque)
         except TwinError as reason:
             row[window.index] = str(reason)
     return row
@@ -131,6 +137,7 @@ def not_confirmed(
 
     An effect may move one of both the wrong way for what the model of the path lacks, if the other gains as much. Pitch
     errors and cracks are judged when they are new: later the teeth have worn to fit them, which the twin does not know.
+    An unknown effect is always judged, by lines of its own: it must predict something better.
 
     known  names of the effects that were in the twin before
     """
@@ -138,11 +145,15 @@ def not_confirmed(
     turns = {t.index: t.features.revolutions or 0.0 for t in tracing.history}
     for item, errors in zip(tracing.found, tracing.errors, strict=False):
         facts = item.addition.effect.facts
+        since = any(turns[j] >= certain_since(tracing, item) for j in errors.after.windows)
+        judged = facts.acts_on == "unknown" and since and item.name not in tracing.fixed
+        if judged and not improves(errors.before, errors.after):
+            out.append(item)
         if not facts.synchronous or facts.separates_teeth or item.name in tracing.fixed:
             continue  # without lines that a twin could predict, or kept by an engineer
         if item.name in known and facts.acts_on == "teeth":
             continue
-        if not any(turns[j] >= certain_since(tracing, item) for j in errors.after.windows):
+        if not since:
             continue  # no window was recorded since it is there
         before, after = errors.before, errors.after
         pairs = ((before.waveform, after.waveform), (before.transmission_error, after.transmission_error))
@@ -157,6 +168,6 @@ def refuted_before(
 ) -> bool:
     """Whether held-out windows have spoken against much the same numbers before."""
     before = refuted.get(item.name)
-    if before is None or len(before) != len(item.numbers):
+    if before is None or len(before) != len(item.numbers) or item.addition.effect.facts.acts_on == "unknown":
         return False
     return bool(np.allclose(before, item.numbers, rtol=limits.same_relative, atol=limits.same_absolute))

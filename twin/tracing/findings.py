@@ -7,6 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
 
 from twin.effects.addition import name_of
 from twin.effects.bearing_defect import BearingDefect
@@ -57,13 +60,16 @@ class NonGearContent:
     modulated_by: str | None = None  # the shaft whose turn modulates the broadband noise, though no tooth strikes
     first: float | None = None  # revolutions of the first window with any of the unknown ones
     not_available: tuple[tuple[str, int], ...] = ()  # why part of a window could not be examined, and in how many
+    described: str = ""  # all of it in sentences, where it has been followed over the windows
 
     @property
     def unknown(self) -> bool:
-        return bool(self.tones or self.orders or self.impacts or self.modulated_by)
+        return bool(self.tones or self.orders or self.impacts or self.modulated_by or self.described)
 
     def sentence(self) -> str:
         """What is unknown, in words."""
+        if self.described:
+            return self.described
         parts = []
         if self.tones:
             parts.append("tones of fixed frequency: " + ", ".join(f"{t.frequency:.2f} Hz" for t in self.tones))
@@ -74,6 +80,24 @@ class NonGearContent:
         if self.modulated_by:
             parts.append(f"broadband noise modulated by every turn of the {self.modulated_by}, as where something rubs")
         return "; ".join(parts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelFault:
+    """What is wrong with the accelerometer's channel."""
+
+    polarity: float  # 1, or −1
+    delay: float  # at the start [s]
+    delay_std: float
+    rate: float  # [s/s]
+    start_ns: int  # of the first window
+    onset: float  # revolutions
+    log_evidence: float
+
+    def gain(self, frequency: np.ndarray, start_ns: int) -> np.ndarray:
+        """What the channel makes of each frequency [Hz] in a window; (m,) → (m,) complex."""
+        late = self.delay + self.rate * (start_ns - self.start_ns) * 1e-9
+        return self.polarity * np.exp(-2j * pi * np.asarray(frequency) * late)
 
 
 QUIET = NonGearContent()
@@ -90,6 +114,7 @@ class Findings:
     non_gear: NonGearContent = QUIET
     mesh: MeshFindings | None = None
     other_structure: bool = False  # whether the path to the housing is not the rig file's
+    channel_fault: ChannelFault | None = None  # the windows are corrected for it
 
     def has(self, *names: str) -> bool:
         """Whether any of these effects has been found."""

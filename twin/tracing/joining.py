@@ -147,9 +147,11 @@ def same_effect(old: AttributedEffect, new: AttributedEffect, limits: JoiningLim
         return False
     if type(old.addition.effect) is not type(new.addition.effect) or set(old.parameters) != set(new.parameters):
         return False
+    replayed = new.addition.effect.facts.changes_mesh_lines or new.addition.effect.facts.acts_on != "unknown"
+    share = limits.changed_share if replayed else 0.0
     for name, (value, _, std) in new.parameters.items():
         before = old.parameters[name][0]
-        if abs(value - before) > max(limits.changed_std * std, limits.changed_share * abs(before)):
+        if abs(value - before) > max(limits.changed_std * std, share * abs(before)):
             return False
     return True
 

@@ -188,6 +188,12 @@ def within_tolerances(rig: Rig, damping: float, rng: np.random.Generator) -> tup
     return Rig(changed), min(damping * float(1 + allowed.damping * rng.uniform(-1, 1)), 0.9)
 
 
+def path_log(rig: Rig, damping: float, frequencies: np.ndarray) -> np.ndarray:
+    """ln of acceleration over transmission error for a force at the mesh, of the rig file's structure (n,) complex."""
+    (sensor,) = rig.require("the accelerometer's place", "sensors.accelerometer")
+    return _Paths.of([Structure.from_rig(rig, modal_damping=damping)], sensor).logs(frequencies)[0]
+
+
 def path_covariance(rig: Rig, damping: float, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of ln(path) over a rig's tolerance, against the rig file's own; (2n,), (2n, 2n).
 

@@ -2,8 +2,8 @@
 
 Rattle comes first, since nothing else can be sought in it; then forces on the shafts (suspected), tooth errors and a
 crack, which fill the spectrum between the mesh lines; non-gear content; eccentricity, whose sidebands need the teeth
-known; the mesh, the sensor, and at last the forces that nothing found since explains. Each detector sees what those
-before it have found and gives back new findings; each also runs alone.
+known; the mesh, the sensor, the forces that nothing found since explains, and at last the unknown. Each detector sees
+what those before it have found and gives back new findings; each also runs alone.
 
 The order saves time and does not decide the result: a detector whose answer rests on findings of others
 (`consults`) is asked again where these have changed since (twin/tracing/settling.py).
@@ -24,6 +24,7 @@ from twin.tracing.detectors import (
     sensor,
     shaft_forces,
     tooth_errors,
+    unknown,
 )
 from twin.tracing.findings import Findings
 
@@ -70,4 +71,5 @@ DETECTORS = (
         finds="shaft_forces",
         consults=(*TEETH, "eccentricity", "shaft_forces"),
     ),
+    Detector(name="unknown", detect=unknown.detect, needs_phase=False, consults=(*TEETH, "non_gear")),
 )

@@ -1,0 +1,137 @@
+"""The unknown in plain sentences: at which frequency, where it enters, how it moves, since when."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from twin.tracing.findings import ChannelFault
+from twin.tracing.unknown_entry import Entry, Law
+from twin.tracing.unknown_lines import FollowedLine, Modulation
+
+CHANNEL_NAMES = {"acceleration": "acceleration", "encoder": "transmission error", "torque": "torque"}
+KIND_NAMES = {
+    "mesh": "as a displacement in the mesh",
+    "bearing": "as a force at a bearing",
+    "shaft": "as a torque of the drive or the load",
+    "acceleration": "in the acceleration's own channel (sensor, cable, or a path that is not in the model)",
+    "encoder": "in the encoders' own channel",
+    "torque": "in the torque meter's own channel",
+}
+PLACE_NAMES = {
+    "x4": "bearing 4, x",
+    "y4": "bearing 4, y",
+    "x6": "bearing 6, x",
+    "y6": "bearing 6, y",
+    "x9": "bearing 9, x",
+    "y9": "bearing 9, y",
+    "x11": "bearing 11, x",
+    "y11": "bearing 11, y",
+    "th1": "the motor",
+    "th13": "the brake",
+}
+LAW_NAMES = {
+    "constant": "its level stays the same",
+    "torque": "its level grows in proportion to the torque",
+    "speed": "its level grows with the square of the speed",
+    "growth": "its level grows with the revolutions",
+}
+SMALL = {"m": (1e6, "µm"), "N": (1.0, "N"), "N·m": (1.0, "N·m"), "m/s²": (1.0, "m/s²")}
+
+
+def of_lines(lines: Sequence[FollowedLine], entry: Entry, law: Law, unit: str, onset: float) -> str:
+    """Lines of one cause in one or two sentences."""
+    first = lines[0]
+    factor, shown = SMALL[unit]
+    size = f"{factor * law.levels[0]:.3g} ± {factor * law.stds[0]:.1g} {shown}"
+    return (
+        f"{_what(lines)}, of unknown cause; {_where(entry, first)}, with {size} at "
+        f"{_at(first)}; {_how(law)}; {_since(onset)}"
+    )
+
+
+def _at(line: FollowedLine) -> str:
+    return f"order {line.order[0]:.3f}" if line.follows == "angle" else f"{line.frequency[0]:.2f} Hz"
+
+
+def _what(lines: Sequence[FollowedLine]) -> str:
+    first, more = lines[0], ", ".join(_at(line) for line in lines[1:])
+    if first.follows == "angle":
+        text = f"a line at order {first.order[0]:.3f} of the pinion, which belongs to no shaft"
+    elif first.follows == "clock":
+        text = f"a tone of {first.frequency[0]:.2f} Hz that does not follow the speed"
+    else:
+        text = (
+            f"a tone near {first.frequency[0]:.1f} Hz that wanders by {100 * first.spread:.1f} % from window to "
+            "window and follows neither speed nor clock"
+        )
+    return f"{text}, together with {more}" if more else text
+
+
+def _where(entry: Entry, line: FollowedLine) -> str:
+    if not entry.compared:
+        return f"it is seen in the {CHANNEL_NAMES[line.channel]}, and no other channel tells where it enters"
+    text = f"it enters {KIND_NAMES[entry.kind]}"
+    if entry.place in PLACE_NAMES:
+        text += f" (best: {PLACE_NAMES[entry.place]})"
+    if entry.kind in CHANNEL_NAMES:
+        others = " and ".join(f"the {CHANNEL_NAMES[c]}" for c in entry.compared)
+        text += f", because {others} would show it otherwise"
+    if entry.alike:
+        text += "; as well possible: " + ", or ".join(KIND_NAMES[kind] for kind in entry.alike)
+    return text
+
+
+def _how(law: Law) -> str:
+    text = f"{LAW_NAMES[law.name]} to within {100 * max(law.scatter, 0.005):.1g} %"
+    if law.alike:
+        others = {"constant": "stays the same", "torque": "follows the torque", "speed": "follows the speed"}
+        others["growth"] = "grows"
+        listed = " or ".join(others[name] for name in law.alike)
+        text += f" (the windows differ too little to exclude that it {listed})"
+    return text
+
+
+def _since(onset: float) -> str:
+    return f"since {onset:,.0f} revolutions" if onset > 0 else "from the first window on"
+
+
+def of_modulation(found: Modulation, steady_encoder: bool, onset: float) -> str:
+    """A modulation of all mesh lines in a sentence."""
+    rate = f"{found.frequency:.2f} Hz" if found.follows == "clock" else f"order {found.order:.3f} of the pinion"
+    where = (
+        "the encoders show none of it, so the path to the accelerometer or the sensor itself changes"
+        if steady_encoder
+        else "no other channel tells whether the machine or its sensor changes"
+    )
+    return (
+        f"the level of all mesh lines rises and falls by {100 * found.depth:.0f} % at {rate}, of unknown cause; "
+        f"{where}; {_since(onset)}"
+    )
+
+
+def of_fault(fault: ChannelFault) -> str:
+    """A wrong polarity or a delay of the accelerometer in a sentence."""
+    parts = []
+    if fault.polarity < 0:
+        parts.append(
+            "the accelerometer's polarity is wrong: all its lines are turned by half a period against the model"
+        )
+    if fault.delay or fault.rate:
+        text = f"the accelerometer's samples are {1e3 * abs(fault.delay):.3g} ms "
+        text += "later" if fault.delay > 0 else "earlier"
+        text += " than its clock says against the encoders (a time shift between the channels: the phases of its lines "
+        text += "grow with frequency)"
+        if fault.rate:
+            text += f", drifting by {3.6e6 * fault.rate:+.3g} ms an hour"
+        parts.append(text)
+    return f"{' and '.join(parts)}; {_since(fault.onset)}"
+
+
+def of_noise(kind: str, level: float, detail: str, onset: float) -> str:
+    """Impacts or a rub in a sentence."""
+    what = {
+        "impacts": "impacts that repeat with no shaft",
+        "pinion": "broadband noise modulated by every turn of the pinion, as where something rubs",
+        "gear": "broadband noise modulated by every turn of the gear, as where something rubs",
+    }[kind]
+    return f"{what}{detail}; {level:.3g} m/s² RMS between the lines; {_since(onset)}"
