@@ -39,7 +39,9 @@ class ChannelFaultThresholds:
     )
     least_lines: int = deciding(4, meaning="lines of both channels that are compared", source="not derived: chosen")
     suspected: float = deciding(
-        3.0, meaning="chi-square per line of a good channel, from which on a fault is searched for", source="not derived: chosen"
+        3.0,
+        meaning="chi-square per line of a good channel, from which on a fault is searched for",
+        source="not derived: chosen",
     )
     longest_delay: float = deciding(0.02, unit="s", meaning="delay that is tried", source="not derived: chosen")
     largest_rate: float = deciding(
