@@ -101,6 +101,7 @@ from twin.updating.running_time import RunningLimits
 from twin.updating.segments import SegmentLimits
 from twin.updating.tracker import RateDrift
 from twin.updating.update import CalibrationWindows
+from twin.updating.wear_forecast import RateHistories
 from twin.what_if import DutyLimits
 
 SETS: tuple[type, ...] = (
@@ -200,6 +201,7 @@ SETS: tuple[type, ...] = (
     RunningLimits,
     SegmentLimits,
     RateDrift,
+    RateHistories,
     CalibrationWindows,
 )
 

@@ -1,12 +1,12 @@
 """What if the machine ran under another duty: its remaining life, and the probability of reaching a time.
 
-    dd/dt = κ·Σ_i u_i·f_i/x_i'(d)/λ,      ln λ ~ N(0, s² + s_x²)
+    dd/dt = κ·Σ_i u_i·f_i/x_i'(d)/λ,      ln λ = s(z) widened by N(0, s_x²)
 
 d     largest combined depth  [m]           t    running time  [s]
 u_i   share of the running time, of condition i with pinion speed f_i  [Hz]
 x_i'  work per depth of the wear curve under condition i  [rad/(N·m)]
 κ     wear rate now  [rad/N per revolution], such that the present duty gives the stated life
-s     spread of the stated life, which holds what is known of depth, rate and curve
+s(z)  ln of the stated life over its median at a standard normal score z: what is known of depth, rate and curve
 s_x   what is added where a load or speed lies outside those that wear has been seen under
 
 A duty may change with time, in phases. λ is common to all of them: a machine that wears more slowly than expected
@@ -21,7 +21,7 @@ Ignores  how a profile worn under one load wears under another: each curve is th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, hypot, inf, log, sqrt
 from statistics import NormalDist
 
@@ -38,8 +38,9 @@ from twin.thresholds import deciding
 from twin.updating.life import PROBABILITIES
 from twin.updating.memory import Memory
 from twin.updating.model_cache import curve_of, curve_under
-from twin.updating.remaining_life import through_contact_loss
+from twin.updating.remaining_life import remaining_life, through_contact_loss
 from twin.updating.segments import near_segment
+from twin.updating.wear_forecast import forecast_of
 from twin.wear.curve import MasterCurve
 
 NORMAL = NormalDist()
@@ -175,48 +176,85 @@ def what_if(
     if life.revolutions.median is None:
         return _lower_bound(life, growth, added, until, notes)
     own = _spread(rig, state.memory, life, wear.depth["combined"], limit or life.limit)
-    return _distribution(life, growth, hypot(own, added), until, notes)
+    return _distribution(life, growth, own.widened(added), until, notes)
 
 
-def _spread(rig: Rig, memory: Memory, life: Life, depth: Interval, limit: float) -> float:
-    """Standard deviation of the logarithm of the life to a depth.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Spread:
+    """ln of a life over its median, by the standard normal score of its quantile."""
 
-    What all depths are off by together, ε, changes the work to go g = X − x by ε·X: it counts more to a nearer depth.
+    scores: np.ndarray  # rising (m,)
+    logs: np.ndarray  # (m,)
+
+    def factor(self, score: float) -> float:
+        """The life over its median; beyond the scores along a straight line through the outermost and the median."""
+        held = min(max(score, self.scores[0]), self.scores[-1])
+        return exp(float(np.interp(held, self.scores, self.logs)) * (score / held if held else 1.0))
+
+    def widened(self, std: float) -> _Spread:
+        """With an independent factor whose logarithm has a standard deviation."""
+        return replace(self, logs=np.sign(self.scores) * np.hypot(self.logs, std * self.scores))
+
+
+def _spread(rig: Rig, memory: Memory, life: Life, depth: Interval, limit: float) -> _Spread:
+    """Spread of the life to a depth: that of the stated life, or, of a nearer depth, that of a life to it, wider by
+    what the stated life has beyond the one to its own end.
+
+    What all depths are off by together counts more to a nearer depth; wander of the rate and the shape of the curve
+    count less.
     """
-    if not life.revolutions.median or not 0 < life.revolutions.p05 < life.revolutions.median:
-        return 0.0
-    own = log(life.revolutions.median / life.revolutions.p05) / Z95
+    median = life.revolutions.median
+    known = [(NORMAL.inv_cdf(p), log(n / median)) for p, n in life.distribution if n and median]
+    own = _spread_of(median, life.revolutions.p05)
+    if own == 0 or not known:
+        return _Spread(scores=SCORES, logs=np.zeros(SCORES.size))
+    stated = _Spread(scores=np.array([z for z, _ in known]), logs=np.array([s for _, s in known]))
     if limit == life.limit or not depth.median or depth.p95 is None:
-        return own
+        return stated
     curve, base = curve_of(rig, memory), memory.segments[-1].start_work
-    x, near, end = (curve.work_at(max(d, curve.start_depth)) for d in (depth.median, limit, life.limit))
+    forecast = forecast_of(memory.points, memory.track.revolutions)
     ε = (depth.p95 - depth.p05) / (2 * Z95 * depth.median)
-    to_near, to_end = (ε * (base + far) / (far - x) for far in (near, end))
-    return sqrt(max(own**2 - to_end**2, 0.0) + to_near**2)
+    if forecast is not None:  # which has what the windows state of it
+        last = memory.points[-1]
+        ε = sqrt(max(ε**2 - (last.shared_std / last.work) ** 2, 0.0))
+    near, end = (
+        remaining_life(memory.track, curve, base, to, ε, forecast=forecast) for to in (limit, life.limit)
+    )  # fmt: skip
+    to_near = _spread_of(near.median, near.p05)
+    if to_near == 0:
+        return stated
+    beyond = sqrt(max(own**2 - _spread_of(end.median, end.p05) ** 2, 0.0))
+    logs = np.array([log(near.at(z) / near.median) for z in SCORES.tolist()])
+    return _Spread(scores=SCORES, logs=logs).widened(beyond)
 
 
-def _distribution(life: Life, growth: _Wear, spread: float, until: float | None, notes: tuple[str, ...]) -> DutyLife:
+def _spread_of(median: float | None, p05: float) -> float:
+    """Standard deviation of ln N by two quantiles; 0 where there is none."""
+    return log(median / p05) / Z95 if median and median < inf and 0 < p05 < median else 0.0
+
+
+def _distribution(life: Life, growth: _Wear, spread: _Spread, until: float | None, notes: tuple[str, ...]) -> DutyLife:
     """The life's distribution carried over to another duty."""
-    ends = {p: growth.end(exp(spread * NORMAL.inv_cdf(p))) for p in PROBABILITIES}
+    ends = {p: growth.end(spread.factor(NORMAL.inv_cdf(p))) for p in PROBABILITIES}
     return DutyLife(
         quantiles=tuple((p, *end) for p, end in ends.items()),
-        survival=tuple((growth.end(exp(spread * z))[0], 1 - NORMAL.cdf(z)) for z in SCORES.tolist()),
+        survival=tuple((growth.end(spread.factor(z))[0], 1 - NORMAL.cdf(z)) for z in SCORES.tolist()),
         probability=None if until is None else _longer(growth, spread, until),
         notes=notes,
         preliminary=life.preliminary,
     )
 
 
-def _longer(growth: _Wear, spread: float, until: float) -> float:
+def _longer(growth: _Wear, spread: _Spread, until: float) -> float:
     """The probability that the life is longer than a running time [s]."""
     if until <= 0:
         return 1.0
     low, high = -9.0, 9.0
-    if spread == 0:
+    if not spread.logs.any():
         return float(growth.end(1.0)[0] > until)
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if growth.end(exp(spread * middle))[0] < until else (low, middle)
+        low, high = (middle, high) if growth.end(spread.factor(middle))[0] < until else (low, middle)
     return 1 - NORMAL.cdf(0.5 * (low + high))
 
 

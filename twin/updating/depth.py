@@ -15,13 +15,21 @@ c     offset of the two discs' zeros, learned from windows       [m]
 ψ     mesh phase against the pinion encoder's zero, ψ̄ from earlier windows  [rad]
 σ_k   what a structure that differs from the rig file's by its tolerance does to line k, plus noise
 
-Where the lines fit worse than their scatter says (misfit above one), the standard deviation is widened by the square
-root of the misfit (Birge's ratio). Of deep wear the profile's own shape is not sure, either: dynamic forces leave waves
-on the flanks that static ones would not. Flanks worn by static forces, measured with a curve made by dynamic ones, come
-out 0.9, 2.7 and 5.9 % off at 100, 200 and 400 µm (reference rig, 10 Hz, 10 N·m; more at 12 Hz).
+Where the lines fit worse than their scatter says (misfit above one), the standard deviation that weighs the depth is
+widened by the square root of the misfit (Birge's ratio). How far a structure is from its rig file is one unknown s for
+all its lines: σ_k states it for the tolerance, the misfit measures it. The band is that of both together, with the
+tolerance worth ν₀ degrees of freedom and the misfit those of the fit,
+
+    s² | J = (ν₀ + ν·misfit)/(ν₀ + ν),      the depth by Student's distribution of ν₀ + ν degrees of freedom
+
+so that it is wider for lines that fit badly and narrower for lines that fit well. Of deep wear the profile's own shape
+is not sure, either: dynamic forces leave waves on the flanks that static ones would not. Flanks worn by static forces,
+measured with a curve made by dynamic ones, come out 0.9, 2.7 and 5.9 % off at 100, 200 and 400 µm (reference rig,
+10 Hz, 10 N·m; more at 12 Hz).
 
 Source   P. Sweeney, R. Randall, Proc. IMechE C 210 (1996) 201–213 (phase demodulation of encoders);
-         R. T. Birge, Phys. Rev. 40 (1932) 207–227 (external consistency)
+         R. T. Birge, Phys. Rev. 40 (1932) 207–227 (external consistency); A. Gelman et al., Bayesian Data Analysis,
+         3rd ed. (2013), sections 2.6 and 3.2 (unknown variance, scaled inverse χ² prior)
 Holds    where wear is the only thing that grows; the mean also where nothing moves the discs
 """
 
@@ -33,6 +41,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from twin.compiled import best_phases
+from twin.quantiles import Z95, student95
 from twin.thresholds import deciding
 
 
@@ -59,11 +68,24 @@ class DepthModel:
         source="flanks worn by static forces and measured with a curve of dynamic ones: 0.9, 2.7 and 5.9 % at 100, 200 "
         "and 400 µm (reference rig, 10 Hz, 10 N·m)",
     )
+    shape_stated: float = deciding(
+        0.0085 / 100e-6,
+        unit="1/m",
+        meaning="the same as a depth's band and a life state it",
+        source="derivation: flanks wear by forces anywhere between static and wholly dynamic ones; the root mean "
+        "square of a uniform share of the differences above, their largest over √3",
+    )
     floor: float = deciding(
         0.05e-6,
         unit="m",
         meaning="deviation of real unworn teeth, at one mesh line, that the twin does not know",
         source="not derived: deviations of real unworn teeth, a few hundredths of a micrometre",
+    )
+    tolerance_freedom: float = deciding(
+        1.0,
+        unit="degrees of freedom",
+        meaning="what the stated scatter of the lines is worth against the scatter that the fit shows",
+        source="derivation: a unit-information prior (Kass and Wasserman, J. Am. Stat. Assoc. 90 (1995) 928)",
     )
     at_limit: float = deciding(
         0.995,
@@ -112,6 +134,12 @@ class DepthEstimate:
     misfit: float  # J at the minimum over its degrees of freedom
     at_limit: bool  # whether the deeper bound of the search stopped it
     band: tuple[float, float] | None = None  # 5 and 95 % [m] where they do not follow from the standard deviation
+    stated: float = 1.0  # standard deviation that the band states, over `std`
+
+    @property
+    def stated_std(self) -> float:
+        """What the band states: ± Z95 of it hold 90 % [m]."""
+        return self.stated * self.std
 
 
 Response = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -200,14 +228,25 @@ def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest:
     noise = float((np.abs(slope) ** 2 * noise2 / σ2**2).sum())
     if gauge.mean is not None:
         information += mean_slope**2 / gauge.mean_std**2
-    misfit = (J - float(np.log(σ2).sum())) / (2 * HARMONICS + (gauge.mean is not None) - 2)
-    std = float(1 / np.sqrt(information)) if information > 0 else float("inf")
+    freedom = 2 * HARMONICS + (gauge.mean is not None) - 2
+    misfit = (J - float(np.log(σ2).sum())) / freedom
+    lines_std = float(1 / np.sqrt(information)) if information > 0 else float("inf")
+    shape = DEPTH.shape_scatter * depth**2
+    std = float(np.hypot(lines_std * np.sqrt(max(misfit, 1.0)), shape))
+    stated = float(np.hypot(lines_std * _scatter_shown(max(misfit, 0.0), freedom), DEPTH.shape_stated * depth**2))
     return DepthEstimate(
         depth=depth,
-        std=float(np.hypot(std * np.sqrt(max(misfit, 1.0)), DEPTH.shape_scatter * depth**2)),
+        std=std,
         noise_std=float(np.sqrt(noise) / information) if information > 0 else float("inf"),
         phase=ψ,
         from_lines=from_lines,
         misfit=misfit,
         at_limit=depth > shallowest + DEPTH.at_limit * (deepest - shallowest),
+        stated=stated / std if np.isfinite(std) else 1.0,
     )
+
+
+def _scatter_shown(misfit: float, freedom: int) -> float:
+    """Scatter of the lines over the stated one by tolerance and misfit, such that ± Z95 of it hold 90 %."""
+    known = DEPTH.tolerance_freedom
+    return float(np.sqrt((known + freedom * misfit) / (known + freedom))) * student95(known + freedom) / Z95

@@ -20,10 +20,11 @@ from twin.assessment import Interval, Life, Unavailable
 from twin.model import Condition
 from twin.rig import Rig
 from twin.thresholds import deciding
+from twin.updating.outcome import UpdateOutcome, stated_std
 from twin.updating.remaining_life import RemainingLife, WorkCurve, remaining_life
 from twin.updating.rms_update import RmsTrack
 from twin.updating.tracker import WearTrack
-from twin.updating.update import UpdateOutcome
+from twin.updating.wear_forecast import WearForecast, forecast_of
 
 PROBABILITIES = (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # of the quantiles stated
 NO_LIMIT = "remaining life is not available: the rig file gives no end_of_life.max_depth"
@@ -70,15 +71,18 @@ def life_of(
     track = outcome.memory.track
     if not (outcome.memory.rms_track.updates if by_rms else track.windows):
         return Unavailable(reason="remaining life is not available: no worn window has been seen yet")
-    common = 0.0
+    common, forecast = 0.0, None
     if by_rms:
         track = _by_level(track, outcome.memory.rms_track, spread.rms_spread * doubt.level_factor)
     elif outcome.estimate is not None and outcome.estimate.depth > 0:
-        common = min(max(outcome.estimate.std / outcome.estimate.depth, doubt.of_depth), 1.0)
-    condition = outcome.condition
+        stated = stated_std(outcome.estimate, outcome.memory) / outcome.estimate.depth
+        forecast = forecast_of(outcome.memory.points, track.revolutions)
+        held = 0.0 if forecast is None else stated  # by the points that the forecast rests on
+        common = float(np.sqrt(max(min(max(stated, doubt.of_depth), 1.0) ** 2 - held**2, 0.0)))
     life = life_of_track(
-        rig, track, outcome.curve, outcome.memory.segments[-1].start_work, condition, common, doubt.of_rate
-    )
+        rig, track, outcome.curve, outcome.memory.segments[-1].start_work, outcome.condition, common, doubt.of_rate,
+        forecast,
+    )  # fmt: skip
     if isinstance(life, Life) and life.reason is not None and by_rms:
         life = replace(life, reason=NO_LEVEL_RATE)
     return life
@@ -92,12 +96,13 @@ def life_of_track(
     condition: Condition,
     common: float | None,
     rate_doubt: float = 0.0,
+    forecast: WearForecast | None = None,
 ) -> Life | Unavailable:
-    """The remaining life of a track on a curve, under a condition; `common` and `rate_doubt` as in `remaining_life`."""
+    """The remaining life of a track on a curve, under a condition; the others as in `remaining_life`."""
     limit = rig.get("end_of_life.max_depth")
     if limit is None:
         return Unavailable(reason=NO_LIMIT)
-    found = remaining_life(track, curve, start_work, limit, common, rate_doubt)
+    found = remaining_life(track, curve, start_work, limit, common, rate_doubt, forecast)
     revolutions = interval_of(found)
     return Life(
         criterion=rig.get("end_of_life.criterion", "max_depth"),

@@ -26,7 +26,7 @@ from twin.updating.disc_remount import SettledDepth, settled
 from twin.updating.joint_update import of_known_depth, of_unknown_depth, settled_jointly
 from twin.updating.memory import Memory, with_lines
 from twin.updating.model_cache import curve_of, model_of
-from twin.updating.outcome import UpdateOptions, UpdateOutcome, depth_band
+from twin.updating.outcome import UpdateOptions, UpdateOutcome, depth_band, stated_std
 from twin.updating.prediction import Expectation, band_rms, predicted_lines
 from twin.updating.rms_update import RmsResult
 from twin.updating.tracker import WearTrack
@@ -154,6 +154,8 @@ def measurement_window(
             memory = _with_point(memory, expected, estimate, scatter)
         memory = _learned(rig, memory, window, expected.model, expectation, estimate, index)
     memory = replace(memory, track=track)
+    if estimate is not None and allowed and not telling and not is_estimated(rig):
+        memory = replace(memory, zero_std=estimate.stated_std)
     if options.update == "fused" and estimate is not None:
         verdict = _by_encoders(rig, memory, window, index, expected, expectation, estimate, allowed, options)
     else:
@@ -233,7 +235,8 @@ def _with_point(memory: Memory, expected: Prediction, estimate: DepthEstimate, s
     """The memory with what the encoders measured of the wear; as it is where they measured nothing."""
     if not np.isfinite(estimate.std):
         return memory
-    shared = float(np.sqrt(max(estimate.std**2 - estimate.noise_std**2, 0.0)))
+    stated = stated_std(estimate, memory)
+    shared = float(np.sqrt(max(stated**2 - (estimate.stated * estimate.noise_std) ** 2, 0.0)))
     point = _point(expected, estimate.depth, shared, _own_std(estimate, scatter))
     return replace(memory, points=with_point(memory.points, point))
 
@@ -286,7 +289,8 @@ def _by_encoders(
     """The fused method: the depth of the encoders, the level with what was learned of path and mesh."""
     error = 0.0 if window.rms is None else expected.rms / window.rms - 1
     updated = allowed and window.level_fault is None and abs(error) > options.threshold
-    depth, std = estimate.depth, estimate.std
+    unworn = allowed and expected.revolutions < MATCH.unworn_revolutions
+    depth, std = estimate.depth, estimate.stated_std if unworn else stated_std(estimate, memory)
     method = "pinion encoder" if window.features.transmission_error is None else "transmission error"
     if not allowed:
         depth, std, method = expected.depth, projected_std(expected.track, expected.depth), "projection"

@@ -104,6 +104,7 @@ class Memory:
     compliance_scale: float = 1.0  # measured over predicted mean transmission error per torque
     unworn: tuple[WindowFeatures, ...] = ()  # windows that the calibration rests on
     unworn_before: int = 0  # how many of them, from the first, are of other gears or of other zeros of the encoders
+    zero_std: float = 0.0  # of the depth at which unworn flanks are seen: shared by all depths measured from them [m]
     depth: float = 0.0  # of the latest measurement window, by the method in use [m]
     half_width_from: float = 0.0  # depth at which the half-width was fitted [m], 0 before
     segments: tuple[Segment, ...] = ()
@@ -133,6 +134,7 @@ class Memory:
             "compliance_scale": self.compliance_scale,
             "unworn": [w.to_dict() for w in self.unworn],
             "unworn_before": self.unworn_before,
+            "zero_std": self.zero_std,
             "depth": self.depth,
             "half_width_from": self.half_width_from,
             "segments": [s.to_dict() for s in self.segments],
@@ -164,6 +166,7 @@ class Memory:
             compliance_scale=data["compliance_scale"],
             unworn=tuple(WindowFeatures.from_dict(w) for w in data["unworn"]),
             unworn_before=data.get("unworn_before", 0),
+            zero_std=data.get("zero_std", 0.0),
             depth=data["depth"],
             half_width_from=data["half_width_from"],
             segments=tuple(Segment.from_dict(s) for s in data["segments"]),

@@ -51,6 +51,14 @@ class UpdateOutcome:
     notes: tuple[str, ...] = ()
 
 
+def stated_std(estimate: DepthEstimate, memory: Memory) -> float:
+    """Standard deviation [m] that is stated of a depth by the encoders: its own, and that of unworn flanks as its zero.
+
+    A band of an estimate that is not symmetric holds all of it already.
+    """
+    return estimate.std if estimate.band is not None else float(np.hypot(estimate.stated_std, memory.zero_std))
+
+
 def depth_band(depth: float, std: float) -> tuple[float, float]:
     """5 and 95 % of a depth [m] with its standard deviation [m]."""
     return max(depth - Z95 * std, 0.0), depth + Z95 * std

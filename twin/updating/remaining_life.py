@@ -2,10 +2,15 @@
 
     N = (x(d_end) − x(d))/κ
 
-The band is that of a log-normal N: what is known of κ and x from the windows so far, how much κ wandered from window
-to window, what all depths may be off together, and the shape of the curve where it had to be extrapolated. All depths
-off by a factor 1 + ε scale x and κ alike and leave N off by ε·x(d_end)/κ, which matters near the end. Once the end is
-reached, what is left of the band is the chance that it is not.
+Where windows measured depths by encoders, N is a mixture over the histories that the rate may have had
+(wear_forecast.py), each log-normal: what is known of κ and x, how much κ wanders, what all depths may be off together.
+Otherwise it is one log-normal of the track, and κ wanders by what is assumed. Either is wider by the shape of the
+curve: flanks wear by dynamic forces that the twin does not know well, which leaves a depth off by a share of s·d,
+
+    var = (s·(x'(d_end)·d_end² − x'(d)·d²))²
+
+All depths off by a factor 1 + ε scale x and κ alike and leave N off by ε·x(d_end)/κ, which matters near the end. Once
+the end is reached, what is left of the band is the chance that it is not.
 
 Once the teeth part for some of the mesh, the steady state hangs on damping and clearances that no window has shown
 yet, and with it how fast the deepest point wears. The truth is assumed between two answers, the curve as computed and
@@ -24,7 +29,9 @@ import numpy as np
 
 from twin.quantiles import Z95
 from twin.thresholds import deciding
+from twin.updating.depth import DEPTH
 from twin.updating.tracker import RATE, WearTrack
+from twin.updating.wear_forecast import WearForecast
 
 NORMAL = NormalDist()
 
@@ -48,17 +55,11 @@ class WorkCurve(Protocol):
 class LifeScatter:
     """What a remaining life is uncertain by, beyond the track of wear, and when there is none to state."""
 
-    curve: float = deciding(
-        0.05,
-        of="work still to go",
-        meaning="standard deviation by the shape of the curve",
-        source="not derived: structure and damping within their tolerance shape the curve",
-    )
     extrapolated: float = deciding(
         0.15,
         of="work beyond the last steady state",
         meaning="standard deviation of the part of a life that is extrapolated",
-        source="not derived: three times that of the computed curve",
+        source="not derived: some of the steady state's shape is lost with it",
     )
     drifts: float = deciding(
         2.0,
@@ -75,6 +76,11 @@ class LifeScatter:
 
 
 LIFE = LifeScatter()
+HALVINGS = 40  # of the search for a quantile
+SCORES = np.linspace(-8.0, 8.0, 3201)  # at which the normal distribution is tabulated, within 2e-6 between them
+PROBABILITIES = np.array([NORMAL.cdf(z) for z in SCORES.tolist()])
+LEAST_SPREAD = 1e-9  # of ln N
+LEAST_WEIGHT = 1e-4  # histories below it change no quantile that is stated
 
 
 def through_contact_loss(curve: WorkCurve, depth: float, end_depth: float) -> tuple[float, float]:
@@ -88,6 +94,36 @@ def through_contact_loss(curve: WorkCurve, depth: float, end_depth: float) -> tu
     return middle - along, 0.5 * abs(float(np.log(held / along))) * middle
 
 
+def shape_std(curve: WorkCurve, depth: float, end_depth: float) -> float:
+    """What the work between two depths [rad/N] is uncertain by for the shape of the profile (depth.py)."""
+    now, then = (curve.work_per_depth(d) * d**2 for d in (depth, end_depth))
+    return DEPTH.shape_stated * abs(then - now)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LifeMixture:
+    """A mixture of log-normal lives, (m,) each."""
+
+    weights: np.ndarray  # their sum is 1
+    medians: np.ndarray  # revolutions
+    spreads: np.ndarray  # standard deviation of ln N
+
+    def reached(self, revolutions: float) -> float:
+        """The probability that no more than so many revolutions are left."""
+        scores = (log(revolutions) - np.log(self.medians)) / np.maximum(self.spreads, LEAST_SPREAD)
+        return float(self.weights @ np.interp(scores, SCORES, PROBABILITIES))
+
+    def quantile(self, probability: float) -> float:
+        """The revolutions that are left at most with a probability."""
+        reach = SCORES[-1] * self.spreads
+        low = log(float(np.min(self.medians * np.exp(-reach))))
+        high = log(float(np.max(self.medians * np.exp(reach))))
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.reached(exp(middle)) < probability else (low, middle)
+        return exp(0.5 * (low + high))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RemainingLife:
     """Pinion revolutions to the end-of-life depth, as a distribution."""
@@ -98,6 +134,7 @@ class RemainingLife:
     end_std: float = 0.0  # of the work still to go, where the end is reached [rad/N]
     spread: float = 0.0  # standard deviation of ln N, where the life is log-normal
     reached: bool = False  # the depth is already beyond the criterion
+    mixture: LifeMixture | None = None  # None where the life is one log-normal about to_go/rate
     measurable: bool = True  # False where no wear rate is measurable: then p05 alone holds, the others are infinite
 
     @property
@@ -122,6 +159,8 @@ class RemainingLife:
             return max(0.0, (self.to_go + score * self.end_std) / self.rate)
         if not self.measurable:
             return self.to_go / (self.rate - score * self.rate_std) if score < 1e-3 - Z95 else inf
+        if self.mixture is not None:
+            return self.mixture.quantile(NORMAL.cdf(score))
         return self.to_go / self.rate * exp(score * self.spread)
 
     def beyond(self, revolutions: float) -> float | None:
@@ -134,6 +173,8 @@ class RemainingLife:
             return None if revolutions > self.p05 else 0.95
         if revolutions == 0:
             return 1.0
+        if self.mixture is not None:
+            return 1 - self.mixture.reached(revolutions)
         return 1 - NORMAL.cdf(log(revolutions * self.rate / self.to_go) / self.spread)
 
 
@@ -144,6 +185,7 @@ def remaining_life(
     end_depth: float,
     common_scatter: float | None = 0.0,
     rate_doubt: float = 0.0,
+    forecast: WearForecast | None = None,
     scatter: LifeScatter = LIFE,
 ) -> RemainingLife:
     """Life of a track on a curve whose work starts at `base_work`, to a depth [m].
@@ -154,6 +196,7 @@ def remaining_life(
     common_scatter  relative standard deviation of what all depths are off by together; None where the track's own
                     covariance holds it
     rate_doubt      relative standard deviation of the rate beyond that of the track
+    forecast        histories of the rate; `common_scatter` is then what their own shared errors do not hold
     """
     together, common = 0.0, common_scatter
     if common is None:
@@ -163,7 +206,8 @@ def remaining_life(
     if to_go <= 0:
         end_std = float(np.hypot(common * end, track.work_std))
         return RemainingLife(to_go=to_go, rate=track.rate, rate_std=track.rate_std, end_std=end_std, reached=True)
-    added, unsure = through_contact_loss(curve, curve.depth_at(track.work - base_work), end_depth)
+    depth = curve.depth_at(track.work - base_work)
+    added, unsure = through_contact_loss(curve, depth, end_depth)
     to_go += added
     if track.rate <= scatter.measurable * track.rate_std:
         return RemainingLife(to_go=to_go, rate=track.rate, rate_std=track.rate_std, measurable=False)
@@ -171,17 +215,35 @@ def remaining_life(
         max(0.0, end - max(track.work, base_work + curve.work_at(min(curve.valid_within(end_depth), end_depth))))
         / to_go
     )
-    relative = np.sqrt(
-        track.var_rate / track.rate**2
-        + rate_doubt**2
-        + track.var_work / to_go**2
-        + together / (to_go * track.rate)
+    of_curve = (
+        rate_doubt**2
         + (common * end / to_go) ** 2
-        + (scatter.drifts * RATE.drift) ** 2
-        + scatter.curve**2
+        + (shape_std(curve, depth, end_depth) / to_go) ** 2
         + (scatter.extrapolated * beyond) ** 2
         + (unsure / to_go) ** 2
     )
+    if forecast is not None:
+        return RemainingLife(
+            to_go=to_go, rate=track.rate, rate_std=track.rate_std, mixture=_mixture(forecast, end + added, of_curve)
+        )
+    relative = np.sqrt(
+        of_curve
+        + track.var_rate / track.rate**2
+        + track.var_work / to_go**2
+        + together / (to_go * track.rate)
+        + (scatter.drifts * RATE.drift) ** 2
+    )
     return RemainingLife(
         to_go=to_go, rate=track.rate, rate_std=track.rate_std, spread=float(np.sqrt(np.log1p(relative**2)))
+    )
+
+
+def _mixture(forecast: WearForecast, end: float, of_curve: float) -> LifeMixture:
+    """The lives of the histories to a work; `of_curve` is the relative variance that all of them share."""
+    lives = forecast.lives(end)
+    kept = lives.weights > LEAST_WEIGHT
+    return LifeMixture(
+        weights=lives.weights[kept] / lives.weights[kept].sum(),
+        medians=lives.median[kept],
+        spreads=np.sqrt(np.log1p(lives.relative[kept] ** 2 + of_curve)),
     )

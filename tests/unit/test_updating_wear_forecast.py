@@ -1,0 +1,161 @@
+"""Histories of the wear rate: closed forms, limits, and the same by a Kalman filter and by drawing."""
+
+from dataclasses import replace
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+from twin.quantiles import Z95, student95
+from twin.updating.remaining_life import LifeMixture, RemainingLife
+from twin.updating.tracker import WearTrack
+from twin.updating.wear_forecast import HISTORIES, forecast_of
+from twin.updating.wear_points import WearPoint
+
+RATE = 3.0
+COUNTS = 1000.0 * np.arange(1, 13)
+ONLY_STEADY = replace(
+    HISTORIES, wanders=(0.0, 1e-9), steady=1 - 1e-9, irregular=(0.0,), running_in_prior=1e-12, trend_prior=1e-12,
+    step_prior=1e-12, scatters=(1.0,),
+)  # fmt: skip
+
+
+def points_of(works, own=0.005, shared=0.0, counts=COUNTS):
+    return tuple(
+        WearPoint(revolutions=n, depth=1e-9 * x, work=x, shared_std=shared * x, own_std=own * x)
+        for n, x in zip(counts.tolist(), np.asarray(works).tolist(), strict=True)
+    )
+
+
+def noisy(works, seed=0, std=0.003):
+    return works * (1 + std * np.random.default_rng(seed).normal(size=works.size))
+
+
+def life(forecast, end):
+    """Median and spread of the mixture."""
+    lives = forecast.lives(end)
+    logs = np.log(lives.median)
+    middle = float(lives.weights @ logs)
+    var = float(lives.weights @ (np.log1p(lives.relative**2) + (logs - middle) ** 2))
+    return float(np.exp(middle)), np.sqrt(var)
+
+
+def test_a_steady_rate_alone_is_weighted_least_squares_through_the_origin():
+    """With one history, z = κ·N + v and a prior of κ: the closed form of the normal equations."""
+    works = noisy(RATE * COUNTS)
+    points = points_of(works)
+    found = forecast_of(points, COUNTS[-1], ONLY_STEADY)
+    own = np.array([p.own_std for p in points])
+    prior = works[-1] / COUNTS[-1]
+    information = 1 / prior**2 + np.sum((COUNTS / own) ** 2)
+    rate = (1 / prior + np.sum(COUNTS * works / own**2)) / information
+    assert found.rate == pytest.approx(rate, rel=1e-6)
+    assert found.covariance[0, 1, 1] == pytest.approx(1 / information, rel=1e-4)
+    median, spread = life(found, 2 * works[-1])
+    assert median == pytest.approx((2 * works[-1] - rate * COUNTS[-1]) / rate, rel=1e-5)
+    assert spread == pytest.approx(np.sqrt(1 / information) * (COUNTS[-1] + median) / (rate * median), rel=1e-3)
+
+
+def test_a_wandering_rate_is_that_of_a_kalman_filter_over_fine_steps():
+    """One history of wander g: the integrated Wiener process followed by the Kalman filter in 200 steps a window."""
+    g, works = 0.3, noisy(RATE * COUNTS * (1 + 2e-5 * COUNTS))
+    only = replace(ONLY_STEADY, wanders=(g, g), steady=0.5)
+    points = points_of(works)
+    found = forecast_of(points, COUNTS[-1], only)
+    mean_rate, fine = works[-1] / COUNTS[-1], 200
+    q = (g * mean_rate) ** 2 / COUNTS[-1]
+    x, P, dn = np.array([0.0, mean_rate]), np.diag([0.0, mean_rate**2]), COUNTS[0] / fine
+    F, Q = np.array([[1, dn], [0, 1]]), q * np.array([[dn**3 / 3, dn**2 / 2], [dn**2 / 2, dn]])
+    for point in points:
+        for _ in range(fine):
+            x, P = F @ x, F @ P @ F.T + Q
+        gain = P[:, 0] / (P[0, 0] + point.own_std**2)
+        x, P = x + gain * (point.work - x[0]), P - np.outer(gain, P[0])
+    heaviest = int(found.weights.argmax())
+    assert found.mean[heaviest, :2] == pytest.approx(x, rel=1e-6)
+    assert found.covariance[heaviest, :2, :2] == pytest.approx(P, rel=1e-4)
+
+
+def test_variance_of_a_life_under_wander_is_that_of_drawn_futures():
+    """From a rate that is known, x(L) = κ·L + ∫W: the life's spread by 4000 drawn Wiener paths."""
+    g, now = 0.2, 10_000.0
+    only = replace(ONLY_STEADY, wanders=(g, g), steady=0.5)
+    found = forecast_of(points_of(RATE * COUNTS, own=1e-6), COUNTS[-1], only)
+    exact = replace(found, covariance=np.zeros_like(found.covariance))
+    median, spread = life(exact, found.work + RATE * now)
+    steps, random = 400, np.random.default_rng(1)
+    dn = 3 * now / steps
+    rates = RATE + np.cumsum(random.normal(0, g * RATE * np.sqrt(dn / COUNTS[-1]), (4000, steps)), axis=1)
+    gone = np.cumsum(rates * dn, axis=1)
+    lives = dn * (1 + np.array([np.searchsorted(row, RATE * now) for row in np.maximum.accumulate(gone, axis=1)]))
+    assert median == pytest.approx(np.median(lives), rel=0.02)
+    assert spread == pytest.approx(np.std(np.log(lives)), rel=0.1)
+
+
+def test_a_rate_that_wandered_is_expected_to_wander_on():
+    """The same noise on a constant rate and on one that goes up and down by a third."""
+    steady, restless = RATE * COUNTS, RATE * np.cumsum(1000 * (1 + 0.33 * np.sin(1.3 * np.arange(12))))
+    spreads = [life(forecast_of(points_of(noisy(x)), COUNTS[-1]), 2 * x[-1])[1] for x in (steady, restless)]
+    assert spreads[1] > 4 * spreads[0]
+
+
+def test_running_in_is_extrapolated_at_the_late_rate():
+    works = RATE * (COUNTS + 1.5 * 2000 * (1 - np.exp(-COUNTS / 2000)))
+    found = forecast_of(points_of(noisy(works, std=0.001), own=0.003), COUNTS[-1])
+    assert found.rate == pytest.approx(RATE, rel=0.05)
+    assert life(found, works[-1] + RATE * 10_000)[0] == pytest.approx(10_000, rel=0.07)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_after_a_step_the_life_goes_at_the_new_rate(factor):
+    works = RATE * (COUNTS + (factor - 1) * np.maximum(COUNTS - 5500, 0))
+    found = forecast_of(points_of(noisy(works, std=0.001), own=0.003), COUNTS[-1])
+    assert found.rate == pytest.approx(factor * RATE, rel=0.06)
+
+
+def test_depths_that_are_off_together_count_by_the_whole_work():
+    """ε on all depths leaves N off by ε·X/(X − x): a hundred windows do not take that away."""
+    shared, end = 0.02, 1.25 * RATE * COUNTS[-1]
+    found = forecast_of(points_of(RATE * COUNTS, own=1e-4, shared=shared), COUNTS[-1], replace(ONLY_STEADY, alike=1e9))
+    assert life(found, end)[1] == pytest.approx(shared * 1.25 / 0.25, rel=0.05)
+
+
+def test_older_windows_are_merged_without_a_change_of_the_answer():
+    counts = 100.0 * np.arange(1, 121)
+    points = points_of(RATE * counts, counts=counts)
+    merged = forecast_of(points, counts[-1], ONLY_STEADY)
+    whole = forecast_of(points, counts[-1], replace(ONLY_STEADY, most_points=120))
+    assert merged.rate == pytest.approx(whole.rate, rel=1e-6)
+
+
+def test_a_later_count_leaves_less_life():
+    points = points_of(RATE * COUNTS)
+    now, later = (life(forecast_of(points, n), 3 * RATE * COUNTS[-1])[0] for n in (COUNTS[-1], COUNTS[-1] + 5000))
+    assert now - later == pytest.approx(5000, rel=0.01)
+
+
+def test_a_reached_end_is_no_life_and_no_window_is_no_forecast():
+    found = forecast_of(points_of(RATE * COUNTS), COUNTS[-1])
+    assert life(found, 0.5 * RATE * COUNTS[-1])[0] < 1.0
+    assert forecast_of((), 100.0) is None
+
+
+def test_a_mixture_is_quantile_and_probability_of_one_distribution():
+    track = WearTrack.unworn(1.0)
+    mixture = LifeMixture(
+        weights=np.array([0.7, 0.3]), medians=np.array([100.0, 300.0]), spreads=np.array([0.1, 0.5])
+    )  # fmt: skip
+    found = RemainingLife(to_go=1.0, rate=track.rate, rate_std=0.0, mixture=mixture)
+    for p in (0.05, 0.3, 0.5, 0.8, 0.95):
+        assert 1 - found.beyond(found.quantile(p)) == pytest.approx(p, abs=1e-6)
+    for n in (80.0, 120.0, 400.0):
+        exact = sum(
+            w * NormalDist().cdf(np.log(n / m) / s) for w, m, s in ((0.7, 100.0, 0.1), (0.3, 300.0, 0.5))
+        )  # fmt: skip
+        assert found.beyond(n) == pytest.approx(1 - exact, abs=3e-6)
+
+
+@pytest.mark.parametrize("freedom, published", [(3, 2.3534), (5, 2.0150), (6, 1.9432), (10, 1.8125), (30, 1.6973)])
+def test_students_quantile_is_that_of_the_tables(freedom, published):
+    assert student95(freedom) == pytest.approx(published, abs=0.007)
+    assert student95(1e9) == pytest.approx(Z95)
