@@ -16,9 +16,12 @@ from twin.baseline.diagnosis import DiagnosisThresholds
 from twin.baseline.energy_breakdown import EnergyThresholds
 from twin.baseline.findings import BaselineThresholds
 from twin.baseline.learned import LearningThresholds
+from twin.baseline.low_frequency import LowFrequencyThresholds
 from twin.baseline.modulation import NewModulationThresholds
+from twin.baseline.off_line_changes import OffLineThresholds
 from twin.baseline.operating import OperatingThresholds as BaselineOperatingThresholds
 from twin.baseline.reading import ReadingThresholds
+from twin.baseline.sensor_timing import TimingThresholds
 from twin.baseline.spacing import SpacingThresholds
 from twin.baseline.spacing_search import SpacingSearchThresholds
 from twin.baseline.sufficiency import SufficiencyLimits
@@ -116,6 +119,9 @@ SETS: tuple[type, ...] = (
     NewModulationThresholds,
     BaselineOperatingThresholds,
     ReadingThresholds,
+    LowFrequencyThresholds,
+    OffLineThresholds,
+    TimingThresholds,
     SpacingThresholds,
     SpacingSearchThresholds,
     SufficiencyLimits,

@@ -43,6 +43,7 @@ from twin.baseline.comparison import (
 from twin.baseline.energy_breakdown import energy_breakdown
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.modulation import against_baseline
+from twin.baseline.off_lines import OffLines
 from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, WindowReading, common_period, read
 from twin.baseline.spacing import shared_ratio
 from twin.errors import TwinError
@@ -57,6 +58,7 @@ KEPT = (
     "name", "start_time_ns", "duration", "turns", "period", "speed_hz", "speed_std_hz", "angle_from", "absolute",
     "torque_nm",
 )  # fmt: skip
+KEPT_OFF_LINES = ("names", "free_order", "clipped", "constant")
 
 
 class Loaded(NamedTuple):
@@ -240,6 +242,10 @@ def save(baseline: Baseline, path: Path) -> None:
         for name, c in r.channels.items():
             arrays[f"{i}/{name}/lines"] = c.lines
             arrays[f"{i}/{name}/floor"] = c.floor
+            if c.off is not None:
+                arrays[f"{i}/{name}/off"] = c.off.values
+                off = {key: getattr(c.off, key) for key in KEPT_OFF_LINES}
+                header["readings"][-1].setdefault("off_lines", {})[name] = off
     arrays["header"] = np.frombuffer(json.dumps(plain(header), ensure_ascii=False).encode(), dtype=np.uint8)
     whole = path.with_name(path.name + ".part")
     try:
@@ -275,11 +281,22 @@ def read_baseline(path: Path) -> Baseline:
         raise InputError(f"{path}: not a baseline of `gear-twin baseline`: {error}") from None
 
 
+def _off_lines(values: np.ndarray, header: dict[str, Any]) -> OffLines:
+    return OffLines(
+        names=tuple(header["names"]),
+        values=values,
+        **{key: float(header[key]) for key in KEPT_OFF_LINES if key != "names"},
+    )
+
+
 def _reading(archive: Any, index: int, values: dict[str, Any]) -> WindowReading:
-    rms = values.pop("rms")
+    rms, off = values.pop("rms"), values.pop("off_lines", {})
     channels = {
         name: ChannelLines(
-            lines=archive[f"{index}/{name}/lines"], floor=archive[f"{index}/{name}/floor"], rms=float(level)
+            lines=archive[f"{index}/{name}/lines"],
+            floor=archive[f"{index}/{name}/floor"],
+            rms=float(level),
+            off=_off_lines(archive[f"{index}/{name}/off"], off[name]) if name in off else None,
         )
         for name, level in rms.items()
     }

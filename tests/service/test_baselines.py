@@ -79,7 +79,10 @@ def test_baseline_file_gives_the_baseline_back_whole(file, healthy):
     assert read.shafts == made.shafts and read.path_scatter == pytest.approx(dict(made.path_scatter))
     for mine, yours in zip(made.readings, read.readings, strict=True):
         for name, channel in mine.channels.items():
-            assert np.array_equal(channel.lines, yours.channels[name].lines)
+            other = yours.channels[name]
+            assert np.array_equal(channel.lines, other.lines)
+            assert channel.off.names == other.off.names and np.array_equal(channel.off.values, other.off.values)
+            assert (channel.off.clipped, channel.off.constant) == (other.off.clipped, other.off.constant)
 
 
 def test_fault_is_named_with_errors_and_without_wear(folder, file, capsys):

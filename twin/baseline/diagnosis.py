@@ -6,17 +6,22 @@ baseline is aligned, and effects are found and fitted again; the second half is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 
 from twin.assessment import ChannelErrors, HarmonicBand, ParameterValue, SpectralLine
 from twin.baseline.findings import BaselineComparison, ShaftChange, compare
 from twin.baseline.learned import Baseline
+from twin.baseline.low_frequency import LowFrequencyRival, low_frequency_rival
+from twin.baseline.named import Named, majority
 from twin.baseline.operating import UNITS
 from twin.baseline.reading import WindowReading
+from twin.baseline.sensor_findings import faults_named, off_lines_named, sensor_faults, timing_named, without
+from twin.baseline.sensor_timing import corrected, timing_changes
 from twin.baseline.sufficiency import range_of, thin_for_teeth
 from twin.baseline.transfer_path import Path, name_of_path
 from twin.effects import EFFECTS
@@ -31,6 +36,8 @@ PULSE_POINTS = 201  # over a turn, to be drawn
 OUTSIDE = 3.0  # standard deviations beyond which energy is counted as left over
 MOST_GROWN = 5.0  # times the healthy scatter that lines raised by what was found are given at most
 MESH_CHANGE = "mesh_change"  # what every tooth does alike: no baseline tells those effects from one another
+PATHS_OF_SENSORS = ("sensor_gain", "sensor_resonance")
+LOW_FREQUENCY = "the low-frequency response of {}, which makes the healthy lines of this shaft these"
 LOCAL_ALTERNATIVES = ("a coupling, a seat or a load of that shaft that pushes once a turn",)
 
 
@@ -41,6 +48,14 @@ class DiagnosisThresholds:
     misfit: float = deciding(
         4.0, unit="variances", meaning="misfit of the lines to the healthy scatter that is an unidentified effect",
         source="convention: two standard deviations of every line; held-out healthy recordings have about 1",
+    )  # fmt: skip
+    nearer: float = deciding(
+        0.98, of="waveform error before", meaning="waveform error on held-out turns that a named path must reach",
+        source="convention: two per cent; what leaves the waveform as wrong as before is no finding",
+    )  # fmt: skip
+    least_reassembled: int = deciding(
+        2, meaning="transfer paths that have changed at once that raise the question of a reassembly",
+        source="derivation: one sensor is remounted by itself",
     )  # fmt: skip
 
 
@@ -54,22 +69,6 @@ class WindowParts:
     whole: WindowReading
     first: WindowReading | None = None
     second: WindowReading | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Named:
-    """One effect."""
-
-    name: str
-    channels: tuple[str, ...]
-    parameters: Mapping[str, ParameterValue]
-    log_evidence: float
-    runner_up: str | None
-    over_runner_up: float | None
-    indistinguishable_from: tuple[str, ...]
-    detail: str
-    windows: tuple[int, ...]  # in which it was found
-    curves: Mapping[str, Sequence[float]]  # to be drawn: of a path against frequency, of a shaft over a turn
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -93,29 +92,73 @@ class Diagnosis:
 
 def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: DiagnosisThresholds = DEFAULT) -> Diagnosis:
     """Findings over all windows of a recording; NotAvailable where its channels are not those of the baseline."""
-    for w in windows:
+    faults = [sensor_faults(baseline, w.whole) for w in windows]
+    usable = [_each(w, partial(without, faults=found)) for w, found in zip(windows, faults, strict=True)]
+    timing = [timing_changes(baseline, w.whole) for w in usable]
+    usable = [_each(w, partial(corrected, changes=found)) for w, found in zip(usable, timing, strict=True)]
+    for w in usable:
         pair = baseline.swapped(w.whole)
         if pair is not None:
             raise NotAvailable(
                 f"{w.whole.name}: {pair[0]} and {pair[1]} seem exchanged: the pattern of the teeth fits the baseline "
                 "much better with each as the other; is the mapping right?"
             )
-    compared = [compare(baseline, w.whole) for w in windows]
+    compared = [compare(baseline, w.whole) for w in usable]
     thin = thin_for_teeth(baseline)
-    paths = _paths(compared)
-    effects = [*([] if thin else paths), *_shafts(baseline, compared)]
-    errors, bands = _errors(baseline, windows)
+    errors, bands = _errors(baseline, usable)
+    paths = [_if_nearer(path, errors, limits) for path in _paths(compared)]
+    sensors = [*faults_named(faults), *timing_named(timing)]
+    effects = [*sensors, *([] if thin else paths), *_shafts(baseline, compared)]
+    effects += off_lines_named(baseline, [w.whole for w in usable], effects)
     share, misfit, lines = _left(compared)
     verdict, reason = _verdict(baseline, compared, effects, misfit, limits)
+    reasons = (
+        reason,
+        _unnamed(paths if thin else []),
+        _common_level(compared),
+        _reassembled(effects, compared, limits),
+    )
     return Diagnosis(
         compared=tuple(compared),
         effects=tuple(effects),
         errors=errors,
         bands=tuple(bands),
         verdict=verdict,
-        reason="; ".join(r for r in (reason, _unnamed(paths if thin else []), _common_level(compared)) if r),
+        reason="; ".join(r for r in reasons if r),
         share=share,
         lines=tuple(lines),
+    )
+
+
+def _if_nearer(path: Named, errors: Mapping[str, ChannelErrors], limits: DiagnosisThresholds) -> Named:
+    """A changed path by its name where that brings the waveform of held-out turns nearer, else as an unknown effect."""
+    error = errors.get(path.channels[0])
+    if error is None or error.waveform_after <= limits.nearer * error.waveform_before:
+        return path
+    return replace(
+        path,
+        name="unknown_effect",
+        parameters={},
+        indistinguishable_from=(path.name, *path.indistinguishable_from),
+        detail=f"{path.detail}; with it the waveform of held-out turns is no nearer",
+    )
+
+
+def _each(window: WindowParts, change: Callable[[WindowReading], WindowReading]) -> WindowParts:
+    """A window with a change of its readings."""
+    first, second = (None if part is None else change(part) for part in (window.first, window.second))
+    return WindowParts(whole=change(window.whole), first=first, second=second)
+
+
+def _reassembled(effects: Sequence[Named], compared: Sequence[BaselineComparison], limits: DiagnosisThresholds) -> str:
+    """That several mounts have changed at once; empty where they have not."""
+    changed = sorted({c for e in effects if e.name in PATHS_OF_SENSORS for c in e.channels})
+    of = len(compared[0].expected.lines)
+    if len(changed) < limits.least_reassembled or 2 * len(changed) <= of:
+        return ""
+    return (
+        f"the transfer paths to {', '.join(changed)} have changed at once, {len(changed)} of {of}: was the machine "
+        "reassembled or opened? Then the lines of the gears may have changed with it"
     )
 
 
@@ -178,16 +221,12 @@ def _common_level(compared: Sequence[BaselineComparison]) -> str:
     )
 
 
-def _majority(found: Sequence[int], compared: Sequence[BaselineComparison]) -> bool:
-    return 2 * len(found) > len(compared)
-
-
 def _paths(compared: Sequence[BaselineComparison]) -> list[Named]:
     """Changed transfer paths."""
     out = []
     for channel in compared[0].expected.lines:
         paths = {i: p for i, c in enumerate(compared) for p in c.paths if p.channel == channel and p.changed}
-        if not _majority(list(paths), compared):
+        if not majority(list(paths), len(compared)):
             continue
         i, path = max(paths.items(), key=lambda item: item[1].change)
         named = name_of_path(path, compared[i].reading.speed_hz)
@@ -236,12 +275,14 @@ def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[
     for shaft in (*baseline.shafts, Fraction(int(baseline.rig.teeth[0]))):
         changes = {i: [c for c in w.believed if c.shaft == shaft] for i, w in enumerate(compared)}
         found = [i for i, cs in changes.items() if cs]
-        if not _majority(found, compared):
+        if not majority(found, len(compared)):
             continue
         strongest = max((c for cs in changes.values() for c in cs), key=lambda c: c.log_evidence)
         channels = tuple(dict.fromkeys(c.channel for cs in changes.values() for c in cs))
         others = [c.log_evidence for w in compared for c in w.changes if c.shaft != shaft]
-        name, detail, alternatives = _kind(baseline, shaft, strongest)
+        rivals = {c.channel: low_frequency_rival(compared[i], c) for i, cs in changes.items() for c in cs}
+        strongest_rival = rivals[strongest.channel]
+        name, detail, alternatives = _against_sensors(_kind(baseline, shaft, strongest), rivals)
         size = float(np.sqrt(0.5 * np.sum(np.abs(strongest.lines[strongest.strong]) ** 2)))
         out.append(
             Named(
@@ -249,8 +290,11 @@ def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[
                 channels=channels,
                 parameters=_parameters(strongest, size),
                 log_evidence=strongest.log_evidence,
-                runner_up="the same of another shaft",
-                over_runner_up=strongest.log_evidence - max(others, default=0.0),
+                runner_up="the same of another shaft"
+                if strongest_rival is None
+                else "a sensor's low-frequency response",
+                over_runner_up=strongest.log_evidence
+                - (max(others, default=0.0) if strongest_rival is None else strongest_rival.log_evidence),
                 indistinguishable_from=alternatives,
                 detail=detail,
                 windows=tuple(found),
@@ -258,6 +302,31 @@ def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[
             )
         )
     return out
+
+
+def _against_sensors(
+    kind: tuple[str, str, tuple[str, ...]], rivals: Mapping[str, LowFrequencyRival | None]
+) -> tuple[str, str, tuple[str, ...]]:
+    """Name, description and alternatives, beside a response of the sensors that explains the change as well.
+
+    rivals  of every channel in which the change was found
+    """
+    name, detail, alternatives = kind
+    explained = {channel: rival for channel, rival in rivals.items() if rival is not None}
+    if len(explained) < len(rivals):
+        return kind
+    places = "; ".join(
+        f"{channel}: {', '.join(f'{g:.2f} at {f:.1f} Hz' for g, f in zip(r.gain, r.frequencies, strict=True))}"
+        for channel, r in explained.items()
+    )
+    others = (LOW_FREQUENCY.format(", ".join(explained)), name, *alternatives)
+    return (
+        "unknown_effect",
+        f"{detail}; these lines stand in the healthy machine, too, and a smooth gain makes them these ({places}; "
+        f"it leaves {100 * max(r.left for r in explained.values()):.0f} % of the change): a fault of the gears and a "
+        "changed sensor cannot be distinguished",
+        tuple(dict.fromkeys(o for o in others if o != "unknown_effect")),
+    )
 
 
 def _pulse(change: ShaftChange) -> dict[str, Sequence[float]]:

@@ -23,7 +23,6 @@ Holds    the same teeth in mesh as in the baseline
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -31,12 +30,12 @@ import numpy as np
 
 from twin.baseline.learned import Baseline, ExpectedLines
 from twin.baseline.reading import WindowReading
+from twin.baseline.shaft_orders import own_multiples
 from twin.baseline.transfer_path import DEFAULT as PATHS
 from twin.baseline.transfer_path import Path, band_gains, band_levels, common_level, lesser
 from twin.thresholds import deciding
 
 MESH_LINES = 6  # harmonics of the mesh that are compared
-LINES = 12  # of a shaft that are compared, from its first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -271,14 +270,6 @@ def _turned_mesh(
     left = y - x
     left[places] = turned[int(np.argmin(off))] - x[places]
     return left
-
-
-def own_multiples(shaft: Fraction, shafts: Sequence[Fraction], highest: float, most: int = LINES) -> np.ndarray:
-    """n of a shaft's lines n·s that no other shaft makes by itself, the lowest first."""
-    others = [s for s in shafts if s != shaft]
-    n = range(1, int(highest / float(shaft)) + 1)
-    own = [m for m in n if not any((m * shaft / s).denominator == 1 for s in others)]
-    return np.array(own[:most], dtype=int)
 
 
 def _change(

@@ -216,7 +216,10 @@ def _expected(
     return ExpectedLines(
         lines={name: lines[name][:m] for name, m in sizes.items()},
         power={name: power[name][:m] for name, m in sizes.items()},
-        std={name: wider * std[name][:m] for name, m in sizes.items()},
+        std={
+            name: np.sqrt((wider * std[name][:m]) ** 2 + _louder(readings, reading, name, m))
+            for name, m in sizes.items()
+        },
         wider=wider,
         left_out=left_out,
         alignment=found,
@@ -238,6 +241,18 @@ def _wider(readings: Sequence[WindowReading], reading: WindowReading, axes: Sequ
     if usual < LEAST_MISS:
         return 1.0, len(used)
     return float(np.sqrt(max(miss_of(points, at, weights_of(points, at)[0]) / usual, 1.0))), len(used)
+
+
+def interpolated_lines(readings: Sequence[WindowReading], reading: WindowReading, axes: Sequence[str]) -> Values:
+    """Healthy lines of every shared channel at a reading's operating point, in the readings' own angle (K,)."""
+    return _interpolated(readings, reading, axes)[0]
+
+
+def _louder(readings: Sequence[WindowReading], reading: WindowReading, name: str, count: int) -> np.ndarray:
+    """Mean |X|² by which the noise of a channel's lines exceeds that of every healthy recording (count,)."""
+    known = [r.channels[name].floor for r in readings if name in r.channels]
+    most = np.max([floor[:count] for floor in known if floor.size >= count], axis=0)
+    return np.asarray(np.maximum(reading.channels[name].floor[:count] - most, 0.0))
 
 
 def _scatter(readings: Sequence[WindowReading], axes: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, float]]:

@@ -13,13 +13,14 @@ Holds    windows of more than 4·Q turns: closer lines run into each other
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import lcm
 
 import numpy as np
 from scipy.ndimage import median_filter
 
+from twin.baseline.off_lines import OffLines, off_lines
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack
 from twin.features.extract import pinion_angle
@@ -30,6 +31,7 @@ from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.windows import Window
 
+WHOLE = (0.0, 1.0)  # of the window's turns
 HIGHEST = 200.0  # order of the pinion up to which lines are read: ten mesh harmonics of 20 teeth
 USABLE = 0.4  # of the sampling rate
 TURNS_PER_PERIOD = 4.0  # Hann's main lobe is four bins wide
@@ -60,6 +62,7 @@ class ChannelLines:
     lines: np.ndarray  # X_k complex (K,), peak, in the channel's unit
     floor: np.ndarray  # mean |X|² that noise alone gives (K,)
     rms: float  # of the channel, its mean left out
+    off: OffLines | None = None  # what lies off the lines; None for parts of a window and in older baseline files
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -123,7 +126,7 @@ def read(
     shafts: Sequence[Fraction],
     name: str,
     track: AngleTrack | None = None,
-    part: tuple[float, float] = (0.0, 1.0),
+    part: tuple[float, float] = WHOLE,
     limits: ReadingThresholds = DEFAULT,
 ) -> WindowReading:
     """The lines of every accelerometer of a window at the orders of its shafts.
@@ -148,7 +151,8 @@ def read(
             continue
         try:
             signal, per_turn = on_angle(samples, track, samples.values.size)
-            channels[sensor] = lines_of(part_of(signal, part), per_turn, Q)
+            lines = lines_of(part_of(signal, part), per_turn, Q)
+            channels[sensor] = replace(lines, off=off_lines(samples, track, shafts)) if part == WHOLE else lines
         except TwinError as error:
             reasons.append(f"accel/{sensor}: {error}")
     if not channels:

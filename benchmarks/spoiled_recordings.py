@@ -1,0 +1,319 @@
+"""What is said of healthy recordings that were spoiled in a known way, beside simple rules.
+
+    python -m benchmarks.spoiled_recordings [LOAD …]
+
+Every healthy recording of the SpectraQuest set is spoiled in each way, by a seed of its own, and compared with a
+baseline of the other six. Thresholds were looked at on the loads `TUNED` and are judged on `JUDGED`; the logistic
+regression is trained on all cases of `TUNED`. The data lie beside the project (GEAR_TWIN_SHARED); the status is 0
+whenever it ran.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from scipy.signal import butter, sosfilt
+
+from benchmarks.measured import LOADS, MEASURED, SENSORS, THIRD, imported
+from service.files.baseline import load
+from twin.baseline.comparison import compare_with_baseline, pair_shafts, tracked
+from twin.baseline.learned import Baseline, learn
+from twin.baseline.reading import WindowReading, read
+from twin.errors import TwinError
+from twin.rig import Rig
+from twin.windows import Samples, Window
+
+SET = "spectraquest-broken-tooth"
+TUNED, JUDGED = (0, 30, 70), (20, 40, 60, 80)
+RULES = ("RMS", "kurtosis", "FM4", "SK")
+RULE_LIMIT = 3.0  # healthy standard deviations of a simple rule
+RING_HZ, DECAY = 3500.0, 900.0  # of an impact [Hz], [1/s]
+BEARING = 3.57  # order of impacts of no shaft
+SLIP = 0.01  # of their period, from one to the next
+SENSOR = {"sensor_gain", "sensor_resonance", "sensor_polarity", "sensor_delay", "sensor_dead", "sensor_dead_time",
+          "sensor_clipping", "sensor_noise", "hum", "exchanged"}  # fmt: skip
+
+Values = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """One way to spoil a recording."""
+
+    spoil: Callable[[Values, str, Window, float, np.random.Generator], Values]
+    right: frozenset[str]  # names that say what it is; `unknown_effect` is admitted for all
+    gears: bool = False  # whether it is a fault of the machine, not of a sensor
+
+
+def _one(change: Callable[[np.ndarray, float, np.random.Generator], np.ndarray]):
+    """A change of one sensor's values, sampled at a rate."""
+
+    def spoil(values: Values, sensor: str, window: Window, speed: float, rng: np.random.Generator) -> Values:
+        return values | {sensor: change(values[sensor], window.accelerations[sensor].rate, rng)}
+
+    return spoil
+
+
+def _delayed(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+    shift = round(rng.uniform(0.3e-3, 3e-3) * rate)
+    return np.concatenate([x[:shift], x[:-shift]])
+
+
+def _high_passed(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+    return np.asarray(sosfilt(butter(2, rng.uniform(30, 200), "high", fs=rate, output="sos"), x))
+
+
+def _hum(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+    t = np.arange(x.size) / rate
+    return x + x.std() * rng.uniform(0.1, 0.4) * np.sqrt(2) * np.cos(2 * np.pi * 50 * t + rng.uniform(0, 6))
+
+
+def _noisy(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+    return x + rng.uniform(0.3, 1.0) * x.std() * rng.normal(size=x.size)
+
+
+def _clipped(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+    return np.clip(x, *(x.mean() + rng.uniform(1.2, 2.2) * x.std() * np.array([-1, 1])))
+
+
+def _dead(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+    return 1e-3 * x.std() * rng.normal(size=x.size)
+
+
+def _interrupted(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+    start, length = int(rng.uniform(0.1, 0.7) * x.size), int(rng.uniform(0.03, 0.15) * x.size)
+    return np.concatenate([x[:start], np.full(length, x[start]), x[start + length :]])
+
+
+def _exchanged(values: Values, sensor: str, window: Window, speed: float, rng: np.random.Generator) -> Values:
+    other = str(rng.choice([s for s in values if s != sensor]))
+    return values | {sensor: values[other], other: values[sensor]}
+
+
+def _struck(order: float, strength: float, slip: float):
+    """Impacts at an order of the pinion that ring; peak over the sensor's RMS, the other sensors a third of it."""
+
+    def spoil(values: Values, sensor: str, window: Window, speed: float, rng: np.random.Generator) -> Values:
+        out = {}
+        for name, x in values.items():
+            rate = window.accelerations[name].rate
+            period = 1 / (order * speed)
+            count = int(x.size / rate / period)
+            at = (np.arange(count) + rng.uniform(0, 1)) * period + slip * period * np.cumsum(rng.normal(size=count))
+            pulses = np.zeros(x.size)
+            places = np.rint(at * rate).astype(int)
+            pulses[places[(places >= 0) & (places < x.size)]] = 1
+            t = np.arange(int(0.01 * rate)) / rate
+            ring = np.exp(-DECAY * t) * np.sin(2 * np.pi * RING_HZ * t)
+            peak = strength * x.std() * (1 if name == sensor else 1 / 3)
+            out[name] = x + peak * np.convolve(pulses, ring)[: x.size]
+        return out
+
+    return spoil
+
+
+def _kinds() -> dict[str, Kind]:
+    out = {
+        "reversed polarity": Kind(spoil=_one(lambda x, rate, rng: -x), right=frozenset({"sensor_polarity"})),
+        "delay 0.3 to 3 ms": Kind(spoil=_one(_delayed), right=frozenset({"sensor_delay"})),
+        "gain 0.4 to 0.7": Kind(
+            spoil=_one(lambda x, rate, rng: rng.uniform(0.4, 0.7) * x), right=frozenset({"sensor_gain"})
+        ),
+        "high-pass 30 to 200 Hz": Kind(spoil=_one(_high_passed), right=frozenset({"sensor_resonance", "sensor_delay"})),
+        "hum of 50 Hz": Kind(spoil=_one(_hum), right=frozenset({"hum"})),
+        "noise": Kind(spoil=_one(_noisy), right=frozenset({"sensor_noise"})),
+        "clipping": Kind(spoil=_one(_clipped), right=frozenset({"sensor_clipping"})),
+        "exchanged sensors": Kind(spoil=_exchanged, right=frozenset({"exchanged"})),
+        "dead sensor": Kind(spoil=_one(_dead), right=frozenset({"sensor_dead"})),
+        "interrupted sensor": Kind(spoil=_one(_interrupted), right=frozenset({"sensor_dead_time"})),
+    }
+    crack = frozenset({"tooth_crack"})
+    for strength in (1.0, 3.0):
+        out[f"impacts, pinion, {strength:g} x RMS"] = Kind(spoil=_struck(1, strength, 0), right=crack, gears=True)
+        out[f"impacts, gear, {strength:g} x RMS"] = Kind(spoil=_struck(0.4, strength, 0), right=crack, gears=True)
+        out[f"impacts, bearing, {strength:g} x RMS"] = Kind(
+            spoil=_struck(BEARING, strength, SLIP), right=frozenset({"bearing_defect"}), gears=True
+        )
+    return out
+
+
+KINDS = _kinds()
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Case:
+    """One recording, what was done to it, and what is said of it."""
+
+    percent: int
+    kind: str  # of `KINDS`, or "healthy"
+    names: frozenset[str]
+    features: np.ndarray  # of the simple rules, largest deviation over the sensors (4,)
+
+    @property
+    def said(self) -> str:
+        """`right`, `unknown`, `gears`, `sensor` or `nothing`: how well the names fit."""
+        kind = KINDS.get(self.kind)
+        right = kind.right if kind else frozenset()
+        false_fault = self.names - SENSOR - {"unknown_effect"} - right
+        if false_fault:
+            return "gears"
+        if self.names & right:
+            return "right"
+        if "unknown_effect" in self.names:
+            return "unknown"
+        return "sensor" if self.names else "nothing"
+
+
+def simple_features(window: Window, reading: WindowReading, z1: int) -> dict[str, np.ndarray]:
+    """RMS (ln), kurtosis, FM4 and largest spectral kurtosis of every sensor (4,)."""
+    out = {}
+    for name, samples in window.accelerations.items():
+        x = samples.values - samples.values.mean()
+        power = max(float(np.mean(x**2)), 1e-30)
+        blocks = np.abs(np.fft.rfft(x[: x.size // 256 * 256].reshape(-1, 256) * np.hanning(256), axis=1)) ** 2
+        sk = np.mean(blocks**2, axis=0) / np.maximum(np.mean(blocks, axis=0) ** 2, 1e-300) - 2
+        fm4 = 0.0
+        if name in reading.channels:
+            lines = reading.channels[name].lines[reading.period - 1 :: reading.period]
+            n = np.arange(1, lines.size + 1)
+            kept = np.where(np.isin(n % z1, (0, 1, z1 - 1)), 0, lines)
+            turn = np.fft.irfft(np.concatenate([[0], kept]), 4 * kept.size)
+            fm4 = float(np.mean(turn**4) / max(float(np.mean(turn**2)) ** 2, 1e-300))
+        out[name] = np.array([0.5 * np.log(power), np.mean(x**4) / power**2, fm4, sk[2:-2].max()])
+    return out
+
+
+class Set:
+    """The healthy recordings, and a baseline of six for each."""
+
+    def __init__(self, folder: Path) -> None:
+        self.windows: dict[int, Window] = {}
+        self.readings: dict[int, WindowReading] = {}
+        self.features: dict[int, Mapping[str, np.ndarray]] = {}
+        for percent in LOADS:
+            found = load(imported(SET, MEASURED / SET / f"h30hz{percent}.csv.gz", folder))
+            self.rig: Rig = found.rig
+            self.shafts = (*pair_shafts(found.rig), THIRD)
+            one = found.windows[0]
+            self.windows[percent] = one.window
+            self.readings[percent] = read(self.rig, one.window, self.shafts, f"h{percent}", one.track)
+            self.features[percent] = simple_features(one.window, self.readings[percent], self.rig.teeth[0])
+        self._baselines: dict[int, Baseline] = {}
+
+    def baseline(self, percent: int) -> Baseline:
+        """Of the other six recordings."""
+        if percent not in self._baselines:
+            others = [self.readings[p] for p in LOADS if p != percent]
+            self._baselines[percent] = learn(self.rig, others, self.shafts)
+        return self._baselines[percent]
+
+    def case(self, percent: int, kind: str) -> Case:
+        """One recording spoiled in one way."""
+        window = self.windows[percent]
+        if kind in KINDS:
+            rng = np.random.default_rng([percent, list(KINDS).index(kind)])
+            values = {name: s.values.copy() for name, s in window.accelerations.items()}
+            speed = self.readings[percent].speed_hz
+            values = KINDS[kind].spoil(values, str(rng.choice(SENSORS)), window, speed, rng)
+            samples = {
+                name: Samples(start=s.start, rate=s.rate, values=values[name])
+                for name, s in window.accelerations.items()
+            }
+            window = replace(window, accelerations=samples)
+        names: set[str] = set()
+        reading = self.readings[percent]
+        try:
+            one = tracked(self.rig, window, kind, self.shafts)
+            reading = read(self.rig, window, self.shafts, kind, one.track)
+            result = compare_with_baseline(self.baseline(percent), self.rig, [one])
+            names |= {effect.name for effect in result.effects}
+            names |= {"unknown_effect"} & {result.unexplained.verdict}
+        except TwinError as error:
+            names.add("exchanged" if "seem exchanged" in str(error) else "unknown_effect")
+        return Case(
+            percent=percent, kind=kind, names=frozenset(names), features=self._deviations(percent, window, reading)
+        )
+
+    def _deviations(self, percent: int, window: Window, reading: WindowReading) -> np.ndarray:
+        """Largest deviation of each simple rule over the sensors, in healthy standard deviations (4,)."""
+        here = simple_features(window, reading, self.rig.teeth[0])
+        out = []
+        for name, values in here.items():
+            known = np.array([self.features[p][name] for p in LOADS if p != percent])
+            out.append(np.abs(values - known.mean(axis=0)) / np.maximum(known.std(axis=0, ddof=1), 1e-9))
+        return np.asarray(np.max(out, axis=0))
+
+
+def cases(data: Set, loads: tuple[int, ...] = LOADS) -> Iterator[Case]:
+    """Every recording, as it is and spoiled in every way."""
+    for percent in loads:
+        for kind in ("healthy", *KINDS):
+            yield data.case(percent, kind)
+
+
+def logistic(trained: list[Case]) -> Callable[[Case], bool]:
+    """Whether a case is spoiled, by logistic regression on the simple rules' deviations (Newton, ridge 0.1)."""
+
+    def row(case: Case) -> np.ndarray:
+        return np.concatenate([[1.0], np.log1p(case.features)])
+
+    A = np.array([row(c) for c in trained])
+    y = np.array([float(c.kind != "healthy") for c in trained])
+    weight = np.where(y > 0, 0.5 / max(y.sum(), 1), 0.5 / max((1 - y).sum(), 1)) * y.size
+    w = np.zeros(A.shape[1])
+    for _ in range(30):
+        p = 1 / (1 + np.exp(-A @ w))
+        hessian = (A * (weight * p * (1 - p))[:, None]).T @ A + 0.1 * np.eye(w.size)
+        w += np.linalg.solve(hessian, A.T @ (weight * (y - p)) - 0.1 * w)
+    return lambda case: bool(row(case) @ w > 0)
+
+
+def table(found: list[Case]) -> str:
+    """All kinds in one table, of the loads that nothing was tuned on and of the others."""
+    lines = []
+    trained = [c for c in found if c.percent in TUNED]
+    judge = logistic(trained) if trained else None
+    for title, loads in (("judged", JUDGED), ("tuned on", TUNED)):
+        own = [c for c in found if c.percent in loads]
+        if not own:
+            continue
+        lines.append(f"\n{title}: loads {', '.join(map(str, loads))} %")
+        lines.append(
+            f"{'':<28}cases  named  unknown  other sensor  gear fault  nothing |  RMS  kurtosis  FM4   SK  logistic"
+        )
+        for kind in ("healthy", *KINDS):
+            here = [c for c in own if c.kind == kind]
+            said = Counter(c.said for c in here)
+            rules = [sum(c.features[i] > RULE_LIMIT for c in here) for i in range(len(RULES))]
+            learned = sum(judge(c) for c in here) if judge else 0
+            lines.append(
+                f"{kind:<28}{len(here):>5}  {said['right']:>5}  {said['unknown']:>7}  {said['sensor']:>12}  "
+                f"{said['gears']:>10}  {said['nothing']:>7} |{rules[0]:>5}  {rules[1]:>8}  {rules[2]:>3}  {rules[3]:>3} "
+                f"{learned:>8}"
+            )
+    return "\n".join(lines).strip()
+
+
+def main() -> None:
+    if not (MEASURED / SET).is_dir():
+        print(f"left out: {SET} is not in {MEASURED} (GEAR_TWIN_SHARED)", file=sys.stderr)
+        return
+    loads = tuple(int(text) for text in sys.argv[1:]) or LOADS
+    found = []
+    with TemporaryDirectory() as folder:
+        for case in cases(Set(Path(folder)), loads):
+            print(
+                f"{case.percent:>3} %  {case.kind:<28} {case.said:<8} {', '.join(sorted(case.names))}", file=sys.stderr
+            )
+            found.append(case)
+    print(table(found))
+
+
+if __name__ == "__main__":
+    main()
