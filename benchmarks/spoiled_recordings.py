@@ -26,6 +26,7 @@ from twin.baseline.comparison import compare_with_baseline, pair_shafts, tracked
 from twin.baseline.learned import Baseline, learn
 from twin.baseline.reading import WindowReading, read
 from twin.errors import TwinError
+from twin.features.angle import AngleTrack
 from twin.rig import Rig
 from twin.windows import Samples, Window
 
@@ -46,7 +47,7 @@ Values = dict[str, np.ndarray]
 class Kind:
     """One way to spoil a recording."""
 
-    spoil: Callable[[Values, str, Window, float, np.random.Generator], Values]
+    spoil: Callable[[Values, str, Window, AngleTrack, np.random.Generator], Values]
     right: frozenset[str]  # names that say what it is; `unknown_effect` is admitted for all
     gears: bool = False  # whether it is a fault of the machine, not of a sensor
 
@@ -54,7 +55,7 @@ class Kind:
 def _one(change: Callable[[np.ndarray, float, np.random.Generator], np.ndarray]):
     """A change of one sensor's values, sampled at a rate."""
 
-    def spoil(values: Values, sensor: str, window: Window, speed: float, rng: np.random.Generator) -> Values:
+    def spoil(values: Values, sensor: str, window: Window, track: AngleTrack, rng: np.random.Generator) -> Values:
         return values | {sensor: change(values[sensor], window.accelerations[sensor].rate, rng)}
 
     return spoil
@@ -91,7 +92,7 @@ def _interrupted(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.nda
     return np.concatenate([x[:start], np.full(length, x[start]), x[start + length :]])
 
 
-def _exchanged(values: Values, sensor: str, window: Window, speed: float, rng: np.random.Generator) -> Values:
+def _exchanged(values: Values, sensor: str, window: Window, track: AngleTrack, rng: np.random.Generator) -> Values:
     other = str(rng.choice([s for s in values if s != sensor]))
     return values | {sensor: values[other], other: values[sensor]}
 
@@ -99,13 +100,16 @@ def _exchanged(values: Values, sensor: str, window: Window, speed: float, rng: n
 def _struck(order: float, strength: float, slip: float):
     """Impacts at an order of the pinion that ring; peak over the sensor's RMS, the other sensors a third of it."""
 
-    def spoil(values: Values, sensor: str, window: Window, speed: float, rng: np.random.Generator) -> Values:
+    def spoil(values: Values, sensor: str, window: Window, track: AngleTrack, rng: np.random.Generator) -> Values:
         out = {}
         for name, x in values.items():
             rate = window.accelerations[name].rate
-            period = 1 / (order * speed)
-            count = int(x.size / rate / period)
-            at = (np.arange(count) + rng.uniform(0, 1)) * period + slip * period * np.cumsum(rng.normal(size=count))
+            first, last = (order * θ / (2 * np.pi) for θ in (track.start, track.stop))
+            turns = np.arange(float(np.ceil(first)), float(np.floor(last)))  # of what strikes
+            if slip:
+                turns = turns + slip * np.cumsum(rng.normal(size=turns.size))
+                turns = turns[(turns > first) & (turns < last)]
+            at = track.time(2 * np.pi * turns / order) - window.accelerations[name].start
             pulses = np.zeros(x.size)
             places = np.rint(at * rate).astype(int)
             pulses[places[(places >= 0) & (places < x.size)]] = 1
@@ -134,7 +138,7 @@ def _kinds() -> dict[str, Kind]:
         "interrupted sensor": Kind(spoil=_one(_interrupted), right=frozenset({"sensor_dead_time"})),
     }
     crack = frozenset({"tooth_crack"})
-    for strength in (1.0, 3.0):
+    for strength in (2.0, 5.0, 10.0):
         out[f"impacts, pinion, {strength:g} x RMS"] = Kind(spoil=_struck(1, strength, 0), right=crack, gears=True)
         out[f"impacts, gear, {strength:g} x RMS"] = Kind(spoil=_struck(0.4, strength, 0), right=crack, gears=True)
         out[f"impacts, bearing, {strength:g} x RMS"] = Kind(
@@ -195,6 +199,7 @@ class Set:
     def __init__(self, folder: Path) -> None:
         self.windows: dict[int, Window] = {}
         self.readings: dict[int, WindowReading] = {}
+        self.tracks: dict[int, AngleTrack] = {}
         self.features: dict[int, Mapping[str, np.ndarray]] = {}
         for percent in LOADS:
             found = load(imported(SET, MEASURED / SET / f"h30hz{percent}.csv.gz", folder))
@@ -202,6 +207,7 @@ class Set:
             self.shafts = (*pair_shafts(found.rig), THIRD)
             one = found.windows[0]
             self.windows[percent] = one.window
+            self.tracks[percent] = one.track
             self.readings[percent] = read(self.rig, one.window, self.shafts, f"h{percent}", one.track)
             self.features[percent] = simple_features(one.window, self.readings[percent], self.rig.teeth[0])
         self._baselines: dict[int, Baseline] = {}
@@ -219,8 +225,7 @@ class Set:
         if kind in KINDS:
             rng = np.random.default_rng([percent, list(KINDS).index(kind)])
             values = {name: s.values.copy() for name, s in window.accelerations.items()}
-            speed = self.readings[percent].speed_hz
-            values = KINDS[kind].spoil(values, str(rng.choice(SENSORS)), window, speed, rng)
+            values = KINDS[kind].spoil(values, str(rng.choice(SENSORS)), window, self.tracks[percent], rng)
             samples = {
                 name: Samples(start=s.start, rate=s.rate, values=values[name])
                 for name, s in window.accelerations.items()
@@ -294,7 +299,7 @@ def table(found: list[Case]) -> str:
             learned = sum(judge(c) for c in here) if judge else 0
             lines.append(
                 f"{kind:<28}{len(here):>5}  {said['right']:>5}  {said['unknown']:>7}  {said['sensor']:>12}  "
-                f"{said['gears']:>10}  {said['nothing']:>7} |{rules[0]:>5}  {rules[1]:>8}  {rules[2]:>3}  {rules[3]:>3} "
+                f"{said['gears']:>10}  {said['nothing']:>7} |{rules[0]:>5}  {rules[1]:>8}  {rules[2]:>3} {rules[3]:>4} "
                 f"{learned:>8}"
             )
     return "\n".join(lines).strip()
