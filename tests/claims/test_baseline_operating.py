@@ -99,7 +99,9 @@ def test_scatter_is_wider_far_from_what_was_learned():
     base = learn(RIG, [at(load, 16.0, i).whole for i, load in enumerate((0.1, 0.15, 0.2))], SHAFTS)
     near, far = (base.expected(at(load, 16.0, 9).whole) for load in (0.17, 0.9))
     assert near.wider == 1.0 and far.wider > 5
-    np.testing.assert_allclose(far.std["a"], far.wider * base.std["a"])
+    usual = far.wider * base.std["a"]
+    assert np.all(far.std["a"] >= 0.999 * usual)  # and more where the noise is louder than in any healthy recording
+    assert np.median(far.std["a"] / usual) == pytest.approx(1.0, abs=0.05)
 
 
 def test_level_that_all_sensors_share_is_of_no_sensor():

@@ -109,7 +109,7 @@ def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: Diagnos
     paths = [_if_nearer(path, errors, limits) for path in _paths(compared)]
     sensors = [*faults_named(faults), *timing_named(timing)]
     effects = [*sensors, *([] if thin else paths), *_shafts(baseline, compared)]
-    effects += off_lines_named(baseline, [w.whole for w in usable], effects)
+    effects += off_lines_named(baseline, compared, effects)
     share, misfit, lines = _left(compared)
     verdict, reason = _verdict(baseline, compared, effects, misfit, limits)
     reasons = (
@@ -280,7 +280,11 @@ def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[
         strongest = max((c for cs in changes.values() for c in cs), key=lambda c: c.log_evidence)
         channels = tuple(dict.fromkeys(c.channel for cs in changes.values() for c in cs))
         others = [c.log_evidence for w in compared for c in w.changes if c.shaft != shaft]
-        rivals = {c.channel: low_frequency_rival(compared[i], c) for i, cs in changes.items() for c in cs}
+        rivals = {
+            c.channel: None if c.kind == "alike" else low_frequency_rival(compared[i], c)
+            for i, cs in changes.items()
+            for c in cs
+        }
         strongest_rival = rivals[strongest.channel]
         name, detail, alternatives = _against_sensors(_kind(baseline, shaft, strongest), rivals)
         size = float(np.sqrt(0.5 * np.sum(np.abs(strongest.lines[strongest.strong]) ** 2)))
@@ -322,7 +326,7 @@ def _against_sensors(
     others = (LOW_FREQUENCY.format(", ".join(explained)), name, *alternatives)
     return (
         "unknown_effect",
-        f"{detail}; these lines stand in the healthy machine, too, and a smooth gain makes them these ({places}; "
+        f"{detail}; the healthy machine has these lines, too, and a smooth gain makes them these ({places}; "
         f"it leaves {100 * max(r.left for r in explained.values()):.0f} % of the change): a fault of the gears and a "
         "changed sensor cannot be distinguished",
         tuple(dict.fromkeys(o for o in others if o != "unknown_effect")),

@@ -249,10 +249,10 @@ def interpolated_lines(readings: Sequence[WindowReading], reading: WindowReading
 
 
 def _louder(readings: Sequence[WindowReading], reading: WindowReading, name: str, count: int) -> np.ndarray:
-    """Mean |X|² by which the noise of a channel's lines exceeds that of every healthy recording (count,)."""
+    """Mean |X|² by which the noise of a channel's lines exceeds twice that of any healthy recording (count,)."""
     known = [r.channels[name].floor for r in readings if name in r.channels]
     most = np.max([floor[:count] for floor in known if floor.size >= count], axis=0)
-    return np.asarray(np.maximum(reading.channels[name].floor[:count] - most, 0.0))
+    return np.asarray(np.maximum(reading.channels[name].floor[:count] - 2 * most, 0.0))
 
 
 def _scatter(readings: Sequence[WindowReading], axes: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, float]]:

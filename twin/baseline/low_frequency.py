@@ -50,11 +50,13 @@ def low_frequency_rival(
     y, x = compared.reading.channels[change.channel].lines, compared.expected.lines[change.channel]
     at = np.rint(change.multiples * float(change.shaft) * compared.reading.period).astype(int) - 1
     at = at[at < x.size]
-    if at.size <= PARAMETERS:
+    if at.size == 0:
         return None
     f = (at + 1) / compared.reading.period * compared.reading.speed_hz
     σ = compared.expected.std[change.channel][at]
     base = np.vander(np.log(f / f[0]), PARAMETERS, increasing=True)
+    if at.size <= base.shape[1]:
+        return None
     c, *_ = np.linalg.lstsq(base * (x[at] / σ)[:, None], y[at] / σ, rcond=None)
     g = base @ c
     whole, left = (float(np.sum(np.abs(y[at] - v) ** 2 / σ**2)) for v in (x[at], g * x[at]))

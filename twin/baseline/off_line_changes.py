@@ -21,6 +21,7 @@ from twin.baseline.learned import Baseline
 from twin.baseline.reading import WindowReading
 from twin.thresholds import deciding
 
+SIZES = ("level", "noise", "tone")  # kinds of measures that go with the level of the channel
 LEAST_SCATTER = 0.02  # of a logarithm, below which no scatter is believed
 
 
@@ -36,6 +37,9 @@ class OffLineThresholds:
     )  # fmt: skip
     least_recordings: int = deciding(
         5, meaning="healthy recordings from which a deviation is judged", source="SufficiencyLimits.least_recordings",
+    )  # fmt: skip
+    noise_bands: float = deciding(
+        0.5, of="bands", meaning="share of the noise floors that must have risen for noise", source="convention: half",
     )  # fmt: skip
     clipped: float = deciding(
         0.001, meaning="share of samples at the largest and smallest value, beyond five times the healthy share, that "
@@ -73,9 +77,17 @@ class OffLineChange:
 
 
 def off_line_changes(
-    baseline: Baseline, reading: WindowReading, limits: OffLineThresholds = DEFAULT
+    baseline: Baseline,
+    reading: WindowReading,
+    wider: float = 1.0,
+    common: float = 0.0,
+    limits: OffLineThresholds = DEFAULT,
 ) -> tuple[OffLineChange, ...]:
-    """Every measure of every channel, the largest deviation first; none where the baseline has too few recordings."""
+    """Every measure of every channel, the largest deviation first; none where the baseline has too few recordings.
+
+    wider   by how much more a point may miss for its distance from the recordings (`ExpectedLines.wider`)
+    common  ln of the level that all sensors share: of no channel by itself
+    """
     out = []
     for channel, lines in reading.channels.items():
         if lines.off is None:
@@ -89,7 +101,9 @@ def off_line_changes(
         if len(known) < limits.least_recordings:
             continue
         u, values = np.array([point for point, _ in known]), np.array([value for _, value in known])
-        change, deviation = _deviations(u, values, baseline.operating_point(reading), lines.off.values, names)
+        change, spread = _deviations(u, values, baseline.operating_point(reading), lines.off.values, names)
+        change = change - common * np.array([kind_of(name) in SIZES for name in names])
+        deviation = change / spread / wider
         out += [
             OffLineChange(channel=channel, measure=name, change=float(c), deviation=float(z))
             for name, c, z in zip(names, change, deviation, strict=True)
@@ -100,7 +114,7 @@ def off_line_changes(
 def _deviations(
     u: np.ndarray, known: np.ndarray, at: np.ndarray, values: np.ndarray, names: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Change and z of measures (m,), from operating points (n, d) with their values (n, m)."""
+    """Change of measures and its standard deviation (m,), from operating points (n, d) with their values (n, m)."""
     A = np.column_stack([np.ones(len(u)), (u - u.mean(axis=0)) / np.maximum(np.ptp(u, axis=0), 1e-9)])
     here = np.concatenate([[1.0], (at - u.mean(axis=0)) / np.maximum(np.ptp(u, axis=0), 1e-9)])
     inverse = np.linalg.pinv(A.T @ A)
@@ -113,7 +127,7 @@ def _deviations(
         variance[alike] = 0.5 * (variance[alike] + variance[alike].mean())
     spread = np.sqrt(np.maximum(variance, LEAST_SCATTER**2) * (1 + here @ inverse @ here))
     change = values - here @ (inverse @ A.T @ known)
-    return change, change / spread
+    return change, spread
 
 
 def kind_of(measure: str) -> str:

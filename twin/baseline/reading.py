@@ -31,7 +31,6 @@ from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.windows import Window
 
-WHOLE = (0.0, 1.0)  # of the window's turns
 HIGHEST = 200.0  # order of the pinion up to which lines are read: ten mesh harmonics of 20 teeth
 USABLE = 0.4  # of the sampling rate
 TURNS_PER_PERIOD = 4.0  # Hann's main lobe is four bins wide
@@ -126,7 +125,7 @@ def read(
     shafts: Sequence[Fraction],
     name: str,
     track: AngleTrack | None = None,
-    part: tuple[float, float] = WHOLE,
+    part: tuple[float, float] = (0.0, 1.0),
     limits: ReadingThresholds = DEFAULT,
 ) -> WindowReading:
     """The lines of every accelerometer of a window at the orders of its shafts.
@@ -143,6 +142,7 @@ def read(
             f"{turns:.0f} pinion turns are too few to resolve lines 1/{Q} order apart: at least "
             f"{TURNS_PER_PERIOD * Q:.0f} are needed"
         )
+    is_whole = part[1] - part[0] == 1.0
     channels: dict[str, ChannelLines] = {}
     reasons = []
     for sensor, samples in window.accelerations.items():
@@ -152,7 +152,7 @@ def read(
         try:
             signal, per_turn = on_angle(samples, track, samples.values.size)
             lines = lines_of(part_of(signal, part), per_turn, Q)
-            channels[sensor] = replace(lines, off=off_lines(samples, track, shafts)) if part == WHOLE else lines
+            channels[sensor] = replace(lines, off=off_lines(samples, track, shafts)) if is_whole else lines
         except TwinError as error:
             reasons.append(f"accel/{sensor}: {error}")
     if not channels:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.assessment import ParameterValue
+from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
 from twin.baseline.named import Named, majority
 from twin.baseline.off_line_changes import DEFAULT as OFF_LINES
@@ -21,7 +22,6 @@ from twin.baseline.sensor_timing import TimingChange
 
 FAULTS = ("sensor_dead", "sensor_clipping", "sensor_dead_time")  # with these a channel's lines cannot be compared
 MOST_SAID = 3  # measures in one sentence
-HALF = 0.5  # of the noise floors that must have risen for noise
 CABLE = "another mount, cable or place of the sensor"
 
 
@@ -113,29 +113,43 @@ def timing_named(found: Sequence[Sequence[TimingChange]]) -> list[Named]:
 
 def off_lines_named(
     baseline: Baseline,
-    readings: Sequence[WindowReading],
+    compared: Sequence[BaselineComparison],
     known: Iterable[Named],
     limits: OffLineThresholds = OFF_LINES,
 ) -> list[Named]:
     """Changes off the lines in most windows, one for each channel that nothing else is known of.
 
-    readings  with all channels that can be compared
+    compared  windows with all channels that can be compared
     known     what the lines and sensors have shown
     """
     explained = {channel for effect in known for channel in effect.channels}
-    changes = [[c for c in off_line_changes(baseline, r) if abs(c.deviation) > limits.changed] for r in readings]
+    readings = [c.reading for c in compared]
+    changes = [
+        [
+            change
+            for change in off_line_changes(
+                baseline, c.reading, c.expected.wider, max((p.common_power for p in c.paths), key=abs, default=0.0)
+            )
+            if abs(change.deviation) > limits.changed
+        ]
+        for c in compared
+    ]
     out = []
     for channel in dict.fromkeys(c.channel for window in changes for c in window):
         at = {i: own for i, w in enumerate(changes) if (own := [c for c in w if c.channel == channel])}
         if channel in explained or not majority(list(at), len(readings)):
             continue
         i, strongest = max(at.items(), key=lambda item: abs(item[1][0].deviation))
-        out.append(_off_line(baseline, readings[i], channel, strongest, tuple(at)))
+        out.append(_off_line(readings[i], channel, strongest, tuple(at), limits))
     return out
 
 
 def _off_line(
-    baseline: Baseline, reading: WindowReading, channel: str, changes: Sequence[OffLineChange], windows: tuple[int, ...]
+    reading: WindowReading,
+    channel: str,
+    changes: Sequence[OffLineChange],
+    windows: tuple[int, ...],
+    limits: OffLineThresholds,
 ) -> Named:
     """One channel's changes off the lines, by the kind of the clearest."""
     rises = [c for c in changes if c.deviation > 0]
@@ -147,7 +161,7 @@ def _off_line(
     free = [c for c in rises if c.measure.startswith("impacts of no shaft")]
     name, shown = "unknown_effect", changes
     alike: tuple[str, ...] = ("the sensor's path: " + CABLE,)
-    if floors and len(floors) >= HALF * every:
+    if floors and len(floors) >= limits.noise_bands * every:
         name, alike, shown = "sensor_noise", ("noise of the machine at this sensor",), floors
     elif tones and len(floors) == 0 and not turns:
         name, alike, shown = "hum", ("a machine nearby that turns at this frequency",), tones

@@ -1,7 +1,7 @@
 """Polarity and delay of single sensors, by the pattern of the teeth in each channel.
 
     c_i(φ) = Re Σ_k conj(x_k)·Y_k·e^{−i·o_k·φ} / (|x|·|Y|)          of channel i; mesh lines take no part
-    φ₀     = arg max Σ_i |c_i(φ)|                                   the machine's angle, by all channels
+    φ₀     = arg max Σ_j≠i |c_j(φ)|                                 the machine's angle, by the other channels
 
 A channel whose |c_i| is largest at φ₀ + Δ has a delay of −Δ/(2π·speed), one whose c_i is negative there has its
 polarity reversed: its lines are as they were, and no gear can do that to one sensor alone.
@@ -38,6 +38,9 @@ class TimingThresholds:
         0.05, meaning="correlation that the correction must add",
         source="between observed values on the broken-tooth set: 0.01 in healthy recordings",
     )  # fmt: skip
+    least_others: int = deciding(
+        2, meaning="other sensors beside which a sensor is late", source="derivation: of two, either could be late",
+    )  # fmt: skip
     least_clear: float = deciding(
         0.3, meaning="correlation that healthy recordings must reach for timing to be judged",
         source="the limit for the same teeth (BaselineThresholds.same_teeth)",
@@ -67,12 +70,15 @@ def timing_changes(
     if not curves:
         return ()
     count = min(c.size for c in curves.values())
-    zero = int(np.argmax(np.sum([np.abs(c) for c in curves.values()], axis=0)))
+    sizes = {name: np.abs(curve) for name, curve in curves.items()}
     reach = round(REACH / baseline.period * count)
-    near = np.arange(zero - reach, zero + reach + 1) % count
     out = []
     usual = _usual(baseline)
     for channel, curve in curves.items():
+        others = [size for name, size in sizes.items() if name != channel]
+        # the angle by the other sensors: of two, either could be the one that is late
+        zero = int(np.argmax(np.sum(others if len(others) >= limits.least_others else list(sizes.values()), axis=0)))
+        near = np.arange(zero - reach, zero + reach + 1) % count
         best = int(np.argmax(np.abs(curve[near])))
         before, after = float(curve[zero]), float(abs(curve[near[best]]))
         if usual[channel] < limits.least_clear or after < limits.as_clear * usual[channel]:
@@ -80,6 +86,8 @@ def timing_changes(
         if after - before < limits.least_gain:
             continue
         turn = 2 * np.pi * baseline.period * (best - reach) / count
+        if len(others) < limits.least_others and curve[near[best]] > 0:
+            continue
         out.append(
             TimingChange(
                 channel=channel,
