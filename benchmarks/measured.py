@@ -83,14 +83,14 @@ def spectraquest(folder: Path) -> None:
                 diagnosis = diagnose(base, [WindowParts(whole=of(readings[state, percent], sensors))])
                 names = [_short(e) for e in diagnosis.effects]
                 who = "all" if len(sensors) > 1 else sensors[0]
-                local = any(e.name == "tooth_crack" for e in diagnosis.effects)
+                local = any("tooth_crack" in (e.name, *e.indistinguishable_from) for e in diagnosis.effects)
                 counts[state, who] = counts.get((state, who), 0) + (local if state == "b" else bool(names))
                 if who == "all" or local:
                     title = f"{'healthy' if state == 'h' else 'broken':<8} {percent:>3} %"
                     print(f"{title}  {who:>6}  {'; '.join(names) or 'nothing'}")
                 if state == "b" and who == "all":
                     compared[percent] = base, diagnosis.compared[0]
-    print("\nsensor  broken traced to a local fault   healthy with a finding")
+    print("\nsensor  broken: a change once a turn      healthy with a finding")
     for who in ("all", *SENSORS):
         print(
             f"{who:<7} {counts['b', who]} of {len(LOADS)}                           {counts['h', who]} of {len(LOADS)}"
@@ -119,7 +119,7 @@ def _fewer(readings, rig, shafts) -> None:
     for count in range(2, len(LOADS)):
         (a, b), (c, d) = counted("h", count, lambda effect: True)
         print(f"{count:<12} {a:>12} of {b:<14} {c:>6} of {d}")
-    (a, b), (c, d) = counted("b", FEWER, lambda effect: effect.name == "tooth_crack")
+    (a, b), (c, d) = counted("b", FEWER, lambda effect: "tooth_crack" in (effect.name, *effect.indistinguishable_from))
     print(f"broken ones found with {FEWER}: {a} of {b} inside the learned load range, {c} of {d} outside")
 
 

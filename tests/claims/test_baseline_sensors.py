@@ -1,0 +1,86 @@
+"""Sensors compete with faults: what a sensor does is never a fault of the gears, and what no sensor can do stays one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.claims.test_baseline import RATE, RIG, SHAFTS, SPEED, healthy, machine, parts
+from twin.baseline.diagnosis import diagnose
+from twin.baseline.findings import compare
+from twin.baseline.low_frequency import low_frequency_rival
+from twin.baseline.off_lines import off_lines
+from twin.baseline.reading import angle_of
+from twin.baseline.sensor_timing import timing_changes
+from twin.windows import Samples
+
+GEARS = {"tooth_crack", "mesh_change", "pitch_error", "gear_eccentricity", "pinion_eccentricity"}
+
+
+def spoiled(change, sensor="b", seed=99):
+    window = machine(0.42, seed)
+    x = window.accelerations[sensor]
+    values = np.asarray(change(x.values.copy()))
+    return replace(window, accelerations={**window.accelerations, sensor: replace(x, values=values)})
+
+
+def cut(x):
+    x[1000:1800] = x[1000]
+    return x
+
+
+@pytest.mark.parametrize(("change", "name"), [
+    (lambda x: -x, "sensor_polarity"),
+    (lambda x: np.clip(x, -1.5 * x.std(), 1.5 * x.std()), "sensor_clipping"),
+    (lambda x: 1e-4 * np.random.default_rng(1).normal(size=x.size), "sensor_dead"),
+    (cut, "sensor_dead_time"),
+    (lambda x: x + 1.5 * x.std() * np.random.default_rng(1).normal(size=x.size), "sensor_noise"),
+    (lambda x: x + 0.5 * np.cos(2 * np.pi * 50 * np.arange(x.size) / RATE), "hum"),
+])  # fmt: skip
+def test_what_a_sensor_does_is_named_and_is_no_fault_of_the_gears(change, name):
+    diagnosis = diagnose(healthy(), [parts(spoiled(change))])
+    names = {e.name for e in diagnosis.effects}
+    assert not names & GEARS
+    assert name in names
+    assert all(e.channels == ("b",) for e in diagnosis.effects if e.name == name)
+
+
+def test_healthy_window_has_no_changed_timing():
+    for seed, load in ((50, 0.3), (51, 0.7)):
+        assert timing_changes(healthy(), parts(machine(load, seed)).whole) == ()
+
+
+def test_impacts_that_ring_are_seen_in_the_envelope_of_their_band_and_by_their_order():
+    rng = np.random.default_rng(4)
+    window = machine(0.42, 99)
+    track = angle_of(RIG, window)
+    t = np.arange(int(8.0 * RATE)) / RATE
+    order, speed = 3.57, SPEED * (1 - 0.0042)
+    phase = (order * speed * t) % 1 / (order * speed)
+    ring = 3 * np.exp(-400 * phase) * np.sin(2 * np.pi * 1200 * phase)
+    quiet = Samples(start=0.0, rate=RATE, values=0.2 * rng.normal(size=t.size))
+    struck = replace(quiet, values=quiet.values + ring)
+    before, after = off_lines(quiet, track, SHAFTS), off_lines(struck, track, SHAFTS)
+    rise = dict(zip(after.names, after.values - before.values, strict=True))
+    assert max(rise[name] for name in rise if name.startswith("impacts of no shaft")) > 3
+    assert after.free_order == pytest.approx(order, rel=0.01)
+
+
+def test_smooth_gain_of_low_frequencies_is_a_rival_only_where_the_healthy_machine_has_these_lines():
+    compared = compare(healthy(), parts(machine(0.42, 99)).whole)
+    change = next(c for c in compared.changes if float(c.shaft) < 1)
+    at = np.rint(change.multiples * float(change.shaft) * compared.reading.period).astype(int) - 1
+
+    def with_lines(values):
+        channel = compared.reading.channels[change.channel]
+        lines = channel.lines.copy()
+        lines[at] = values
+        reading = replace(compared.reading, channels={change.channel: replace(channel, lines=lines)})
+        return replace(compared, reading=reading)
+
+    x = compared.expected.lines[change.channel][at]
+    f = change.multiples.astype(float)
+    rival = low_frequency_rival(with_lines(x * (0.6 + 2.0 / f)), change)
+    assert rival is not None and rival.left < 0.1 and rival.gain[0] > rival.gain[2]
+    pulse = 5 * np.abs(x).max() * np.exp(2j * np.pi * 0.3 * f)
+    assert low_frequency_rival(with_lines(x + pulse), change) is None
