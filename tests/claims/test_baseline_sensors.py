@@ -1,4 +1,4 @@
-"""Sensors compete with faults: what a sensor does is never a fault of the gears, and what no sensor can do stays one."""
+"""Sensors compete with faults: what a sensor does is never a fault of the gears; what no sensor does stays one."""
 
 from dataclasses import replace
 

