@@ -12,7 +12,6 @@ from typing import Any
 
 from twin.attention import StatusLimits
 from twin.baseline.causes import CauseThresholds
-from twin.baseline.diagnosis import DiagnosisThresholds
 from twin.baseline.energy_breakdown import EnergyThresholds
 from twin.baseline.findings import BaselineThresholds
 from twin.baseline.learned import LearningThresholds
@@ -26,6 +25,7 @@ from twin.baseline.spacing import SpacingThresholds
 from twin.baseline.spacing_search import SpacingSearchThresholds
 from twin.baseline.sufficiency import SufficiencyLimits
 from twin.baseline.transfer_path import PathThresholds
+from twin.baseline.verdict import DiagnosisThresholds
 from twin.detectability.machines import HealthySpread
 from twin.detectability.nulls import NullThresholds
 from twin.detectability.windows import NoiseOfFloor

@@ -104,7 +104,8 @@ def _effect(effect: Mapping[str, Any]) -> str:
     said = f"Found {name} ({', '.join(effect['channels'])}): {evidence['detail']}."
     if parameters:
         said += f" {parameters[0].upper()}{parameters[1:]}."
-    said += f" Evidence {evidence['log_evidence']:.0f} nat over the baseline alone"
+    gain = evidence["log_evidence"]
+    said += " No evidence is computed" if gain is None else f" Evidence {gain:.0f} nat over the baseline alone"
     if evidence["over_runner_up"] is not None:
         said += f", {evidence['over_runner_up']:.0f} over {evidence['runner_up']}"
     alike = evidence.get("indistinguishable_from")

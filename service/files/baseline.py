@@ -58,7 +58,7 @@ KEPT = (
     "name", "start_time_ns", "duration", "turns", "period", "speed_hz", "speed_std_hz", "angle_from", "absolute",
     "torque_nm",
 )  # fmt: skip
-KEPT_OFF_LINES = ("names", "free_order", "clipped", "constant")
+KEPT_OFF_LINES = ("names", "tones", "free_order", "clipped", "constant")
 
 
 class Loaded(NamedTuple):
@@ -285,7 +285,8 @@ def _off_lines(values: np.ndarray, header: dict[str, Any]) -> OffLines:
     return OffLines(
         names=tuple(header["names"]),
         values=values,
-        **{key: float(header[key]) for key in KEPT_OFF_LINES if key != "names"},
+        tones=tuple(header.get("tones", ())),
+        **{key: float(header[key]) for key in ("free_order", "clipped", "constant")},
     )
 
 

@@ -47,7 +47,7 @@ class Residual:
 class Evidence:
     """What speaks for an effect."""
 
-    log_evidence: float  # over the model without it [nat]
+    log_evidence: float | None  # over the model without it [nat]; None where none is computed
     runner_up: str | None = None
     over_runner_up: float | None = None  # [nat]
     indistinguishable_from: tuple[str, ...] = ()

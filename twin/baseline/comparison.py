@@ -28,10 +28,12 @@ from twin.assessment import (
     Unexplained,
 )
 from twin.baseline.causes import causes_of, one_bearing
-from twin.baseline.diagnosis import Diagnosis, Named, WindowParts, diagnose, shaft_name
+from twin.baseline.diagnosis import Diagnosis, WindowParts, diagnose
 from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
+from twin.baseline.named import Named
 from twin.baseline.reading import TURNS_PER_PERIOD, angle_of, read
+from twin.baseline.shaft_names import shaft_name
 from twin.baseline.spacing import Spacing, SpacingsFound, unattributed_spacings
 from twin.baseline.sufficiency import sufficiency_of
 from twin.errors import NotAvailable

@@ -18,16 +18,15 @@ from twin.baseline.findings import BaselineComparison, ShaftChange, compare
 from twin.baseline.learned import Baseline
 from twin.baseline.low_frequency import LowFrequencyRival, low_frequency_rival
 from twin.baseline.named import Named, majority
-from twin.baseline.operating import UNITS
+from twin.baseline.off_line_findings import changes_of, off_lines_named
 from twin.baseline.reading import WindowReading
-from twin.baseline.sensor_findings import faults_named, off_lines_named, sensor_faults, timing_named, without
+from twin.baseline.sensor_findings import faults_named, sensor_faults, timing_named, without
 from twin.baseline.sensor_timing import corrected, timing_changes
-from twin.baseline.sufficiency import range_of, thin_for_teeth
+from twin.baseline.shaft_names import LOCAL_ALTERNATIVES, names_of, shaft_name
+from twin.baseline.sufficiency import thin_for_teeth
 from twin.baseline.transfer_path import Path, name_of_path
-from twin.effects import EFFECTS
-from twin.effects.signature import Signature
+from twin.baseline.verdict import DEFAULT, DiagnosisThresholds, common_level, reassembled, unnamed, verdict_of
 from twin.errors import NotAvailable
-from twin.thresholds import deciding
 
 SIDEBANDS = 2.0  # orders on either side that belong to a mesh harmonic's band
 BANDS = 5
@@ -36,30 +35,7 @@ PULSE_POINTS = 201  # over a turn, to be drawn
 OUTSIDE = 3.0  # standard deviations beyond which energy is counted as left over
 MOST_GROWN = 5.0  # times the healthy scatter that lines raised by what was found are given at most
 MESH_CHANGE = "mesh_change"  # what every tooth does alike: no baseline tells those effects from one another
-PATHS_OF_SENSORS = ("sensor_gain", "sensor_resonance")
 LOW_FREQUENCY = "the low-frequency response of {}, which makes the healthy lines of this shaft these"
-LOCAL_ALTERNATIVES = ("a coupling, a seat or a load of that shaft that pushes once a turn",)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiagnosisThresholds:
-    """When a comparison with the baseline is a verdict."""
-
-    misfit: float = deciding(
-        4.0, unit="variances", meaning="misfit of the lines to the healthy scatter that is an unidentified effect",
-        source="convention: two standard deviations of every line; held-out healthy recordings have about 1",
-    )  # fmt: skip
-    nearer: float = deciding(
-        0.98, of="waveform error before", meaning="waveform error on held-out turns that a named path must reach",
-        source="convention: two per cent; what leaves the waveform as wrong as before is no finding",
-    )  # fmt: skip
-    least_reassembled: int = deciding(
-        2, meaning="transfer paths that have changed at once that raise the question of a reassembly",
-        source="derivation: one sensor is remounted by itself",
-    )  # fmt: skip
-
-
-DEFAULT = DiagnosisThresholds()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -95,6 +71,7 @@ def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: Diagnos
     faults = [sensor_faults(baseline, w.whole) for w in windows]
     usable = [_each(w, partial(without, faults=found)) for w, found in zip(windows, faults, strict=True)]
     timing = [timing_changes(baseline, w.whole) for w in usable]
+    measured = [w.whole for w in usable]
     usable = [_each(w, partial(corrected, changes=found)) for w, found in zip(usable, timing, strict=True)]
     for w in usable:
         pair = baseline.swapped(w.whole)
@@ -107,17 +84,14 @@ def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: Diagnos
     thin = thin_for_teeth(baseline)
     errors, bands = _errors(baseline, usable)
     paths = [_if_nearer(path, errors, limits) for path in _paths(compared)]
-    sensors = [*faults_named(faults), *timing_named(timing)]
-    effects = [*sensors, *([] if thin else paths), *_shafts(baseline, compared)]
-    effects += off_lines_named(baseline, compared, effects)
+    sensors = [*faults_named(faults), *timing_named(timing, measured, compared)]
+    off_lines = changes_of(baseline, compared)
+    known = [*sensors, *([] if thin else paths), *_shafts(baseline, compared)]
+    beside = off_lines_named(baseline, compared, off_lines, known)
+    effects = [*(e for e in known if not _pulse_instead(e, beside)), *beside]
     share, misfit, lines = _left(compared)
-    verdict, reason = _verdict(baseline, compared, effects, misfit, limits)
-    reasons = (
-        reason,
-        _unnamed(paths if thin else []),
-        _common_level(compared),
-        _reassembled(effects, compared, limits),
-    )
+    verdict, reason = verdict_of(baseline, compared, effects, misfit, off_lines, limits)
+    reasons = (reason, unnamed(paths if thin else []), common_level(compared), reassembled(effects, compared, limits))
     return Diagnosis(
         compared=tuple(compared),
         effects=tuple(effects),
@@ -127,6 +101,16 @@ def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: Diagnos
         reason="; ".join(r for r in reasons if r),
         share=share,
         lines=tuple(lines),
+    )
+
+
+def _pulse_instead(effect: Named, beside: Sequence[Named]) -> bool:
+    """Whether lines of a shaft without a common angle come from impacts once a turn that were found by their band."""
+    order = effect.parameters.get("shaft_order")
+    return (
+        order is not None
+        and "angle" not in effect.parameters
+        and any("shaft_order" in e.parameters and e.parameters["shaft_order"].value == order.value for e in beside)
     )
 
 
@@ -148,77 +132,6 @@ def _each(window: WindowParts, change: Callable[[WindowReading], WindowReading])
     """A window with a change of its readings."""
     first, second = (None if part is None else change(part) for part in (window.first, window.second))
     return WindowParts(whole=change(window.whole), first=first, second=second)
-
-
-def _reassembled(effects: Sequence[Named], compared: Sequence[BaselineComparison], limits: DiagnosisThresholds) -> str:
-    """That several mounts have changed at once; empty where they have not."""
-    changed = sorted({c for e in effects if e.name in PATHS_OF_SENSORS for c in e.channels})
-    of = len(compared[0].expected.lines)
-    if len(changed) < limits.least_reassembled or 2 * len(changed) <= of:
-        return ""
-    return (
-        f"the transfer paths to {', '.join(changed)} have changed at once, {len(changed)} of {of}: was the machine "
-        "reassembled or opened? Then the lines of the gears may have changed with it"
-    )
-
-
-def _verdict(
-    baseline: Baseline,
-    compared: Sequence[BaselineComparison],
-    effects: Sequence[Named],
-    misfit: float,
-    limits: DiagnosisThresholds,
-) -> tuple[str, str]:
-    """Verdict and reason, the gravest first."""
-    if not all(c.same_teeth for c in compared):
-        correlation = min(c.expected.alignment.correlation for c in compared if c.expected.alignment is not None)
-        return "unknown_effect", (
-            f"the pattern of the teeth is not the baseline's (correlation {correlation:.2f}): other gears, another "
-            "assembly, or tooth counts that are not this machine's"
-        )
-    beyond = 1.0 if all(c.expected.interpolated for c in compared) else compared[0].limits.extrapolated ** 2
-    if misfit > limits.misfit * beyond:
-        return "unknown_effect", f"the lines differ {misfit:.1f} times as much as healthy recordings do"
-    unknown = next((e for e in effects if e.name == "unknown_effect"), None)
-    if unknown is not None:
-        return "unknown_effect", unknown.detail
-    if not any(c.expected.interpolated for c in compared):
-        return "insufficient_data", _beyond_range(baseline, compared[0])
-    thin = thin_for_teeth(baseline)
-    return ("explained", "") if thin is None else ("insufficient_data", thin)
-
-
-def _unnamed(paths: Sequence[Named]) -> str:
-    """Changes of transfer paths that a baseline too thin for the teeth does not name; empty where there are none."""
-    channels = [channel for path in paths for channel in path.channels]
-    if not channels:
-        return ""
-    return (
-        f"the transfer paths to {', '.join(channels)} differ from the baseline's: by a changed sensor, mount or gear, "
-        "which cannot be distinguished yet"
-    )
-
-
-def _beyond_range(baseline: Baseline, compared: BaselineComparison) -> str:
-    """That a window's operating point lies outside the learned ones."""
-    at = baseline.operating_point(compared.reading)
-    here = ", ".join(f"{v:.5g} {UNITS[axis]}" for axis, v in zip(baseline.axes, at, strict=True))
-    return (
-        f"the operating point ({here}) lies beyond the baseline's ({range_of(baseline)}): "
-        "another load or speed, or a wrong sampling rate; small effects would not be seen"
-    )
-
-
-def _common_level(compared: Sequence[BaselineComparison]) -> str:
-    """That all sensors have moved alike; empty where they have not."""
-    paths = [p for c in compared for p in c.paths]
-    common = max((p.common_power for p in paths), key=abs, default=0.0)
-    if not paths or abs(common) <= paths[0].limits.least_common:
-        return ""
-    return (
-        f"all sensors are at {np.exp(common):.2f} times the baseline's level for this operating point: a load for "
-        "which the baseline does not hold, or the machine as a whole has changed"
-    )
 
 
 def _paths(compared: Sequence[BaselineComparison]) -> list[Named]:
@@ -353,29 +266,6 @@ def _parameters(change: ShaftChange, size: float) -> dict[str, ParameterValue]:
     return out
 
 
-def shaft_name(shaft: Fraction, baseline: Baseline) -> str:
-    """The name of a shaft."""
-    z1, z2 = baseline.rig.teeth
-    if shaft == 1:
-        return "pinion"
-    if shaft == z1:
-        return "mesh"
-    return "gear" if shaft == Fraction(z1, z2) else f"shaft of order {float(shaft):g}"
-
-
-def names_of(shape: str, shaft: str) -> tuple[str, ...]:
-    """Effects of the table that an accelerometer sees with this shape on this shaft, by their signatures."""
-    role = shaft if shaft in ("pinion", "gear", "mesh") else "other"
-    signatures: dict[str, Signature] = {name: effect.signature for name, effect in EFFECTS.items()}
-    return tuple(
-        name
-        for name, signature in signatures.items()
-        if signature.shape == shape
-        and "acceleration" in signature.channels
-        and (role in signature.shafts or shape == "alike")
-    )
-
-
 def _kind(baseline: Baseline, shaft: Fraction, change: ShaftChange) -> tuple[str, str, tuple[str, ...]]:
     """Name, description, and alternatives that this comparison cannot exclude."""
     where = shaft_name(shaft, baseline)
@@ -389,6 +279,7 @@ def _kind(baseline: Baseline, shaft: Fraction, change: ShaftChange) -> tuple[str
             f"fifths of it within {change.width:.2f} of a turn): one tooth of that shaft, or a similar impact"
         ),
         "all_round": f"teeth all around the {where} have changed (orders {strong})",
+        "few": f"few lines of the {where} have changed (orders {strong})",
     }
     described = descriptions[change.kind]
     if change.kind == "alike":

@@ -29,6 +29,7 @@ from fractions import Fraction
 import numpy as np
 
 from twin.baseline.learned import Baseline, ExpectedLines
+from twin.baseline.operating import DEFAULT as OPERATING
 from twin.baseline.reading import WindowReading
 from twin.baseline.shaft_orders import own_multiples
 from twin.baseline.transfer_path import DEFAULT as PATHS
@@ -36,6 +37,7 @@ from twin.baseline.transfer_path import Path, band_gains, band_levels, common_le
 from twin.thresholds import deciding
 
 MESH_LINES = 6  # harmonics of the mesh that are compared
+BESIDE_MESH = np.array([-3, -2, -1, 1, 2, 3])  # orders of the pinion from a mesh line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,8 +55,8 @@ class BaselineThresholds:
         source="not derived: a variance of n recordings is uncertain by about sqrt(2/n)",
     )  # fmt: skip
     extrapolated: float = deciding(
-        4.0, meaning="ratio of path scatter and evidence required beyond the learned operating points",
-        source="tuned on the seven loads of the broken-tooth set",
+        4.0, meaning="ratio of path scatter and evidence required far beyond the learned operating points; it grows "
+        "evenly from 1 at their end", source="tuned on the seven loads of the broken-tooth set",
     )  # fmt: skip
     changed_path: float = deciding(
         2.0, meaning="ratio of evidence required in a channel whose transfer path has changed", source="not derived",
@@ -85,6 +87,13 @@ class BaselineThresholds:
     same_teeth: float = deciding(
         0.3, meaning="correlation with the baseline's tooth pattern below which the gears are others",
         source="tuned on the seven loads of the broken-tooth set",
+    )  # fmt: skip
+    few_lines: int = deciding(
+        4, meaning="strong lines that a change all round a shaft must have", source="as for a local change",
+    )  # fmt: skip
+    beside_mesh: float = deciding(
+        0.1, of="energy of a changed mesh line", meaning="energy of changed lines beside it from which it is no "
+        "change of all teeth alike", source="not derived: a pulse once a turn leaves about 1, teeth that wear alike nothing",
     )  # fmt: skip
     mesh_turn: float = deciding(
         0.6, unit="rad of the mesh", meaning="error of the mesh phase that the alignment of two windows leaves",
@@ -117,14 +126,16 @@ class ShaftChange:
 
     @property
     def kind(self) -> str:
-        """A shape of twin/effects/signature.py: `alike`, `run_out`, `local` or `all_round`."""
+        """A shape of twin/effects/signature.py: `alike`, `run_out`, `local` or `all_round`; or `few` lines of none."""
         if self.shaft > 1 and self.shaft.denominator == 1:
             return "alike"
         energy = np.abs(self.lines) ** 2 * self.strong
         if energy[self.multiples == 1].sum() > self.limits.run_out_share * energy.sum():
             return "run_out"
         local = self.strong.sum() >= self.limits.local_lines and self.in_phase > self.limits.local_coherence
-        return "local" if local else "all_round"
+        if local:
+            return "local"
+        return "all_round" if self.strong.sum() >= self.limits.few_lines else "few"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -144,17 +155,23 @@ class BaselineComparison:
         return found is None or found.correlation > self.limits.same_teeth
 
     @property
-    def believed(self) -> tuple[ShaftChange, ...]:
-        """Changes beyond what healthy recordings show."""
+    def extrapolated(self) -> float:
+        """By how much more a change must show for its distance from the learned operating points: from 1 on."""
+        return _extrapolated(self.expected, self.limits)
+
+    def least_evidence(self, change: ShaftChange) -> float:
+        """Evidence from which a change is believed [nat]."""
         limits = self.limits
         # a scatter that is widened for the distance already needs less additional evidence
-        more = 1.0 if self.expected.interpolated else max(limits.extrapolated / self.expected.wider**2, 1.0)
+        more = max(self.extrapolated / self.expected.wider**2, 1.0)
         more *= 1 + limits.few_recordings / self.expected.left_out
+        moved = any(p.moved for p in self.paths if p.channel == change.channel)
+        return limits.least_evidence * more * (limits.changed_path if moved else 1.0)
+
+    @property
+    def believed(self) -> tuple[ShaftChange, ...]:
+        """Changes beyond what healthy recordings show."""
         moved = {p.channel for p in self.paths if p.moved}
-
-        def least(change: ShaftChange) -> float:
-            return limits.least_evidence * more * (limits.changed_path if change.channel in moved else 1.0)
-
         if not self.same_teeth:
             return ()
         # mesh lines depend on load and transfer path: outside the known range their changes are not believed
@@ -162,10 +179,20 @@ class BaselineComparison:
         return tuple(
             c
             for c in self.changes
-            if c.log_evidence > least(c)
+            if c.log_evidence > self.least_evidence(c)
             and c.strong.any()
-            and (c.kind != "alike" or (known and c.channel not in moved))
+            and (c.kind != "alike" or (known and c.channel not in moved and not self._beside_mesh(c)))
         )
+
+    def _beside_mesh(self, mesh: ShaftChange) -> bool:
+        """Whether the lines beside the changed mesh lines have changed, too: a pulse once a turn does that."""
+        strong, channel = mesh.strong, mesh.channel
+        x, y = self.expected.lines[channel], self.reading.channels[channel].lines
+        orders = (mesh.multiples[strong, None] * int(mesh.shaft) + BESIDE_MESH) * self.reading.period - 1
+        places = orders[(orders >= 0) & (orders < x.size)]
+        beside = np.maximum(np.abs(y[places] - x[places]) ** 2 - self.expected.std[channel][places] ** 2, 0.0)
+        own = float(np.mean(np.abs(mesh.lines[strong]) ** 2))
+        return bool(np.mean(beside) > self.limits.beside_mesh * own)
 
     def explained(self, channel: str) -> np.ndarray:
         """The lines of a channel with everything that was found (K,)."""
@@ -222,11 +249,15 @@ def compare(baseline: Baseline, reading: WindowReading, limits: BaselineThreshol
     )
 
 
+def _extrapolated(expected: ExpectedLines, limits: BaselineThresholds) -> float:
+    return 1 + (limits.extrapolated - 1) * min(expected.beyond / OPERATING.far, 1.0)
+
+
 def _paths(
     baseline: Baseline, reading: WindowReading, expected: ExpectedLines, limits: BaselineThresholds
 ) -> dict[str, Path]:
     """The transfer path of every channel whose bands determine it, and what all of them share."""
-    more = expected.wider if expected.interpolated else max(expected.wider, limits.extrapolated)
+    more = max(expected.wider, _extrapolated(expected, limits))
     gains: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     levels: dict[str, np.ndarray] = {}
     for channel, x in expected.lines.items():

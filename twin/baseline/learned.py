@@ -25,7 +25,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from twin.baseline.alignment import Alignment, align
-from twin.baseline.operating import axes_of, miss_of, order_of, point_of, weights_of
+from twin.baseline.operating import axes_of, distance_beyond, miss_of, order_of, point_of, weights_of
 from twin.baseline.reading import WindowReading
 from twin.baseline.transfer_path import band_gains, band_levels, lesser
 from twin.errors import NotAvailable, ParameterError
@@ -66,6 +66,7 @@ class ExpectedLines:
     left_out: int  # recordings that the scatter was taken from
     alignment: Alignment | None
     interpolated: bool  # False: beyond what was learned
+    beyond: float  # distance to the nearest point learned, of their range; 0 where interpolated
     between: tuple[str, ...]  # names of the recordings that it comes from
 
 
@@ -224,6 +225,7 @@ def _expected(
         left_out=left_out,
         alignment=found,
         interpolated=inside,
+        beyond=distance_beyond(np.array([point_of(r, axes) for r in readings]), point_of(reading, axes)),
         between=between,
     )
 

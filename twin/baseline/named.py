@@ -15,7 +15,7 @@ class Named:
     name: str
     channels: tuple[str, ...]
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
-    log_evidence: float
+    log_evidence: float | None  # over the baseline alone [nat]; None where the samples themselves say so
     runner_up: str | None = None
     over_runner_up: float | None = None
     indistinguishable_from: tuple[str, ...] = ()

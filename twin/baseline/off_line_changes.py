@@ -8,11 +8,17 @@ s²   mean square of what each recording misses of the line through the others, 
 
 The prediction is as uncertain beyond the learned range as the line through it is: the more, the further away.
 
-Source   prediction interval of a regression line: N. R. Draper, H. Smith, Applied Regression Analysis, ch. 1
+    ln Λ = (ν + 1)/2·ln(1 + z²/ν) − ln M       nats for a change, ν = 4·(n − 1 − d), M measures tried
+
+White noise of one power p, added in every band, raises the quiet bands most: Δy_b = ½·ln(1 + p·e^{−2ŷ_b}).
+
+Source   prediction interval of a regression line: N. R. Draper, H. Smith, Applied Regression Analysis, ch. 1;
+         ν of a mean of two variances: F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110–114
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +28,7 @@ from twin.baseline.reading import WindowReading
 from twin.thresholds import deciding
 
 SIZES = ("level", "noise", "tone")  # kinds of measures that go with the level of the channel
+NOISE_POWERS = 400  # tried
 LEAST_SCATTER = 0.02  # of a logarithm, below which no scatter is believed
 
 
@@ -38,8 +45,13 @@ class OffLineThresholds:
     least_recordings: int = deciding(
         5, meaning="healthy recordings from which a deviation is judged", source="SufficiencyLimits.least_recordings",
     )  # fmt: skip
-    noise_bands: float = deciding(
-        0.5, of="bands", meaning="share of the noise floors that must have risen for noise", source="convention: half",
+    noise_left: float = deciding(
+        0.25, of="squared deviations of the noise floors", meaning="share that white noise of one power may leave",
+        source="convention: half of the deviation explained",
+    )  # fmt: skip
+    suspected: float = deciding(
+        0.7, of="deviation of a change", meaning="deviation from which a recording is not said to be explained",
+        source="derivation: the root of half; healthy recordings of the broken-tooth set reach 0.55",
     )  # fmt: skip
     clipped: float = deciding(
         0.001, meaning="share of samples at the largest and smallest value, beyond five times the healthy share, that "
@@ -72,8 +84,30 @@ class OffLineChange:
 
     channel: str
     measure: str
+    expected: float  # logarithm ŷ
     change: float  # of the logarithm
     deviation: float  # z [standard deviations]
+    freedom: int  # ν
+    tried: int  # M
+
+    @property
+    def log_evidence(self) -> float:
+        """ln Λ [nat]."""
+        return student_evidence(self.deviation**2, self.freedom, self.tried)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddedNoise:
+    """White noise that one channel has more of than when it was healthy."""
+
+    rms: float  # in the channel's unit, up to half the sampling rate
+    deviation: float  # root of the squared deviations that it explains
+    log_evidence: float  # [nat]
+
+
+def student_evidence(squared: float, freedom: int, tried: int) -> float:
+    """ln Λ [nat] of a squared deviation whose scatter has so many degrees of freedom, the best of so many tried."""
+    return 0.5 * (freedom + 1) * float(np.log1p(squared / freedom)) - float(np.log(max(tried, 1)))
 
 
 def off_line_changes(
@@ -88,27 +122,54 @@ def off_line_changes(
     wider   by how much more a point may miss for its distance from the recordings (`ExpectedLines.wider`)
     common  ln of the level that all sensors share: of no channel by itself
     """
-    out = []
+    found = []
     for channel, lines in reading.channels.items():
         if lines.off is None:
             continue
-        names = lines.off.names
+        here = dict(zip(lines.off.names, lines.off.values.tolist(), strict=True))
         known = [
-            (baseline.operating_point(r), c.off.values)
+            (baseline.operating_point(r), dict(zip(c.off.names, c.off.values.tolist(), strict=True)))
             for r in baseline.readings
-            if (c := r.channels.get(channel)) is not None and c.off is not None and c.off.names == names
+            if (c := r.channels.get(channel)) is not None and c.off is not None
         ]
         if len(known) < limits.least_recordings:
             continue
-        u, values = np.array([point for point, _ in known]), np.array([value for _, value in known])
-        change, spread = _deviations(u, values, baseline.operating_point(reading), lines.off.values, names)
-        change = change - common * np.array([kind_of(name) in SIZES for name in names])
-        deviation = change / spread / wider
-        out += [
-            OffLineChange(channel=channel, measure=name, change=float(c), deviation=float(z))
-            for name, c, z in zip(names, change, deviation, strict=True)
-        ]
+        names = tuple(name for name in here if all(name in values for _, values in known))
+        u = np.array([point for point, _ in known])
+        learned, now = np.array([[v[n] for n in names] for _, v in known]), np.array([here[n] for n in names])
+        change, spread = _deviations(u, learned, baseline.operating_point(reading), now, names)
+        shared = common * np.array([kind_of(name) in SIZES for name in names])
+        freedom = 4 * max(len(known) - 1 - u.shape[1], 1)
+        found.append((channel, names, now - change + shared, change - shared, spread * wider, freedom))
+    tried = sum(len(names) for _, names, *_ in found)
+    out = [
+        OffLineChange(
+            channel=channel, measure=name, expected=e, change=c, deviation=c / s, freedom=freedom, tried=tried
+        )
+        for channel, names, expected, change, spread, freedom in found
+        for name, e, c, s in zip(names, expected.tolist(), change.tolist(), spread.tolist(), strict=True)
+    ]
     return tuple(sorted(out, key=lambda one: -abs(one.deviation)))
+
+
+def added_noise(changes: Sequence[OffLineChange], limits: OffLineThresholds = DEFAULT) -> AddedNoise | None:
+    """White noise that explains how the noise floors of one channel have risen; None where it does not."""
+    floors = [c for c in changes if kind_of(c.measure) == "noise"]
+    if not floors:
+        return None
+    y, Δ = np.array([c.expected for c in floors]), np.array([c.change for c in floors])
+    s = np.array([c.change / c.deviation if c.deviation else LEAST_SCATTER for c in floors])
+    powers = np.exp(np.linspace(2 * y.min() - 4, 2 * y.max() + 4, NOISE_POWERS))
+    left = np.sum(((Δ - 0.5 * np.log1p(powers[:, None] * np.exp(-2 * y))) / s) ** 2, axis=1)
+    best, whole = int(np.argmin(left)), float(np.sum((Δ / s) ** 2))
+    gained = whole - float(left[best])
+    if gained < limits.changed**2 or left[best] > limits.noise_left * whole:
+        return None
+    return AddedNoise(
+        rms=float(np.sqrt(powers[best] / np.log(2))),  # the floor is a median, ln 2 of the mean
+        deviation=float(np.sqrt(gained)),
+        log_evidence=student_evidence(gained, floors[0].freedom, floors[0].tried),
+    )
 
 
 def _deviations(

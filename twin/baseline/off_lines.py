@@ -6,7 +6,8 @@
     impacts of no shaft                         max over o of the mean of ln(S_b(k·o)²/median), k = 1 … 3
 
 Bands are octaves below four fifths of half the sampling rate. Impacts of teeth and bearings ring at kHz, where they
-raise the squared envelope's lines long before a line of the spectrum itself.
+raise the squared envelope's lines long before a line of the spectrum itself. Tones are taken from spectra of blocks of
+one length, so that a shorter recording has the same noise about them. Pulses that keep their angle: turn_pulses.py.
 
 Source   squared envelope spectrum: J. Antoni, Mech. Syst. Signal Process. 21 (2007) 597–629; R. B. Randall, J. Antoni,
          Mech. Syst. Signal Process. 25 (2011) 485–520
@@ -14,9 +15,10 @@ Source   squared envelope spectrum: J. Antoni, Mech. Syst. Signal Process. 21 (2
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import lcm
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter
@@ -31,10 +33,12 @@ OCTAVES = 4  # whose envelopes are taken
 FLOORS = 6  # octaves whose noise floor is taken
 HIGHEST = 0.8  # of half the sampling rate
 TONE_WIDTH, TONES = 20.0, 20  # [Hz], and how many such stretches from 0 are searched for tones
+TONE_BLOCK = 3.0  # [s]
 ENVELOPE_RATE = 1600.0  # [Hz]
 PER_SHAFT = 6  # multiples of a shaft's order
 COMB = 3  # multiples of a free order
 FREE = (0.35, 12.0)  # orders of the pinion that impacts of no shaft are searched in
+OWN_WIDTH = 2.5  # bins on either side that a line of the pair covers: half of Hann's main lobe, and what wander adds
 LEAST = 1e-9  # of the level, below which a measure is cut off
 
 
@@ -44,9 +48,23 @@ class OffLines:
 
     names: tuple[str, ...]
     values: np.ndarray  # logarithms (n,)
+    tones: tuple[float, ...]  # frequency of the largest amplitude in every stretch that is searched for tones [Hz]
     free_order: float  # of the clearest impacts of no shaft [orders of the pinion]
     clipped: float  # share of the samples that are the largest or the smallest value
     constant: float  # longest run of one value, as a share of the window
+
+    def with_measures(self, more: Mapping[str, float]) -> OffLines:
+        """With further measures, by name."""
+        return replace(
+            self, names=(*self.names, *more), values=np.concatenate([self.values, np.array(list(more.values()))])
+        )
+
+
+def octaves(rate: float) -> dict[str, tuple[float, float]]:
+    """The bands whose envelopes are taken, from and to [Hz], by name, for a sampling rate [Hz]."""
+    top = HIGHEST * rate / 2
+    edges = [(top / 2 ** (i + 1), top / 2**i) for i in range(OCTAVES)]
+    return {f"{_hz(low)} to {_hz(high)}": (low, high) for low, high in edges}
 
 
 def off_lines(samples: Samples, track: AngleTrack, shafts: Sequence[Fraction]) -> OffLines:
@@ -66,15 +84,13 @@ def off_lines(samples: Samples, track: AngleTrack, shafts: Sequence[Fraction]) -
         inside = (f > top / 2 ** (i + 1)) & (f <= top / 2**i)
         names.append(f"noise floor {_hz(top / 2 ** (i + 1))} to {_hz(top / 2**i)}")
         values.append(0.5 * np.log(max(float(np.median(power[inside])), (LEAST * size) ** 2)))
-    tones = _tones(x, samples.rate, track.speed, shafts[:2])
+    tones, places = _tones(x, samples.rate, track.speed, shafts[:2])
     names += [f"tone {i * TONE_WIDTH:.0f} to {(i + 1) * TONE_WIDTH:.0f} Hz" for i in range(tones.size)]
     values += np.log(np.maximum(tones, LEAST * size)).tolist()
     best = (-np.inf, 0.0)
-    for i in range(OCTAVES):
-        low, high = top / 2 ** (i + 1), top / 2**i
+    for where, (low, high) in octaves(samples.rate).items():
         kept = np.where((f > low) & (f <= high), spectrum, 0.0)
         envelope = np.abs(np.fft.ifft(np.concatenate([kept, np.zeros(x.size - kept.size)]))) ** 2
-        where = f"{_hz(low)} to {_hz(high)}"
         names.append(f"peaks {where}")
         values.append(np.log(np.mean(envelope**2) / max(float(np.mean(envelope)) ** 2, 1e-300)))
         orders, lines = _envelope_lines(envelope, samples, track)
@@ -90,6 +106,7 @@ def off_lines(samples: Samples, track: AngleTrack, shafts: Sequence[Fraction]) -
     return OffLines(
         names=tuple(names),
         values=np.array(values),
+        tones=tuple(places.tolist()),
         free_order=best[1],
         clipped=_at_extremes(samples.values),
         constant=_longest_run(samples.values),
@@ -100,20 +117,25 @@ def _hz(frequency: float) -> str:
     return f"{frequency:.0f} Hz" if frequency < 1000 else f"{frequency / 1000:.2g} kHz"
 
 
-def _tones(x: np.ndarray, rate: float, speed: float, shafts: Sequence[Fraction]) -> np.ndarray:
-    """Largest amplitude off the pair's orders in every stretch of frequency (TONES,)."""
-    from math import lcm
+def _tones(x: np.ndarray, rate: float, speed: float, shafts: Sequence[Fraction]) -> tuple[np.ndarray, np.ndarray]:
+    """Largest amplitude off the pair's orders in every stretch of frequency, and where it is [Hz]; (TONES,) each.
 
-    weight = hann(x.size)
-    amplitude = 2 * np.abs(np.fft.rfft(x * weight)) / weight.sum()
-    width = rate / x.size
+    The root mean square of overlapping blocks.
+    """
+    size = min(x.size, round(TONE_BLOCK * rate))
+    starts = np.linspace(0, x.size - size, max(1, round(2 * x.size / size) - 1)).astype(int)
+    weight = hann(size)
+    power = np.mean([np.abs(np.fft.rfft(x[i : i + size] * weight)) ** 2 for i in starts], axis=0)
+    amplitude = 2 * np.sqrt(power) / weight.sum()
+    width = rate / size
     f = np.arange(amplitude.size) * width
     period = lcm(*(s.denominator for s in shafts)) / speed
-    own = np.abs(f * period - np.rint(f * period)) / period < 3 * width
+    own = np.abs(f * period - np.rint(f * period)) / period < OWN_WIDTH * width
     amplitude = np.where(own, 0.0, amplitude)
     count = round(TONE_WIDTH / width)
     most = min(TONES, amplitude.size // count)
-    return amplitude[: most * count].reshape(most, count).max(axis=1)
+    stretches = amplitude[: most * count].reshape(most, count)
+    return stretches.max(axis=1), f[: most * count].reshape(most, count)[np.arange(most), stretches.argmax(axis=1)]
 
 
 def _envelope_lines(envelope: np.ndarray, samples: Samples, track: AngleTrack) -> tuple[np.ndarray, np.ndarray]:
@@ -135,8 +157,6 @@ def _envelope_lines(envelope: np.ndarray, samples: Samples, track: AngleTrack) -
 
 def _free(orders: np.ndarray, lines: np.ndarray, shafts: Sequence[Fraction]) -> tuple[float, float]:
     """The clearest comb of no shaft: mean ln(S²/median) of its multiples, and its order."""
-    from math import lcm
-
     width = float(orders[1])
     median = median_filter(lines, size=max(9, int(0.8 / width)) | 1, mode="nearest")
     period = lcm(*(s.denominator for s in shafts[:2]))

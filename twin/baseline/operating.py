@@ -53,6 +53,10 @@ class OperatingThresholds:
         0.05, of="learned range", meaning="distance from the nearest learned point from which a point is outside",
         source="not derived",
     )  # fmt: skip
+    far: float = deciding(
+        0.15, of="learned range", meaning="distance beyond the learned points from which small effects are not judged",
+        source="derivation: three times the distance that counts as inside",
+    )  # fmt: skip
 
 
 DEFAULT = OperatingThresholds()
@@ -118,6 +122,13 @@ def miss_of(points: np.ndarray, at: np.ndarray, weights: Mapping[int, float]) ->
     to = np.linalg.norm(place - u, axis=1) ** SMOOTHNESS
     among = np.linalg.norm(place[:, None] - place[None], axis=2) ** SMOOTHNESS
     return float(max(2 * w @ to - w @ among @ w, 0.0))
+
+
+def distance_beyond(points: np.ndarray, at: np.ndarray) -> float:
+    """Distance of a point (d,) from the nearest of those learned (n, d), of their range; 0 among them."""
+    if weights_of(points, at)[1]:
+        return 0.0
+    return float(np.linalg.norm(_scaled(points, points) - _scaled(points, at[None])[0], axis=1).min())
 
 
 def _scaled(points: np.ndarray, values: np.ndarray) -> np.ndarray:

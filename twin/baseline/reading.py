@@ -20,7 +20,8 @@ from math import lcm
 import numpy as np
 from scipy.ndimage import median_filter
 
-from twin.baseline.off_lines import OffLines, off_lines
+from twin.baseline.off_lines import OffLines, octaves, off_lines
+from twin.baseline.turn_pulses import turn_pulses
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack
 from twin.features.extract import pinion_angle
@@ -29,7 +30,7 @@ from twin.features.resample import AngleSignal, on_angle, spline_response
 from twin.features.transforms import hann
 from twin.rig import Rig
 from twin.thresholds import deciding
-from twin.windows import Window
+from twin.windows import Samples, Window
 
 HIGHEST = 200.0  # order of the pinion up to which lines are read: ten mesh harmonics of 20 teeth
 USABLE = 0.4  # of the sampling rate
@@ -152,7 +153,7 @@ def read(
         try:
             signal, per_turn = on_angle(samples, track, samples.values.size)
             lines = lines_of(part_of(signal, part), per_turn, Q)
-            channels[sensor] = replace(lines, off=off_lines(samples, track, shafts)) if is_whole else lines
+            channels[sensor] = replace(lines, off=_off_lines(rig, samples, track, shafts, lines)) if is_whole else lines
         except TwinError as error:
             reasons.append(f"accel/{sensor}: {error}")
     if not channels:
@@ -171,6 +172,14 @@ def read(
         torque_nm=torque[0] if torque else None,
         channels=channels,
     )
+
+
+def _off_lines(
+    rig: Rig, samples: Samples, track: AngleTrack, shafts: Sequence[Fraction], lines: ChannelLines
+) -> OffLines:
+    bands = {name: (low / track.speed, high / track.speed) for name, (low, high) in octaves(samples.rate).items()}
+    pulses = turn_pulses(lines.lines, common_period(shafts), shafts, int(rig.teeth[0]), bands)
+    return off_lines(samples, track, shafts).with_measures(pulses)
 
 
 def part_of(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:

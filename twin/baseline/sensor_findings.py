@@ -1,7 +1,9 @@
-"""What single sensors and measures off the lines show, as named changes: before any fault of the gears is considered.
+"""What single sensors show, as named changes: before any fault of the gears is considered.
 
-A sensor that is dead, clipped or interrupted is named and takes no part in the comparison of lines. Changed measures
-of a channel are named by the first of these that there is: hum, noise, impacts; anything else is an unknown effect.
+A sensor that is dead, clipped or interrupted is named and takes no part in the comparison of lines: the samples
+themselves say so, and no evidence is computed. The evidence of a reversed or late sensor is that of its lines,
+
+    Σ (|Y − x|² − |Y′ − x|²)/σ² − 1      Y′ the corrected lines, x the healthy ones of their scatter σ [nat]
 """
 
 from __future__ import annotations
@@ -16,13 +18,11 @@ from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
 from twin.baseline.named import Named, majority
 from twin.baseline.off_line_changes import DEFAULT as OFF_LINES
-from twin.baseline.off_line_changes import OffLineChange, OffLineThresholds, off_line_changes
+from twin.baseline.off_line_changes import OffLineThresholds
 from twin.baseline.reading import WindowReading
 from twin.baseline.sensor_timing import TimingChange
 
 FAULTS = ("sensor_dead", "sensor_clipping", "sensor_dead_time")  # with these a channel's lines cannot be compared
-MOST_SAID = 3  # measures in one sentence
-CABLE = "another mount, cable or place of the sensor"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,22 +78,28 @@ def faults_named(found: Sequence[Sequence[SensorFault]]) -> list[Named]:
                 share = {"share": ParameterValue(value=fault.share, unit="", std=0.0)}
                 out.append(
                     Named(
-                        name=name, channels=(channel,), parameters=share, log_evidence=0.0,
+                        name=name, channels=(channel,), parameters=share, log_evidence=None,
                         detail=fault.detail, windows=tuple(at),
                     )
                 )  # fmt: skip
     return out
 
 
-def timing_named(found: Sequence[Sequence[TimingChange]]) -> list[Named]:
-    """Reversed and delayed sensors in most windows."""
+def timing_named(
+    found: Sequence[Sequence[TimingChange]], measured: Sequence[WindowReading], compared: Sequence[BaselineComparison]
+) -> list[Named]:
+    """Reversed and delayed sensors in most windows.
+
+    measured  windows before they were corrected
+    compared  the same, corrected
+    """
     out = []
     for channel in dict.fromkeys(t.channel for window in found for t in window):
         at = {i: t for i, w in enumerate(found) for t in w if t.channel == channel}
         if not majority(list(at), len(found)):
             continue
-        change = next(iter(at.values()))
-        delay = {"delay": ParameterValue(value=change.delay, unit="s", std=0.0)}
+        first, change = next(iter(at.items()))
+        delay = {"delay": ParameterValue(value=change.delay, unit="s", std=change.delay_std)}
         fit = f"{change.after:.2f} instead of {change.before:.2f}"
         said = f"the pattern of the teeth in {channel} fits the baseline to {fit}"
         out.append(
@@ -101,7 +107,7 @@ def timing_named(found: Sequence[Sequence[TimingChange]]) -> list[Named]:
                 name="sensor_polarity" if change.reversed else "sensor_delay",
                 channels=(channel,),
                 parameters=delay,
-                log_evidence=0.0,
+                log_evidence=_timing_evidence(channel, measured[first], compared[first]),
                 indistinguishable_from=("a sensor mounted the other way round",) if change.reversed else (),
                 detail=said + (" with its sign reversed" if change.reversed else "")
                 + f" and {1e3 * change.delay:+.3f} ms later than the other sensors",
@@ -111,75 +117,11 @@ def timing_named(found: Sequence[Sequence[TimingChange]]) -> list[Named]:
     return out
 
 
-def off_lines_named(
-    baseline: Baseline,
-    compared: Sequence[BaselineComparison],
-    known: Iterable[Named],
-    limits: OffLineThresholds = OFF_LINES,
-) -> list[Named]:
-    """Changes off the lines in most windows, one for each channel that nothing else is known of.
-
-    compared  windows with all channels that can be compared
-    known     what the lines and sensors have shown
-    """
-    explained = {channel for effect in known for channel in effect.channels}
-    readings = [c.reading for c in compared]
-    changes = [
-        [
-            change
-            for change in off_line_changes(
-                baseline, c.reading, c.expected.wider, max((p.common_power for p in c.paths), key=abs, default=0.0)
-            )
-            if abs(change.deviation) > limits.changed
-        ]
-        for c in compared
-    ]
-    out = []
-    for channel in dict.fromkeys(c.channel for window in changes for c in window):
-        at = {i: own for i, w in enumerate(changes) if (own := [c for c in w if c.channel == channel])}
-        if channel in explained or not majority(list(at), len(readings)):
-            continue
-        i, strongest = max(at.items(), key=lambda item: abs(item[1][0].deviation))
-        out.append(_off_line(readings[i], channel, strongest, tuple(at), limits))
-    return out
-
-
-def _off_line(
-    reading: WindowReading,
-    channel: str,
-    changes: Sequence[OffLineChange],
-    windows: tuple[int, ...],
-    limits: OffLineThresholds,
-) -> Named:
-    """One channel's changes off the lines, by the kind of the clearest."""
-    rises = [c for c in changes if c.deviation > 0]
-    floors = [c for c in rises if c.measure.startswith("noise floor")]
-    off = reading.channels[channel].off
-    every = 0 if off is None else sum(name.startswith("noise floor") for name in off.names)
-    tones = [c for c in rises if c.measure.startswith("tone")]
-    turns = [c for c in rises if c.measure.startswith("impacts once")]
-    free = [c for c in rises if c.measure.startswith("impacts of no shaft")]
-    name, shown = "unknown_effect", changes
-    alike: tuple[str, ...] = ("the sensor's path: " + CABLE,)
-    if floors and len(floors) >= limits.noise_bands * every:
-        name, alike, shown = "sensor_noise", ("noise of the machine at this sensor",), floors
-    elif tones and len(floors) == 0 and not turns:
-        name, alike, shown = "hum", ("a machine nearby that turns at this frequency",), tones
-    elif free or turns:
-        shown = max((turns, free), key=lambda some: max((c.deviation for c in some), default=0.0))
-        alike = ("bearing_defect",) if shown is free else ("tooth_crack", "a coupling or seat that knocks once a turn")
-    said = ", ".join(f"{c.measure}: {np.exp(c.change):.2f} times" for c in shown[:MOST_SAID])
-    deviation = abs(shown[0].deviation)
-    parameters = {"deviation": ParameterValue(value=deviation, unit="", std=1.0)}
-    if shown is free and off is not None:
-        parameters["order"] = ParameterValue(value=off.free_order, unit="", std=0.0)
-    return Named(
-        name=name,
-        channels=(channel,),
-        parameters=parameters,
-        log_evidence=0.5 * deviation**2,
-        indistinguishable_from=alike,
-        detail=f"off the lines of {channel}, {said} the healthy value for this operating point ({deviation:.0f} "
-        "standard deviations)",
-        windows=windows,
-    )
+def _timing_evidence(channel: str, measured: WindowReading, compared: BaselineComparison) -> float | None:
+    """Evidence of a corrected channel over the channel as it was measured [nat]; None where it is not compared."""
+    x = compared.expected.lines.get(channel)
+    if x is None or channel not in measured.channels:
+        return None
+    σ = compared.expected.std[channel]
+    before, after = (r.channels[channel].lines[: x.size] for r in (measured, compared.reading))
+    return float(np.sum((np.abs(before - x) ** 2 - np.abs(after - x) ** 2) / σ**2)) - 1.0

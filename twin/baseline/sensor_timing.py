@@ -58,6 +58,7 @@ class TimingChange:
     reversed: bool
     turn: float  # Δ [rad of the pinion]
     delay: float  # [s]
+    delay_std: float  # what noise of the size that the correlation leaves makes of it [s]
     before: float  # correlation as it is
     after: float  # corrected
 
@@ -75,7 +76,8 @@ def timing_changes(
     out = []
     usual = _usual(baseline)
     for channel, curve in curves.items():
-        others = [size for name, size in sizes.items() if name != channel]
+        rest = [name for name in sizes if name != channel]
+        others = [sizes[name] for name in rest]
         # the angle by the other sensors: of two, either could be the one that is late
         zero = int(np.argmax(np.sum(others if len(others) >= limits.least_others else list(sizes.values()), axis=0)))
         near = np.arange(zero - reach, zero + reach + 1) % count
@@ -85,6 +87,8 @@ def timing_changes(
             continue
         if after - before < limits.least_gain:
             continue
+        if rest and np.mean([sizes[n][zero] for n in rest]) < limits.as_clear * np.mean([usual[n] for n in rest]):
+            continue  # the others have changed themselves: they do not tell the angle
         turn = 2 * np.pi * baseline.period * (best - reach) / count
         if len(others) < limits.least_others and curve[near[best]] > 0:
             continue
@@ -94,11 +98,22 @@ def timing_changes(
                 reversed=bool(curve[near[best]] < 0),
                 turn=float(turn),
                 delay=float(-turn / (2 * np.pi * reading.speed_hz)),
+                delay_std=_turn_std(baseline, reading, channel, after) / (2 * np.pi * reading.speed_hz),
                 before=before,
                 after=after,
             )
         )
     return tuple(out)
+
+
+def _turn_std(baseline: Baseline, reading: WindowReading, channel: str, correlation: float) -> float:
+    """Standard deviation of the angle at the best correlation (Cramér and Rao) [rad]."""
+    x = interpolated_lines(baseline.readings, reading, baseline.axes)[channel]
+    m = min(x.size, reading.channels[channel].lines.size)
+    orders = np.arange(1, m + 1) / reading.period
+    square = float(np.sum(np.abs(orders * x[:m]) ** 2) / np.sum(np.abs(x[:m]) ** 2))
+    noise = max(1 - correlation**2, 0.0) / correlation**2
+    return float(np.sqrt(noise / (2 * m * square)))
 
 
 def corrected(reading: WindowReading, changes: tuple[TimingChange, ...]) -> WindowReading:

@@ -1,0 +1,197 @@
+"""Changed measures off the lines as named changes: the first of these that a channel shows.
+
+    a pulse once a turn of a shaft      as the effects of the table that are local on that shaft
+    noise                               white, of one power in all bands
+    hum                                 a tone at a multiple of 50 or 60 Hz
+    anything else                       unknown_effect, with what it may be
+
+Impacts once a turn are heard by every sensor: what other channels show of impacts beside them is no finding of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+
+import numpy as np
+
+from twin.assessment import ParameterValue
+from twin.baseline.findings import BaselineComparison
+from twin.baseline.learned import Baseline
+from twin.baseline.named import Named, majority
+from twin.baseline.off_line_changes import DEFAULT, OffLineChange, OffLineThresholds, added_noise, off_line_changes
+from twin.baseline.off_lines import OffLines
+from twin.baseline.shaft_names import LOCAL_ALTERNATIVES, names_of, shaft_name
+from twin.baseline.turn_pulses import shaft_of
+
+MOST_SAID = 3  # measures in one sentence
+SENSORS_PATH: tuple[str, ...] = ("another mount, cable or place of the sensor",)
+MAINS = (50.0, 60.0)  # [Hz]
+OF_MAINS = 0.5  # from a multiple [Hz]: 1 % of 50 Hz, which grids keep to, and the width of a line
+TIMING = ("sensor_polarity", "sensor_delay")  # these change nothing off the lines
+
+Changes = Sequence[OffLineChange]
+
+
+def changes_of(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[tuple[OffLineChange, ...]]:
+    """Measures off the lines of every window against the baseline, largest deviation first."""
+    return [
+        off_line_changes(
+            baseline, c.reading, c.expected.wider, max((p.common_power for p in c.paths), key=abs, default=0.0)
+        )
+        for c in compared
+    ]
+
+
+def off_lines_named(
+    baseline: Baseline,
+    compared: Sequence[BaselineComparison],
+    changes: Sequence[Changes],
+    known: Iterable[Named],
+    limits: OffLineThresholds = DEFAULT,
+) -> list[Named]:
+    """Changes off the lines in most windows.
+
+    compared  windows with all channels that can be compared
+    changes   of every window, by `changes_of`
+    known     what the lines and sensors have shown: of these channels and shafts, nothing more is named
+    """
+    known = list(known)
+    others = [effect for effect in known if effect.name not in TIMING]
+    explained = {channel for effect in others for channel in effect.channels}
+    of_sensors = {channel for effect in others if "shaft_order" not in effect.parameters for channel in effect.channels}
+    pulses = _pulses(baseline, changes, known, of_sensors, limits)
+    out = [*pulses]
+    for channel in dict.fromkeys(c.channel for window in changes for c in window):
+        own = [[c for c in window if c.channel == channel] for window in changes]
+        at = {i: w for i, w in enumerate(own) if w and abs(w[0].deviation) > limits.changed}
+        at |= {i: w for i, w in enumerate(own) if added_noise(w, limits) is not None}
+        if channel in explained or not majority(list(at), len(changes)):
+            continue
+        i, strongest = max(at.items(), key=lambda item: abs(item[1][0].deviation))
+        named = _off_line(compared[i], channel, strongest, tuple(sorted(at)), limits)
+        if not pulses or named.name != "unknown_effect":
+            out.append(named)
+    return out
+
+
+def nearly_changed(changes: Sequence[Changes], limits: OffLineThresholds = DEFAULT) -> str:
+    """That a measure is near what would be named; empty where none is."""
+    near = [c for window in changes for c in window[:1] if abs(c.deviation) > limits.suspected * limits.changed]
+    if not majority(range(len(near)), len(changes)):
+        return ""
+    most = max(near, key=lambda c: abs(c.deviation))
+    return (
+        f"{most.measure} of {most.channel} is {np.exp(most.change):.2f} times the healthy value "
+        f"({abs(most.deviation):.1f} standard deviations, where {limits.changed:g} are a change)"
+    )
+
+
+def _pulses(
+    baseline: Baseline,
+    changes: Sequence[Changes],
+    known: Sequence[Named],
+    explained: set[str],
+    limits: OffLineThresholds,
+) -> list[Named]:
+    """Pulses once a turn, the strongest shaft alone: its impacts leave something on the others."""
+    found = {
+        i: [
+            c
+            for c in window
+            if c.measure.startswith("pulse") and c.deviation > limits.changed and c.channel not in explained
+        ]
+        for i, window in enumerate(changes)
+    }
+    at = [i for i, own in found.items() if own]
+    if not majority(at, len(changes)):
+        return []
+    all_found = [c for own in found.values() for c in own]
+    strongest = max(all_found, key=lambda c: c.deviation)
+    shaft = shaft_of(strongest.measure) or Fraction(1)
+    local = [e.parameters["shaft_order"].value for e in known if {"shaft_order", "angle"} <= set(e.parameters)]
+    if float(shaft) in local:
+        return []
+    names = names_of("local", shaft_name(shaft, baseline))
+    return [
+        Named(
+            name=names[0] if names else "unknown_effect",
+            channels=tuple(dict.fromkeys(c.channel for c in all_found if shaft_of(c.measure) == shaft)),
+            parameters={
+                "shaft_order": ParameterValue(value=float(shaft), unit="", std=0.0),
+                "deviation": ParameterValue(value=strongest.deviation, unit="", std=1.0),
+            },
+            log_evidence=strongest.log_evidence,
+            indistinguishable_from=(*names[1:], *LOCAL_ALTERNATIVES),
+            detail=f"an impact once a turn of the {shaft_name(shaft, baseline)}, at one angle: {_said([strongest])} "
+            f"the healthy value for this operating point ({strongest.deviation:.0f} standard deviations)",
+            windows=tuple(at),
+        )
+    ]
+
+
+def _off_line(
+    compared: BaselineComparison,
+    channel: str,
+    changes: Changes,
+    windows: tuple[int, ...],
+    limits: OffLineThresholds,
+) -> Named:
+    """One channel's changes off the lines, by the first kind that it shows."""
+    off = compared.reading.channels[channel].off
+    clear = [c for c in changes if abs(c.deviation) > limits.changed]
+    rises = [c for c in clear if c.deviation > 0]
+    noise = added_noise(changes, limits)
+    free = [c for c in rises if c.measure.startswith("impacts of no shaft")]
+    turns = [c for c in rises if c.measure.startswith("impacts once")]
+    tones = [c for c in rises if c.measure.startswith("tone")]
+    mains = {} if free or turns or off is None else _of_mains(tones, changes, off)
+    name, shown, alike = "unknown_effect", clear, SENSORS_PATH
+    parameters: dict[str, ParameterValue] = {}
+    if noise is not None:
+        name, shown, alike = "sensor_noise", [c for c in rises if "floor" in c.measure], (
+            "noise of the machine at this sensor",
+        )  # fmt: skip
+        parameters["rms"] = ParameterValue(value=noise.rms, unit="m/s²", std=noise.rms / noise.deviation)
+    elif mains:
+        shown, name, alike = [c for c in tones if c.measure in mains], "hum", ("a machine nearby at this frequency",)
+        parameters["frequency"] = ParameterValue(value=mains[shown[0].measure], unit="Hz", std=OF_MAINS)
+    elif free or turns:
+        shown = max((turns, free), key=lambda some: max((c.deviation for c in some), default=0.0))
+        alike = ("bearing_defect",) if shown is free else ("tooth_crack", *LOCAL_ALTERNATIVES)
+        if shown is free and off is not None:
+            parameters["order"] = ParameterValue(value=off.free_order, unit="", std=0.0)
+    deviation = abs(shown[0].deviation) if noise is None else noise.deviation
+    parameters["deviation"] = ParameterValue(value=deviation, unit="", std=1.0)
+    said = _said(shown) if shown else f"white noise of {parameters['rms'].value:.3g} m/s² more than"
+    return Named(
+        name=name,
+        channels=(channel,),
+        parameters=parameters,
+        log_evidence=shown[0].log_evidence if noise is None else noise.log_evidence,
+        indistinguishable_from=alike,
+        detail=f"off the lines of {channel}, {said} the healthy value for this operating point ({deviation:.0f} "
+        "standard deviations)",
+        windows=windows,
+    )
+
+
+def _said(changes: Changes) -> str:
+    return ", ".join(f"{c.measure}: {np.exp(c.change):.2f} times" for c in changes[:MOST_SAID])
+
+
+def _of_mains(tones: Changes, changes: Changes, off: OffLines) -> dict[str, float]:
+    """Frequency [Hz] of those tones that lie at a multiple of the mains frequency, by measure."""
+    stretches = [c.measure for c in sorted(changes, key=lambda c: _start(c.measure)) if c.measure.startswith("tone")]
+    places = dict(zip(stretches, off.tones, strict=False))
+    out = {}
+    for tone in tones:
+        f = places.get(tone.measure, 0.0)
+        if any(f > 0.5 * m and abs(f - m * round(f / m)) < OF_MAINS for m in MAINS):
+            out[tone.measure] = f
+    return out
+
+
+def _start(measure: str) -> float:
+    """From where a tone's stretch goes [Hz]; 0 for other measures."""
+    return float(measure.split()[1]) if measure.startswith("tone") else 0.0
