@@ -25,6 +25,7 @@ from twin.baseline.spacing import SpacingThresholds
 from twin.baseline.spacing_search import SpacingSearchThresholds
 from twin.baseline.sufficiency import SufficiencyLimits
 from twin.baseline.transfer_path import PathThresholds
+from twin.baseline.turn_pulses import TurnPulseThresholds
 from twin.baseline.verdict import DiagnosisThresholds
 from twin.detectability.machines import HealthySpread
 from twin.detectability.nulls import NullThresholds
@@ -121,6 +122,7 @@ SETS: tuple[type, ...] = (
     ReadingThresholds,
     LowFrequencyThresholds,
     OffLineThresholds,
+    TurnPulseThresholds,
     TimingThresholds,
     SpacingThresholds,
     SpacingSearchThresholds,

@@ -93,7 +93,8 @@ class BaselineThresholds:
     )  # fmt: skip
     beside_mesh: float = deciding(
         0.1, of="energy of a changed mesh line", meaning="energy of changed lines beside it from which it is no "
-        "change of all teeth alike", source="not derived: a pulse once a turn leaves about 1, teeth that wear alike nothing",
+        "change of all teeth alike",
+        source="not derived: a pulse once a turn leaves about 1, teeth that wear alike nothing",
     )  # fmt: skip
     mesh_turn: float = deciding(
         0.6, unit="rad of the mesh", meaning="error of the mesh phase that the alignment of two windows leaves",

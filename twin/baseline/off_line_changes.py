@@ -28,6 +28,7 @@ from twin.baseline.reading import WindowReading
 from twin.thresholds import deciding
 
 SIZES = ("level", "noise", "tone")  # kinds of measures that go with the level of the channel
+RISING = ("impacts", "pulse")  # first words of kinds of which less is no change: fewer impacts than the healthy machine
 NOISE_POWERS = 400  # tried
 LEAST_SCATTER = 0.02  # of a logarithm, below which no scatter is believed
 
@@ -44,6 +45,14 @@ class OffLineThresholds:
     )  # fmt: skip
     least_recordings: int = deciding(
         5, meaning="healthy recordings from which a deviation is judged", source="SufficiencyLimits.least_recordings",
+    )  # fmt: skip
+    least_pulse: float = deciding(
+        3.0, meaning="⟨|z|⁴⟩/⟨|z|²⟩² of the mean turn from which it is one pulse",
+        source="derivation: lines of random phases give 2, one pulse as many as a band has lines",
+    )  # fmt: skip
+    of_mains: float = deciding(
+        0.5, unit="Hz", meaning="distance from a multiple of 50 or 60 Hz up to which a tone is hum",
+        source="derivation: 1 % of 50 Hz, within which grids stay (EN 50160), and the width of a line",
     )  # fmt: skip
     noise_left: float = deciding(
         0.25, of="squared deviations of the noise floors", meaning="share that white noise of one power may leave",
@@ -144,7 +153,13 @@ def off_line_changes(
     tried = sum(len(names) for _, names, *_ in found)
     out = [
         OffLineChange(
-            channel=channel, measure=name, expected=e, change=c, deviation=c / s, freedom=freedom, tried=tried
+            channel=channel,
+            measure=name,
+            expected=e,
+            change=c,
+            freedom=freedom,
+            tried=tried,
+            deviation=max(c / s, 0.0) if name.startswith(RISING) else c / s,
         )
         for channel, names, expected, change, spread, freedom in found
         for name, e, c, s in zip(names, expected.tolist(), change.tolist(), spread.tolist(), strict=True)

@@ -27,7 +27,6 @@ from twin.baseline.turn_pulses import shaft_of
 MOST_SAID = 3  # measures in one sentence
 SENSORS_PATH: tuple[str, ...] = ("another mount, cable or place of the sensor",)
 MAINS = (50.0, 60.0)  # [Hz]
-OF_MAINS = 0.5  # from a multiple [Hz]: 1 % of 50 Hz, which grids keep to, and the width of a line
 TIMING = ("sensor_polarity", "sensor_delay")  # these change nothing off the lines
 
 Changes = Sequence[OffLineChange]
@@ -60,7 +59,8 @@ def off_lines_named(
     others = [effect for effect in known if effect.name not in TIMING]
     explained = {channel for effect in others for channel in effect.channels}
     of_sensors = {channel for effect in others if "shaft_order" not in effect.parameters for channel in effect.channels}
-    pulses = _pulses(baseline, changes, known, of_sensors, limits)
+    same = all(c.same_teeth for c in compared)
+    pulses = _pulses(baseline, changes, known, of_sensors, limits) if same else []
     out = [*pulses]
     for channel in dict.fromkeys(c.channel for window in changes for c in window):
         own = [[c for c in window if c.channel == channel] for window in changes]
@@ -99,7 +99,10 @@ def _pulses(
         i: [
             c
             for c in window
-            if c.measure.startswith("pulse") and c.deviation > limits.changed and c.channel not in explained
+            if c.measure.startswith("pulse")
+            and c.deviation > limits.changed
+            and c.expected + c.change > np.log(limits.least_pulse)
+            and c.channel not in explained
         ]
         for i, window in enumerate(changes)
     }
@@ -145,7 +148,7 @@ def _off_line(
     free = [c for c in rises if c.measure.startswith("impacts of no shaft")]
     turns = [c for c in rises if c.measure.startswith("impacts once")]
     tones = [c for c in rises if c.measure.startswith("tone")]
-    mains = {} if free or turns or off is None else _of_mains(tones, changes, off)
+    mains = {} if free or turns or off is None else _of_mains(tones, changes, off, limits)
     name, shown, alike = "unknown_effect", clear, SENSORS_PATH
     parameters: dict[str, ParameterValue] = {}
     if noise is not None:
@@ -155,7 +158,7 @@ def _off_line(
         parameters["rms"] = ParameterValue(value=noise.rms, unit="m/s²", std=noise.rms / noise.deviation)
     elif mains:
         shown, name, alike = [c for c in tones if c.measure in mains], "hum", ("a machine nearby at this frequency",)
-        parameters["frequency"] = ParameterValue(value=mains[shown[0].measure], unit="Hz", std=OF_MAINS)
+        parameters["frequency"] = ParameterValue(value=mains[shown[0].measure], unit="Hz", std=limits.of_mains)
     elif free or turns:
         shown = max((turns, free), key=lambda some: max((c.deviation for c in some), default=0.0))
         alike = ("bearing_defect",) if shown is free else ("tooth_crack", *LOCAL_ALTERNATIVES)
@@ -180,14 +183,14 @@ def _said(changes: Changes) -> str:
     return ", ".join(f"{c.measure}: {np.exp(c.change):.2f} times" for c in changes[:MOST_SAID])
 
 
-def _of_mains(tones: Changes, changes: Changes, off: OffLines) -> dict[str, float]:
+def _of_mains(tones: Changes, changes: Changes, off: OffLines, limits: OffLineThresholds) -> dict[str, float]:
     """Frequency [Hz] of those tones that lie at a multiple of the mains frequency, by measure."""
     stretches = [c.measure for c in sorted(changes, key=lambda c: _start(c.measure)) if c.measure.startswith("tone")]
     places = dict(zip(stretches, off.tones, strict=False))
     out = {}
     for tone in tones:
         f = places.get(tone.measure, 0.0)
-        if any(f > 0.5 * m and abs(f - m * round(f / m)) < OF_MAINS for m in MAINS):
+        if any(f > 0.5 * m and abs(f - m * round(f / m)) < limits.of_mains for m in MAINS):
             out[tone.measure] = f
     return out
 

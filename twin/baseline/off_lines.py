@@ -130,7 +130,8 @@ def _tones(x: np.ndarray, rate: float, speed: float, shafts: Sequence[Fraction])
     width = rate / size
     f = np.arange(amplitude.size) * width
     period = lcm(*(s.denominator for s in shafts)) / speed
-    own = np.abs(f * period - np.rint(f * period)) / period < OWN_WIDTH * width
+    reach = OWN_WIDTH * width
+    own = np.abs(f * period - np.rint(f * period)) / period < reach
     amplitude = np.where(own, 0.0, amplitude)
     count = round(TONE_WIDTH / width)
     most = min(TONES, amplitude.size // count)

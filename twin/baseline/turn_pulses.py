@@ -8,24 +8,42 @@ left out, as in FM4.
 
 Source   FM4: R. M. Stewart, Machine Health Monitoring Group report MHM/R/10/77 (1977); in bands: P. D. McFadden,
          J. Vib. Acoust. 108 (1986) 165–170
-Holds    impacts that keep their angle; bands of more lines than `LEAST_LINES`
+Holds    impacts that keep their angle; bands of many lines
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 
-LEAST_LINES = 24  # of a band
+from twin.thresholds import deciding
+
 OVERSAMPLED = 4  # points of the turn for every line of the band
-FIRST_SIDEBANDS = 1  # multiples of the shaft on either side of a mesh harmonic
 NAME = "pulse once a turn of order"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurnPulseThresholds:
+    """Which bands are looked at."""
+
+    least_lines: int = deciding(
+        24, meaning="lines of a shaft that a band must have", source="not derived: fewer of random phases make pulses",
+    )  # fmt: skip
+
+
+DEFAULT = TurnPulseThresholds()
+
+
 def turn_pulses(
-    lines: np.ndarray, period: int, shafts: Sequence[Fraction], teeth: int, bands: Mapping[str, tuple[float, float]]
+    lines: np.ndarray,
+    period: int,
+    shafts: Sequence[Fraction],
+    teeth: int,
+    bands: Mapping[str, tuple[float, float]],
+    limits: TurnPulseThresholds = DEFAULT,
 ) -> dict[str, float]:
     """K of every shaft and band that has lines enough, by the measure's name.
 
@@ -43,10 +61,10 @@ def turn_pulses(
             kept &= k % int(faster * period) != 0
         mesh = teeth * period
         from_mesh = np.abs((k + mesh // 2) % mesh - mesh // 2)
-        kept &= from_mesh > FIRST_SIDEBANDS * step
+        kept &= from_mesh > step  # mesh harmonics and their first sidebands
         for band, (low, high) in bands.items():
             inside = (k > low * period) & (k <= high * period)
-            if inside.sum() < LEAST_LINES or high * period > lines.size + 1:
+            if inside.sum() < limits.least_lines or high * period > lines.size + 1:
                 continue
             z = np.fft.ifft(np.where(kept, lines[k - 1], 0)[inside], OVERSAMPLED * int(inside.sum()))
             power = np.abs(z) ** 2

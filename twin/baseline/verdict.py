@@ -67,20 +67,23 @@ def verdict_of(
     unknown = next((e for e in effects if e.name == "unknown_effect"), None)
     if unknown is not None:
         return "unknown_effect", unknown.detail
-    if all(c.expected.beyond > OPERATING.far for c in compared):
-        return "insufficient_data", beyond_range(baseline, compared[0])
-    thin = thin_for_teeth(baseline)
-    if thin is not None:
-        return "insufficient_data", thin
-    near = "" if effects else nearly_believed(baseline, compared, limits) or nearly_changed(off_lines)
-    return ("insufficient_data", near) if near else ("explained", "")
+    near = nearly_believed(baseline, compared, limits) or ("" if effects else nearly_changed(off_lines))
+    far = all(c.expected.beyond > OPERATING.far for c in compared)
+    reasons = (beyond_range(baseline, compared[0]) if far else "", thin_for_teeth(baseline) or "", near)
+    said = "; ".join(reason for reason in reasons if reason)
+    return ("insufficient_data", said) if said else ("explained", "")
 
 
 def nearly_believed(baseline: Baseline, compared: Sequence[BaselineComparison], limits: DiagnosisThresholds) -> str:
     """That lines of a shaft have nearly changed by as much as would be reported; empty where none have."""
     found = []
     for window in compared:
-        near = [c for c in window.changes if c.log_evidence > limits.nearly * window.least_evidence(c)]
+        believed = set(map(id, window.believed))
+        near = [
+            c
+            for c in window.changes
+            if id(c) not in believed and c.kind != "alike" and c.log_evidence > limits.nearly * window.least_evidence(c)
+        ]
         found += [(c, window.least_evidence(c)) for c in near[:1]]
     if not majority(range(len(found)), len(compared)):
         return ""

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy import fft
@@ -37,6 +38,7 @@ from twin.windows import Samples
 
 TURNS_PER_KNOT = 4.0
 BEST_LINES = 6
+STANDS_OUT = 2.0  # power over the floor of a line that is there; noise gives 1
 LEAST_AGREED = 0.6  # share of them that must agree on one speed
 FOLLOWED = ((1, 2, 3, 4, 5), (1, 2, 3), (1, 2), (1,))  # high harmonics are sharper but lost sooner
 MOST_SENSORS = 6  # whose sidebands are looked at
@@ -214,9 +216,10 @@ def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nom
     coarse = comb.frequency
     half_width = 0.4 * coarse / max(teeth)
     lines = line_phases(usable, coarse, half_width)
-    for harmonics in FOLLOWED:
-        followed = [line for line in lines if line.harmonic in harmonics]
-        agreed = agreed_phase(followed[:BEST_LINES], half_width)
+    there = [line for line in lines if line.weight > STANDS_OUT * line.harmonic**2]  # a dead sensor has none
+    for among, harmonics in product((lines, there), FOLLOWED):
+        followed = [line for line in among if line.harmonic in harmonics]
+        agreed = agreed_phase(followed[:BEST_LINES], half_width) if followed else None
         if agreed is not None:
             break
     else:
