@@ -15,6 +15,7 @@ from twin.baseline.causes import CauseThresholds
 from twin.baseline.energy_breakdown import EnergyThresholds
 from twin.baseline.findings import BaselineThresholds
 from twin.baseline.learned import LearningThresholds
+from twin.baseline.load_direction import LoadDirectionThresholds
 from twin.baseline.low_frequency import LowFrequencyThresholds
 from twin.baseline.modulation import NewModulationThresholds
 from twin.baseline.off_line_changes import OffLineThresholds
@@ -120,6 +121,7 @@ SETS: tuple[type, ...] = (
     NewModulationThresholds,
     BaselineOperatingThresholds,
     ReadingThresholds,
+    LoadDirectionThresholds,
     LowFrequencyThresholds,
     OffLineThresholds,
     TurnPulseThresholds,

@@ -20,9 +20,9 @@ COUNTED = 1e-3  # of a value: a spread that is smaller belongs to a count, such 
 
 def label(name: str) -> str:
     """What people call an effect; the name itself where the table has none of this name."""
-    from twin.effects import EFFECTS
+    from twin.effects.channel_faults import label_of
 
-    return EFFECTS[name].facts.label if name in EFFECTS else name
+    return label_of(name) or name
 
 
 def text(answer: Mapping[str, Any]) -> str:

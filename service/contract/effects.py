@@ -103,7 +103,9 @@ class Residual(ContractModel):
 class Evidence(ContractModel):
     """How much better the machine is explained with the effect."""
 
-    log_evidence: float | None = Field(description="natural logarithm of the evidence over the twin without it")
+    log_evidence: float | None = Field(
+        description="natural logarithm of the evidence over the twin without it; null where none is computed"
+    )
     over_runner_up: float | None = Field(description="the same over the next best explanation")
     runner_up: str | None
     indistinguishable_from: list[str] = Field(description="effects that these channels cannot tell it from")
@@ -170,7 +172,7 @@ class Effect(ContractModel):
 
     @classmethod
     def of(cls, effect: assessment.EffectAssessment) -> Effect:
-        from twin.effects import EFFECTS  # loads half of the twin, which a start of the service does without
+        from twin.effects.channel_faults import label_of  # loads half of the twin, which a start does without
 
         parts: dict[str, Any]
         if effect.status is not None:
@@ -185,9 +187,9 @@ class Effect(ContractModel):
                 "windows": list(effect.windows),
                 "curves": {CURVES.get(name, name): list(values) for name, values in effect.curves.items()},
             }
-        known = EFFECTS.get(effect.name)
-        if known is not None:
-            parts["label"] = known.facts.label
+        label = label_of(effect.name)
+        if label is not None:
+            parts["label"] = label
         if effect.caveats:
             parts["caveats"] = list(effect.caveats)
         return cls(

@@ -142,15 +142,15 @@ def _until(life: assessment.Life) -> str:
 
 
 def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
-    from twin.effects import EFFECTS  # loads half of the twin, which a start of the service does without
+    from twin.effects.channel_faults import facts_of  # loads half of the twin, which a start does without
 
     for effect in found.effects:
-        known = EFFECTS.get(effect.name)
-        if known is not None and known.facts.acts_on == "unknown":
+        known = facts_of(effect.name)
+        if known is not None and known.acts_on == "unknown":
             continue  # what is unknown of it is said where the rest is judged
-        alarm = known is not None and known.facts.alarm_class == "alarm"
-        label = effect.name.replace("_", " ") if known is None else known.facts.label
-        action = OTHER_ACTIONS.get(effect.name, UNNAMED_ACTION) if known is None else known.facts.action
+        alarm = known is not None and known.alarm_class == "alarm"
+        label = effect.name.replace("_", " ") if known is None else known.label
+        action = OTHER_ACTIONS.get(effect.name, UNNAMED_ACTION) if known is None else known.action
         what = f"{label[:1].upper()}{label[1:]}"
         where = f" in {', '.join(effect.channels)}" if effect.channels else ""
         sizes = ", ".join(_size(name, p) for name, p in effect.parameters.items() if _is_size(effect.name, name, p))

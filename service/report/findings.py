@@ -37,9 +37,9 @@ def number(value: Any, digits: int = 3) -> str:
 
 def label(name: str) -> str:
     """What people call an effect; the name in words where the table has none of this name."""
-    from twin.effects import EFFECTS
+    from twin.effects.channel_faults import label_of
 
-    return EFFECTS[name].facts.label if name in EFFECTS else name.replace("_", " ")
+    return label_of(name) or name.replace("_", " ")
 
 
 def findings(answer: Mapping[str, Any]) -> list[Finding]:

@@ -84,9 +84,11 @@ def test_measured_pair_and_measured_rig_are_answered_by_one_service(brought, tmp
         answer = answered(address, endpoint, rig, "spur-rig-28ch")
         assert_no_wear_is_invented(answer)
         assert "pair" not in answer and answer["effects"] == []
-        (line,) = answer["unattributed_lines"]
+        lines = {round(line["frequency_hz"], 1): line for line in answer["unattributed_lines"]}
+        line, race, shared = lines[39.6], lines[171.6], "cage and outer race of one bearing of 13 elements"
         assert line["frequency_hz"] == pytest.approx(39.597, abs=0.005) and line["geared"] is None
-        assert [c["name"] for c in line["causes"] if c["possible"]] == ["cage of a bearing on the pinion"]
+        assert [c["name"] for c in line["causes"] if c["possible"]] == ["cage of a bearing on the pinion", shared]
+        assert shared in [c["name"] for c in race["causes"] if c["possible"]]
         assert answer["unexplained"]["verdict"] == "unknown_effect"
         assert answer["residual"]["bands"][0]["measured"] > 0 and answer["residual"]["bands"][0]["predicted"] is None
 
@@ -101,8 +103,11 @@ def test_measured_broken_tooth_is_told_from_its_baseline_by_a_running_service(br
     with service(tmp_path / "data", idle_timeout=IDLE, baseline=str(healthy)) as (endpoint, address, _):
         answer = answered(address, endpoint, file("b", 40), "spectraquest-gfd")
     assert_no_wear_is_invented(answer)
-    (local,) = [e for e in answer["effects"] if e["name"] == "tooth_crack"]
-    assert local["parameters"]["shaft_order"]["value"] == pytest.approx(0.15) and local["channels"] == ["a4"]
+    (local,) = [e for e in answer["effects"] if "shaft_order" in e["parameters"]]
+    assert local["name"] == "unknown_effect" and local["channels"] == ["a4"]
+    assert local["parameters"]["shaft_order"]["value"] == pytest.approx(0.15)
+    alike = local["evidence"]["indistinguishable_from"]
+    assert "tooth_crack" in alike and any("low-frequency response of a4" in said for said in alike)
     assert "pair" not in answer and answer["baseline"]["window"]["same_teeth"] is True
 
 

@@ -22,6 +22,7 @@ from twin import grounds
 from twin.assessment import Preliminary, Unexplained
 from twin.baseline.diagnosis import _parameters
 from twin.effects import EFFECTS
+from twin.effects.channel_faults import CHANNEL_FAULTS
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.tracing.summary import _caveats
@@ -88,7 +89,7 @@ def test_every_remedy_begins_with_a_verb():
 
 
 def test_every_action_begins_with_a_verb():
-    actions = [kind.facts.action for kind in EFFECTS.values()]
+    actions = [kind.facts.action for kind in EFFECTS.values()] + [fault.action for fault in CHANNEL_FAULTS.values()]
     actions += [quantity.action for quantity in QUANTITIES.values() if quantity.action]
     actions += [*findings.OTHER_ACTIONS.values(), findings.UNNAMED_ACTION, findings.INCOMPLETE, findings.UNJUDGED]
     actions += [text for text in given("service", "action") if " " in text.strip()]

@@ -109,6 +109,12 @@ def test_machine_that_is_explained_and_far_from_its_end_of_life_is_normal():
             "Check the gain and the calibration of the accelerometer (a1).",
         ),
         (
+            {"effects": (effect("sensor_polarity", ("a1",)),)},
+            "watch",
+            "A reversed sensor was found in a1",
+            "Check the wiring and the direction of mounting of the sensor (a1).",
+        ),
+        (
             {"unexplained": Unexplained(verdict="unknown_effect", share=0.2, reason="tones of 50 Hz")},
             "watch",
             "explains (20 % of the measured energy): tones of 50 Hz.",

@@ -16,6 +16,7 @@ import numpy as np
 from twin.assessment import ChannelErrors, HarmonicBand, ParameterValue, SpectralLine
 from twin.baseline.findings import BaselineComparison, ShaftChange, compare
 from twin.baseline.learned import Baseline
+from twin.baseline.load_direction import fall_with_load
 from twin.baseline.low_frequency import LowFrequencyRival, low_frequency_rival
 from twin.baseline.named import Named, majority
 from twin.baseline.off_line_findings import changes_of, off_lines_named
@@ -26,6 +27,7 @@ from twin.baseline.shaft_names import LOCAL_ALTERNATIVES, names_of, shaft_name
 from twin.baseline.sufficiency import thin_for_teeth
 from twin.baseline.transfer_path import Path, name_of_path
 from twin.baseline.verdict import DEFAULT, DiagnosisThresholds, common_level, reassembled, unnamed, verdict_of
+from twin.effects import EFFECTS
 from twin.errors import NotAvailable
 
 SIDEBANDS = 2.0  # orders on either side that belong to a mesh harmonic's band
@@ -199,7 +201,9 @@ def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[
             for c in cs
         }
         strongest_rival = rivals[strongest.channel]
-        name, detail, alternatives = _against_sensors(_kind(baseline, shaft, strongest), rivals)
+        fall = fall_with_load(baseline, compared, list(changes.values()), strongest)
+        kind = _against_load(_kind(baseline, shaft, strongest), fall)
+        name, detail, alternatives = _against_sensors(kind, rivals)
         size = float(np.sqrt(0.5 * np.sum(np.abs(strongest.lines[strongest.strong]) ** 2)))
         out.append(
             Named(
@@ -219,6 +223,16 @@ def _shafts(baseline: Baseline, compared: Sequence[BaselineComparison]) -> list[
             )
         )
     return out
+
+
+def _against_load(kind: tuple[str, str, tuple[str, ...]], fall: float | None) -> tuple[str, str, tuple[str, ...]]:
+    """Name, description and alternatives, where the lines fall with load: no effect whose lines rise with it."""
+    name, detail, alternatives = kind
+    if fall is None or name not in EFFECTS or EFFECTS[name].signature.load != "rises":
+        return kind
+    label = EFFECTS[name].facts.label
+    said = f"over the learned loads these lines fall to {fall:.2f} of their size, while those of {label} rise"
+    return "unknown_effect", f"{detail}; {said}", (name, *alternatives)
 
 
 def _against_sensors(

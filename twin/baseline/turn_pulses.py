@@ -64,12 +64,11 @@ def turn_pulses(
         kept &= from_mesh > step  # mesh harmonics and their first sidebands
         for band, (low, high) in bands.items():
             inside = (k > low * period) & (k <= high * period)
-            if inside.sum() < limits.least_lines or high * period > lines.size + 1:
+            if inside.sum() < limits.least_lines or not np.abs(lines[k - 1][inside & kept]).any():
                 continue
             z = np.fft.ifft(np.where(kept, lines[k - 1], 0)[inside], OVERSAMPLED * int(inside.sum()))
             power = np.abs(z) ** 2
-            mean = float(np.mean(power))
-            out[f"{NAME} {shaft}, {band}"] = float(np.log(np.mean(power**2) / max(mean**2, 1e-300)))
+            out[f"{NAME} {shaft}, {band}"] = float(np.log(np.mean(power**2) / np.mean(power) ** 2))
     return out
 
 

@@ -28,7 +28,10 @@ class Signature:
     shape: str  # of `SHAPES`
     shafts: tuple[str, ...] = ()  # "pinion", "gear", or "other" for any further one; where the shape is one of a shaft
     channels: tuple[str, ...] = EVERY  # that see it
+    load: str = ""  # "rises" where its lines grow with load whatever the machine; "" where that is not so, or not known
 
     def __post_init__(self) -> None:
         if self.shape not in SHAPES:
             raise ValueError(f"shape = {self.shape!r} must be one of {', '.join(SHAPES)}")
+        if self.load not in ("", "rises"):
+            raise ValueError(f"load = {self.load!r} must be 'rises' or ''")

@@ -43,7 +43,7 @@ class ToothCrack:
         Parameter(name="tooth", unit="", low=0, high=10_000, prior=10_000, shape=True),
         Parameter(name="onset_depth", unit="m", low=0.0, high=1e-2, prior=1e-2, shape=True),
     )
-    signature: ClassVar[Signature] = Signature(shape="local", shafts=("pinion", "gear", "other"))
+    signature: ClassVar[Signature] = Signature(shape="local", shafts=("pinion", "gear", "other"), load="rises")
     facts: ClassVar[Facts] = Facts(
         label="a cracked tooth",
         action="Stop the machine as soon as that is safe and inspect the teeth for a crack.",
