@@ -3,9 +3,10 @@
     python -m benchmarks.spoiled_recordings [LOAD …]
 
 Every healthy recording of the SpectraQuest set is spoiled in each way, by a seed of its own, and compared with a
-baseline of the other six. Thresholds were looked at on the loads `TUNED` and are judged on `JUDGED`; the logistic
-regression is trained on all cases of `TUNED`. The data lie beside the project (GEAR_TWIN_SHARED); the status is 0
-whenever it ran.
+baseline of the other six. `nothing` counts recordings called explained, `not judged` those without a finding of which
+it is said that they cannot be judged. Thresholds were looked at on the loads `TUNED` and are judged on `JUDGED`; the
+logistic regression is trained on all cases of `TUNED`. The data lie beside the project (GEAR_TWIN_SHARED); the status
+is 0 whenever it ran.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ BEARING = 3.57  # order of impacts of no shaft
 SLIP = 0.01  # of their period, from one to the next
 SENSOR = {"sensor_gain", "sensor_resonance", "sensor_polarity", "sensor_delay", "sensor_dead", "sensor_dead_time",
           "sensor_clipping", "sensor_noise", "hum", "exchanged"}  # fmt: skip
+
+SAID = ("right", "unknown", "sensor", "gears", "nothing", "not judged")
 
 Values = dict[str, np.ndarray]
 
@@ -159,11 +162,12 @@ class Case:
     percent: int
     kind: str  # of `KINDS`, or "healthy"
     names: frozenset[str]
+    verdict: str  # on what no name explains
     features: np.ndarray  # of the simple rules, largest deviation over the sensors (4,)
 
     @property
     def said(self) -> str:
-        """`right`, `unknown`, `gears`, `sensor` or `nothing`: how well the names fit, the worst of them first."""
+        """`right`, `unknown`, `gears`, `sensor`, `nothing` or `not judged`: how well the names fit, the worst first."""
         kind = KINDS.get(self.kind)
         right = kind.right if kind else frozenset()
         wrong = self.names - {"unknown_effect"} - right
@@ -171,7 +175,9 @@ class Case:
             return "gears" if wrong - SENSOR else "sensor"
         if self.names & right:
             return "right"
-        return "unknown" if self.names else "nothing"
+        if self.names:
+            return "unknown"
+        return "not judged" if self.verdict == "insufficient_data" else "nothing"
 
 
 def simple_features(window: Window, reading: WindowReading, z1: int) -> dict[str, np.ndarray]:
@@ -232,18 +238,18 @@ class Set:
             }
             window = replace(window, accelerations=samples)
         names: set[str] = set()
-        reading = self.readings[percent]
+        verdict, reading = "unknown_effect", self.readings[percent]
         try:
             one = tracked(self.rig, window, kind, self.shafts)
             reading = read(self.rig, window, self.shafts, kind, one.track)
             result = compare_with_baseline(self.baseline(percent), self.rig, [one])
             names |= {effect.name for effect in result.effects}
-            names |= {"unknown_effect"} & {result.unexplained.verdict}
+            verdict = result.unexplained.verdict
+            names |= {"unknown_effect"} & {verdict}
         except TwinError as error:
             names.add("exchanged" if "seem exchanged" in str(error) else "unknown_effect")
-        return Case(
-            percent=percent, kind=kind, names=frozenset(names), features=self._deviations(percent, window, reading)
-        )
+        features = self._deviations(percent, window, reading)
+        return Case(percent=percent, kind=kind, names=frozenset(names), verdict=verdict, features=features)
 
     def _deviations(self, percent: int, window: Window, reading: WindowReading) -> np.ndarray:
         """Largest deviation of each simple rule over the sensors, in healthy standard deviations (4,)."""
@@ -292,19 +298,15 @@ def table(found: list[Case]) -> str:
         if not own:
             continue
         lines.append(f"\n{title}: loads {', '.join(map(str, loads))} %")
-        lines.append(
-            f"{'':<28}cases  named  unknown  other sensor  gear fault  nothing |  RMS  kurtosis  FM4   SK  logistic"
-        )
+        heads = ("cases", "named", "unknown", "other sensor", "gear fault", "nothing", "not judged", "|", *RULES)
+        lines.append(f"{'':<28}{'  '.join(heads)}  logistic")
         for kind in ("healthy", *KINDS):
             here = [c for c in own if c.kind == kind]
             said = Counter(c.said for c in here)
-            rules = [sum(c.features[i] > RULE_LIMIT for c in here) for i in range(len(RULES))]
-            learned = sum(judge(c) for c in here) if judge else 0
-            lines.append(
-                f"{kind:<28}{len(here):>5}  {said['right']:>5}  {said['unknown']:>7}  {said['sensor']:>12}  "
-                f"{said['gears']:>10}  {said['nothing']:>7} |{rules[0]:>5}  {rules[1]:>8}  {rules[2]:>3} {rules[3]:>4} "
-                f"{learned:>8}"
-            )
+            counts: list[object] = [len(here), *(said[name] for name in SAID), "|"]
+            counts += [sum(c.features[i] > RULE_LIMIT for c in here) for i in range(len(RULES))]
+            row = "  ".join(f"{count:>{len(head)}}" for count, head in zip(counts, heads, strict=True))
+            lines.append(f"{kind:<28}{row}  {sum(judge(c) for c in here) if judge else 0:>8}")
     return "\n".join(lines).strip()
 
 

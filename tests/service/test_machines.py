@@ -99,7 +99,7 @@ def test_measured_broken_tooth_is_told_from_its_baseline_by_a_running_service(br
         return brought("spectraquest-broken-tooth", f"{state}30hz{percent}.csv.gz")
 
     healthy = tmp_path / "healthy.baseline"
-    save(learned([file("h", percent) for percent in (20, 30, 60, 70)]), healthy)
+    save(learned([file("h", percent) for percent in (0, 20, 30, 60, 70)]), healthy)
     with service(tmp_path / "data", idle_timeout=IDLE, baseline=str(healthy)) as (endpoint, address, _):
         answer = answered(address, endpoint, file("b", 40), "spectraquest-gfd")
     assert_no_wear_is_invented(answer)
