@@ -9,6 +9,7 @@ from tests.claims.test_baseline import RATE, RIG, SHAFTS, SPEED, healthy, machin
 from twin.baseline.diagnosis import diagnose
 from twin.baseline.findings import compare
 from twin.baseline.low_frequency import low_frequency_rival
+from twin.baseline.off_line_changes import OffLineChange, added_noise, student_evidence
 from twin.baseline.off_lines import off_lines
 from twin.baseline.reading import angle_of
 from twin.baseline.sensor_timing import timing_changes
@@ -84,3 +85,52 @@ def test_smooth_gain_of_low_frequencies_is_a_rival_only_where_the_healthy_machin
     assert rival is not None and rival.left < 0.1 and rival.gain[0] > rival.gain[2]
     pulse = 5 * np.abs(x).max() * np.exp(2j * np.pi * 0.3 * f)
     assert low_frequency_rival(with_lines(x + pulse), change) is None
+
+
+def test_evidence_of_a_reversed_sensor_is_that_of_its_lines_and_a_dead_one_has_none():
+    found = diagnose(healthy(), [parts(spoiled(lambda x: -x))])
+    (turned,) = [e for e in found.effects if e.name == "sensor_polarity"]
+    x, σ = found.compared[0].expected.lines["b"], found.compared[0].expected.std["b"]
+    assert turned.log_evidence == pytest.approx(np.sum(np.abs(2 * x) ** 2 / σ**2), rel=0.1)  # −x instead of x
+    dead = diagnose(healthy(), [parts(spoiled(lambda x: 0 * x))])
+    (named,) = [e for e in dead.effects if e.name == "sensor_dead"]
+    assert named.log_evidence is None
+
+
+def test_white_noise_is_told_from_noise_of_one_band():
+    """Floors of six bands, ŷ from −4 to 1; white noise of RMS r adds r²·ln 2 to the median of every band's power."""
+    y, rms, std = np.linspace(-4.0, 1.0, 6), 0.5, 0.05
+    risen = 0.5 * np.log1p(rms**2 * np.log(2) * np.exp(-2 * y))
+    found = added_noise([floor(i, y[i], change, std) for i, change in enumerate(risen)])
+    assert found is not None and found.rms == pytest.approx(rms, rel=0.02)
+    assert found.deviation == pytest.approx(np.sqrt(np.sum((risen / std) ** 2)), rel=0.01)
+    assert added_noise([floor(i, y[i], change, std) for i, change in enumerate(risen[::-1])]) is None
+
+
+def floor(i, expected, change, std):
+    return OffLineChange(
+        channel="b", measure=f"noise floor {i}", expected=expected, change=float(change),
+        deviation=float(change / std), freedom=16, tried=80,
+    )  # fmt: skip
+
+
+def test_evidence_of_a_deviation_is_students_and_pays_for_what_was_tried():
+    """With many degrees of freedom it is that of a normal density: z²/2 less ln of the number tried."""
+    assert student_evidence(36.0, 10**6, 100) == pytest.approx(18 - np.log(100), rel=1e-3)
+    assert student_evidence(36.0, 16, 1) < 18
+
+
+def test_sensor_of_which_nothing_is_left_does_not_hide_the_speed_of_the_others():
+    window = spoiled(lambda x: 1e-4 * np.random.default_rng(1).normal(size=x.size))
+    assert angle_of(RIG, window).speed == pytest.approx(angle_of(RIG, machine(0.42, 99)).speed, rel=1e-4)
+
+
+def test_sensor_is_not_called_late_where_the_others_have_changed():
+    """Their resonances turn the angle that they tell; then nothing is said of the timing of any."""
+    window = machine(0.42, 99)
+    rng = np.random.default_rng(3)
+    a = window.accelerations["a"]
+    scrambled = np.fft.rfft(a.values) * np.exp(2j * np.pi * rng.uniform(size=a.values.size // 2 + 1))
+    other = replace(a, values=np.fft.irfft(scrambled, a.values.size))
+    late = replace(window, accelerations={**window.accelerations, "a": other})
+    assert [t.channel for t in timing_changes(healthy(), parts(late).whole)] == []

@@ -1,6 +1,7 @@
 """Measured machines of which little is known: what is found in them, and what is not."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from service.files.baseline import compared, learned, lines_of_no_shaft, load
 from service.files.import_recording import import_recording
 from service.files.relation import answer, tried_on
 from service.files.series import load_series
-from twin.baseline.comparison import described, pair_shafts
+from twin.baseline.comparison import compare_with_baseline, described, pair_shafts, tracked
 from twin.baseline.spacing import unattributed_spacings
 from twin.baseline.spacing_search import SpacingSearchThresholds, search, spectra
 from twin.levels.relation import CASES
@@ -59,6 +60,40 @@ def test_broken_tooth_is_traced_to_its_shaft_and_the_healthy_load_left_out_has_n
     for channel in moved:
         errors = broken.residual.channels[channel]
         assert abs(errors.rms_after) < 0.1 and errors.waveform_after < 0.8 * errors.waveform_before
+
+
+@needs
+@pytest.mark.slow
+@pytest.mark.parametrize(("state", "percent"), [("h", 0), ("h", 30), ("h", 70), ("b", 0), ("b", 30), ("b", 70)])
+def test_halves_of_a_recording_and_one_just_beyond_the_learned_range_have_the_verdict_of_the_whole(
+    brought, state, percent
+):
+    """Load 0 lies 9 % of the learned range beyond it, where it is left out."""
+    name = "spectraquest-broken-tooth"
+    known = learned([brought(name, f"h30hz{p}.csv.gz") for p in (0, 20, 30, 40, 60, 70, 80) if p != percent])
+    loaded = load(brought(name, f"{state}30hz{percent}.csv.gz"), shafts=known.shafts)
+    whole = loaded.windows[0].window
+    for low, high in ((0.0, 1.0), (0.0, 0.5), (0.5, 1.0)):
+        found = compare_with_baseline(
+            known, loaded.rig, [tracked(known.rig, part(whole, low, high), "part", known.shafts)]
+        )
+        if state == "h":
+            assert found.effects == () and found.unexplained.verdict == "explained"
+            continue
+        assert found.unexplained.verdict == "unknown_effect"
+        (local,) = [e for e in found.effects if "shaft_order" in e.parameters]
+        assert local.name == "unknown_effect" and local.channels == ("a4",)
+        assert local.parameters["shaft_order"].value == pytest.approx(0.15)
+        assert not {e.name for e in found.effects} - {"unknown_effect", "sensor_resonance"}
+
+
+def part(window, low, high):
+    """The accelerations of a stretch of a window, from and to a share of it."""
+    samples = {}
+    for name, x in window.accelerations.items():
+        i, j = (int(share * x.values.size) for share in (low, high))
+        samples[name] = replace(x, start=x.start + i / x.rate, values=x.values[i:j])
+    return replace(window, accelerations=samples)
 
 
 @needs

@@ -39,6 +39,7 @@ PER_SHAFT = 6  # multiples of a shaft's order
 COMB = 3  # multiples of a free order
 FREE = (0.35, 12.0)  # orders of the pinion that impacts of no shaft are searched in
 OWN_WIDTH = 2.5  # bins on either side that a line of the pair covers: half of Hann's main lobe, and what wander adds
+SILENCE = 1e-30  # level of a channel without any signal, in its unit
 LEAST = 1e-9  # of the level, below which a measure is cut off
 
 
@@ -68,13 +69,17 @@ def octaves(rate: float) -> dict[str, tuple[float, float]]:
 
 
 def off_lines(samples: Samples, track: AngleTrack, shafts: Sequence[Fraction]) -> OffLines:
-    """The measures of a channel; where samples are lost, they are taken as the mean.
+    """The measures of a channel, of one without any signal the level alone; lost samples are taken as the mean.
 
     shafts  orders of all shafts, of the pinion's rotation, the pair's first
     """
     x = samples.values - np.nanmean(samples.values)
     x = np.where(np.isfinite(x), x, 0.0)
-    size = max(float(np.sqrt(np.mean(x**2))), 1e-30)
+    size = max(float(np.sqrt(np.mean(x**2))), SILENCE)
+    extremes, run = _at_extremes(samples.values), _longest_run(samples.values)
+    if not x.any():
+        level = np.array([np.log(size)])
+        return OffLines(names=("level",), values=level, tones=(), free_order=0.0, clipped=extremes, constant=run)
     spectrum = np.fft.rfft(x)
     f = np.fft.rfftfreq(x.size, 1 / samples.rate)
     names, values = ["level"], [np.log(size)]
@@ -108,8 +113,8 @@ def off_lines(samples: Samples, track: AngleTrack, shafts: Sequence[Fraction]) -
         values=np.array(values),
         tones=tuple(places.tolist()),
         free_order=best[1],
-        clipped=_at_extremes(samples.values),
-        constant=_longest_run(samples.values),
+        clipped=extremes,
+        constant=run,
     )
 
 

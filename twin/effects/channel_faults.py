@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from twin.effects.facts import Facts
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelFault:
@@ -57,7 +59,7 @@ def label_of(name: str) -> str | None:
     return None if known is None else str(known.label)
 
 
-def facts_of(name: str):
+def facts_of(name: str) -> Facts | ChannelFault | None:
     """What is declared of an effect (`Facts`) or of a channel's fault; None where neither table has this name."""
     from twin.effects import EFFECTS
 

@@ -94,6 +94,8 @@ def envelope(
     inside = spectrum[centre - reach : centre + reach + 1] * np.hanning(2 * reach + 3)[1:-1]
     power = np.abs(spectrum[centre - reach : centre + reach + 1]) ** 2
     floor = np.median(np.abs(spectrum[centre - 3 * reach : centre + 3 * reach + 1]) ** 2) / np.log(2)
+    if floor <= 0:
+        raise NotAvailable(f"no signal around {frequency:g} Hz")
     m = 8 * reach
     low = np.zeros(m, dtype=complex)
     low[: reach + 1] = inside[reach:]
