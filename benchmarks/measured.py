@@ -126,10 +126,12 @@ def _fewer(readings, rig, shafts) -> None:
 def _short(effect) -> str:
     said = [", ".join(effect.channels)]
     if "shaft_order" in effect.parameters:
-        said.append(f"shaft of order {effect.parameters['shaft_order'][0]:g}")
+        said.append(f"shaft of order {effect.parameters['shaft_order'].value:g}")
     elif "frequency" in effect.parameters:
-        said.append(f"{effect.parameters['frequency'][0]:.0f} Hz")
-    return f"{effect.name} ({'; '.join(said)}; {effect.log_evidence:.0f} nat)"
+        said.append(f"{effect.parameters['frequency'].value:.0f} Hz")
+    if effect.log_evidence is not None:
+        said.append(f"{effect.log_evidence:.0f} nat")
+    return f"{effect.name} ({'; '.join(said)})"
 
 
 def _errors(readings, compared) -> None:
