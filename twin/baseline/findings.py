@@ -92,8 +92,8 @@ class BaselineThresholds:
         4, meaning="strong lines that a change all round a shaft must have", source="as for a local change",
     )  # fmt: skip
     beside_mesh: float = deciding(
-        0.1, of="energy of a changed mesh line", meaning="energy of the change of its neighbours, from which the change "
-        "is not that of all teeth alike",
+        0.1, of="energy of a changed mesh line", meaning="energy of the change of its neighbours, from which "
+        "the change is not that of all teeth alike",
         source="not derived: a pulse once a turn leaves about 1, teeth that wear alike nothing",
     )  # fmt: skip
     mesh_turn: float = deciding(

@@ -36,7 +36,9 @@ class LoadDirectionThresholds:
         0.25, of="lines measured", meaning="size of the healthy lines from which their direction is the change's",
         source="convention: a quarter; the change is then less than five times what was there",
     )  # fmt: skip
-    least_points: int = deciding(4, meaning="loads from which a direction is estimated", source="derivation: two are free")
+    least_points: int = deciding(
+        4, meaning="loads from which a direction is estimated", source="derivation: two are free"
+    )
     least_range: float = deciding(
         0.3, of="learned range", meaning="range that the loads must have", source="not derived",
     )  # fmt: skip

@@ -39,7 +39,8 @@ class TimingThresholds:
         source="between observed values on the broken-tooth set: 0.01 in healthy recordings",
     )  # fmt: skip
     least_others: int = deciding(
-        2, meaning="other sensors against which a sensor can be late", source="derivation: of two, either could be late",
+        2, meaning="other sensors against which a sensor can be late",
+        source="derivation: of two, either could be late",
     )  # fmt: skip
     least_clear: float = deciding(
         0.3, meaning="correlation that healthy recordings must reach for timing to be judged",
