@@ -65,8 +65,8 @@ class Half:
         """The duty to come: each condition until the middle between two windows, the last without end."""
         conditions = self.truth["conditions"]
         counts = [w["revolutions"] for w in measured(self.truth)]
-        if len(conditions) == 1:
-            conditions = conditions * len(counts)
+        if len(conditions) != len(counts):  # they last for several windows each
+            conditions = [_nearest(conditions, w) for w in measured(self.truth)]
         ends = [0.5 * (a + b) for a, b in pairwise(counts)]
         phases: list[Phase] = []
         begun = self.revolutions
@@ -88,6 +88,12 @@ class Half:
             here = min(left, phase.duration * phase.speed)
             left, time = left - here, time + here / phase.speed
         return time
+
+
+def _nearest(conditions: Sequence[Sequence[float]], window: dict[str, Any]) -> Sequence[float]:
+    """The condition, speed [Hz] and torque [N·m], under which a window was measured."""
+    here = window["speed_hz"], window["torque_nm"]
+    return min(conditions, key=lambda c: sum(abs(value / at - 1) for value, at in zip(c, here, strict=True)))
 
 
 def measured(truth: dict[str, Any]) -> list[dict[str, Any]]:

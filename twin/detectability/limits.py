@@ -31,7 +31,7 @@ SEED = 5000  # of the first machine; those of the nulls are below
 NOT_SIMULATED = {
     "bearing_defect": "its blows reach the accelerometer by a path that the rig file does not describe",
     "backlash_rattle": "teeth that separate have no steady state that the harmonic balance could solve",
-    "unknown_effect": "it has no size of its own: what is left after all named effects can be anything",
+    "unknown_effect": "it has no size of its own: its lines may be any",
 }
 FIXED: dict[str, dict[str, Any]] = {"tooth_crack": {"tooth": 3, "on": "pinion"}}
 
