@@ -27,7 +27,7 @@ MEANINGS = {
     "gears.gear.base_radius": "derived; checked where given",
     "mesh.pair_s": "places on the path of contact, from the pitch point",
     "mesh.pair_stiffness": "stiffness of one tooth pair at these places",
-    "mesh.stiffness_scale": "factor on the mesh stiffness; calibrated",
+    "mesh.stiffness_scale": "factor on the mesh stiffness, 1 where it is left out; calibrated",
     "mesh.relative_damping_time": "τ: contact force = k·max(0, δ + τ·δ′); calibrated",
     "shafts.gear_position_fraction": "distance from the drive-side bearing to the gear, of the span",
     "rolling_bearings[].name": "any; shown at its markers",

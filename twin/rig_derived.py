@@ -112,4 +112,5 @@ DERIVED: Mapping[str, Callable[[Get], float | None]] = {
     "masses.m5": lambda get: wheel_mass(get, "pinion"),
     "masses.m10": lambda get: wheel_mass(get, "gear"),
     "mesh.relative_damping_time": damping_time,
+    "mesh.stiffness_scale": lambda get: 1.0,  # the stiffness as the gears' dimensions or pair_stiffness give it
 }

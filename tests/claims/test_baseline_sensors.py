@@ -61,7 +61,7 @@ def test_impacts_that_ring_are_seen_in_the_envelope_of_their_band_and_by_their_o
     ring = 3 * np.exp(-400 * phase) * np.sin(2 * np.pi * 1200 * phase)
     quiet = Samples(start=0.0, rate=RATE, values=0.2 * rng.normal(size=t.size))
     struck = replace(quiet, values=quiet.values + ring)
-    before, after = off_lines(quiet, track, SHAFTS), off_lines(struck, track, SHAFTS)
+    before, after = (off_lines(x, track, SHAFTS, RIG.teeth[0]) for x in (quiet, struck))
     rise = dict(zip(after.names, after.values - before.values, strict=True))
     assert max(rise[name] for name in rise if name.startswith("impacts of no shaft")) > 3
     assert after.free_order == pytest.approx(order, rel=0.01)

@@ -33,6 +33,10 @@ def test_bending_stiffness_of_a_shaft_follows_from_its_dimensions():
     assert stiffness_matrix(bare) == pytest.approx(stiffness_matrix(RIG), rel=1e-4)
 
 
+def test_mesh_stiffness_that_is_not_scaled_is_that_of_the_gears():
+    assert Calibration.prior(rig_with(mesh__stiffness_scale=None)).stiffness_scale == 1.0
+
+
 def test_mass_and_inertia_of_the_wheels_follow_from_density_and_dimensions():
     bare = rig_with(inertias__J5=None, inertias__J10=None, masses__m5=None, masses__m10=None)
     assert mass_matrix(bare) == pytest.approx(mass_matrix(RIG), rel=4e-4)

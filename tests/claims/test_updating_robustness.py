@@ -33,7 +33,9 @@ def check(score, percent=2.0):
     assert score.worn
     assert abs(score.worst()) < percent
     assert score.coverage == 1.0
-    assert abs(score.life_error) < 15
+    assert score.life_band[0] < score.life_true < score.life_band[1]
+    if len(score.worn) > 2:  # of two depths alone, the rate between them may have run in, stepped or drifted
+        assert abs(score.life_error) < 15
 
 
 def each(change):

@@ -24,6 +24,7 @@ NO_VERDICT = {
     "UNDETERMINED": "rounding: eigenvalues that are zero",
     "CONVERGED": "end of an iteration",
     "BAND": "width of a reported or averaged band",
+    "MESH_WIDTH": "which lines are the mesh and its sidebands",
     "SIDEBANDS": "width of a reported band",
     "TURNS_PER_PERIOD": "width of Hann's main lobe",
     "LEAST_MISS": "rounding: guards a division",

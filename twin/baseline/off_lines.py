@@ -3,6 +3,7 @@
     S_b(o) = |Σ_n w_n·e_b(θ_n)·e^{−i·o·θ_n}|·2/Σ w·e_b          e_b the squared envelope of band b, θ the pinion's angle
 
     impacts once a turn of shaft s in band b    ln √(Σ_n S_b(n·s)²), n·s in lines that no other shaft has
+                                                with the lines about mesh harmonics left out
     impacts of no shaft                         max over o of the mean of ln(S_b(k·o)²/median), k = 1 … 3
 
 Bands are octaves below four fifths of half the sampling rate. Impacts of teeth and bearings ring at kHz, where they
@@ -35,6 +36,7 @@ HIGHEST = 0.8  # of half the sampling rate
 TONE_WIDTH, TONES = 20.0, 20  # [Hz], and how many such stretches from 0 are searched for tones
 TONE_BLOCK = 3.0  # [s]
 ENVELOPE_RATE = 1600.0  # [Hz]
+MESH_WIDTH = 2.5  # orders to either side of a mesh harmonic: it and its sidebands, whose modulation is no impact
 PER_SHAFT = 6  # multiples of a shaft's order
 COMB = 3  # multiples of a free order
 FREE = (0.35, 12.0)  # orders of the pinion that impacts of no shaft are searched in
@@ -68,10 +70,11 @@ def octaves(rate: float) -> dict[str, tuple[float, float]]:
     return {f"{_hz(low)} to {_hz(high)}": (low, high) for low, high in edges}
 
 
-def off_lines(samples: Samples, track: AngleTrack, shafts: Sequence[Fraction]) -> OffLines:
+def off_lines(samples: Samples, track: AngleTrack, shafts: Sequence[Fraction], teeth: int) -> OffLines:
     """The measures of a channel, of one without any signal the level alone; lost samples are taken as the mean.
 
     shafts  orders of all shafts, of the pinion's rotation, the pair's first
+    teeth   of the pinion
     """
     x = samples.values - np.nanmean(samples.values)
     x = np.where(np.isfinite(x), x, 0.0)
@@ -93,17 +96,20 @@ def off_lines(samples: Samples, track: AngleTrack, shafts: Sequence[Fraction]) -
     names += [f"tone {i * TONE_WIDTH:.0f} to {(i + 1) * TONE_WIDTH:.0f} Hz" for i in range(tones.size)]
     values += np.log(np.maximum(tones, LEAST * size)).tolist()
     best = (-np.inf, 0.0)
+    order_of = f / track.speed
+    of_mesh = (np.abs(order_of - teeth * np.rint(order_of / teeth)) < MESH_WIDTH) & (order_of > teeth / 2)
     for where, (low, high) in octaves(samples.rate).items():
         kept = np.where((f > low) & (f <= high), spectrum, 0.0)
-        envelope = np.abs(np.fft.ifft(np.concatenate([kept, np.zeros(x.size - kept.size)]))) ** 2
+        envelope = _squared_envelope(kept, x.size)
         names.append(f"peaks {where}")
         values.append(np.log(np.mean(envelope**2) / max(float(np.mean(envelope)) ** 2, 1e-300)))
+        _, struck = _envelope_lines(_squared_envelope(np.where(of_mesh, 0, kept), x.size), samples, track)
         orders, lines = _envelope_lines(envelope, samples, track)
         for shaft in shafts:
             n = own_multiples(shaft, shafts, float(orders[-1]) if orders.size else 0.0, PER_SHAFT)
             names.append(f"impacts once a turn of order {shaft} {where}")
             at = np.rint(n * float(shaft) / orders[1]).astype(int)
-            values.append(0.5 * np.log(max(float(np.sum(lines[at] ** 2)), LEAST)))
+            values.append(0.5 * np.log(max(float(np.sum(struck[at] ** 2)), LEAST)))
         score, order = _free(orders, lines, shafts)
         names.append(f"impacts of no shaft {where}")
         values.append(score)
@@ -116,6 +122,11 @@ def off_lines(samples: Samples, track: AngleTrack, shafts: Sequence[Fraction]) -
         clipped=extremes,
         constant=run,
     )
+
+
+def _squared_envelope(kept: np.ndarray, count: int) -> np.ndarray:
+    """|analytic signal|² of one-sided lines, of so many samples."""
+    return np.abs(np.fft.ifft(np.concatenate([kept, np.zeros(count - kept.size)]))) ** 2
 
 
 def _hz(frequency: float) -> str:

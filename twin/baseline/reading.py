@@ -179,7 +179,7 @@ def _off_lines(
 ) -> OffLines:
     bands = {name: (low / track.speed, high / track.speed) for name, (low, high) in octaves(samples.rate).items()}
     pulses = turn_pulses(lines.lines, common_period(shafts), shafts, int(rig.teeth[0]), bands)
-    return off_lines(samples, track, shafts).with_measures(pulses)
+    return off_lines(samples, track, shafts, int(rig.teeth[0])).with_measures(pulses)
 
 
 def part_of(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:

@@ -232,8 +232,11 @@ def _own_std(estimate: DepthEstimate, scatter: DepthScatter) -> float:
 
 
 def _with_point(memory: Memory, expected: Prediction, estimate: DepthEstimate, scatter: DepthScatter) -> Memory:
-    """The memory with what the encoders measured of the wear; as it is where they measured nothing."""
-    if not np.isfinite(estimate.std):
+    """The memory with what the encoders measured of the wear; unchanged without a measure, or where a window is late.
+
+    A window that comes after a later one was measured at another count of revolutions than the present.
+    """
+    if not np.isfinite(estimate.std) or (memory.points and expected.revolutions <= memory.points[-1].revolutions):
         return memory
     stated = stated_std(estimate, memory)
     shared = float(np.sqrt(max(stated**2 - (estimate.stated * estimate.noise_std) ** 2, 0.0)))
