@@ -59,8 +59,8 @@ from twin.rig_notes import NoteLimits
 from twin.scales import UNITS, Scales
 from twin.suitability import SuitabilityLimits
 from twin.thresholds import ThresholdRow, rows_of
+from twin.tracing.accelerometer_fault import AccelerometerFaultThresholds
 from twin.tracing.change_detection import ChangeLimits
-from twin.tracing.channel_faults import ChannelFaultThresholds
 from twin.tracing.confirmation import ConfirmationLimits
 from twin.tracing.context import WindowThresholds
 from twin.tracing.detectors.crack import CrackThresholds
@@ -170,7 +170,7 @@ SETS: tuple[type, ...] = (
     SensorThresholds,
     ShaftForceThresholds,
     ToothErrorThresholds,
-    ChannelFaultThresholds,
+    AccelerometerFaultThresholds,
     UnknownThresholds,
     UnknownLineThresholds,
     EntryThresholds,

@@ -67,6 +67,29 @@ def test_impacts_that_ring_are_seen_in_the_envelope_of_their_band_and_by_their_o
     assert after.free_order == pytest.approx(order, rel=0.01)
 
 
+def test_modulation_of_the_mesh_once_a_turn_is_no_impact_once_a_turn_and_a_struck_turn_is():
+    """Half of the mesh's amplitude comes and goes with the turn; an impact of the same RMS rings once a turn."""
+    rng = np.random.default_rng(5)
+    window = machine(0.42, 99)
+    track = angle_of(RIG, window)
+    t = np.arange(int(8.0 * RATE)) / RATE
+    turn, mesh = 2 * np.pi * SPEED * (1 - 0.0042) * t, RIG.teeth[0]
+    tone = sum(np.cos(k * mesh * turn) / k for k in (1, 2, 3))
+    sound = Samples(start=0.0, rate=RATE, values=tone + 0.1 * rng.normal(size=t.size))
+    modulated = replace(sound, values=sound.values + 0.5 * np.cos(turn) * tone)
+    since = (turn / (2 * np.pi)) % 1 / (SPEED * (1 - 0.0042))
+    ring = np.exp(-400 * since) * np.sin(2 * np.pi * 1200 * since)
+    ring *= np.std(0.5 * np.cos(turn) * tone) / np.std(ring)
+    struck = replace(sound, values=sound.values + ring)
+    before, with_modulation, with_impacts = (
+        off_lines(x, track, SHAFTS, RIG.teeth[0]) for x in (sound, modulated, struck)
+    )
+    once = [i for i, name in enumerate(before.names) if name.startswith("impacts once a turn of order 1 ")]
+    assert once, before.names
+    rises = [np.max((x.values - before.values)[once]) for x in (with_modulation, with_impacts)]
+    assert rises[1] > 3 > 1 > rises[0]
+
+
 def test_smooth_gain_of_low_frequencies_is_a_rival_only_where_the_healthy_machine_has_these_lines():
     compared = compare(healthy(), parts(machine(0.42, 99)).whole)
     change = next(c for c in compared.changes if float(c.shaft) < 1)

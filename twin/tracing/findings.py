@@ -83,7 +83,7 @@ class NonGearContent:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ChannelFault:
+class AccelerometerFault:
     """What is wrong with the accelerometer's channel."""
 
     polarity: float  # 1, or −1
@@ -114,7 +114,7 @@ class Findings:
     non_gear: NonGearContent = QUIET
     mesh: MeshFindings | None = None
     other_structure: bool = False  # whether the path to the housing is not the rig file's
-    channel_fault: ChannelFault | None = None  # the windows are corrected for it
+    accelerometer_fault: AccelerometerFault | None = None  # the windows are corrected for it
 
     def has(self, *names: str) -> bool:
         """Whether any of these effects has been found."""

@@ -51,7 +51,7 @@ def settled(context: TracingContext, known: Known, detectors: Sequence[Detector]
     """
     if context.findings.teeth_separate:  # no steady mesh: whatever else was found rests on nothing
         effects = tuple(e for e in context.findings.effects if EFFECTS[e.name].facts.separates_teeth)
-        rest = Findings(effects=effects, teeth_separate=True, channel_fault=context.findings.channel_fault)
+        rest = Findings(effects=effects, teeth_separate=True, accelerometer_fault=context.findings.accelerometer_fault)
         return context.with_findings(rest)
     rank = {d.name: i for i, d in enumerate(DETECTORS)}
     asked = set(known)

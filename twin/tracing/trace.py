@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from twin.required_evidence import DEFAULT, RequiredEvidence
 from twin.rig import Rig
+from twin.tracing.accelerometer_fault import accelerometer_fault_of, corrected
 from twin.tracing.attribution import AttributedEffect
-from twin.tracing.channel_faults import channel_fault_of, corrected
 from twin.tracing.context import TracingContext, held_out
 from twin.tracing.detectors import DETECTORS, Detector
 from twin.tracing.findings import NonGearContent
@@ -74,7 +74,7 @@ def trace(
         since_ns=since_ns,
         required=required,
     )
-    fault = None if phase is None or "unknown_effect" in rejected else channel_fault_of(context)
+    fault = None if phase is None or "unknown_effect" in rejected else accelerometer_fault_of(context)
     if fault is not None:
         context = corrected(context, fault)
     known: Known = {}

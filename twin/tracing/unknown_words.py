@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from twin.tracing.findings import ChannelFault
+from twin.tracing.findings import AccelerometerFault
 from twin.tracing.unknown_entry import Entry, Law
 from twin.tracing.unknown_lines import FollowedLine, Modulation
 
@@ -109,7 +109,7 @@ def of_modulation(found: Modulation, steady_encoder: bool, onset: float) -> str:
     )
 
 
-def of_fault(fault: ChannelFault) -> str:
+def of_fault(fault: AccelerometerFault) -> str:
     """A wrong polarity or a delay of the accelerometer in a sentence."""
     parts = []
     if fault.polarity < 0:

@@ -22,7 +22,7 @@ from twin.model import Model
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import TracedWindow, TracingContext
-from twin.tracing.findings import ChannelFault, Findings, NonGearContent
+from twin.tracing.findings import AccelerometerFault, Findings, NonGearContent
 from twin.tracing.unknown_entry import Entry, Law, entry_of, law_of
 from twin.tracing.unknown_lines import (
     FollowedLine,
@@ -79,7 +79,7 @@ class Unknown:
     modulation: Modulation | None = None
     modulation_onset: float = 0.0
     noise: tuple[str, float, float, str, float] | None = None  # kind, RMS with it and without [m/s²], words, onset
-    fault: ChannelFault | None = None
+    fault: AccelerometerFault | None = None
 
     @property
     def present(self) -> bool:
@@ -91,14 +91,14 @@ def detect(context: TracingContext, limits: UnknownThresholds = THRESHOLDS) -> F
     findings = context.findings
     windows = seen_windows(context)
     beside_defect = len(windows) < 2 or findings.non_gear.defect is not None
-    if beside_defect and findings.channel_fault is None:
+    if beside_defect and findings.accelerometer_fault is None:
         return findings
     try:
         model: Model | None = context.model
     except NotAvailable:
         model = None
     unknown = Unknown() if beside_defect else find_unknown(context, windows, model, limits)
-    unknown = replace(unknown, fault=findings.channel_fault)
+    unknown = replace(unknown, fault=findings.accelerometer_fault)
     if not unknown.present:
         return findings
     item = attributed(unknown, windows)
@@ -254,7 +254,7 @@ def attributed(unknown: Unknown, windows: Sequence[SeenWindow]) -> AttributedEff
     )
 
 
-def _add_fault(parts: _Parts, fault: ChannelFault) -> None:
+def _add_fault(parts: _Parts, fault: AccelerometerFault) -> None:
     """The polarity and the delay of the accelerometer's channel."""
     if fault.polarity < 0:
         parts.parameters["polarity"] = (fault.polarity, "", 0.0)

@@ -25,13 +25,13 @@ from twin.effects.sensor_resonance import SensorResonance
 from twin.errors import NotAvailable
 from twin.thresholds import deciding
 from twin.tracing.context import TracedWindow, TracingContext
-from twin.tracing.findings import ChannelFault
+from twin.tracing.findings import AccelerometerFault
 from twin.tracing.transfer_path import RATIOS, path_covariance, path_log
 from twin.tracing.transfer_path import THRESHOLDS as PATH
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ChannelFaultThresholds:
+class AccelerometerFaultThresholds:
     """When the accelerometer's channel is taken to be turned round or late."""
 
     least_evidence: float = deciding(
@@ -61,7 +61,7 @@ class ChannelFaultThresholds:
     )
 
 
-THRESHOLDS = ChannelFaultThresholds()
+THRESHOLDS = AccelerometerFaultThresholds()
 START_STEP = 0.5  # phase of the lowest lines from one delay, or rate, tried to the next [rad]
 MOST_RATES = 200  # to either side
 MOST_STARTS = 400
@@ -80,7 +80,9 @@ class _Lines:
     revolutions: np.ndarray
 
 
-def channel_fault_of(context: TracingContext, limits: ChannelFaultThresholds = THRESHOLDS) -> ChannelFault | None:
+def accelerometer_fault_of(
+    context: TracingContext, limits: AccelerometerFaultThresholds = THRESHOLDS
+) -> AccelerometerFault | None:
     """The fault of the accelerometer's channel that explains its phases; None where a good channel does."""
     try:
         model, first = context.model, context.windows[0].features.start_time_ns
@@ -174,12 +176,12 @@ def _resonance(z: np.ndarray, good: _Normal, lines: _Lines, top: float) -> float
 
 
 def _best_fault(
-    z: np.ndarray, good: _Normal, lines: _Lines, others: float, first_ns: int, limits: ChannelFaultThresholds
-) -> ChannelFault | None:
+    z: np.ndarray, good: _Normal, lines: _Lines, others: float, first_ns: int, limits: AccelerometerFaultThresholds
+) -> AccelerometerFault | None:
     """The most probable fault over every time of its onset, where it is probable enough."""
     turns = np.unique(lines.revolutions)
     onsets = [0.0, *(0.5 * (turns[:-1] + turns[1:])).tolist()]
-    best: ChannelFault | None = None
+    best: AccelerometerFault | None = None
     for onset in onsets:
         for polarity in (1.0, -1.0):
             for drifting in (False, True) if onset == 0 and turns.size > 2 else (False,):
@@ -188,7 +190,7 @@ def _best_fault(
                 evidence = value - log(2 * len(onsets)) - others
                 if best is None or evidence > best.log_evidence:
                     rate = float(size[1]) if drifting else 0.0
-                    best = ChannelFault(
+                    best = AccelerometerFault(
                         polarity=polarity, delay=float(size[0]), delay_std=std, rate=rate,
                         start_ns=first_ns, onset=onset, log_evidence=evidence,
                     )  # fmt: skip
@@ -218,7 +220,7 @@ class _Trial:
         columns = np.array([late * ω, late * ω * lines.time] if drifting else [late * ω])
         return cls(z=moved, good=good, lines=lines, late=late, columns=columns)
 
-    def fitted(self, limits: ChannelFaultThresholds) -> tuple[float, np.ndarray, float]:
+    def fitted(self, limits: AccelerometerFaultThresholds) -> tuple[float, np.ndarray, float]:
         """ln of the probability of the data, delay and rate (d,), and the delay's standard deviation [s]."""
         n = self.lines.log.size
         spread = np.array([limits.usual_delay, limits.usual_rate])[: len(self.columns)]
@@ -235,7 +237,7 @@ class _Trial:
         std = float(np.sqrt(np.linalg.inv(information)[0, 0]))
         return float(self.good.log(chi[best])) - 0.5 * volume, size[best], std
 
-    def _starts(self, limits: ChannelFaultThresholds) -> np.ndarray:
+    def _starts(self, limits: AccelerometerFaultThresholds) -> np.ndarray:
         """Delays and rates (m, d) from which the lowest lines alone are explained best: those least ambiguous."""
         f, n = self.lines.frequency, self.lines.log.size
         low = (f < 1.5 * f.min()) & (self.late > 0)
@@ -254,15 +256,15 @@ class _Trial:
         return grid[np.argsort((phases**2).sum(axis=1), kind="stable")[:MOST_STARTS]]
 
 
-def corrected(context: TracingContext, fault: ChannelFault) -> TracingContext:
+def corrected(context: TracingContext, fault: AccelerometerFault) -> TracingContext:
     """The windows as a good channel would have shown them."""
     teeth = context.rig.teeth[0]
     windows = tuple(_corrected(w, fault, teeth) if w.observed.revolutions > fault.onset else w for w in context.windows)
     worn = None if context.worn is None else replace(context.worn, windows=windows)
-    return replace(context, windows=windows, worn=worn, findings=replace(context.findings, channel_fault=fault))
+    return replace(context, windows=windows, worn=worn, findings=replace(context.findings, accelerometer_fault=fault))
 
 
-def _corrected(window: TracedWindow, fault: ChannelFault, teeth: int) -> TracedWindow:
+def _corrected(window: TracedWindow, fault: AccelerometerFault, teeth: int) -> TracedWindow:
     features, o = window.features, window.observed
     speed, lines = o.condition.speed_hz, dict(o.lines)
     f = speed * teeth * np.arange(1, lines["acceleration"].size + 1)
