@@ -72,6 +72,7 @@ from twin.tracing.detectors.sensor import SensorThresholds
 from twin.tracing.detectors.shaft_forces import ShaftForceThresholds
 from twin.tracing.detectors.tooth_errors import ToothErrorThresholds
 from twin.tracing.detectors.unknown import UnknownThresholds
+from twin.tracing.held_out_gain import HeldOutScatter
 from twin.tracing.joining import JoiningLimits
 from twin.tracing.joint_problem import JointFitThresholds
 from twin.tracing.mesh_fits import MeshSearchThresholds, MeshSearchWithDifferingTeethThresholds
@@ -161,6 +162,7 @@ SETS: tuple[type, ...] = (
     SamplingThresholds,
     ChangeLimits,
     ConfirmationLimits,
+    HeldOutScatter,
     WindowThresholds,
     CrackThresholds,
     EccentricityThresholds,

@@ -13,6 +13,7 @@ import numpy as np
 
 from twin.errors import TwinError
 from twin.rig import Rig
+from twin.scales import Scales
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.held_out_error import (
@@ -22,6 +23,7 @@ from twin.tracing.held_out_error import (
     errors_of,
     residual_by_band_and_order,
 )
+from twin.tracing.held_out_gain import log_likelihood_ratio
 from twin.tracing.state import EffectErrors, Tracing, relevant
 from twin.tracing.trace import held_out
 from twin.tracing.unknown_held_out import improves, path_without_fault, with_unknown
@@ -41,6 +43,13 @@ class ConfirmationLimits:
         of="error without the effect",
         meaning="error of held-out windows from which an effect is not confirmed",
         source="not derived: chosen so that an effect that changes nothing (1.00) is not refused for rounding",
+    )
+    least_gain: float = deciding(
+        float(np.log(100)),
+        unit="nat",
+        meaning="log likelihood ratio of held-out windows that an effect must reach, over the twin without it",
+        source="derivation: where the effect is not there, chance reaches a likelihood ratio of 100 in at most 1 of "
+        "100 cases (Markov's inequality)",
     )
     same_relative: float = deciding(
         0.3,
@@ -68,6 +77,9 @@ def with_errors(rig: Rig, tracing: Tracing) -> Tracing:
     learned = replace(learned, path=path_without_fault(learned.path, found, tracing.history))
     rows = [_row(rig, tracing, count, learned, windows) for count in range(len(tracing.found) + 1)]
     errors = tuple(_pair(before, after) for before, after in pairwise(rows))
+    errors = tuple(
+        replace(e, gain=_gain(rig, tracing, f, learned, windows)) for e, f in zip(errors, tracing.found, strict=True)
+    )
     final = _pair(rows[-1], rows[-1]).after
     return replace(tracing, errors=errors, error=final, residual=_residual(rig, rows) if tracing.found else None)
 
@@ -112,6 +124,32 @@ def _pair(before: Row, after: Row) -> EffectErrors:
     return EffectErrors(before=errors_of(first, note), after=errors_of(second, note))
 
 
+def _gain(
+    rig: Rig, tracing: Tracing, item: AttributedEffect, learned: LearnedFactors, windows: Sequence[WindowInput]
+) -> float | None:
+    """Log likelihood ratio of the windows, of the twin in use over the twin without one effect [nat].
+
+    Both at the depth of the twin in use, so that they differ by the effect alone; None where no window has lines that
+    both can predict.
+    """
+    stage, found = tracing.stages[-1], [f.addition for f in tracing.found]
+    rest = [addition for addition in found if addition is not item.addition]
+    own = (1.0, rig.teeth[0] / rig.teeth[1])
+    scales = Scales.of(rig)
+    total, compared = 0.0, False
+    for window in windows:
+        if (window.features.revolutions or 0.0) < certain_since(tracing, item):
+            continue
+        depth = stage.depths.get(window.index, stage.depth)
+        try:
+            without, present = (compare(rig, stage.memory, a, learned, window, depth) for a in (rest, found))
+        except TwinError:
+            continue
+        total += log_likelihood_ratio(without, present, own, scales)
+        compared = compared or bool(without.channels)
+    return total if compared else None
+
+
 def _residual(rig: Rig, rows: Sequence[Row]):
     """The residual of the newest window that the twin without effects and the twin in use can both predict."""
     for index in reversed(list(rows[0])):
@@ -135,13 +173,17 @@ def not_confirmed(
 ) -> list[AttributedEffect]:
     """Effects by which held-out windows are predicted worse, vibration and transmission error together.
 
-    An effect may move one of both the wrong way for what the model of the path lacks, if the other gains as much. Pitch
-    errors and cracks are judged when they are new: later the teeth have worn to fit them, which the twin does not know.
+    An effect may move one of both the wrong way for what the model of the path lacks, if the other gains as much. The
+    lines that it moves, of all channels, must be likelier with it than without it: an effect that is small beside the
+    others hides in the errors of the whole. Of several effects that are not likelier, the least likely one goes, since
+    the others may be needed once it has gone. By the whole error, pitch errors and cracks are judged only when they are
+    new: later the teeth have worn to fit them.
     An unknown effect is always judged, by lines of its own: it must predict something better.
 
     known  names of the effects that were in the twin before
     """
-    out = []
+    out: list[AttributedEffect] = []
+    unlikely: list[tuple[float, AttributedEffect]] = []
     turns = {t.index: t.features.revolutions or 0.0 for t in tracing.history}
     for item, errors in zip(tracing.found, tracing.errors, strict=False):
         facts = item.addition.effect.facts
@@ -151,16 +193,17 @@ def not_confirmed(
             out.append(item)
         if not facts.synchronous or facts.separates_teeth or item.name in tracing.fixed:
             continue  # without lines that a twin could predict, or kept by an engineer
-        if item.name in known and facts.acts_on == "teeth":
-            continue
         if not since:
             continue  # no window was recorded since it is there
         before, after = errors.before, errors.after
         pairs = ((before.waveform, after.waveform), (before.transmission_error, after.transmission_error))
         growth = [b / a for a, b in pairs if a is not None and b is not None and a > 0]
-        if growth and np.prod(growth) > limits.growth ** len(growth):
+        worn_in = item.name in known and facts.acts_on == "teeth"
+        if growth and not worn_in and np.prod(growth) > limits.growth ** len(growth):
             out.append(item)
-    return out
+        elif errors.gain is not None and errors.gain < limits.least_gain:
+            unlikely.append((errors.gain, item))
+    return out or [item for _, item in sorted(unlikely, key=lambda pair: pair[0])[:1]]
 
 
 def refuted_before(

@@ -10,8 +10,8 @@ effect is judged on the windows that both twins can predict; a window that one o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,6 +36,16 @@ STRONGEST = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ChannelComparison:
+    """Lines of one channel of a window, measured and predicted, complex (n,) each, in the channel's unit."""
+
+    orders: np.ndarray  # of pinion rotation
+    measured: np.ndarray
+    predicted: np.ndarray
+    std: np.ndarray  # of noise, per real and imaginary part
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class HeldOutComparison:
     """One window's lines, measured and predicted, (n,) each."""
 
@@ -50,6 +60,7 @@ class HeldOutComparison:
     error_left: float  # energies of the transmission error's lines, or of the pinion's motion where it alone has an
     # encoder [m²]
     error_measured: float
+    channels: Mapping[str, ChannelComparison] = field(default_factory=dict)  # by name, whatever has been measured
 
     @property
     def left(self) -> float:
@@ -103,12 +114,21 @@ def compare(
     inside = orders * condition.speed_hz <= top
     band = rig.band
     in_band = (orders * condition.speed_hz >= band[0]) & (orders * condition.speed_hz <= band[1])
+    channels = {
+        "acceleration": ChannelComparison(
+            orders=orders[inside], measured=y[inside], predicted=m[inside], std=std[inside]
+        )
+    }
+    if features.torque is not None:
+        at, t, torque_std, predicted = _lines(features.torque, response, alone, "torque", per_turn)
+        channels["torque"] = ChannelComparison(orders=at, measured=t, predicted=predicted, std=torque_std)
     left = measured = 0.0
     encoder = "transmission_error" if features.transmission_error is not None else "pinion_motion"
     seen = getattr(features, encoder)
     if seen is not None and seen.unit == "m":
-        at, e, _, predicted = _lines(seen, response, alone, encoder, per_turn)
+        at, e, error_std, predicted = _lines(seen, response, alone, encoder, per_turn)
         predicted = predicted * MESH.predict(learned.mesh, at * condition.speed_hz, window.index)[0]
+        channels[encoder] = ChannelComparison(orders=at, measured=e, predicted=predicted, std=error_std)
         left, measured = float(np.sum(np.abs(e - predicted) ** 2)), float(np.sum(np.abs(e) ** 2))
     return HeldOutComparison(
         index=window.index,
@@ -121,6 +141,7 @@ def compare(
         rms_predicted=float(np.hypot(np.sqrt(0.5 * np.sum(np.abs(m[in_band]) ** 2)), features.noise_rms or 0.0)),
         error_left=left,
         error_measured=measured,
+        channels=channels,
     )
 
 

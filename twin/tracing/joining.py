@@ -70,14 +70,14 @@ def joined(rig: Rig, tracing: Tracing, traced: Traced, outcome: UpdateOutcome, o
         changed = LoopResult(tracing=with_errors(rig, replace(tracing, found=tuple(new))), outcome=outcome)
     else:
         changed = with_found(rig, tracing, tuple(new), outcome, options)
-    doubted = not_confirmed(changed.tracing, old)
-    if not doubted:
-        return changed
-    tracing = replace(tracing, refuted={**tracing.refuted, **{f.name: tuple(f.numbers) for f in doubted}})
-    rest = tuple(f for f in new if f not in doubted)
-    if _same_effects(rest, tracing):
-        return LoopResult(tracing=with_errors(rig, replace(tracing, found=rest)), outcome=outcome)
-    return with_found(rig, tracing, rest, outcome, options)
+    while doubted := not_confirmed(changed.tracing, old):
+        tracing = replace(tracing, refuted={**tracing.refuted, **{f.name: tuple(f.numbers) for f in doubted}})
+        rest = tuple(f for f in changed.tracing.found if f not in doubted)
+        if _same_effects(rest, tracing):
+            changed = LoopResult(tracing=with_errors(rig, replace(tracing, found=rest)), outcome=outcome)
+        else:
+            changed = with_found(rig, tracing, rest, outcome, options)
+    return changed
 
 
 def with_found(

@@ -78,6 +78,7 @@ class EffectErrors:
 
     before: HeldOutErrors
     after: HeldOutErrors
+    gain: float | None = None  # log likelihood ratio of the twin in use over that without this effect alone [nat]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
