@@ -42,6 +42,7 @@ from twin.windows import Window
 DEFAULT = Options()
 LEVEL_FAULTS = ("clipping", "stuck")  # faults of an accelerometer that falsify its level
 TORQUE_FAULTS = ("clipping", "stuck", "out_of_range")  # faults of a torque meter that falsify its mean
+NO_TORQUE = ("stuck",)  # faults after which its mean is any value; clipped peaks move it by little
 
 DONE = {
     "gears_replaced": "the gears have been replaced,",
@@ -103,6 +104,7 @@ def _window_input(signals: WindowSignals, state: State, features: WindowFeatures
         features=features,
         level_fault=_fault_of(window, f"accel/{features.sensor}", LEVEL_FAULTS),
         torque_fault=_fault_of(window, "torque/pinion", TORQUE_FAULTS),
+        torque_unknown=_fault_of(window, "torque/pinion", NO_TORQUE),
         non_gear=non_gear_features(rig, window, signals=signals) if options.trace else None,
     )
 

@@ -131,14 +131,14 @@ def test_doubt_or_unattributed_energy_leaves_a_machine_unexplained():
     assert unexplained_of([], [], GOOD).share is None
 
 
-def test_window_with_a_doubtful_torque_is_neither_traced_nor_compared(tracing):
+def test_window_whose_torque_is_not_known_is_neither_traced_nor_compared(tracing):
     """The lines of the mesh depend on the load: effects would explain what a saturated torque meter hides."""
     fault = "torque/pinion: stuck, every sample is 50: cable or supply?"
-    history = tuple(replace(w, torque_fault=fault) if w.index == 2 else w for w in tracing.history)
+    history = tuple(replace(w, torque_unknown=fault) if w.index == 2 else w for w in tracing.history)
     context = TracingContext.of(RIG, history, tracing.stages[0].depths, tracing.phase)
     assert [w.index for w in context.windows] == [w.index for w in tracing.history if w.index != 2]
-    assert context.skipped == ((2, f"the torque that its lines depend on is doubtful: {fault}"),)
+    assert context.skipped == ((2, f"the torque that its lines depend on is not known: {fault}"),)
     errors = with_errors(RIG, replace(tracing, history=history)).error
     assert 2 not in errors.windows
     with pytest.raises(NotAvailable, match=r"before two measurement windows \(.*torque that its lines depend on"):
-        TracingContext.of(RIG, [replace(w, torque_fault=fault) for w in history], {}, tracing.phase)
+        TracingContext.of(RIG, [replace(w, torque_unknown=fault) for w in history], {}, tracing.phase)

@@ -307,8 +307,8 @@ def _readable(rig: Rig, history: Sequence[WindowInput]) -> tuple[tuple[TracedWin
     """The windows whose mesh lines can be compared, and those that cannot with the reason."""
     windows, skipped = [], []
     for given in history:
-        if given.torque_fault is not None:
-            skipped.append((given.index, f"the torque that its lines depend on is doubtful: {given.torque_fault}"))
+        if given.torque_unknown is not None:
+            skipped.append((given.index, f"the torque that its lines depend on is not known: {given.torque_unknown}"))
             continue
         try:
             seen = observed(rig, given.features, given.index, given.level_fault)

@@ -97,8 +97,8 @@ def compare(
     features = window.features
     if memory.phase is None or features.acceleration is None or window.level_fault is not None:
         raise NotAvailable("the window cannot be compared: no mesh phase, or no usable accelerometer")
-    if window.torque_fault is not None:
-        raise NotAvailable(f"the window cannot be compared: its torque is doubtful: {window.torque_fault}")
+    if window.torque_unknown is not None:
+        raise NotAvailable(f"the window cannot be compared: its torque is not known: {window.torque_unknown}")
     condition = condition_of(features, rig)
     turns = features.revolutions or 0.0
     model = healthy_model_of(rig, memory)

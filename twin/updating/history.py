@@ -26,6 +26,7 @@ class WindowInput:
     features: WindowFeatures
     level_fault: str | None = None  # why the level may not be compared
     torque_fault: str | None = None  # why the torque is doubtful
+    torque_unknown: str | None = None  # why it is not known at all
     non_gear: NonGearFeatures | None = None  # content of the acceleration that no gear makes
 
     def to_dict(self) -> dict[str, Any]:
@@ -35,6 +36,7 @@ class WindowInput:
             "features": self.features.to_dict(),
             "level_fault": self.level_fault,
             "torque_fault": self.torque_fault,
+            "torque_unknown": self.torque_unknown,
             "non_gear": None if self.non_gear is None else self.non_gear.to_dict(),
         }
 
@@ -45,6 +47,7 @@ class WindowInput:
             features=WindowFeatures.from_dict(data["features"]),
             level_fault=data["level_fault"],
             torque_fault=data.get("torque_fault"),
+            torque_unknown=data.get("torque_unknown"),
             non_gear=None if data["non_gear"] is None else NonGearFeatures.from_dict(data["non_gear"]),
         )
 
