@@ -10,6 +10,7 @@ import pytest
 
 from tests.dynamics_cases import TEN, model, relative
 from tests.effects_cases import GEAR_INSTANCES, INSTANCES, MESH, solved, with_instance
+from twin.dynamics.harmonic_balance import TOLERANCE
 from twin.effects import EFFECTS, neutral, solve_with
 from twin.effects.setup import contacts_of
 from twin.errors import ParameterError
@@ -33,6 +34,7 @@ CONTRACT = [
 ]
 NAMES = [name for name in EFFECTS if name != "none"]
 UNSLICED = [name for name in NAMES if EFFECTS[name].facts.slices == 1]  # a sliced face takes minutes over long periods
+RESONANT = 10  # amplification of what the solver leaves (TOLERANCE of the mean force) by a mode: 1/(2ζ), ζ of some 0.05
 SENSORS = [name for name, kind in EFFECTS.items() if kind.facts.acts_on == "sensor"]
 
 
@@ -76,7 +78,8 @@ def test_signature_is_what_the_model_makes(name):
     own = {"pinion": 1.0, "gear": z1 / model().mesh.pair.teeth[1]}
     mesh = np.isclose(found.orders % z1, 0) | np.isclose(found.orders % z1, z1)
     if signature.shape == "alike":
-        assert change[~mesh].max() < 1e-6 * change.max()
+        solved_to = TOLERANCE * base.steady.deflection.mean() * RESONANT
+        assert change[~mesh].max() < max(1e-6 * change.max(), 2 * solved_to)
     if signature.shape == "run_out":
         strongest = found.orders[np.argmax(np.where(mesh, 0, change))]
         assert any(np.isclose(strongest, own[shaft]) for shaft in signature.shafts)
