@@ -44,6 +44,7 @@ from twin.encoder_pair.motion import PairThresholds
 from twin.established import EstablishedLimits, HysteresisLimits
 from twin.fallen_count import FallenCountThresholds
 from twin.features.despike import SpikeThresholds
+from twin.features.edge_counts import EdgeCountThresholds
 from twin.features.modulation import ModulationThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
@@ -147,6 +148,7 @@ SETS: tuple[type, ...] = (
     JumpThresholds,
     PairThresholds,
     SpikeThresholds,
+    EdgeCountThresholds,
     ModulationThresholds,
     NonGearFeatureThresholds,
     PlausibleOperatingThresholds,

@@ -90,6 +90,10 @@ FAULTS: dict[str, Named] = {
     ),
     "standstill": Named("the shaft did not turn"),
     "edge_order": Named("edges of an encoder that are not in the order of time", "Check the encoder's input card."),
+    "edge_count": Named(
+        "edges of an encoder that were not counted, or counted twice; they are put right, or the window is refused",
+        "Clean or exchange the encoder's disc; check its cable and supply.",
+    ),
     "reversed": Named(
         "the shaft turned backwards, or the encoder counts down",
         "Exchange the encoder's tracks; check the rig file.",

@@ -22,6 +22,7 @@ from typing import Any
 from service.stream import order
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.clock import Contradictions, said
+from service.stream.edge_counts import EncoderCounts
 from service.stream.faults import totals
 from service.stream.frames import LENGTH_LIMITS, NS, Frame, SampleFrame
 from service.stream.left_out import LeftOut, Missing
@@ -102,7 +103,7 @@ class Assembler:
         self.last_arrival_ns: int | None = None  # host's clock when the newest frame came, Unix time [ns]
         self._closed_until = 0  # frames that end before this time come too late [ns]
         self._known: set[str] = set()  # channels of the windows so far
-        self._counted: dict[str, int] = {}  # edges by the end of the last window
+        self._counts = EncoderCounts()
         self._consumed: dict[str, tuple[int, int, int]] = {}  # sequence, start, end of the last frame in a window
 
     def add(self, frame: Frame, now_ns: int | None = None) -> list[Window]:
@@ -254,7 +255,7 @@ class Assembler:
         return {
             "closed_until_ns": self._closed_until,
             "channels": sorted(self._known),
-            "edges_counted": dict(self._counted),
+            **self._counts.to_dict(),
             "slow": self._slow.to_dict(),
             "marks": self.repeats.to_dict(),
             "timelines": {label: lane.timeline.to_dict() for label, lane in self._lanes.items()},
@@ -278,7 +279,7 @@ class Assembler:
         self = cls(settings)
         self._closed_until = int(data["closed_until_ns"])
         self._known = set(data["channels"])
-        self._counted = {label: int(count) for label, count in data["edges_counted"].items()}
+        self._counts = EncoderCounts.from_dict(data)
         self.counters = {label: dict(kinds) for label, kinds in data["counters"].items()}
         self.left_out = Counter(data.get("left_out", {}))  # absent in what earlier programs wrote
         self._slow = SlowChannels.from_dict(data.get("slow", {}))  # absent in what version 1 wrote
@@ -483,9 +484,8 @@ class Assembler:
         longest = max((p.frame.end_time_ns - p.frame.start_time_ns for parts in now.values() for p in parts), default=0)
         faults += self._left_out.faults(span, 0 if current.continued else gap, 0 if cut else gap, longest)
         slow = self._slow.at(span, faults)
-        window = build_window(span, now, self._known, self._counted, slow, faults, self.settings.rig, most)
-        for shaft, edges in window.encoders.items():
-            self._counted[f"encoder/{shaft}"] = edges.first_index + edges.times.size
+        window = build_window(span, now, self._known, self._counts.counted, slow, faults, self.settings.rig, most)
+        window = self._counts.follow(window, self.settings.rig)
         for (label, kind), number in totals(window.faults).items():
             if kind not in ("gap", "shed", "left_out", order.CLOCK, order.CONFLICT):
                 self.count(label, kind, number)
