@@ -105,3 +105,16 @@ def test_limit_of_an_eccentricity_is_its_discs_own_run_out(rig: Rig):
     assert limit.value is not None
     disc = rig.tolerances.pinion_once_per_turn
     assert 3 * disc < limit.value < 10 * disc
+
+
+@pytest.mark.parametrize("share", [0.03, 0.12, 0.5])
+def test_torque_that_swings_once_a_turn_is_neither_an_unbalance_nor_an_eccentricity(share: float):
+    """A ripple of so much of the mean torque, on a light spindle drive whose housing it shakes at the shaft's order."""
+    path = ROOT / "benchmarks" / "trace_campaigns" / "rigs" / "spindle-drive.toml"
+    spindle = Rig.from_mapping(tomllib.loads(path.read_text(encoding="utf-8")))
+    condition = Condition(speed_hz=18.0, torque=8.0)
+    campaign = Campaign(conditions=(condition,) * 6, depth=6e-6, instruments=instruments_of(spindle))
+    (effect, _) = made("torque_ripple", share * condition.torque, spindle.teeth, 0)
+    found = one_campaign(spindle, campaign, 5000, (effect,), DEFAULT)
+    assert found is not None and [e.name for e in found] == ["torque_ripple"]
+    assert found[0].parameters["amplitude"][0] == pytest.approx(effect.amplitude, rel=0.2)  # of a modelled line: 8 %

@@ -87,6 +87,7 @@ def with_errors(rig: Rig, tracing: Tracing) -> Tracing:
 def _windows_to_compare(rig: Rig, tracing: Tracing) -> tuple[list[WindowInput], set[int]]:
     """The newest held-out windows recorded since all effects are certainly there, and the indices of all held out."""
     out = held_out([t.index for t in tracing.history if kind_of(t.features, rig) == "measurement"])
+    out -= set(tracing.latest.fitted)  # a trace since a remount begins with another window
     windows = [t for t in tracing.history if t.index in out]
     latest = max((certain_since(tracing, f) for f in tracing.found), default=0.0)
     return ([t for t in windows if (t.features.revolutions or 0.0) >= latest] or windows)[-MOST_COMPARED:], out
@@ -206,11 +207,22 @@ def not_confirmed(
     return out or [item for _, item in sorted(unlikely, key=lambda pair: pair[0])[:1]]
 
 
+def refuted_numbers(item: AttributedEffect) -> tuple[float, ...]:
+    """What is remembered of an effect that held-out windows speak against: its fitted numbers and its onset."""
+    return (*item.numbers, item.addition.onset_revolutions)
+
+
 def refuted_before(
     item: AttributedEffect, refuted: Mapping[str, Sequence[float]], limits: ConfirmationLimits = CONFIRMATION_LIMITS
 ) -> bool:
-    """Whether held-out windows have spoken against much the same numbers before."""
+    """Whether held-out windows have spoken against much the same numbers before.
+
+    An effect that sets in later is another one than an effect from the start: held-out windows before its onset may
+    have been what spoke against that.
+    """
     before = refuted.get(item.name)
-    if before is None or len(before) != len(item.numbers) or item.addition.effect.facts.acts_on == "unknown":
+    if before is None or len(before) != len(item.numbers) + 1 or item.addition.effect.facts.acts_on == "unknown":
         return False
-    return bool(np.allclose(before, item.numbers, rtol=limits.same_relative, atol=limits.same_absolute))
+    if (before[-1] > 0) != (item.addition.onset_revolutions > 0):
+        return False
+    return bool(np.allclose(before[:-1], item.numbers, rtol=limits.same_relative, atol=limits.same_absolute))

@@ -61,11 +61,14 @@ NOTHING = Findings()
 
 
 def held_out(measurement: Sequence[int], limits: WindowThresholds = THRESHOLDS) -> set[int]:
-    """Indices of the windows that are kept from all fits: by their number, so that they stay the same."""
+    """Indices of the windows that are kept from all fits: by their number, so that they stay the same.
+
+    The first is always fitted: where its flanks are unworn, it shows the gears' geometry most clearly.
+    """
     if len(measurement) < limits.least_to_hold_out:
         return set()
     each = limits.held_out_each
-    return {i for i in measurement if i % each == each - 1}
+    return {i for i in measurement[1:] if (i - measurement[0]) % each == each - 1}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

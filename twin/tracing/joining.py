@@ -10,7 +10,7 @@ from twin.assessment import EffectEvent, SpectralLine
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
-from twin.tracing.confirmation import not_confirmed, refuted_before, with_errors
+from twin.tracing.confirmation import not_confirmed, refuted_before, refuted_numbers, with_errors
 from twin.tracing.findings import NonGearContent
 from twin.tracing.log import changes, logged
 from twin.tracing.stages import Replayed, with_effects
@@ -71,7 +71,7 @@ def joined(rig: Rig, tracing: Tracing, traced: Traced, outcome: UpdateOutcome, o
     else:
         changed = with_found(rig, tracing, tuple(new), outcome, options)
     while doubted := not_confirmed(changed.tracing, old):
-        tracing = replace(tracing, refuted={**tracing.refuted, **{f.name: tuple(f.numbers) for f in doubted}})
+        tracing = replace(tracing, refuted={**tracing.refuted, **{f.name: refuted_numbers(f) for f in doubted}})
         rest = tuple(f for f in changed.tracing.found if f not in doubted)
         if _same_effects(rest, tracing):
             changed = LoopResult(tracing=with_errors(rig, replace(tracing, found=rest)), outcome=outcome)

@@ -98,7 +98,7 @@ class Tracing:
     found: tuple[AttributedEffect, ...] = ()  # what is in the twin, in the order found
     stages: tuple[TwinStage, ...] = ()  # with 0, 1, … of the effects that change a depth; the last is in use
     decisions: Mapping[str, str] = field(default_factory=dict)  # name → accepted, rejected or pinned
-    refuted: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # by held-out windows: name → its numbers
+    refuted: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # name → its numbers and onset
     errors: tuple[EffectErrors, ...] = ()  # one for each of `found`
     error: HeldOutErrors | None = None  # of the twin in use
     residual: HeldOutResidual | None = None  # of one held-out window

@@ -299,14 +299,7 @@ def gain_step(
     """
     lines = [q for q in quotients if not q.modelled]
     turns = sorted({q.revolutions for q in lines})
-    groups: list[list[Quotient]] = []
-    for q in sorted(lines, key=lambda q: (q.order, q.frequency)):
-        last = groups[-1][0] if groups else None
-        if last is not None and last.order == q.order and abs(q.frequency / last.frequency - 1) < limits.same_frequency:
-            groups[-1].append(q)
-        else:
-            groups.append([q])
-    groups = [g for g in groups if len(g) >= 2]
+    groups = [g for g in _by_line(lines, limits) if len(g) >= 2]
     best: GainStep | None = None
     for before, after in pairwise(turns):
         onset = 0.5 * (before + after)
@@ -331,6 +324,55 @@ def gain_step(
             std = float(np.sqrt(widen / information))
             best = GainStep(gain=float(np.exp(step)), std=std, onset=onset, log_evidence=float(evidence))
     return best
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeOfLines:
+    """How lines changed at one time: ln evidence over no change [nat]."""
+
+    shared: float  # all by one factor, as a sensor's gain changes them
+    apart: float  # each by its own, as a structure changes them
+
+
+def change_of_lines(
+    quotients: Sequence[Quotient], onset: float, spread: float, limits: TransferPathThresholds = THRESHOLDS
+) -> ChangeOfLines:
+    """Whether measured lines changed together or apart from before to after a time.
+
+    onset   revolutions
+    spread  standard deviation of ln of the common factor, and of each line's own
+
+    d_k = mean of ln|q| after less that before:  N(0, s_k² + spread²·11ᵀ) against N(0, s_k² + spread²·I)
+    """
+    change, variance = [], []
+    for group in _by_line([q for q in quotients if not q.modelled], limits):
+        parts = [q for q in group if q.revolutions <= onset], [q for q in group if q.revolutions > onset]
+        if not all(parts):
+            continue
+        weights = [np.array([1 / (q.std**2 + limits.own_scatter**2) for q in part]) for part in parts]
+        before, after = (np.average([q.log.real for q in p], weights=w) for p, w in zip(parts, weights, strict=True))
+        change.append(after - before)
+        variance.append(sum(1 / w.sum() for w in weights))
+    n = len(change)
+    if not n:
+        return ChangeOfLines(shared=0.0, apart=0.0)
+    noise, own = np.diag(variance), spread**2 * np.eye(n)
+    none, shared, apart = (
+        float(multivariate_normal.logpdf(change, cov=noise + more)) for more in (0.0, spread**2 * np.ones((n, n)), own)
+    )
+    return ChangeOfLines(shared=shared - none, apart=apart - none)
+
+
+def _by_line(lines: Sequence[Quotient], limits: TransferPathThresholds) -> list[list[Quotient]]:
+    """Quotients in groups of one order at nearly one frequency."""
+    groups: list[list[Quotient]] = []
+    for q in sorted(lines, key=lambda q: (q.order, q.frequency)):
+        last = groups[-1][0] if groups else None
+        if last is not None and last.order == q.order and abs(q.frequency / last.frequency - 1) < limits.same_frequency:
+            groups[-1].append(q)
+        else:
+            groups.append([q])
+    return groups
 
 
 def fit_sensor(

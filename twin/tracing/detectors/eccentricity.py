@@ -122,16 +122,17 @@ def detect(context: TracingContext, limits: EccentricityThresholds = THRESHOLDS)
     fitting = context.fitting_mounted
     chosen = [fitting[i] for i in sorted({0, len(fitting) // 2, len(fitting) - 1})]
     windows = [_window(context, w) for w in chosen]
-    unbalance = findings.force("acceleration")
-    explained: dict[int, complex] = {}  # run-out of the shaft whose unbalance is suspected
-    if unbalance is not None and not findings.tooth_errors:
-        made = run_out_of(model, context.fitting[0].condition, unbalance.effect, unbalance.order)
-        explained[0 if unbalance.order == 1 else 1] = made
+    explained = {0: 0j, 1: 0j}  # run-out that the forces make which are suspected at the order of a shaft
+    ratio = model.mesh.pair.teeth[0] / model.mesh.pair.teeth[1]
+    for force in findings.forces if not findings.tooth_errors else ():
+        if force.order in (1, ratio):
+            made = run_out_of(model, context.fitting[0].condition, force.effect, force.order)
+            explained[0 if force.order == 1 else 1] += made
     orders: set[int] = set()
     found, differ = [], bool(findings.tooth_errors)
     for shaft in (0, 1):
         fit = fit_eccentricity(
-            model, windows, context.mesh_phase, shaft, context.scales, differ, explained.get(shaft, 0.0), limits
+            model, windows, context.mesh_phase, shaft, context.scales, differ, explained[shaft], limits
         )
         if fit is None or not is_proven(fit, context.scales, differ, limits, context.required):
             continue

@@ -13,7 +13,7 @@ Holds    forces that turn with the pinion
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -130,13 +130,19 @@ def find_shaft_forces(
 ) -> list[ShaftForce]:
     """The forces that effects of this detector declare, from measurement windows (n,) and their conditions (n,).
 
-    Those of a free order come first; they are not sought at an order that another force explains.
+    Those of a free order come first. Of two forces at one order, each suspected by a channel of its own, the one stays
+    that leaves less of the other's line: a ripple shakes the housing, and an unbalance swings the torque.
     """
     search = _Search(model, windows, conditions, phase, scales, limits)
     kinds = [kind for kind in EFFECTS.values() if kind.facts.shaft_line is not None]
     own = [f for kind in kinds if not kind.facts.shaft_line.order and (f := search.at_own_order(kind)) is not None]
-    taken = {f.order for f in own}
-    free = [f for kind in kinds if kind.facts.shaft_line.order and (f := search.at_any_order(kind, taken)) is not None]
+    free = [f for kind in kinds if kind.facts.shaft_line.order and (f := search.at_any_order(kind)) is not None]
+    for rival in list(free):
+        same = [g for g in own if g.order == rival.order]
+        if any(search.left_of(rival, g.channel) >= search.left_of(g, rival.channel) for g in same):
+            free.remove(rival)
+        else:
+            own = [g for g in own if g not in same]
     return [*free, *own]
 
 
@@ -165,7 +171,7 @@ def tooth_errors_explain(
 
 
 def run_out_of(model: Model, condition: Condition, effect: Effect, order: float = 1.0) -> complex:
-    """What an unbalance makes of the transmission error at the order of its shaft, in the model's angle [m]."""
+    """What a force makes of the transmission error at the order of its shaft, in the model's angle [m]."""
     (made,) = RESPONSES.get(model, (effect,), model.unworn, condition).transmission_error([order])
     return complex(made)
 
@@ -193,7 +199,7 @@ class _Search:
         seen = lines_of(self.windows, line.channel, key)
         return self._driven(kind, seen, order) if self._stands_out(seen, line.channel) else None
 
-    def at_any_order(self, kind: Any, taken: Collection[float]) -> ShaftForce | None:
+    def at_any_order(self, kind: Any) -> ShaftForce | None:
         """A force at the one order of the pinion that stands out; teeth that differ have lines at all orders."""
         channel = kind.facts.shaft_line.channel
         found = [(p, lines_of(self.windows, channel, (0, p, 0))) for p in ORDERS]
@@ -202,9 +208,21 @@ class _Search:
             return None
         size, p, seen = max(swings, key=lambda s: s[0])
         next_largest = max((s for s, q, _ in swings if q != p), default=0.0)
-        if p in taken or size < self.limits.dominance * next_largest:
+        if size < self.limits.dominance * next_largest:
             return None
         return self._driven(kind, seen, float(p))
+
+    def left_of(self, force: ShaftForce, channel: str) -> float:
+        """What a force leaves of a channel's line at its order, relative to that line; 1 where it cannot be said."""
+        key = (0, int(force.order), 0) if float(force.order).is_integer() else (0, 0, 1)
+        seen = lines_of(self.windows, channel, key)
+        made = unit_responses(
+            self.model, self.conditions, force.effect, channel, force.order, self.phase, self.limits.same_speed
+        )
+        if made is None or not seen:
+            return 1.0
+        left = [abs(y - made[i]) ** 2 for i, y, _ in seen]
+        return float(np.sqrt(np.mean(left)) / rms(seen))
 
     def _stands_out(self, seen: Sequence[Seen], channel: str) -> bool:
         """Whether lines exceed a floor and their noise, whatever their phases."""
