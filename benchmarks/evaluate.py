@@ -2,15 +2,17 @@
 
     python -m benchmarks.evaluate [--set judge|fresh|tune|wide|clean|shared|all …] [--only TEXT …] [--json OUT]
                                   [--channels all|accel+encoders|accel] [--conditions own|one|two] [--folder DIR]
-                                  [--spreads N] [--draw N] [--processes N]
+                                  [--spreads N] [--draw N] [--processes N] [--limits FILE …]
 
 The campaigns of the tables `judge`, `fresh` and `tune` are made by the project's own generator where they are not kept
 yet; `shared` are the reference campaigns beside the project (GEAR_TWIN_SHARED sets where). With `--spreads 2` the
 machines that are made are twice as far from the rig file as the twin takes them to be, in structure, teeth and discs:
 the generator's usual spreads are the twin's default tolerances. `wide` and `clean` are campaigns on three machines
 (`trace_campaigns.wide`), `wide` with twice the spreads unless `--spreads` says otherwise. `--draw 2` draws the sets
-fresh, wide and clean again. Prints one line a campaign, the parameters against the truth, tables of false alarms,
-errors of added effects and bands, and a summary with the aims. The status is 0 whenever it ran.
+fresh, wide and clean again. `--limits` takes what `gear-twin detectability --json FILE` writes for each machine, and
+counts single effects above the printed limits by themselves. Prints one line a campaign, the parameters against the
+truth, tables of false alarms, errors of added effects and bands, and a summary with the aims. The status is 0 whenever
+it ran.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from typing import Any
 from benchmarks.channels import SETS, only
 from benchmarks.evaluate_claims import claim_tables
 from benchmarks.evaluate_tables import campaign_table, figure_table, size_table, summary
+from benchmarks.printed_limits import Limits, above_limit, read_limits
 from benchmarks.realised import with_draws
 from benchmarks.scoring import ROOT, read_truth, truth_beside
 from benchmarks.trace_campaigns import judge, tune, wide
@@ -71,8 +74,8 @@ def _noting(lives: list[dict[str, Any]]) -> Any:
     return replace(twin, step=step)
 
 
-def evaluate(path: Path, channels: str = "all") -> Traced:
-    """One recording's score: assessed without and with tracing."""
+def evaluate(path: Path, channels: str = "all", limits: Limits | None = None) -> Traced:
+    """One recording's score: assessed without and with tracing; `limits`: detection limits of the machines."""
     beside = truth_beside(path)
     assert beside is not None
     truth = with_draws(read_truth(beside))
@@ -89,7 +92,8 @@ def evaluate(path: Path, channels: str = "all") -> Traced:
         return replace(no_answer(truth, str(why), name=name), refused=True)
     except Exception as fault:  # one campaign without an answer is a line of the table, not the end of all
         return no_answer(truth, f"{type(fault).__name__}: {fault}", name=name)
-    return replace(score_tracing(truth, answer, before, name=name, lives=lives), seconds=used)
+    score = score_tracing(truth, answer, before, name=name, lives=lives)
+    return replace(score, seconds=used, above_limit=above_limit(truth, answer["rig"]["name"], limits or {}))
 
 
 def campaigns(
@@ -131,11 +135,13 @@ def _tell(what: str) -> None:
         print(f"\r\x1b[K{what}", end="", file=sys.stderr)
 
 
-def evaluated(paths: Sequence[Path], processes: int, channels: str = "all") -> list[Traced]:
+def evaluated(
+    paths: Sequence[Path], processes: int, channels: str = "all", limits: Limits | None = None
+) -> list[Traced]:
     """All recordings' scores, in order, over several processes."""
     out = []
     with ProcessPoolExecutor(max(1, min(processes, len(paths)))) as pool:
-        for result in pool.map(evaluate, paths, [channels] * len(paths)):
+        for result in pool.map(evaluate, paths, [channels] * len(paths), [limits] * len(paths)):
             out.append(result)
             _tell(f"assessed {len(out)} of {len(paths)}: {result.name}")
     _tell("")
@@ -166,6 +172,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--draw", type=int, default=1, metavar="N", help="which draw of the sets fresh, wide and clean, 1 or more"
     )
+    parser.add_argument(
+        "--limits", nargs="+", type=Path, metavar="FILE", default=[], help="detection limits, a file for each machine"
+    )
     given = parser.parse_args(arguments)
     if given.draw < 1:
         parser.error(f"--draw {given.draw}: draws are numbered from 1")
@@ -178,7 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not paths:
         print(f"no campaign of {', '.join(given.set)} is named {' or '.join(given.only)}", file=sys.stderr)
         return 2
-    results = evaluated(paths, given.processes, given.channels)
+    results = evaluated(paths, given.processes, given.channels, read_limits(given.limits))
     if without_tracing() is None:
         print("this program has no tracing: what stands after is what stands before", end="\n\n")
     in_short = [*size_table(results), "-" * 62, *summary(results)]

@@ -110,6 +110,7 @@ class Aim:
 AIMS = (
     Aim("single effects named right, all sizes", lambda r: r.kind == "single", lambda r: r.right, 90),
     Aim("  above their limits of visibility", lambda r: _above_limit(r), lambda r: r.right, 95),
+    Aim("  above their machine's printed detection limit", lambda r: bool(r.above_limit), lambda r: r.right, 95),
     Aim("  or among those reported as indistinguishable", lambda r: r.kind == "single", lambda r: r.in_class, 90),
     Aim("both of a pair named", lambda r: r.kind == "pair", lambda r: set(r.expected) <= set(r.named), 90),
     Aim("all of three named", lambda r: r.kind == "triple", lambda r: set(r.expected) <= set(r.named), 75),

@@ -127,6 +127,7 @@ class Traced:
     gains: tuple[Gain, ...] = ()  # of every effect that was added
     held_out: tuple[float | None, float | None] = (None, None)  # waveform and transmission error, in the end [%]
     limit: float | None = None  # up to which they count as explained [%]
+    above_limit: bool | None = None  # whether a single effect is above its machine's printed detection limit
 
     @property
     def false(self) -> tuple[str, ...]:

@@ -122,6 +122,8 @@ def _print(data: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from service.cli.diagnosis import label
+
     console = Console()
     first = data["conditions"][0]
     console.print(
@@ -130,12 +132,11 @@ def _print(data: dict[str, Any]) -> None:
     )
     table = Table("effect", "found from", "within a factor of", "note")
     for limit in data["detection_limits"]:
-        unit = f" {limit['unit']}" if limit["unit"] else ""
-        value = "–" if limit["value"] is None else f"{limit['parameter']} {limit['value']:.3g}{unit}"
-        note = limit["note"]
-        if limit["largest_tried"] is not None:
-            note += f": {limit['largest_tried']:.3g}{unit}"
-        table.add_row(limit["name"], value, "" if limit["value"] is None else f"{limit['within_factor']:.2f}", note)
+        size, tried = (_size(limit[which], limit["unit"]) for which in ("value", "largest_tried"))
+        value = "–" if limit["value"] is None else f"{limit['parameter'].replace('_', ' ')} {size}"
+        note = limit["note"] if limit["largest_tried"] is None else f"{limit['note']}: {tried}"
+        factor = "" if limit["value"] is None else f"{limit['within_factor']:.2f}"
+        table.add_row(label(limit["name"]), value, factor, note)
     console.print(table)
     healthy = data["healthy_campaigns"]
     if data["false_alarms"]:
@@ -153,3 +154,10 @@ def _print(data: dict[str, Any]) -> None:
         f"Rate of false alarms asked for: {data['false_alarm_rate']:g} of the campaigns. The simulated machines have "
         "the structure of the rig file within its tolerances; a machine of another structure may do worse."
     )
+
+
+def _size(value: float | None, unit: str) -> str:
+    """A size in the unit that workshops use."""
+    from service.cli.diagnosis import figure
+
+    return figure({"value": value, "unit": unit, "std": None})
