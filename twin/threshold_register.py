@@ -64,6 +64,7 @@ from twin.tracing.accelerometer_fault import AccelerometerFaultThresholds
 from twin.tracing.change_detection import ChangeLimits
 from twin.tracing.confirmation import ConfirmationLimits
 from twin.tracing.context import WindowThresholds
+from twin.tracing.crack_growth import CrackGrowthThresholds
 from twin.tracing.detectors.crack import CrackThresholds
 from twin.tracing.detectors.eccentricity import EccentricityThresholds
 from twin.tracing.detectors.mesh import MeshThresholds
@@ -73,15 +74,18 @@ from twin.tracing.detectors.sensor import SensorThresholds
 from twin.tracing.detectors.shaft_forces import ShaftForceThresholds
 from twin.tracing.detectors.tooth_errors import ToothErrorThresholds
 from twin.tracing.detectors.unknown import UnknownThresholds
+from twin.tracing.gain_change import GainDriftThresholds
 from twin.tracing.held_out_gain import HeldOutScatter
 from twin.tracing.joining import JoiningLimits
 from twin.tracing.joint_problem import JointFitThresholds
 from twin.tracing.mesh_fits import MeshSearchThresholds, MeshSearchWithDifferingTeethThresholds
+from twin.tracing.mesh_laws import MeshLawThresholds
 from twin.tracing.mesh_pruning import PruningThresholds
 from twin.tracing.mesh_windows import OnsetThresholds
 from twin.tracing.remounts import RemountLimits
 from twin.tracing.scatter import LineScatter
 from twin.tracing.schedule import ScheduleLimits
+from twin.tracing.size_laws import SizeLawThresholds
 from twin.tracing.state import SearchStart
 from twin.tracing.tooth_patterns import PatternThresholds
 from twin.tracing.transfer_path import TransferPathThresholds
@@ -190,6 +194,10 @@ SETS: tuple[type, ...] = (
     ScheduleLimits,
     SearchStart,
     PatternThresholds,
+    GainDriftThresholds,
+    MeshLawThresholds,
+    CrackGrowthThresholds,
+    SizeLawThresholds,
     TransferPathThresholds,
     VerdictLimits,
     RigFilePrior,

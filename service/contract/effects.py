@@ -11,6 +11,7 @@ from service.contract.base import MICROMETRE, PERCENT, ContractModel, Figure, in
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin import assessment
 
+MILLION = 1e6  # revolutions that a rate is given over
 CURVES = {"frequency": "frequency_hz"}  # keys of curves that say their unit
 
 
@@ -148,6 +149,42 @@ class Errors(ContractModel):
         )  # fmt: skip
 
 
+class Growth(ContractModel):
+    """How the size of an effect has gone on after its onset, where it is not constant."""
+
+    law: Literal["linear", "second_change"]
+    parameter: str = Field(description="the one of the effect's parameters that gives its size")
+    size_at_latest_window: Figure
+    rate_per_million_revolutions: Figure | None = Field(
+        default=None, description="of a size that grows evenly: mean since the onset, per 1e6 revolutions of the pinion"
+    )
+    second_change_at: Figure | None = Field(default=None, description="revolutions at which the size changed again")
+    factor_after: Figure | None = Field(
+        default=None, description="on the size from the second change on; 0 where the effect was taken back"
+    )
+
+    @classmethod
+    def of(cls, growth: assessment.Growth) -> Growth:
+        parts: dict[str, Any] = {}
+        if growth.rate is not None:
+            rate = growth.rate
+            per = rate.unit.removesuffix("/rev")
+            unit = "1/1e6 rev" if per == "1" else f"{per}/1e6 rev"
+            parts["rate_per_million_revolutions"] = Figure(
+                value=rate.value * MILLION, unit=unit, std=rate.std * MILLION
+            )
+        if growth.second_change is not None:
+            parts["second_change_at"] = Figure.of(growth.second_change)
+        if growth.factor is not None:
+            parts["factor_after"] = Figure.of(growth.factor)
+        return cls(
+            law=growth.law,  # type: ignore[arg-type]
+            parameter=growth.parameter,
+            size_at_latest_window=Figure.of(growth.size),
+            **parts,
+        )
+
+
 class Effect(ContractModel):
     """An effect that the model lacked and that was added, or a change against a healthy baseline."""
 
@@ -163,6 +200,10 @@ class Effect(ContractModel):
     rul_revolutions_before: float | None = None
     rul_revolutions_after: float | None = None
     onset_revolutions: float | None = Field(description="of the pinion; 0 if there from the start")
+    onset_std_revolutions: float | None = Field(
+        default=None, description="the interval between the windows about the onset included"
+    )
+    growth: Growth | None = Field(default=None, description="absent where the size is constant")
     channels: list[str] | None = Field(default=None, description="in which a change against a baseline is seen")
     windows: list[int] | None = None
     curves: dict[str, list[float | None]] | None = Field(default=None, description="to be drawn")
@@ -190,6 +231,10 @@ class Effect(ContractModel):
         label = label_of(effect.name)
         if label is not None:
             parts["label"] = label
+        if effect.onset_std is not None:
+            parts["onset_std_revolutions"] = effect.onset_std
+        if effect.growth is not None:
+            parts["growth"] = Growth.of(effect.growth)
         if effect.caveats:
             parts["caveats"] = list(effect.caveats)
         return cls(

@@ -21,13 +21,14 @@ from twin.tracing.change_detection import floors, is_new, widened
 from twin.tracing.confirmation import refuted_before, refuted_numbers
 from twin.tracing.decisions import Decision
 from twin.tracing.detectors.non_gear import find_non_gear_content
+from twin.tracing.gain_change import change_of_lines, gain_step
 from twin.tracing.held_out_error import HeldOutComparison, errors_of, residual_by_band_and_order
 from twin.tracing.joining import same_effect
 from twin.tracing.log import decision_event, event_of
 from twin.tracing.state import EffectErrors, TraceSummary, Tracing, TwinStage, relevant
 from twin.tracing.summary import attribution_of, effects_of
 from twin.tracing.trace import held_out, trace
-from twin.tracing.transfer_path import Quotient, change_of_lines, gain_step
+from twin.tracing.transfer_path import Quotient
 from twin.updating.history import WindowInput
 from twin.updating.memory import Memory
 

@@ -67,6 +67,18 @@ class HeldOutErrors:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Growth:
+    """How the size of an effect has gone on after its onset, where it is not constant."""
+
+    law: str  # "linear" or "second_change"
+    parameter: str  # that gives the size
+    size: ParameterValue  # at the latest window
+    rate: ParameterValue | None = None  # of a linear law: mean since the onset, per revolution
+    second_change: ParameterValue | None = None  # when the size changed again [revolutions]
+    factor: ParameterValue | None = None  # of the size from the second change on; 0 where the effect was taken back
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EffectAssessment:
     """An effect that was added to the twin, or seen against a healthy baseline."""
 
@@ -81,6 +93,8 @@ class EffectAssessment:
     life_before: float | None = None  # [revolutions]
     life_after: float | None = None
     onset_revolutions: float | None = None  # 0 if there from the start
+    onset_std: float | None = None  # the interval between the windows about it included [revolutions]
+    growth: Growth | None = None  # None where the size is constant
     channels: tuple[str, ...] = ()  # in which it is seen; () where that is not said
     windows: tuple[int, ...] = ()
     curves: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # to be drawn, SI

@@ -1,4 +1,4 @@
-"""An effect that was added to the twin of one machine, and since when it is there."""
+"""An effect that was added to the twin of one machine, since when it is there, and how its size went on."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from twin.effects import EFFECTS
 from twin.effects.response import Effect
+from twin.effects.size_law import CONSTANT, SizeLaw, scaled
 from twin.errors import ParameterError
 
 
@@ -15,27 +16,54 @@ from twin.errors import ParameterError
 class Addition:
     """One effect in the twin."""
 
-    effect: Effect
+    effect: Effect  # with the size that the law multiplies
     onset_revolutions: float = 0.0  # of the pinion; 0 where it was there from the start
+    law: SizeLaw = CONSTANT
 
     @property
     def name(self) -> str:
         """As results report it."""
         return name_of(self.effect)
 
+    def at(self, revolutions: float) -> Effect | None:
+        """The effect as large as it is after so many revolutions of the pinion; None while it is not there."""
+        factor = self.law.factor(revolutions, self.onset_revolutions)
+        return None if factor == 0 else scaled(self.effect, factor)
+
+    def wearing(self, revolutions: float) -> Effect | None:
+        """The effect under which the flanks wear, one for each stage of its law; None while it is not there.
+
+        A size that grows evenly counts with its mean until the knot: a new wear curve for each window would be dear.
+        """
+        if revolutions < self.onset_revolutions:
+            return None
+        factor = 0.5 if self.law.kind == "linear" else self.law.stage_factor(revolutions)
+        return None if factor == 0 else scaled(self.effect, factor)
+
+    @property
+    def changes(self) -> tuple[float, ...]:
+        """Revolutions of the onset and of every later abrupt change of size, rising."""
+        return (self.onset_revolutions, *self.law.changes)
+
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
         values = {f.name: getattr(self.effect, f.name) for f in fields(self.effect)}  # type: ignore[arg-type]
+        law = {} if self.law == CONSTANT else {"law": self.law.to_dict()}
         return {
             "name": self.name,
             "values": {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()},
             "onset_revolutions": self.onset_revolutions,
+            **law,
         }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Addition:
         values = {k: tuple(v) if isinstance(v, list) else v for k, v in data["values"].items()}
-        return cls(effect=EFFECTS[data["name"]](**values), onset_revolutions=data["onset_revolutions"])
+        return cls(
+            effect=EFFECTS[data["name"]](**values),
+            onset_revolutions=data["onset_revolutions"],
+            law=SizeLaw.from_dict(data.get("law")),
+        )
 
 
 def name_of(effect: Effect) -> str:

@@ -10,8 +10,9 @@ import numpy as np
 
 from twin.effects.addition import Addition
 from twin.effects.response import Effect
+from twin.effects.size_law import CONSTANT, SizeLaw
 from twin.tracing.joint_problem import EffectTrial
-from twin.tracing.mesh_trials import started, trial_of
+from twin.tracing.mesh_trials import trial_of, with_law
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,11 +27,13 @@ class AttributedEffect:
     alike: tuple[str, ...] = ()  # what the channels there are cannot tell it from
     detail: str = ""
     numbers: tuple[float, ...] = ()  # of an effect on the mesh: as fitted, in units of the priors
+    onset_std: float | None = None  # [revolutions]; None where it was there from the start
+    change_std: tuple[float, float] | None = None  # of the second change: its revolutions, and its factor
 
     @classmethod
-    def of(cls, effect: Effect, *, onset: float = 0.0, **figures: Any) -> AttributedEffect:
+    def of(cls, effect: Effect, *, onset: float = 0.0, law: SizeLaw = CONSTANT, **figures: Any) -> AttributedEffect:
         """An effect since so many revolutions, 0 where it was there from the start."""
-        return cls(addition=Addition(effect=effect, onset_revolutions=onset), **figures)
+        return cls(addition=Addition(effect=effect, onset_revolutions=onset, law=law), **figures)
 
     @property
     def name(self) -> str:
@@ -41,7 +44,9 @@ class AttributedEffect:
         """The trial that starts from here; None of effects that are not fitted to the mesh lines."""
         if not self.numbers:
             return None
-        return started(trial_of(self.name), np.array(self.numbers), self.addition.onset_revolutions)
+        trial, addition = trial_of(self.name), self.addition
+        stages = np.reshape(self.numbers, (-1, len(trial.free)))
+        return with_law(trial, addition.law, addition.onset_revolutions, list(stages))
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
@@ -54,6 +59,8 @@ class AttributedEffect:
             "alike": list(self.alike),
             "detail": self.detail,
             "numbers": list(self.numbers),
+            "onset_std": self.onset_std,
+            "change_std": None if self.change_std is None else list(self.change_std),
         }
 
     @classmethod
@@ -67,4 +74,6 @@ class AttributedEffect:
             alike=tuple(data["alike"]),
             detail=data["detail"],
             numbers=tuple(data["numbers"]),
+            onset_std=data.get("onset_std"),
+            change_std=None if data.get("change_std") is None else tuple(data["change_std"]),
         )

@@ -102,7 +102,8 @@ def compare(
     condition = condition_of(features, rig)
     turns = features.revolutions or 0.0
     model = healthy_model_of(rig, memory)
-    effects = tuple(a.effect for a in additions if a.onset_revolutions <= turns and a.effect.facts.synchronous)
+    there = (a.at(turns) for a in additions if a.effect.facts.synchronous)
+    effects = tuple(effect for effect in there if effect is not None)
     profile = profile_of(rig, memory, turns, depth)
     response = RESPONSES.get(model, effects, profile.slices, condition)
     if not response.converged:

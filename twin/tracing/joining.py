@@ -143,17 +143,38 @@ def _same_effects(found: list[AttributedEffect] | tuple[AttributedEffect, ...], 
 
 def same_effect(old: AttributedEffect, new: AttributedEffect, limits: JoiningLimits = JOINING_LIMITS) -> bool:
     """Whether a refit says what the twin has already."""
-    if abs(old.addition.onset_revolutions - new.addition.onset_revolutions) > limits.same_onset:
+    if not _same_law(old, new, limits):
         return False
     if type(old.addition.effect) is not type(new.addition.effect) or set(old.parameters) != set(new.parameters):
         return False
+    law, grown = new.addition.law, old.addition.effect
+    if law.kind == "linear":  # as large as the effect in the twin has become by the latest window
+        grown = old.addition.at(law.revolutions[0]) or grown
     replayed = new.addition.effect.facts.changes_mesh_lines or new.addition.effect.facts.acts_on != "unknown"
     share = limits.changed_share if replayed else 0.0
     for name, (value, _, std) in new.parameters.items():
-        before = old.parameters[name][0]
+        before = getattr(grown, name, old.parameters[name][0]) if law.kind == "linear" else old.parameters[name][0]
         if abs(value - before) > max(limits.changed_std * std, share * abs(before)):
             return False
     return True
+
+
+def _same_law(old: AttributedEffect, new: AttributedEffect, limits: JoiningLimits) -> bool:
+    """Whether onset and law of a refit are those of the effect in the twin: a growing one's within its std."""
+    before, now = old.addition, new.addition
+    grows = now.law.kind == "linear"
+    allowed = max(limits.same_onset, (new.onset_std or 0.0) * limits.changed_std) if grows else limits.same_onset
+    if abs(before.onset_revolutions - now.onset_revolutions) > allowed or before.law.kind != now.law.kind:
+        return False
+    if grows:
+        return True
+    knots = zip(before.law.revolutions, now.law.revolutions, strict=False)
+    factors = zip(before.law.factors, now.law.factors, strict=False)
+    share = max(limits.changed_share, 0.0 if new.change_std is None else new.change_std[1] * limits.changed_std)
+    same = len(before.law.revolutions) == len(now.law.revolutions)
+    return (
+        same and all(abs(a - b) <= limits.same_onset for a, b in knots) and all(abs(a - b) <= share for a, b in factors)
+    )
 
 
 def unattributed_lines(tracing: Tracing, content: NonGearContent) -> tuple[SpectralLine, ...]:

@@ -28,6 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.effects.addition import Addition
 from twin.effects.response import Effect, Nearby
 from twin.errors import TwinError
 from twin.tracing.joint_problem import EffectTrial, Prediction, Problem, Varied
@@ -71,13 +72,23 @@ class JointFit:
             at += len(other.free)
         raise KeyError(trial.name)
 
+    def covariance_of(self, trial: EffectTrial) -> np.ndarray:
+        """Covariance of one trial's free numbers (n, n), in units of their priors."""
+        at = len(NAMES)
+        for other in self.trials:
+            if other is trial:
+                where = slice(at, at + len(other.free))
+                return self.covariance[where, where]
+            at += len(other.free)
+        raise KeyError(trial.name)
+
+    def additions(self) -> tuple[Addition, ...]:
+        """The effects at the fitted values, with their onsets and laws."""
+        return tuple(trial.addition(self.numbers(trial)[0]) for trial in self.trials)
+
     def effects(self) -> tuple[Effect, ...]:
-        """The effects at the fitted values."""
-        at, out = len(NAMES), []
-        for trial in self.trials:
-            out.append(trial.make(self.shared[at : at + len(trial.free)]))
-            at += len(trial.free)
-        return tuple(out)
+        """The effects at the fitted values, as large as in their first stage."""
+        return tuple(addition.effect for addition in self.additions())
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

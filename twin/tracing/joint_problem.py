@@ -23,8 +23,10 @@ import numpy as np
 
 from twin.dynamics.structure import Structure
 from twin.effects import EFFECTS
+from twin.effects.addition import Addition
 from twin.effects.facts import Facts
 from twin.effects.response import Effect, Nearby, Response, solve_with
+from twin.effects.size_law import CONSTANT, SizeLaw, factor_between, scaled
 from twin.errors import NotConverged
 from twin.model import Model
 from twin.thresholds import deciding
@@ -73,12 +75,43 @@ class Free:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EffectTrial:
-    """An effect with free numbers: `make(values)` gives it, `acts(window)` says in which windows it is there."""
+    """An effect with free numbers: `make(values)` gives it, `acts(window)` says in which windows it is there.
+
+    Where its size changes after the onset, there is one set of free numbers for each stage, one after the other.
+    """
 
     name: str
     free: tuple[Free, ...]
     make: Callable[[np.ndarray], Effect]
     onset: float = 0.0  # revolutions
+    law: SizeLaw = CONSTANT  # its factors are what the numbers of its stages make them
+
+    @property
+    def stages(self) -> int:
+        return 1 + len(self.law.changes)
+
+    def numbers(self, values: np.ndarray, revolutions: float) -> np.ndarray:
+        """Of all free numbers (n,), those of the stage that the effect is in, (n/stages,)."""
+        each = values.size // self.stages
+        stage = sum(revolutions >= n for n in self.law.changes)
+        return values[stage * each : (stage + 1) * each]
+
+    def at(self, values: np.ndarray, window: Observed) -> Effect | None:
+        """The effect in a window, for free numbers (n,); None before its onset."""
+        if not self.acts(window):
+            return None
+        effect = self.make(self.numbers(values, window.revolutions))
+        if self.law.kind == "linear":
+            return scaled(effect, self.law.factor(window.revolutions, self.onset))
+        return effect
+
+    def addition(self, values: np.ndarray) -> Addition:
+        """The effect with its onset and its law, for free numbers (n,)."""
+        effect, law = self.make(self.numbers(values, -np.inf)), self.law
+        if law.kind == "stepped":
+            later = [self.make(self.numbers(values, n)) for n in law.revolutions]
+            law = replace(law, factors=tuple(factor_between(effect, e) for e in later))
+        return Addition(effect=effect, onset_revolutions=self.onset, law=law)
 
     @property
     def facts(self) -> Facts:
@@ -192,7 +225,7 @@ class Varied:
 
     owner: EffectTrial | None  # the trial that the value belongs to; None of the calibration's
     model: Model
-    made: tuple[Effect, ...]  # of every trial
+    numbers: tuple[np.ndarray, ...]  # free ones of every trial
 
 
 @dataclass(eq=False, kw_only=True)
@@ -213,7 +246,9 @@ class Problem:
         group = _grouped([w.condition.speed_hz for w in windows], limits.same_speed)
         load = _grouped([w.condition.torque for w in windows], limits.same_torque)
         # about which point a shaft tilts is not known, so neither is the step of the mean
-        tilted = sum(np.array([t.acts(w) for w in windows], dtype=int) for t in self.trials if t.facts.tilts_shaft)
+        turns = np.array([w.revolutions for w in windows])
+        steps = [n for t in self.trials if t.facts.tilts_shaft for n in (t.onset, *t.law.changes)]
+        tilted = sum((turns >= n).astype(int) for n in steps)
         mounting = np.array([w.mounting for w in windows]) + (1 + max(w.mounting for w in windows)) * tilted
         load = load + (load.max() + 1) * mounting  # means are compared within one number
         self.compared = ComparedLines.of(windows, self.channels)
@@ -257,8 +292,8 @@ class Problem:
 
     def at(self, shared: np.ndarray) -> Varied:
         """The twin with these shared values."""
-        made = tuple(trial.make(shared[self.numbers_of(trial)]) for trial in self.trials)
-        return Varied(owner=None, model=self.calibrated(shared), made=made)
+        numbers = tuple(shared[self.numbers_of(trial)] for trial in self.trials)
+        return Varied(owner=None, model=self.calibrated(shared), numbers=numbers)
 
     def varied(self, shared: np.ndarray, step: float) -> list[Varied]:
         """The twin with each of the shared values moved by a step, one after the other."""
@@ -269,14 +304,15 @@ class Problem:
             if owner is None:
                 out.append(replace(here, model=self.calibrated(moved)))
             else:
-                again = owner.make(moved[self.numbers_of(owner)])
-                made = tuple(again if t is owner else e for t, e in zip(self.trials, here.made, strict=True))
-                out.append(replace(here, owner=owner, made=made))
+                again = moved[self.numbers_of(owner)]
+                numbers = tuple(again if t is owner else u for t, u in zip(self.trials, here.numbers, strict=True))
+                out.append(replace(here, owner=owner, numbers=numbers))
         return out
 
     def _acting(self, twin: Varied, window: Observed) -> tuple[Effect, ...]:
         """The effects that act in a window."""
-        return tuple(e for t, e in zip(self.trials, twin.made, strict=True) if t.acts(window))
+        made = (t.at(u, window) for t, u in zip(self.trials, twin.numbers, strict=True))
+        return tuple(effect for effect in made if effect is not None)
 
     def predict(self, i: int, twin: Varied, depth: float, start: Prediction | None = None) -> Prediction:
         """Lines of window i; NotConverged where there is no steady state."""

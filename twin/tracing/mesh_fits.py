@@ -287,8 +287,8 @@ class DifferingTeeth:
     def _with_factors(self, trials: Sequence[EffectTrial], start: JointFit, together: bool) -> MeshWindows:
         """The windows with what the teeth make, given trials as they start."""
         mesh = [
-            Addition(effect=plain(t.make(np.array([f.start for f in t.free]))), onset_revolutions=t.onset)
-            for t in trials
+            replace(a, effect=plain(a.effect))
+            for a in (t.addition(np.array([f.start for f in t.free])) for t in trials)
         ]
         windows = self.windows
         teeth = self.teeth(mesh if together else ())

@@ -123,4 +123,4 @@ def told_from_nothing(fit: JointFit, trial: EffectTrial, limits: PruningThreshol
     """Whether the interval of at least one number that gives an effect its size leaves out zero."""
     numbers, std = fit.numbers(trial)
     width = limits.interval * std * max(1.0, float(np.sqrt(fit.misfit)))
-    return bool((np.abs(numbers) > width)[sized(trial.name)].any())
+    return bool((np.abs(numbers) > width)[sized(trial.name, numbers.size)].any())

@@ -23,10 +23,12 @@ from twin.model import Model
 from twin.tracing.joint_fit import JointFit
 from twin.tracing.joint_problem import EffectTrial
 from twin.tracing.mesh_fits import ALIKE, Candidate, Fits, MeshSearchThresholds, least_gain
+from twin.tracing.mesh_laws import LawFound, changed_twice, law_found
 from twin.tracing.mesh_pruning import pruned
-from twin.tracing.mesh_trials import mesh_trials
+from twin.tracing.mesh_trials import big_enough, mesh_trials
 from twin.tracing.mesh_windows import Fitted, MeshWindows
 from twin.tracing.observed import Observed
+from twin.tracing.size_laws import LawFit
 
 PASSES = 2  # of adding and pruning: what was pruned may have kept another effect out
 
@@ -45,6 +47,7 @@ class MeshFindings:
     alike: dict[str, tuple[str, ...]] = field(default_factory=dict)  # of each one found: what it is not told from
     waiting: bool = False  # whether only the latest window breaks off: one more must show it
     pruned: tuple[str, ...] = ()  # found at first, and explained by the rest as well
+    laws: dict[str, LawFit] = field(default_factory=dict)  # of those whose size changes after their onset
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -59,6 +62,7 @@ class _Progress:
     alike: dict[str, tuple[str, ...]] = field(default_factory=dict)
     waiting: bool = False
     gone: tuple[str, ...] = ()
+    laws: dict[str, LawFit] = field(default_factory=dict)
 
     def note(self, candidates: Sequence[Candidate]) -> None:
         """The gains over what was there when each was tried first."""
@@ -80,6 +84,7 @@ class _Progress:
             alike=self.alike,
             waiting=self.waiting,
             pruned=self.gone,
+            laws=self.laws,
         )
 
 
@@ -106,8 +111,11 @@ def search_mesh(
     found = [Candidate(trial=t, fitted=best, gain=gain) for t in best.fit.trials]
     progress = _Progress(base=base, best=best, found=found)
     quiet = max(fits.thresholds.quiet_misfit, tolerated)
+    for trial in best.fit.trials:
+        _change(fits, progress, trial.name, quiet)
     for _ in range(PASSES):
         _add(fits, progress, skip, quiet)
+        _merge(fits, progress, fixed)
         if not _prune(fits, progress, fixed):
             break
     return progress.findings(fits.windows)
@@ -121,6 +129,47 @@ def _add(fits: Fits, progress: _Progress, skip: Sequence[str], quiet: float) -> 
     ):
         if not _joined_by_one(fits, progress, skip):
             break
+        _change(fits, progress, progress.found[-1].trial.name, quiet)
+
+
+def _change(fits: Fits, progress: _Progress, name: str, quiet: float) -> None:
+    """Gives an effect a size that changes, where that is needed to explain the windows."""
+    trial = next((t for t in progress.best.fit.trials if t.name == name), None)
+    if trial is None or progress.best.fit.misfit <= quiet:
+        return
+    if any(t.onset < trial.onset for t in progress.best.fit.trials):  # it may be a second change of that one: _merge
+        return
+    better = law_found(fits, progress.best, trial)
+    if better is not None:
+        _take(progress, better)
+
+
+def _merge(fits: Fits, progress: _Progress, fixed: Collection[str]) -> None:
+    """Leaves out an effect that is a second change of another one."""
+    better = changed_twice(fits, progress.best, fixed)
+    if better is not None:
+        law, gone = better
+        progress.found = [c for c in progress.found if c.trial.name != gone]
+        progress.runner_up.pop(gone, None)
+        progress.alike.pop(gone, None)
+        progress.gone = (*progress.gone, gone)
+        _take(progress, law)
+
+
+def _take(progress: _Progress, better: LawFound) -> None:
+    """The fit with a size that changes in place of the one before."""
+    by_name = {t.name: t for t in better.fitted.fit.trials}
+    name, progress.best = better.trial.name, better.fitted
+    progress.laws[name] = better.law
+    progress.found = [
+        replace(
+            c,
+            trial=by_name[c.trial.name],
+            fitted=better.fitted,
+            gain=c.gain + (better.gain if c.trial.name == name else 0.0),
+        )
+        for c in progress.found
+    ]
 
 
 def _prune(fits: Fits, progress: _Progress, fixed: Collection[str]) -> bool:
@@ -170,7 +219,7 @@ def _joined_by_one(fits: Fits, progress: _Progress, skip: Sequence[str]) -> bool
     explained = present.fit.log_evidence - progress.base.fit.log_evidence
     usable = [c for c in refined if c.gain > least_gain(fits, c.trial.name, explained) and c.big_enough]
     if not usable:
-        return False
+        return not progress.found and _joined_growing(fits, progress, (*refined, *screened), explained)
     chosen = usable[0]
     rest = sorted(screened, key=lambda c: -c.gain)[fits.thresholds.most_refined :]
     behind, progress.alike[chosen.trial.name] = rivals(chosen, (*refined, *rest), fits.thresholds)
@@ -178,6 +227,29 @@ def _joined_by_one(fits: Fits, progress: _Progress, skip: Sequence[str]) -> bool
         progress.runner_up[chosen.trial.name] = behind
     progress.found.append(chosen)
     progress.best = chosen.fitted
+    return True
+
+
+def _joined_growing(fits: Fits, progress: _Progress, tried: Sequence[Candidate], explained: float) -> bool:
+    """Whether an effect whose size changes has joined, where none of constant size explains enough."""
+    by_name: dict[str, Candidate] = {}
+    for candidate in sorted(tried, key=lambda c: -c.gain):
+        by_name.setdefault(candidate.trial.name, candidate)
+    found: list[tuple[float, Candidate, LawFound]] = []
+    for name, candidate in by_name.items():
+        law = law_found(fits, candidate.fitted, candidate.trial)
+        gain = -np.inf if law is None else candidate.gain + law.gain
+        if law is not None and gain > least_gain(fits, name, explained) and big_enough(name, law.numbers):
+            found.append((gain, replace(candidate, trial=law.trial, fitted=law.fitted, gain=gain), law))
+    if not found:
+        return False
+    gain, chosen, law = max(found, key=lambda f: f[0])
+    others = [c for _, c, _ in found if c is not chosen] + [c for c in tried if c.trial.name != chosen.trial.name]
+    behind, progress.alike[chosen.trial.name] = rivals(chosen, (chosen, *others), fits.thresholds)
+    if behind is not None:
+        progress.runner_up[chosen.trial.name] = behind
+    progress.found.append(chosen)
+    progress.best, progress.laws[chosen.trial.name] = law.fitted, law.law
     return True
 
 

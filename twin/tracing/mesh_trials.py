@@ -6,6 +6,7 @@ numbers it fits, from where it starts, and how large an effect must be to be rep
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from twin.effects import EFFECTS
 from twin.effects.facts import FittedNumber, numbers_from_priors
 from twin.effects.response import Effect
+from twin.effects.size_law import SizeLaw
 from twin.errors import ParameterError
 from twin.tracing.joint_problem import EffectTrial, Free
 
@@ -49,13 +51,22 @@ def trial_of(name: str) -> EffectTrial:
 
 def big_enough(name: str, values: np.ndarray) -> bool:
     """Whether fitted numbers (n,) reach the least size that the effect is reported from."""
-    sizes = [abs(float(u)) for number, u in zip(fitted_numbers(name), values, strict=True) if number.sizes]
+    numbers = fitted_numbers(name)
+    stages = np.reshape(values, (-1, len(numbers)))
+    sizes = [abs(float(u)) for stage in stages for number, u in zip(numbers, stage, strict=True) if number.sizes]
     return max(sizes) >= EFFECTS[name].facts.detection.least_size
 
 
-def sized(name: str) -> np.ndarray:
-    """Which of the fitted numbers give an effect its size (n,)."""
-    return np.array([number.sizes for number in fitted_numbers(name)])
+def sized(name: str, count: int) -> np.ndarray:
+    """Which of so many fitted numbers, those of all stages of an effect, give it its size (n,)."""
+    return np.resize([number.sizes for number in fitted_numbers(name)], count)
+
+
+def with_law(trial: EffectTrial, law: SizeLaw, onset: float, stages: Sequence[np.ndarray]) -> EffectTrial:
+    """The trial with another law, starting from the free numbers of each stage of it."""
+    one = trial.free[: len(trial.free) // trial.stages]
+    free = tuple(replace(f, start=float(v)) for values in stages for f, v in zip(one, values, strict=True))
+    return replace(trial, free=free, onset=onset, law=law)
 
 
 def started(trial: EffectTrial, values: np.ndarray, onset: float) -> EffectTrial:

@@ -20,6 +20,7 @@ from math import ceil, log
 
 import numpy as np
 
+from twin.effects.addition import Addition
 from twin.effects.extended import extend
 from twin.effects.response import Effect
 from twin.model import Condition, Model
@@ -83,6 +84,12 @@ def rounded(effect: Effect) -> Effect:
     return replace(effect, **values)  # type: ignore[type-var]
 
 
+def rounded_addition(addition: Addition) -> Addition:
+    """The same of an effect with onset and law, whose factors are rounded to two digits, too."""
+    law = replace(addition.law, factors=tuple(float(f"{f:.2g}") for f in addition.law.factors))
+    return replace(addition, effect=rounded(addition.effect), law=law)
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WearWithEffects:
     """Worn profiles for whatever effects are in the twin, as `joint_problem.Profiles`."""
@@ -90,23 +97,24 @@ class WearWithEffects:
     model: Model
     condition: Condition
     until: float
-    with_effects: tuple[tuple[Effect, float], ...] = ()  # that shape the wear, with their onsets
+    with_effects: tuple[Addition, ...] = ()  # that shape the wear
     onset_depth: dict[float, float] = field(default_factory=dict)
 
     def __call__(self, depth: float, window: Observed) -> WornProfile | Sequence[WornProfile]:
         """The flanks of a window at a depth [m], one profile for each slice across the face."""
-        shaping = tuple((e, onset) for e, onset in self.with_effects if onset <= window.revolutions)
         if not window.worn:
             return self.model.unworn
-        acting = tuple(e for e, onset in shaping if onset == 0)
-        curve = curve_with(self.model, acting, self.condition)
-        for effect, onset in shaping:
-            if onset == 0:
-                continue
+        changes = {n for a in self.with_effects for n in a.changes if 0 < n <= window.revolutions}
+        curve = curve_with(self.model, self._acting(0.0), self.condition)
+        for onset in sorted(changes):
             start = min(self.onset_depth.get(onset, 0.0), depth, self.until)
-            acting = (*acting, effect)
+            acting = self._acting(onset)
             later = curve_with(self.model, acting, self.condition, (curve, float(f"{start:.2g}")))
             if depth < later.start_depth:  # the flanks have not worn since
                 break
             curve = later
         return profile_at(curve, depth, self.until).slices
+
+    def _acting(self, revolutions: float) -> tuple[Effect, ...]:
+        """The effects under which the flanks wear after so many revolutions."""
+        return tuple(e for a in self.with_effects if (e := a.wearing(revolutions)) is not None)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.effects.response import Effect
+from twin.effects.addition import Addition
 from twin.errors import NotConverged
 from twin.model import Model
 from twin.required_evidence import DEFAULT, RequiredEvidence
@@ -22,7 +22,7 @@ from twin.thresholds import deciding
 from twin.tracing.joint_fit import JointFit, fit
 from twin.tracing.joint_problem import EffectTrial, Problem, Profiles
 from twin.tracing.mesh_trials import started
-from twin.tracing.mesh_wear import WearWithEffects, rounded, wear_condition, wear_until
+from twin.tracing.mesh_wear import WearWithEffects, rounded_addition, wear_condition, wear_until
 from twin.tracing.observed import CHANNELS, Observed
 from twin.tracing.scatter import HealthyScatter
 
@@ -91,12 +91,12 @@ class MeshWindows:
             scatter=self.scatter,
         )
 
-    def wear(self, effects: Sequence[tuple[Effect, float]] = (), fitted: JointFit | None = None) -> WearWithEffects:
-        """Wear with those of the effects that shape it, each from its onset at the depth reached by then."""
-        shaping = tuple((rounded(e), onset) for e, onset in effects if e.facts.shapes_wear)
+    def wear(self, effects: Sequence[Addition] = (), fitted: JointFit | None = None) -> WearWithEffects:
+        """Wear with those of the effects that shape it, each stage from the depth reached by then."""
+        shaping = tuple(rounded_addition(a) for a in effects if a.effect.facts.shapes_wear)
         depths: dict[float, float] = {}
         known = self.depth if fitted is None else fitted.depth
-        for _, onset in shaping:
+        for onset in {n for a in shaping for n in a.changes}:
             if onset > 0:
                 turns = np.array([w.revolutions for w in self.windows])
                 order = np.argsort(turns)
@@ -121,19 +121,20 @@ class MeshWindows:
         worn  the wear of the start; with one round it is taken over, and a trial that sets in later joins it
         """
         shaping = any(t.facts.shapes_wear for t in trials)
-        numbers = [np.array([f.start for f in t.free]) for t in trials]
+        numbers = [_starts(t) for t in trials]
         if start is not None:
             known = {t.name: start.numbers(t)[0] for t in start.trials}
             numbers = [known.get(t.name, u) for t, u in zip(trials, numbers, strict=True)]
+            numbers = [u if u.size == len(t.free) else _starts(t) for t, u in zip(trials, numbers, strict=True)]
         late = shaping and trials[-1].facts.shapes_wear and trials[-1].onset > 0  # long run in, as the flanks may be
         if rounds > 1 or late:
-            wear = self.wear([(t.make(u), t.onset) for t, u in zip(trials, numbers, strict=True)], start)
+            wear = self.wear([t.addition(u) for t, u in zip(trials, numbers, strict=True)], start)
         else:
             wear = worn or self.wear((), start)
         result = fit(self.problem(trials, wear), start, self.phase, self.depth)
         for _ in range(rounds - 1 if shaping else 0):
             numbers = [0.5 * (u + result.numbers(t)[0]) for t, u in zip(result.trials, numbers, strict=True)]
-            wear = self.wear([(t.make(u), t.onset) for t, u in zip(trials, numbers, strict=True)], result)
+            wear = self.wear([t.addition(u) for t, u in zip(trials, numbers, strict=True)], result)
             again = restarted(result)
             result = fit(self.problem(again, wear), replace(result, trials=again), self.phase, self.depth)
         return Fitted(fit=result, wear=wear)
@@ -179,6 +180,11 @@ class MeshWindows:
         rate = float(np.sum(depth[before] * turns[before]) / np.sum(turns[before] ** 2))
         late = (turns >= onset) & ~before
         return np.where(late, rate * turns, depth)
+
+
+def _starts(trial: EffectTrial) -> np.ndarray:
+    """The free numbers that a trial starts from (n,)."""
+    return np.array([f.start for f in trial.free])
 
 
 def restarted(fitted: JointFit) -> tuple[EffectTrial, ...]:

@@ -72,9 +72,8 @@ def modelled_lines(rig: Rig, state: State, features: WindowFeatures, depth: floa
     condition = condition_of(features, rig)
     turns = features.revolutions or 0.0
     found = {f.name: f.addition for f in state.tracing.found}
-    active = {
-        name: a.effect for name, a in found.items() if a.onset_revolutions <= turns and a.effect.facts.synchronous
-    }
+    there = {name: a.at(turns) for name, a in found.items() if a.effect.facts.synchronous}
+    active = {name: effect for name, effect in there.items() if effect is not None}
     model = healthy_model_of(rig, memory)
     profile = profile_of(rig, memory, turns, depth)
     response = solve_with(model, active.values(), profile.slices, condition)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from twin.assessment import Attribution, DepthPair, EffectAssessment, HeldOutErrors
 from twin.rig import Rig
 from twin.structure_spread import DRAWN, is_estimated
+from twin.tracing.growth import growth_of
 from twin.tracing.log import evidence_of
 from twin.tracing.state import EffectErrors, Tracing, TwinStage, parameters_of, relevant
 
@@ -15,6 +16,7 @@ NOT_COMPARED = EffectErrors(before=HeldOutErrors(), after=HeldOutErrors())
 def effects_of(rig: Rig, tracing: Tracing) -> tuple[EffectAssessment, ...]:
     """The effects in the twin, each with its parameters, evidence, and errors, depth and life without and with it."""
     out = []
+    latest = max((t.features.revolutions or 0.0 for t in tracing.history), default=0.0)
     for i, item in enumerate(tracing.found):
         without, present = (_stage(tracing, n) for n in (i, i + 1))
         errors = tracing.errors[i] if i < len(tracing.errors) else NOT_COMPARED
@@ -32,6 +34,8 @@ def effects_of(rig: Rig, tracing: Tracing) -> tuple[EffectAssessment, ...]:
                 life_before=None if without is None else without.life,
                 life_after=None if present is None else present.life,
                 onset_revolutions=item.addition.onset_revolutions,
+                onset_std=item.onset_std,
+                growth=growth_of(item, latest),
                 caveats=_caveats(rig, item.addition.effect.facts.detector, status),
             )
         )

@@ -48,8 +48,8 @@ def factors_of(
         return None
     out: Factors = []
     for o in windows:
-        there = tuple(a.effect for a in teeth if a.onset_revolutions <= o.revolutions)
-        mesh = tuple(a.effect for a in mesh_effects if a.onset_revolutions <= o.revolutions)
+        there = _present(teeth, o.revolutions)
+        mesh = _present(mesh_effects, o.revolutions)
         if not there:
             out.append({})
             continue
@@ -65,6 +65,11 @@ def factors_of(
             continue
         out.append({c: 1 + sum(whole[c] / part[c] - 1 for whole in wholes) for c in part})
     return out
+
+
+def _present(additions: Sequence[Addition], revolutions: float) -> tuple[Effect, ...]:
+    """The effects as large as they are after so many revolutions."""
+    return tuple(effect for a in additions if (effect := a.at(revolutions)) is not None)
 
 
 def _one_by_one(effects: Sequence[Effect]) -> list[tuple[Effect, ...]]:

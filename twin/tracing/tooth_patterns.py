@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.effects.response import Effect
+from twin.effects.size_law import CONSTANT, SizeLaw
 from twin.features.window_features import WindowFeatures
 from twin.thresholds import deciding
 
@@ -79,6 +80,8 @@ class ToothFinding:
     log_evidence: float
     std: float  # of the teeth's displacement [m], or of the stiffness loss
     tooth_std: float = 0.0  # of the cracked tooth's number
+    onset_std: float | None = None  # [revolutions]; None where it was there from the start
+    law: SizeLaw = CONSTANT  # of a crack
     over_healthy: float = 0.0  # energy of pitch errors' lines beyond that of a healthy machine's, over it
     detail: str
 

@@ -20,7 +20,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from scipy.special import logsumexp
@@ -275,104 +274,6 @@ def merged(quotients: Sequence[Quotient], limits: TransferPathThresholds = THRES
             )
         )
     return out
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GainStep:
-    """A sensor whose gain has changed in mid-campaign."""
-
-    gain: float  # after over before
-    std: float  # of its logarithm
-    onset: float  # revolutions
-    log_evidence: float
-
-
-def gain_step(
-    quotients: Sequence[Quotient], gain_prior: float, limits: TransferPathThresholds = THRESHOLDS
-) -> GainStep | None:
-    """The change of gain at one time that all measured lines share; None where there is none.
-
-    gain_prior  standard deviation of ln g
-
-    ln|q| of line and condition: a_k before, a_k + ln g after. The structure is the same before and after and drops
-    out, so this needs no rig file's tolerance.
-    """
-    lines = [q for q in quotients if not q.modelled]
-    turns = sorted({q.revolutions for q in lines})
-    groups = [g for g in _by_line(lines, limits) if len(g) >= 2]
-    best: GainStep | None = None
-    for before, after in pairwise(turns):
-        onset = 0.5 * (before + after)
-        information = total = squares = 0.0
-        count = 0
-        for group in groups:
-            y = np.array([q.log.real for q in group])
-            weight = 1 / np.array([np.hypot(q.std, limits.own_scatter) for q in group]) ** 2
-            late = np.array([q.revolutions > onset for q in group], dtype=float)
-            y, late = y - np.average(y, weights=weight), late - np.average(late, weights=weight)
-            information += float(weight @ late**2)
-            total += float(weight @ (late * y))
-            squares += float(weight @ y**2)
-            count += len(group) - 1
-        if information == 0 or count < limits.least_step_lines:
-            continue
-        step = total / information
-        rest = max(squares - total**2 / information, 0.0) / (count - 1)
-        widen = max(rest, 1.0)
-        evidence = 0.5 * total**2 / information / widen - 0.5 * np.log1p(gain_prior**2 * information / widen)
-        if best is None or evidence > best.log_evidence:
-            std = float(np.sqrt(widen / information))
-            best = GainStep(gain=float(np.exp(step)), std=std, onset=onset, log_evidence=float(evidence))
-    return best
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChangeOfLines:
-    """How lines changed at one time: ln evidence over no change [nat]."""
-
-    shared: float  # all by one factor, as a sensor's gain changes them
-    apart: float  # each by its own, as a structure changes them
-
-
-def change_of_lines(
-    quotients: Sequence[Quotient], onset: float, spread: float, limits: TransferPathThresholds = THRESHOLDS
-) -> ChangeOfLines:
-    """Whether measured lines changed together or apart from before to after a time.
-
-    onset   revolutions
-    spread  standard deviation of ln of the common factor, and of each line's own
-
-    d_k = mean of ln|q| after less that before:  N(0, s_k² + spread²·11ᵀ) against N(0, s_k² + spread²·I)
-    """
-    change, variance = [], []
-    for group in _by_line([q for q in quotients if not q.modelled], limits):
-        parts = [q for q in group if q.revolutions <= onset], [q for q in group if q.revolutions > onset]
-        if not all(parts):
-            continue
-        weights = [np.array([1 / (q.std**2 + limits.own_scatter**2) for q in part]) for part in parts]
-        before, after = (np.average([q.log.real for q in p], weights=w) for p, w in zip(parts, weights, strict=True))
-        change.append(after - before)
-        variance.append(sum(1 / w.sum() for w in weights))
-    n = len(change)
-    if not n:
-        return ChangeOfLines(shared=0.0, apart=0.0)
-    noise, own = np.diag(variance), spread**2 * np.eye(n)
-    none, shared, apart = (
-        float(multivariate_normal.logpdf(change, cov=noise + more)) for more in (0.0, spread**2 * np.ones((n, n)), own)
-    )
-    return ChangeOfLines(shared=shared - none, apart=apart - none)
-
-
-def _by_line(lines: Sequence[Quotient], limits: TransferPathThresholds) -> list[list[Quotient]]:
-    """Quotients in groups of one order at nearly one frequency."""
-    groups: list[list[Quotient]] = []
-    for q in sorted(lines, key=lambda q: (q.order, q.frequency)):
-        last = groups[-1][0] if groups else None
-        if last is not None and last.order == q.order and abs(q.frequency / last.frequency - 1) < limits.same_frequency:
-            groups[-1].append(q)
-        else:
-            groups.append([q])
-    return groups
 
 
 def fit_sensor(

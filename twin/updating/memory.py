@@ -125,7 +125,11 @@ class Memory:
 
     def active(self, revolutions: float) -> tuple[Effect, ...]:
         """The effects that are there after so many turns of the pinion."""
-        return tuple(a.effect for a in self.effects if a.onset_revolutions <= revolutions)
+        return tuple(effect for a in self.effects if (effect := a.at(revolutions)) is not None)
+
+    def wearing(self, revolutions: float) -> tuple[Effect, ...]:
+        """The effects under which the flanks wear after so many turns: they change where a segment begins only."""
+        return tuple(effect for a in self.effects if (effect := a.wearing(revolutions)) is not None)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""

@@ -85,7 +85,7 @@ def _calibration(rig: Rig, memory: Memory) -> Calibration:
 def _path(rig: Rig, memory: Memory, segment: Segment, furthest: float | None = None) -> WearPath:
     """The wear from a segment's start on, under its condition and with the effects that are there at its start."""
     key, calibration = _Key(rig), _calibration(rig, memory)
-    there = memory.active(segment.start_revolutions)
+    there = memory.wearing(segment.start_revolutions)
     effects = tuple(e for e in there if e.period == "mesh" and e.facts.acts_on != "sensor")
     furthest = CURVES.beyond * rig.get("end_of_life.max_depth", CURVES.deepest) if furthest is None else furthest
     condition, stored = Condition(speed_hz=segment.speed_hz, torque=segment.torque), segment.start_profile

@@ -52,7 +52,7 @@ def with_segment(
     """The memory with a segment that fits the condition and the effects, else with a new one from the present depth."""
     last = memory.segments[-1] if memory.segments else None
     same = last is not None and near_segment(last, condition, limits)
-    if same and last is not None and memory.active(revolutions) == memory.active(last.start_revolutions):
+    if same and last is not None and memory.wearing(revolutions) == memory.wearing(last.start_revolutions):
         return memory
     nominal_speed, nominal_torque = rig.get("operating.pinion_speed_hz"), rig.get("operating.input_torque")
     speed = nominal_speed if _near(condition.speed_hz, nominal_speed, limits.speed) else condition.speed_hz
@@ -88,7 +88,7 @@ def _at_change(rig: Rig, memory: Memory, revolutions: float) -> tuple[float, flo
     if not memory.segments or not memory.track.windows:
         return 0.0, 0.0, None
     last, work = memory.segments[-1], memory.track.work
-    onsets = [a.onset_revolutions for a in memory.effects if a.onset_revolutions <= revolutions]
+    onsets = [n for a in memory.effects for n in a.changes if n <= revolutions]
     if onsets and max(onsets) > max(memory.track.revolutions, last.start_revolutions):
         work = memory.track.predicted(max(onsets)).work
     curve = curve_of(rig, memory)
@@ -100,5 +100,5 @@ def _at_change(rig: Rig, memory: Memory, revolutions: float) -> tuple[float, flo
 
 def _tilted(memory: Memory, before: float, now: float) -> bool:
     """Whether a shaft has tilted between two counts of revolutions, which moves the mean by an unknown step."""
-    there = sum(e.facts.tilts_shaft for e in memory.active(before))
-    return sum(e.facts.tilts_shaft for e in memory.active(now)) > there
+    changes = [n for a in memory.effects if a.effect.facts.tilts_shaft for n in a.changes]
+    return any(before < n <= now for n in changes)

@@ -17,13 +17,14 @@ Holds    one cracked tooth; both encoders; windows that resolve the orders (8 tu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from twin.effects import EFFECTS
 from twin.effects.kept import RESPONSES
+from twin.effects.size_law import SizeLaw
 from twin.effects.tooth_crack import ToothCrack
 from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
@@ -31,8 +32,10 @@ from twin.scales import Scales
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import TracingContext
+from twin.tracing.crack_growth import growing, losses_by_window
 from twin.tracing.findings import Findings
 from twin.tracing.scatter import MODELLED
+from twin.tracing.size_laws import UNIFORM, LawFit
 from twin.tracing.tooth_patterns import (
     NAMES,
     PATTERNS,
@@ -134,6 +137,8 @@ def attributed(finding: ToothFinding) -> AttributedEffect:
     return AttributedEffect.of(
         effect,
         onset=finding.onset,
+        onset_std=finding.onset_std,
+        law=finding.law,
         parameters={
             "stiffness_loss": (float(effect.stiffness_loss), "", finding.std),
             "tooth": (float(effect.tooth), "", finding.tooth_std),
@@ -169,19 +174,61 @@ def find_crack(
         at = change.window
         since = 0.5 * (profiles[at - 1].max_depth + profiles[at].max_depth) if at else 0.0
         flanks = [(conditions[i], profiles[i]) for i in change.shown]
-        found = _Candidates(model, flanks, since, gear, seen[0].orders, limits).fitted(change)
+        candidates = _Candidates(model, flanks, since, gear, seen[0].orders, limits)
+        found = candidates.fitted(change)
         if found is None or (best is not None and found.log_evidence <= best.log_evidence):
             continue
-        onset = 0.0 if at == 0 else 0.5 * (seen[at - 1].revolutions + seen[at].revolutions)
-        best = ToothFinding(
-            effect=found.effect,
-            onset=onset,
-            log_evidence=found.log_evidence,
-            std=found.std,
-            tooth_std=found.tooth_std,
-            detail="a single displaced tooth would look alike" if at == 0 else "",
-        )
+        best = _finding(candidates, found, change, seen)
+        if at and (law := _law(candidates, found, change, seen)) is not None:
+            depths = [p.max_depth for p in profiles]
+            best = _grown(best, found, law, seen, depths)
     return best
+
+
+def _finding(
+    candidates: _Candidates, found: _FittedCrack, change: LocalChange, seen: Sequence[Pattern]
+) -> ToothFinding:
+    """A crack of constant size since the change."""
+    at = change.window
+    return ToothFinding(
+        effect=found.effect,
+        onset=0.0 if at == 0 else 0.5 * (seen[at - 1].revolutions + seen[at].revolutions),
+        log_evidence=found.log_evidence,
+        std=found.std,
+        tooth_std=float(np.hypot(found.tooth_std, UNIFORM)),  # a whole number
+        onset_std=None if at == 0 else (seen[at].revolutions - seen[at - 1].revolutions) * UNIFORM,
+        detail="a single displaced tooth would look alike" if at == 0 else "",
+    )
+
+
+def _law(candidates: _Candidates, found: _FittedCrack, change: LocalChange, seen: Sequence[Pattern]) -> LawFit | None:
+    """The growth of a crack over all windows; None where its size is constant."""
+    responses = candidates.responses(found.effect.tooth)
+    X = np.array([p.lines for p in seen])
+    changes = X - X[: min(change.window, PATTERNS.first_windows)].mean(axis=0)
+    losses, std = losses_by_window(changes, responses, change.noise, candidates.limits.response_scatter)
+    return growing(np.array([p.revolutions for p in seen]), losses, std)
+
+
+def _grown(
+    finding: ToothFinding, found: _FittedCrack, law: LawFit, seen: Sequence[Pattern], depths: Sequence[float]
+) -> ToothFinding:
+    """The same crack with a size that grows; depths of the windows [m]."""
+    turns = [p.revolutions for p in seen]
+    crack = ToothCrack.parameters[0]
+    effect = replace(
+        found.effect,
+        stiffness_loss=float(np.clip(law.sizes[0], crack.low, crack.high)),
+        onset_depth=float(np.interp(law.onset, [0.0, *turns], [0.0, *depths])),
+    )
+    return replace(
+        finding,
+        effect=effect,
+        onset=law.onset,
+        onset_std=law.onset_std,
+        std=float(np.hypot(law.std[0], MODELLED * law.sizes[0])),
+        law=SizeLaw(kind="linear", revolutions=(float(turns[-1]),)),
+    )
 
 
 def local_change(
@@ -261,6 +308,17 @@ class _Candidates:
         if not all(response.converged for response in responses):
             return None
         return np.mean([response.transmission_error(orders) for response in responses], axis=0)
+
+    def responses(self, tooth: int) -> dict[float, np.ndarray]:
+        """Lines of the gear with a tooth cracked (n,) [m], by its loss, of those that have a steady state."""
+        out, shift = {}, None
+        for loss in LOSSES:
+            one = self.lines(loss, 0)
+            if one is not None and shift is None and (following := self.lines(loss, 1)) is not None:
+                shift = tooth_shifts(self.teeth, self.orders, one, following)[:, tooth]
+            if one is not None and shift is not None:
+                out[loss] = one * shift
+        return out
 
     def misfits(self, change: LocalChange, variance: np.ndarray) -> dict[float, np.ndarray]:
         """Squares of what each tooth would leave of a change, over its variance (z,), by loss."""

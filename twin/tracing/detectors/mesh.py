@@ -21,12 +21,14 @@ from twin.tracing.context import TracingContext
 from twin.tracing.detectors.tooth_errors import tooth_additions
 from twin.tracing.findings import Findings
 from twin.tracing.joint_fit import JointFit
+from twin.tracing.joint_problem import EffectTrial
 from twin.tracing.mesh_fits import AlikeTeeth, DifferingTeeth, Fits
 from twin.tracing.mesh_search import MeshFindings, search_mesh
 from twin.tracing.mesh_trials import fitted_numbers, plain
 from twin.tracing.mesh_windows import MeshWindows
 from twin.tracing.observed import chosen
 from twin.tracing.scatter import MODELLED, HealthyScatter
+from twin.tracing.size_laws import interval_std
 from twin.tracing.tooth_factors import factors_of
 from twin.tracing.transfer_path import fit_sensor, quotients
 
@@ -116,15 +118,15 @@ def attributed(findings: MeshFindings, kept: Sequence[AttributedEffect]) -> list
     """What the mesh lines show; those kept from before with the rivals that they had then."""
     before = {f.name: f for f in kept}
     out = []
-    effects = findings.best.effects()
+    additions = findings.best.additions()
     widen = max(1.0, float(np.sqrt(findings.best.misfit)))
     for candidate in findings.found:
         name = candidate.trial.name
         trial = next(t for t in findings.best.trials if t.name == name)
         numbers, std = findings.best.numbers(trial)
-        effect = effects[findings.best.trials.index(trial)]
+        addition = additions[findings.best.trials.index(trial)]
         parameters = {}
-        for number, u, s in zip(fitted_numbers(name), numbers, std * widen, strict=True):
+        for number, u, s in zip(fitted_numbers(name), numbers, std * widen, strict=False):  # of the first stage
             value = number.value(u)
             spread = abs(number.value(u + s) - value)
             std_with_model = float(np.hypot(spread, MODELLED * abs(value)))
@@ -138,8 +140,11 @@ def attributed(findings: MeshFindings, kept: Sequence[AttributedEffect]) -> list
                 other = (known.runner_up, known.over_runner_up)
         out.append(
             AttributedEffect.of(
-                plain(effect),
+                plain(addition.effect),
                 onset=float(trial.onset),
+                law=addition.law,
+                onset_std=_onset_std(findings, trial, before.get(name)),
+                change_std=_change_std(findings, trial, numbers, std * widen, before.get(name)),
                 parameters=parameters,
                 log_evidence=float(evidence),
                 runner_up=None if other is None else other[0],
@@ -149,3 +154,29 @@ def attributed(findings: MeshFindings, kept: Sequence[AttributedEffect]) -> list
             )
         )
     return out
+
+
+def _onset_std(findings: MeshFindings, trial: EffectTrial, before: AttributedEffect | None) -> float | None:
+    """Standard deviation of an onset [revolutions], the interval between the windows about it included."""
+    if trial.onset == 0:
+        return None
+    if trial.name in findings.laws:
+        return findings.laws[trial.name].onset_std
+    if before is not None and before.addition.onset_revolutions == trial.onset:
+        return before.onset_std
+    turns = [w.revolutions for w in findings.windows]
+    return interval_std(turns, trial.onset)
+
+
+def _change_std(
+    findings: MeshFindings, trial: EffectTrial, numbers: np.ndarray, std: np.ndarray, before: AttributedEffect | None
+) -> tuple[float, float] | None:
+    """Standard deviations of the second change's revolutions and of its factor; None where there is none."""
+    if not trial.law.changes:
+        return None
+    law = findings.laws.get(trial.name)
+    if law is None or law.second_std is None:
+        return None if before is None else before.change_std
+    first, second = numbers[0], numbers[1]
+    factor = float(np.hypot(std[1], std[0] * second / first) / abs(first)) if first else 0.0
+    return law.second_std, factor

@@ -1,8 +1,9 @@
 """Is the accelerometer wrong? Its gain or a resonance of its mount, from the acceleration over the transmission error.
 
-A change of gain between two windows, by which all lines change alike, is the sensor's whatever the structure; where
-each line changes by a factor of its own, the structure has changed. A gain or a resonance that was there from the
-start must stand out from the rig file's tolerance of the structure, and from a structure of another kind.
+A change of gain between two windows, or a drift of it, by which all lines change alike, is the sensor's whatever the
+structure; where each line changes by a factor of its own, the structure has changed. A gain or a resonance that was
+there from the start must stand out from the rig file's tolerance of the structure, and from a structure of another
+kind.
 
 Source   twin/tracing/transfer_path.py; twin/effects/sensor_gain.py, sensor_resonance.py
 Holds    both encoders; teeth that do not differ from one another, whose lines the quotient does not cancel
@@ -22,7 +23,8 @@ from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import TracingContext
 from twin.tracing.detectors.mesh import wear_alone
 from twin.tracing.findings import Findings
-from twin.tracing.transfer_path import GainStep, PathFit, change_of_lines, fit_sensor, gain_step, quotients
+from twin.tracing.gain_change import DRIFT, GainChange, change_of_lines, gain_change
+from twin.tracing.transfer_path import PathFit, fit_sensor, quotients
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
 
@@ -45,7 +47,9 @@ class SensorThresholds:
         "gains and resonances 16 and more",
     )
     least_gain: float = deciding(
-        0.06, meaning="|ln gain| that is reported", source="not derived: 6 %, twice a good sensor's tolerance"
+        0.06,
+        meaning="|ln gain| at the latest window that is reported",
+        source="not derived: 6 %, twice a good sensor's tolerance",
     )
 
 
@@ -61,15 +65,18 @@ def detect(context: TracingContext, limits: SensorThresholds = THRESHOLDS) -> Fi
     if any(o.pinion_only for o in mesh.windows):
         return findings
     seen = quotients(mesh.best, mesh.windows, context.model.mesh.pair.teeth[0], context.scales.graduation[0])
-    step = gain_step(seen, context.rig.tolerances.accelerometer_gain)
-    needed = context.required.least("sensor_gain", limits.step_evidence)
-    if step is not None:
-        change = change_of_lines(seen, step.onset, context.rig.tolerances.accelerometer_gain)
-        if change.apart > change.shared and change.apart > limits.least_evidence:
+    tolerance = context.rig.tolerances.accelerometer_gain
+    change = gain_change(seen, tolerance)
+    if change is not None:
+        drifts = change.law.kind == "linear"
+        midway = 0.5 * (change.onset + max(q.revolutions for q in seen))
+        lines = change_of_lines(seen, midway if drifts else change.onset, tolerance)
+        if lines.apart > lines.shared and lines.apart > limits.least_evidence:
             return replace(findings, other_structure=True)
-        clear = step.log_evidence > needed and change.shared > change.apart
-        if clear and abs(np.log(step.gain)) > limits.least_gain:
-            return findings.adding(_of_step(step), rejected=context.rejected)
+        needed = context.required.least("sensor_gain", DRIFT.least_evidence if drifts else limits.step_evidence)
+        clear = change.log_evidence > needed and lines.shared > lines.apart
+        if clear and abs(np.log(change.gain)) > limits.least_gain:
+            return findings.adding(_of_change(change), rejected=context.rejected)
     fits = fit_sensor(context.rig, context.model.calibration.modal_damping, seen)
     if not fits:
         return findings
@@ -103,11 +110,15 @@ def _of_fit(best: PathFit, others: Sequence[PathFit]) -> AttributedEffect:
     )
 
 
-def _of_step(step: GainStep) -> AttributedEffect:
+def _of_change(change: GainChange) -> AttributedEffect:
+    drifts = change.law.kind == "linear"
+    how = "has drifted evenly over several windows" if drifts else "has changed between two windows"
     return AttributedEffect.of(
-        SensorGain(gain=step.gain),
-        onset=step.onset,
-        parameters={"gain": (step.gain, "", step.gain * step.std)},
-        log_evidence=step.log_evidence,
-        detail="the gain has changed between two windows: no structure does that",
+        SensorGain(gain=change.gain),
+        onset=change.onset,
+        law=change.law,
+        onset_std=change.onset_std,
+        parameters={"gain": (change.gain, "", change.gain * change.std)},
+        log_evidence=change.log_evidence,
+        detail=f"the gain {how}: no structure does that",
     )

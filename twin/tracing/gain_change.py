@@ -1,0 +1,253 @@
+"""A gain of the accelerometer that changes while it is watched: at one time, or evenly from an onset on.
+
+    ln|q_kw| = a_k + c_w + h(n_w)·ln g + noise      step: h = 0, then 1;  drift: h = (n − n_0)/(n_last − n_0) after n_0
+
+q_kw  quotient of line k in window w (transfer_path.py)
+a_k   what the structure makes of the line, another for each line and frequency: free
+c_w   what all lines of a window share by chance: a drift is told from several windows, not from several lines
+g     gain at the latest window over the gain before the onset
+
+The structure is the same in all windows and drops out, so this needs no tolerance of the rig file. A common shape h is
+a linear regression; its evidence is that of a Gaussian prior on ln g. A step is judged by its lines against one
+another, with the noise widened to what they scatter.
+
+Source   D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms, 2003, ch. 28 (evidence of a linear
+         model, Occam factor); which law: twin/tracing/size_laws.py
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.stats import multivariate_normal
+
+from twin.effects.size_law import CONSTANT, SizeLaw
+from twin.thresholds import deciding
+from twin.tracing.size_laws import UNIFORM, law_fits
+from twin.tracing.transfer_path import THRESHOLDS as PATH
+from twin.tracing.transfer_path import Quotient, TransferPathThresholds
+
+WIDE = 10.0  # standard deviation of a line's own level, of which nothing is known
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GainDriftThresholds:
+    """When the gain is taken to drift."""
+
+    line_scatter: float = deciding(
+        0.01,
+        meaning="of a quotient's logarithm from window to window, beyond noise and what all lines share",
+        source="not derived: read off the lines of one campaign, N109 of wide draw 1, which leave 0.005 to 0.01",
+    )
+    window_scatter: float = deciding(
+        0.02,
+        meaning="standard deviation of what all quotients of a window share, in logarithm",
+        source="measured: 0.002 to 0.03 on thirteen campaigns with a right sensor of wide draws 1 and 2, nine "
+        "of them of three windows only",
+    )
+    least_evidence: float = deciding(
+        float(np.log(1000)),
+        unit="nat",
+        meaning="evidence of a drift over a constant gain",
+        source="derivation: where the gain is constant, chance reaches a likelihood ratio of 1000 in at most 1 of 1000 "
+        "cases (Markov's inequality)",
+    )
+
+
+DRIFT = GainDriftThresholds()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GainChange:
+    """A sensor whose gain has changed while it was watched."""
+
+    gain: float  # at the latest window over before the onset
+    std: float  # of its logarithm
+    onset: float  # revolutions
+    onset_std: float  # the interval between the windows about the onset included [revolutions]
+    log_evidence: float  # over a constant gain [nat]
+    law: SizeLaw = CONSTANT  # linear where the gain drifts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Fit:
+    """The regression of all lines on a step."""
+
+    onset: float
+    value: float  # ln g
+    information: float  # on ln g, of the lines' own std
+    explained: float  # squares
+    rest: float  # squares left, over their number
+
+    def evidence(self, prior: float) -> float:
+        """ln evidence over a constant gain [nat], with the variances widened to what the lines scatter."""
+        w = max(self.rest, 1.0)
+        return 0.5 * self.explained / w - 0.5 * float(np.log1p(prior**2 * self.information / w))
+
+
+def gain_step(
+    quotients: Sequence[Quotient], gain_prior: float, limits: TransferPathThresholds = PATH
+) -> GainChange | None:
+    """The change of gain at one time that all measured lines share; None where there is none.
+
+    gain_prior  standard deviation of ln g
+    """
+    groups = _groups(quotients, limits, limits.own_scatter)
+    turns = sorted({q.revolutions for q in quotients if not q.modelled})
+    fits = [(before, after, _step(groups, 0.5 * (before + after), limits)) for before, after in pairwise(turns)]
+    known = [(before, after, f) for before, after, f in fits if f is not None]
+    if not known:
+        return None
+    before, after, best = max(known, key=lambda item: item[2].evidence(gain_prior))
+    return GainChange(
+        gain=float(np.exp(best.value)),
+        std=float(np.sqrt(max(best.rest, 1.0) / best.information)),
+        onset=best.onset,
+        onset_std=(after - before) * UNIFORM,
+        log_evidence=best.evidence(gain_prior),
+    )
+
+
+def gains_by_window(
+    quotients: Sequence[Quotient], limits: TransferPathThresholds = PATH, drifting: GainDriftThresholds = DRIFT
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What all lines of a window share: revolutions (W,), ln gain up to a constant (W,), its covariance (W, W)."""
+    groups = _groups(quotients, limits, drifting.line_scatter)
+    turns = np.array(sorted({float(n) for g in groups for n in g[0]}))
+    rows, y, weight = [], [], []
+    for k, (at, logs, w) in enumerate(groups):
+        row = np.zeros((at.size, turns.size + len(groups)))
+        row[np.arange(at.size), np.searchsorted(turns, at)] = 1.0
+        row[:, turns.size + k] = 1.0
+        rows.append(row)
+        y.append(logs)
+        weight.append(w)
+    if turns.size == 0:
+        return turns, np.zeros(0), np.zeros((0, 0))
+    A, z, w = np.concatenate(rows), np.concatenate(y), np.concatenate(weight)
+    C = np.linalg.inv(A.T @ (w[:, None] * A) + np.eye(A.shape[1]) / WIDE**2)
+    own = slice(0, turns.size)
+    return turns, (C @ (A.T @ (w * z)))[own], C[own, own] + drifting.window_scatter**2 * np.eye(turns.size)
+
+
+def gain_drift(
+    quotients: Sequence[Quotient],
+    gain_prior: float,
+    limits: TransferPathThresholds = PATH,
+    drifting: GainDriftThresholds = DRIFT,
+) -> GainChange | None:
+    """The drift that all measured lines share; None where a step, or a constant gain, explains them as well.
+
+    gain_prior  standard deviation of ln g
+    """
+    turns, gains, covariance = gains_by_window(quotients, limits, drifting)
+    if turns.size < 2:
+        return None
+    fits = law_fits(turns, gains, covariance, gain_prior, level=WIDE, kinds=("constant", "linear"))
+    ramp, step = fits.get("linear"), fits["constant"]
+    if ramp is None or ramp.log_evidence < max(drifting.least_evidence, step.log_evidence):
+        return None
+    return GainChange(
+        gain=float(np.exp(ramp.sizes[0])),
+        std=float(ramp.std[0]),
+        onset=ramp.onset,
+        onset_std=ramp.onset_std,
+        log_evidence=ramp.log_evidence,
+        law=SizeLaw(kind="linear", revolutions=(float(turns[-1]),)),
+    )
+
+
+def gain_change(
+    quotients: Sequence[Quotient], gain_prior: float, limits: TransferPathThresholds = PATH
+) -> GainChange | None:
+    """The drift where there is one, else the step; None where neither can be judged."""
+    drift = gain_drift(quotients, gain_prior, limits)
+    return gain_step(quotients, gain_prior, limits) if drift is None else drift
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeOfLines:
+    """How lines changed at one time: ln evidence over no change [nat]."""
+
+    shared: float  # all by one factor, as a sensor's gain changes them
+    apart: float  # each by its own, as a structure changes them
+
+
+def change_of_lines(
+    quotients: Sequence[Quotient], onset: float, spread: float, limits: TransferPathThresholds = PATH
+) -> ChangeOfLines:
+    """Whether measured lines changed together or apart from before to after a time.
+
+    onset   revolutions
+    spread  standard deviation of ln of the common factor, and of each line's own
+
+    d_k = mean of ln|q| after less that before:  N(0, s_k² + spread²·11ᵀ) against N(0, s_k² + spread²·I)
+    """
+    change, variance = [], []
+    for turns, logs, weight in _groups(quotients, limits, limits.own_scatter):
+        late = turns > onset
+        if late.all() or not late.any():
+            continue
+        before, after = (np.average(logs[here], weights=weight[here]) for here in (~late, late))
+        change.append(after - before)
+        variance.append(sum(1 / weight[here].sum() for here in (~late, late)))
+    n = len(change)
+    if not n:
+        return ChangeOfLines(shared=0.0, apart=0.0)
+    noise, own = np.diag(variance), spread**2 * np.eye(n)
+    none, shared, apart = (
+        float(multivariate_normal.logpdf(change, cov=noise + more)) for more in (0.0, spread**2 * np.ones((n, n)), own)
+    )
+    return ChangeOfLines(shared=shared - none, apart=apart - none)
+
+
+Group = tuple[np.ndarray, np.ndarray, np.ndarray]  # revolutions, ln|q| and weight of one line's quotients (n,)
+
+
+def _groups(quotients: Sequence[Quotient], limits: TransferPathThresholds, scatter: float) -> list[Group]:
+    """Measured quotients of one line at one frequency each, those with at least two windows.
+
+    scatter  of a quotient's logarithm beyond its noise
+    """
+    groups: list[list[Quotient]] = []
+    for q in sorted((q for q in quotients if not q.modelled), key=lambda q: (q.order, q.frequency)):
+        last = groups[-1][0] if groups else None
+        if last is not None and last.order == q.order and abs(q.frequency / last.frequency - 1) < limits.same_frequency:
+            groups[-1].append(q)
+        else:
+            groups.append([q])
+    return [
+        (
+            np.array([q.revolutions for q in g]),
+            np.array([q.log.real for q in g]),
+            1 / np.array([np.hypot(q.std, scatter) for q in g]) ** 2,
+        )
+        for g in groups
+        if len(g) >= 2
+    ]
+
+
+def _step(groups: Sequence[Group], onset: float, limits: TransferPathThresholds) -> _Fit | None:
+    """The regression on a step at an onset; None where the lines are too few, or do not see it."""
+    information = total = squares = 0.0
+    count = 0
+    for turns, y, weight in groups:
+        h = (turns > onset).astype(float)
+        y, h = y - np.average(y, weights=weight), h - np.average(h, weights=weight)
+        information += float(weight @ h**2)
+        total += float(weight @ (h * y))
+        squares += float(weight @ y**2)
+        count += len(y) - 1
+    if information == 0 or count < limits.least_step_lines:
+        return None
+    explained = total**2 / information
+    return _Fit(
+        onset=onset,
+        value=total / information,
+        information=information,
+        explained=explained,
+        rest=max(squares - explained, 0.0) / (count - 1),
+    )
