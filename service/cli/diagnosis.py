@@ -10,6 +10,7 @@ from service.cli import encoder_pair as pair
 from service.cli import modulation
 from service.cli import non_gear as strange
 from service.cli.show import number, reason, spread
+from service.effect_growth import growth_text
 
 SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°")}
 EFFECT_COLUMNS = ("effect", "status", "parameters", "since rev.", "ln evidence", "runner-up", "waveform %", "depth µm")
@@ -127,7 +128,8 @@ def _together(answer: Mapping[str, Any]) -> str:
 def sentence(effect: Mapping[str, Any]) -> str:
     """One effect: what, how large, since when, how certain, what it changes."""
     onset = effect["onset_revolutions"]
-    since = "from the start" if not onset else f"since {onset:.0f} revolutions"
+    about = f" ± {width:.0f}" if onset and (width := effect.get("onset_std_revolutions")) else ""
+    since = "from the start" if not onset else f"since {onset:.0f}{about} revolutions"
     sizes = ", ".join(f"{name.replace('_', ' ')} {figure(value)}" for name, value in effect["parameters"].items())
     evidence = effect["evidence"]
     sure = f"ln evidence {nats(evidence['log_evidence'])} over the model without it"
@@ -139,6 +141,8 @@ def sentence(effect: Mapping[str, Any]) -> str:
     if alike:
         sure += "; indistinguishable from " + ", ".join(label(name) for name in alike)
     parts = [f"{label(effect['name']).capitalize()}, {since}: {sizes} ({sure})"]
+    if growth := growth_text(effect, lambda value, _: figure(value)):
+        parts.append(growth)
     before, after = effect["error_before"], effect["error_after"]
     for what, key in (("waveform", "waveform_percent"), ("RMS", "rms_percent")):
         if before.get(key) is not None and after.get(key) is not None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import degrees
 from typing import Any
 
+from service.effect_growth import growth_text
+
 SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°"), "1/N": (1.0, "1/N")}
 CERTAIN, LIKELY = 10.0, 5.0  # nats over the next best explanation
 COUNTED = 1e-3  # of a value: a spread that is smaller belongs to a count, such as the number of a tooth
@@ -57,6 +59,8 @@ def _effect(effect: Mapping[str, Any]) -> Finding:
     title = f"{_capital(label(effect['name']))}{where}"
     sizes = ", ".join(f"{name.replace('_', ' ')} {_size(value, name)}" for name, value in effect["parameters"].items())
     sentences = [f"{_capital(sizes)}; {_since(effect)}." if sizes else f"{_capital(_since(effect))}."]
+    if growth := growth_text(effect, _size):
+        sentences.append(f"{_capital(growth)}.")
     sentences += [*(effect.get("caveats") or ()), _sureness(effect["evidence"]), *_consequences(effect)]
     if effect.get("status") in ("accepted", "pinned"):
         sentences.append(f"An engineer has {effect['status']} this effect.")
@@ -67,7 +71,9 @@ def _since(effect: Mapping[str, Any]) -> str:
     if effect.get("channels"):
         return "new since the healthy baseline"
     onset = effect.get("onset_revolutions")
-    return f"since {onset:,.0f} revolutions" if onset else "present from the first measurement on"
+    width = effect.get("onset_std_revolutions")
+    about = f" ± {width:,.0f}" if width else ""
+    return f"since {onset:,.0f}{about} revolutions" if onset else "present from the first measurement on"
 
 
 def _size(figure: Mapping[str, Any], name: str) -> str:

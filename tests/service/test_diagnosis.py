@@ -16,6 +16,8 @@ from service.cli import run
 from service.cli.answer import answer_text
 from service.cli.diagnosis import effect_table, figure, sentences, text, verdict
 from service.cli.diagnosis_figures import page
+from service.effect_growth import growth_text
+from service.report.findings import findings as findings_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -43,6 +45,29 @@ def test_sentences_tell_size_onset_evidence_rival_errors_and_depth(answer):
         assert part in line
     assert told[3].startswith("Wear depth with all effects: ") and "with wear alone 180.0 µm" in told[3]
     assert "windows 2, 5" in told[-1]
+
+
+def test_effect_that_grows_or_was_taken_back_says_so_in_every_place(answer):
+    effect = answer["effects"][1]
+    assert effect["name"] == "misalignment"
+    effect["onset_std_revolutions"] = 310.0
+    now = {"value": 0.0, "unit": "m", "std": 1.2e-6}
+    again = {"value": 5656.0, "unit": "rev", "std": 240.0}
+    effect["growth"] = {
+        "law": "second_change", "parameter": "lead_gap", "size_at_latest_window": now, "second_change_at": again,
+    }  # fmt: skip
+    taken_back = "its lead gap changed again at 5,656 ± 240 revolutions, at the latest window 0 ± 1.2 µm"
+    assert taken_back in sentences(answer)[2] and "since 4095 ± 310 revolutions" in sentences(answer)[2]
+    assert growth_text({}, lambda *_: "") == ""
+    rate = {"value": 2e-4, "unit": "m/1e6 rev", "std": 4e-5}
+    now = {"value": 8e-6, "unit": "m", "std": 1e-6}
+    effect["growth"] = {
+        "law": "linear", "parameter": "lead_gap", "size_at_latest_window": now, "rate_per_million_revolutions": rate,
+    }  # fmt: skip
+    grows = "its lead gap grows by 200 ± 40 µm per million revolutions, at the latest window 8 ± 1 µm"
+    assert grows in sentences(answer)[2]
+    (finding,) = findings_of({**answer, "effects": [effect], "unexplained": {}})
+    assert any("per million revolutions" in sentence for sentence in finding.sentences)
 
 
 def test_figures_that_an_answer_does_not_give_are_left_out_of_the_words(answer):

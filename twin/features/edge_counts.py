@@ -62,6 +62,12 @@ class EdgeCountThresholds:
         meaning="share within the tolerance of the usual one, below which the shaft itself has slowed down there",
         source="derivation: two may be struck themselves; a shaft that rattles to a stop leaves three at most",
     )
+    slowest: float = deciding(
+        4.0,
+        of="median interval of the window",
+        meaning="interval from which the shaft is starting or stopping, and nothing is put right",
+        source="not derived: between one line and the next, a shaft at a quarter of its speed may stop",
+    )
     most_missing: int = deciding(
         4,
         unit="edges",
@@ -176,7 +182,8 @@ def _events(gaps: np.ndarray, places: np.ndarray, limits: EdgeCountThresholds) -
     places, around, known = (each[known >= SIDE] for each in (places, around, known))
     usual = np.nanmedian(around, axis=1) if places.size else np.empty(0)
     alike = (np.abs(around / usual[:, None] - 1) <= limits.tolerance).sum(axis=1)  # not of NaN
-    places, usual = (each[alike >= limits.steady * known] for each in (places, usual))
+    turning = usual <= limits.slowest * np.nanmedian(gaps)
+    places, usual = (each[turning & (alike >= limits.steady * known)] for each in (places, usual))
     lost: dict[int, int] = {}
     extra: list[int] = []
     for k, one in zip(places.tolist(), usual.tolist(), strict=True):

@@ -49,6 +49,19 @@ function sizeOf(effect) {
   return sizes ? `Size: ${sizes}.` : "";
 }
 
+// How the size has gone on since the onset; nothing where it is constant.
+function growthOf({ growth }) {
+  if (!growth) return "";
+  const name = words(growth.parameter);
+  const now = `at the latest window it is ${figure(growth.size_at_latest_window, growth.parameter)}`;
+  const { rate_per_million_revolutions: rate, second_change_at: again } = growth;
+  if (rate) {
+    const unit = rate.unit.replace("/1e6 rev", "").replace(/^1$/, "");
+    return `The ${name} grows by ${figure({ ...rate, unit }, growth.parameter)} per million revolutions; ${now}.`;
+  }
+  return `The ${name} changed again at about ${revolutions(again.value)} revolutions; ${now}.`;
+}
+
 // An error before and after, in a sentence that says which of the two is better.
 function errorSentence(what, before, after) {
   if (!Number.isFinite(before) || !Number.isFinite(after)) return "";
@@ -117,7 +130,7 @@ function effectCard(effect, machine, decisions, decide) {
   return element("article", { className: "effect" },
     element("div", { className: "head" }, element("h3", {}, sentence(nameOf(effect)).slice(0, -1) + where),
       element("span", { className: "badge" }, effect.status ?? "found"), element("span", { className: "decide" }, ...buttons)),
-    element("p", {}, [sizeOf(effect), sinceOf(effect, machine.trend), ...effect.caveats ?? [], ...consequences(effect)].filter(Boolean).join(" ")),
+    element("p", {}, [sizeOf(effect), sinceOf(effect, machine.trend), growthOf(effect), ...effect.caveats ?? [], ...consequences(effect)].filter(Boolean).join(" ")),
     element("p", { className: "alike" }, alternatives(effect)), ...signedLine(decisions, effect.name),
     element("details", { dataset: { key: `evidence ${effect.name}` } }, element("summary", {}, "Evidence"), facts(evidencePairs(effect))));
 }
