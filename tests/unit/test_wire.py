@@ -133,6 +133,7 @@ def test_a_schema_is_accepted_only_as_the_contract_has_it():
     assert schema_fault(name, "protobuf", schema_data(), name) is None
     assert "must be 'gearbox.v1.SampleFrame'" in schema_fault("foo.Bar", "protobuf", schema_data(), name)
     assert "(jsonschema)" in schema_fault(name, "jsonschema", b"{}", name)
+    assert "\n" not in schema_fault(name, "proto\nbuf", b"{}", name)  # one line, whatever a damaged file holds
     assert "no FileDescriptorSet" in schema_fault(name, "protobuf", b"\xff\xff", name)
     assert "field sequence must have number 3" in schema_fault(
         name, "protobuf", schema_data().replace(b"\x0a\x08sequence\x18\x03", b"\x0a\x08sequence\x18\x07"), name

@@ -204,7 +204,8 @@ def schema_data() -> bytes:
 def schema_fault(name: str, encoding: str, data: bytes, expected: str) -> str | None:
     """What is wrong with a schema record that should describe `expected`; None if nothing is."""
     if name != expected or encoding != "protobuf":
-        return f"schema {name!r} ({encoding or 'no encoding'}), must be {expected!r} (protobuf)"
+        shown = encoding if encoding and encoding.isprintable() else repr(encoding)
+        return f"schema {name!r} ({shown}), must be {expected!r} (protobuf)"
     try:
         files = descriptor_pb2.FileDescriptorSet.FromString(data).file
     except DecodeError:
