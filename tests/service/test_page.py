@@ -176,6 +176,31 @@ def traced(open_page, store, board):
     return page
 
 
+def test_effect_that_grows_or_was_taken_back_says_so(open_page, store, board):
+    fakes.campaign(store, board)
+    report = fakes.traced_report(19500.0, 12)
+    eccentric, misaligned = report["effects"][:2]
+    now = {"value": 8e-6, "unit": "m", "std": 1e-6}
+    rate = {"value": 2e-4, "unit": "m/1e6 rev", "std": 4e-5}
+    eccentric["growth"] = {
+        "law": "linear", "parameter": "eccentricity", "size_at_latest_window": now,
+        "rate_per_million_revolutions": rate,
+    }  # fmt: skip
+    misaligned["growth"] = {
+        "law": "second_change", "parameter": "lead_gap",
+        "size_at_latest_window": {"value": 0.0, "unit": "m", "std": 1e-6},
+        "second_change_at": {"value": 5656.0, "unit": "rev", "std": 240.0},
+    }  # fmt: skip
+    fakes.take(store, board, "unsw", 90, 19500.0, report=report)
+    page = open_page(UNSW)
+    wait_for_windows(page, 15)
+    shown = page.inner_text("#effects")
+    assert (
+        "The eccentricity grows by 200 ± 40 µm per million revolutions; at the latest window it is 8 ± 1 µm." in shown
+    )
+    assert "The lead gap changed again at about 5,656 revolutions; at the latest window it is 0 ± 1 µm." in shown
+
+
 def test_effects_are_sentences_with_size_consequence_and_onset(traced, store):
     shown = traced.inner_text("#effects")
     for part in (

@@ -33,7 +33,8 @@ class Addition:
     def wearing(self, revolutions: float) -> Effect | None:
         """The effect under which the flanks wear, one for each stage of its law; None while it is not there.
 
-        A size that grows evenly counts with its mean until the knot: a new wear curve for each window would be dear.
+        A size that grows evenly counts with half of its size at the knot, its mean until then: a new wear curve for
+        each window would be dear. Beyond the knot that is too little, until a refit moves the knot.
         """
         if revolutions < self.onset_revolutions:
             return None

@@ -13,27 +13,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.effects.tooth_crack import ToothCrack
 from twin.thresholds import deciding
 from twin.tracing.scatter import MODELLED
+from twin.tracing.size_laws import THRESHOLDS as SIZE_LAWS
 from twin.tracing.size_laws import LawFit, law_fits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrackGrowthThresholds:
-    """When a crack is taken to grow."""
+    """How well the loss of one window is known."""
 
-    over_constant: float = deciding(
-        float(np.log(100)),
-        unit="nat",
-        meaning="evidence of a loss that grows over one that is constant since its onset",
-        source="derivation: where the loss is constant, chance reaches a likelihood ratio of 100 in at most 1 of 100 "
-        "cases (Markov's inequality)",
-    )
-    prior: float = deciding(
-        0.3,
-        meaning="standard deviation of a crack's loss of stiffness beforehand",
-        source="twin/effects/tooth_crack.py",
-    )
     least_std: float = deciding(
         0.05,
         meaning="of a window's loss of stiffness",
@@ -42,6 +32,7 @@ class CrackGrowthThresholds:
 
 
 THRESHOLDS = CrackGrowthThresholds()
+PRIOR = next(p.prior for p in ToothCrack.parameters if p.name == "stiffness_loss")
 
 
 def losses_by_window(
@@ -79,16 +70,14 @@ def losses_by_window(
     return np.array(losses), np.array(stds)
 
 
-def growing(
-    turns: np.ndarray, losses: np.ndarray, std: np.ndarray, limits: CrackGrowthThresholds = THRESHOLDS
-) -> LawFit | None:
+def growing(turns: np.ndarray, losses: np.ndarray, std: np.ndarray) -> LawFit | None:
     """The growth of a crack; None where a loss that is constant since its onset explains the windows as well.
 
     turns  of the pinion, of each window, rising (W,); losses and their standard deviations (W,)
     """
     covariance = np.diag(std**2 + (MODELLED * losses) ** 2)
-    fits = law_fits(turns, losses, covariance, limits.prior, kinds=("constant", "linear"))
+    fits = law_fits(turns, losses, covariance, PRIOR, kinds=("constant", "linear"))
     ramp = fits.get("linear")
-    if ramp is None or ramp.log_evidence - fits["constant"].log_evidence < limits.over_constant:
+    if ramp is None or ramp.log_evidence - fits["constant"].log_evidence < SIZE_LAWS.over_constant:
         return None
     return ramp

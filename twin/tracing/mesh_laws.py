@@ -26,6 +26,7 @@ from twin.tracing.mesh_fits import Fits
 from twin.tracing.mesh_trials import with_law
 from twin.tracing.mesh_windows import Fitted, restarted
 from twin.tracing.scatter import MODELLED
+from twin.tracing.size_laws import THRESHOLDS as SIZE_LAWS
 from twin.tracing.size_laws import LawFit, law_fits
 
 
@@ -33,13 +34,6 @@ from twin.tracing.size_laws import LawFit, law_fits
 class MeshLawThresholds:
     """When a size that changes is believed."""
 
-    over_constant: float = deciding(
-        float(np.log(100)),
-        unit="nat",
-        meaning="evidence of a law over a constant size, by the sizes of the windows",
-        source="derivation: where the size is constant, chance reaches a likelihood ratio of 100 in at most 1 of 100 "
-        "cases (Markov's inequality)",
-    )
     over_constant_lines: float = deciding(
         25.0,
         unit="nat",
@@ -88,7 +82,7 @@ def law_found(
     laws = law_fits(*sizes, prior=1.0)
     constant = laws["constant"].log_evidence
     best = max(laws.values(), key=lambda f: f.log_evidence)
-    if best.kind == "constant" or best.log_evidence - constant < limits.over_constant:
+    if best.kind == "constant" or best.log_evidence - constant < SIZE_LAWS.over_constant:
         return None
     turns = sizes[0]
     tried = [_fitted(fits, present, trial, best, law) for law in _laws(best, turns)]

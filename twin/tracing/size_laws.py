@@ -30,7 +30,7 @@ UNIFORM = float(1 / np.sqrt(12))  # standard deviation of a uniform distribution
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SizeLawThresholds:
-    """How many windows a law needs."""
+    """How many windows, and how much evidence, a law needs."""
 
     least_growing: int = deciding(
         4,
@@ -43,6 +43,13 @@ class SizeLawThresholds:
         unit="windows",
         meaning="windows of each stage of an effect that changes a second time",
         source="derivation: what one window shows may be that window's",
+    )
+    over_constant: float = deciding(
+        float(np.log(100)),
+        unit="nat",
+        meaning="evidence of a law over a constant size, by the sizes of the windows",
+        source="derivation: where the size is constant, chance reaches a likelihood ratio of 100 in at most 1 of 100 "
+        "cases (Markov's inequality)",
     )
 
 
