@@ -115,6 +115,8 @@ AIMS = (
     Aim("both of a pair named", lambda r: r.kind == "pair", lambda r: set(r.expected) <= set(r.named), 90),
     Aim("all of three named", lambda r: r.kind == "triple", lambda r: set(r.expected) <= set(r.named), 75),
     Aim("effects that grow or set in twice named", lambda r: r.kind == "growth", lambda r: r.right, 90),
+    Aim("effects alike at one speed and load, seen at one", lambda r: "points-1" in r.name, lambda r: r.right, 0),
+    Aim("  seen at two operating points", lambda r: "points-2" in r.name, lambda r: r.right, 0),
     Aim("clean campaigns given an effect", lambda r: r.kind == "clean", lambda r: bool(r.false), 1, most=True),
     Aim("sound, worn unevenly, ramps: given an effect", lambda r: r.kind in SOUND, lambda r: bool(r.false), 1, True),
     Aim(

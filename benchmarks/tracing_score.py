@@ -92,7 +92,7 @@ class Traced:
     """The score of one recording; errors in percent, depths in µm, lives in revolutions."""
 
     name: str
-    kind: str  # single, pair, triple, growth, unknown, instrument, wear, life, ramp or clean
+    kind: str  # single, pair, triple, growth, unknown, instrument, wear, life, ramp, points or clean
     level: str
     expected: tuple[str, ...]
     named: tuple[str, ...]  # in the order found

@@ -33,6 +33,7 @@ from twin.tracing.attribution_loop import decide as decided
 from twin.tracing.decisions import Decision
 from twin.tracing.stages import replay
 from twin.tracing.wear_alone import band_of_wear_alone
+from twin.updating.changing_speed import with_changing_speed
 from twin.updating.history import WindowInput
 from twin.updating.inspections import Inspection, with_inspection
 from twin.updating.running_time import dated, with_mark
@@ -75,7 +76,7 @@ def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> 
 def _context(rig: Rig, state: State, window: Window, options: Options) -> Context:
     """The window's features; WindowError where it has neither a level nor a speed nor a pair in motion."""
     signals = WindowSignals(rig, window)
-    count, features = counted(state.count, extract(rig, window, signals))
+    count, features = counted(state.count, with_changing_speed(rig, extract(rig, window, signals)))
     pair = None if rig.has(*NEEDED) else assess_pair(rig, window, state.windows_seen)
     if features.rms is None and features.speed_hz is None and not isinstance(pair, EncoderPair):
         reasons = [*features.unavailable.values(), *([pair.reason] if isinstance(pair, Unavailable) else [])]

@@ -95,7 +95,8 @@ from twin.tracing.unknown_held_out import UnknownConfirmation
 from twin.tracing.unknown_lines import UnknownLineThresholds
 from twin.updating.calibration import CalibrationFit, RigFilePrior
 from twin.updating.carried_over import CarriedOver
-from twin.updating.conditions import ConditionMatch, RevolutionCount
+from twin.updating.changing_speed import ChangingSpeed
+from twin.updating.conditions import ConditionMatch, LevelComparison, RevolutionCount
 from twin.updating.depth import DepthModel
 from twin.updating.depth_search import DepthSearch
 from twin.updating.disc_remount import DiscRemount
@@ -205,6 +206,8 @@ SETS: tuple[type, ...] = (
     CarriedOver,
     ConditionMatch,
     RevolutionCount,
+    LevelComparison,
+    ChangingSpeed,
     FallenCountThresholds,
     DepthModel,
     DepthSearch,

@@ -215,6 +215,25 @@ def _ramps() -> list[Row]:
     ]
 
 
+def _operating_points() -> list[Row]:
+    """Effects that are alike at one speed and load: at one operating point, and at two."""
+    what = (
+        Put("mesh_stiffness_loss", "large"),
+        Put("mesh_damping", "large"),
+        Put("misalignment", "medium"),
+        Put("tooth_friction", "small"),
+    )
+    return [
+        Row(
+            f"points-{1 + two}-{put.name}", 0, "points", (put,), bench=bench, two_conditions=bool(two),
+            group="with effects", extra=LIFE,
+        )
+        for put in what
+        for bench in ON
+        for two in (0, 1)
+    ]  # fmt: skip
+
+
 POOR = {"sensors": {"gear_graduation_um": [3.5, 1.2, 0.6, 0.4]}}
 CLEAN: tuple[tuple[str, dict[str, Any]], ...] = (  # name, what the row has of its own
     ("", {}),
@@ -251,7 +270,8 @@ def clean(draw: int = 1) -> tuple[Row, ...]:
 
 def rows(draw: int = 1) -> tuple[Row, ...]:
     """The set of one draw, 1 or more."""
-    return _numbered([*_singles(), *_several(), *_unknown(), *_instruments(), *_growing(), *_wear(), *_ramps()], draw)
+    rows = [*_singles(), *_several(), *_unknown(), *_instruments(), *_growing(), *_wear(), *_ramps()]
+    return _numbered([*rows, *_operating_points()], draw)
 
 
 def _numbered(named: Sequence[Row], draw: int) -> tuple[Row, ...]:

@@ -76,6 +76,12 @@ class NonGearFeatureThresholds:
         0.03, of="strongest mesh line near", meaning="amplitude of a line that is not a mesh line's skirt", source=TUNED
     )
     near_mesh: float = deciding(3.0, unit="order", meaning="distance of the mesh lines meant", source=TUNED)
+    most_speed_variation: float = deciding(
+        0.02,
+        of="mean speed of the window",
+        meaning="standard deviation of the speed within a window above which lines at orders of no shaft are not read",
+        source="derivation: a mesh line then passes a resonance of 2 % damping, and its skirt is no longer narrow",
+    )
     impulsive: float = deciding(
         1.5, meaning="kurtosis from which the envelope of a band is examined", source="not derived: chosen"
     )
@@ -246,7 +252,9 @@ def non_gear_features(
         lines = off_order_lines(
             signal, rig.teeth, track.speed, rig.band[1], rig.tolerances.acceleration_floor, limits, error
         )
-        readings = _readings(signals, samples, signal, tones, lines, limits)
+        changing = track.speed_variation > limits.most_speed_variation
+        lines = [] if changing else lines
+        readings = () if changing else _readings(signals, samples, signal, tones, lines, limits)
     except TwinError:
         return None
     impacts = _impacts(rig, signal, track.speed, limits)

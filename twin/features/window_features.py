@@ -107,6 +107,7 @@ class WindowFeatures:
 
     sensor: str | None = None  # the accelerometer that all of the following come from
     rms: float | None = None  # in `band`, without the mean [m/s²]
+    level_uncertainty: float | None = None  # relative, of comparing it with that of the mean speed; None: steady speed
     noise_rms: float | None = None  # the part of it that lies between the orders [m/s²]
     band: tuple[float, float] | None = None  # [Hz]
     mesh_bands: tuple[float | None, ...] | None = None  # RMS of mesh harmonics 1 … 5 ± 2 shaft orders [m/s²]

@@ -27,7 +27,7 @@ from twin.tracing.held_out_gain import log_likelihood_ratio
 from twin.tracing.state import EffectErrors, Tracing, relevant
 from twin.tracing.trace import held_out
 from twin.tracing.unknown_held_out import improves, path_without_fault, with_unknown
-from twin.updating.conditions import condition_of, kind_of
+from twin.updating.conditions import LEVEL, condition_of, kind_of
 from twin.updating.history import WindowInput
 
 MOST_COMPARED = 3  # held-out windows that errors are computed on, the newest
@@ -85,12 +85,17 @@ def with_errors(rig: Rig, tracing: Tracing) -> Tracing:
 
 
 def _windows_to_compare(rig: Rig, tracing: Tracing) -> tuple[list[WindowInput], set[int]]:
-    """The newest held-out windows recorded since all effects are certainly there, and the indices of all held out."""
+    """The newest held-out windows recorded since all effects are certainly there, and the indices of all held out.
+
+    Those whose speed changes through resonances are compared only where there are no others.
+    """
     out = held_out([t.index for t in tracing.history if kind_of(t.features, rig) == "measurement"])
     out -= set(tracing.latest.fitted)  # a trace since a remount begins with another window
     windows = [t for t in tracing.history if t.index in out]
     latest = max((certain_since(tracing, f) for f in tracing.found), default=0.0)
-    return ([t for t in windows if (t.features.revolutions or 0.0) >= latest] or windows)[-MOST_COMPARED:], out
+    windows = [t for t in windows if (t.features.revolutions or 0.0) >= latest] or windows
+    steady = [t for t in windows if (t.features.level_uncertainty or 0.0) <= LEVEL.most_uncertain]
+    return (steady or windows)[-MOST_COMPARED:], out
 
 
 def _row(rig: Rig, tracing: Tracing, count: int, learned: LearnedFactors, windows: Sequence[WindowInput]) -> Row:

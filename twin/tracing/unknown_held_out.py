@@ -40,6 +40,13 @@ class UnknownConfirmation:
         "transmission error",
         source="not derived: chosen; what improves nothing does not stay",
     )
+    most_growth: float = deciding(
+        1.02,
+        of="error without the effect",
+        meaning="error of the acceleration on held-out windows above which an unknown effect does not stay, "
+        "whatever else it improves",
+        source="not derived: as for effects of the table (ConfirmationLimits.growth)",
+    )
 
 
 THRESHOLDS = UnknownConfirmation()
@@ -211,4 +218,6 @@ def improves(before: HeldOutErrors, after: HeldOutErrors, limits: UnknownConfirm
         )
         if a is not None and b is not None
     ]
-    return any(b < limits.least_gain * a for a, b in pairs)
+    heard = before.waveform, after.waveform
+    worse = heard[0] is not None and heard[1] is not None and heard[1] > limits.most_growth * heard[0]
+    return not worse and any(b < limits.least_gain * a for a, b in pairs)

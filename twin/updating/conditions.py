@@ -44,7 +44,19 @@ class RevolutionCount:
     )
 
 
-MATCH, COUNT = ConditionMatch(), RevolutionCount()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelComparison:
+    """Whether a window's level can be compared with that of its mean speed."""
+
+    most_uncertain: float = deciding(
+        0.05,
+        of="level",
+        meaning="uncertainty of the level, for the change of speed within the window, above which it is not compared",
+        source="derivation: the difference of levels by which a window updates the twin (Feng et al.)",
+    )
+
+
+MATCH, COUNT, LEVEL = ConditionMatch(), RevolutionCount(), LevelComparison()
 
 
 def condition_of(features: WindowFeatures, rig: Rig) -> Condition:
@@ -89,6 +101,17 @@ def refuse_falling_count(revolutions: float, seen: float, most_fall: float = COU
         )
 
 
+def _moved_by_speed(features: WindowFeatures, limits: LevelComparison = LEVEL) -> str | None:
+    """Why a level cannot be compared with that of the mean speed; None where it can."""
+    off = features.level_uncertainty
+    if off is None or off <= limits.most_uncertain:
+        return None
+    return (
+        f"the speed changes within the window (standard deviation {100 * (features.speed_variation or 0.0):.2g} %), "
+        f"which moves the level by {100 * off:.2g} % of that at the mean speed"
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
     """A window that has all that the twin needs of it."""
@@ -115,6 +138,8 @@ class Measured:
             level_fault = features.unavailable.get("rms", "no acceleration")
         elif not rms > 0:
             rms, level_fault = None, f"{features.sensor} reads nothing (0 m/s²): cable, supply?"
+        elif level_fault is None:
+            level_fault = _moved_by_speed(features)
         if rms is None and features.transmission_error is None and features.pinion_motion is None:
             raise NotAvailable(f"the twin is not available: {level_fault}, and no encoder measures the depth either")
         return cls(
