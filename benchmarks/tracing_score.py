@@ -79,6 +79,12 @@ class Gain:
     waveform_after: float | None
     transmission_before: float | None
     transmission_after: float | None
+    moved: tuple[tuple[str, float, float], ...] = ()  # of the lines that it moves: channel, error before and after
+
+    @property
+    def moved_rises(self) -> bool:
+        """Whether the error of a channel rises on the lines that the effect moves, by more than rounding."""
+        return any(after > before + 0.05 for _, before, after in self.moved)
 
     @property
     def rises(self) -> bool:
@@ -316,6 +322,7 @@ def _gain(effect: Mapping[str, Any]) -> Gain:
         waveform_after=after["waveform_percent"],
         transmission_before=before.get("transmission_error_percent"),
         transmission_after=after.get("transmission_error_percent"),
+        moved=tuple((m["channel"], m["before_percent"], m["after_percent"]) for m in effect.get("moved_lines") or ()),
     )
 
 

@@ -74,6 +74,7 @@ from twin.tracing.detectors.sensor import SensorThresholds
 from twin.tracing.detectors.shaft_forces import ShaftForceThresholds
 from twin.tracing.detectors.tooth_errors import ToothErrorThresholds
 from twin.tracing.detectors.unknown import UnknownThresholds
+from twin.tracing.effect_order import OrderLimits
 from twin.tracing.gain_change import GainDriftThresholds
 from twin.tracing.held_out_gain import HeldOutScatter
 from twin.tracing.joining import JoiningLimits
@@ -82,6 +83,7 @@ from twin.tracing.mesh_fits import MeshSearchThresholds, MeshSearchWithDiffering
 from twin.tracing.mesh_laws import MeshLawThresholds
 from twin.tracing.mesh_pruning import PruningThresholds
 from twin.tracing.mesh_windows import OnsetThresholds
+from twin.tracing.moved_lines import MovedLineLimits
 from twin.tracing.remounts import RemountLimits
 from twin.tracing.scatter import LineScatter
 from twin.tracing.schedule import ScheduleLimits
@@ -169,6 +171,8 @@ SETS: tuple[type, ...] = (
     SamplingThresholds,
     ChangeLimits,
     ConfirmationLimits,
+    MovedLineLimits,
+    OrderLimits,
     HeldOutScatter,
     WindowThresholds,
     CrackThresholds,

@@ -11,6 +11,7 @@ from service.cli import modulation
 from service.cli import non_gear as strange
 from service.cli.show import number, reason, spread
 from service.effect_growth import growth_text
+from service.moved_lines import moved_text
 
 SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°")}
 EFFECT_COLUMNS = ("effect", "status", "parameters", "since rev.", "ln evidence", "runner-up", "waveform %", "depth µm")
@@ -147,6 +148,8 @@ def sentence(effect: Mapping[str, Any]) -> str:
     for what, key in (("waveform", "waveform_percent"), ("RMS", "rms_percent")):
         if before.get(key) is not None and after.get(key) is not None:
             parts.append(f"{what} error on held-out windows {before[key]:.1f} % without, {after[key]:.1f} % with it")
+    if moved := moved_text(effect):
+        parts.append(f"error of the lines that it moves, on held-out windows without → with it: {moved}")
     depth, now = effect["wear_depth_um_before"], effect["wear_depth_um_after"]
     if depth is not None and now is not None and abs(depth - now) > 0.05:
         parts.append(f"wear depth {depth:.1f} µm without, {now:.1f} µm with it")

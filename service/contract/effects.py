@@ -149,6 +149,24 @@ class Errors(ContractModel):
         )  # fmt: skip
 
 
+class MovedLines(ContractModel):
+    """Errors of one channel on held-out windows, on the lines that the effect moves beyond their scatter."""
+
+    channel: Literal["acceleration", "transmission_error", "pinion_motion", "torque"]
+    lines: int = Field(description="how many lines, over all windows")
+    before_percent: float | None = Field(description="without this effect alone, all others in the twin")
+    after_percent: float | None
+
+    @classmethod
+    def of(cls, moved: assessment.MovedLines) -> MovedLines:
+        return cls(
+            channel=moved.channel,  # type: ignore[arg-type]
+            lines=moved.lines,
+            before_percent=in_unit(moved.before, PERCENT),
+            after_percent=in_unit(moved.after, PERCENT),
+        )
+
+
 class Growth(ContractModel):
     """How the size of an effect has gone on after its onset, where it is not constant."""
 
@@ -195,6 +213,9 @@ class Effect(ContractModel):
     evidence: Evidence
     error_before: Errors
     error_after: Errors
+    moved_lines: list[MovedLines] | None = Field(
+        default=None, description="what the effect claims to explain, by channel; absent where it moves no line"
+    )
     wear_depth_um_before: float | None = Field(description="at the latest window, without the effect [µm]")
     wear_depth_um_after: float | None = Field(description="with it [µm]")
     rul_revolutions_before: float | None = None
@@ -233,6 +254,8 @@ class Effect(ContractModel):
             parts["label"] = label
         if effect.onset_std is not None:
             parts["onset_std_revolutions"] = effect.onset_std
+        if effect.moved_lines:
+            parts["moved_lines"] = [MovedLines.of(moved) for moved in effect.moved_lines]
         if effect.growth is not None:
             parts["growth"] = Growth.of(effect.growth)
         if effect.caveats:

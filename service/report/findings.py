@@ -8,6 +8,7 @@ from math import degrees
 from typing import Any
 
 from service.effect_growth import growth_text
+from service.moved_lines import moved_text
 
 SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°"), "1/N": (1.0, "1/N")}
 CERTAIN, LIKELY = 10.0, 5.0  # nats over the next best explanation
@@ -112,6 +113,8 @@ def _consequences(effect: Mapping[str, Any]) -> list[str]:
         if before.get(key) is not None and after.get(key) is not None
     ]
     out = [f"Model errors on held-out measurements without → with it: {', '.join(errors)}."] if errors else []
+    if moved := moved_text(effect):
+        out.append(f"Of the lines that it moves, on the same measurements: {moved}.")
     without, with_it = (effect.get(f"wear_depth_um_{when}") for when in ("before", "after"))
     if without is not None and with_it is not None and abs(without - with_it) > LEAST_CHANGE:
         lives = [effect.get(f"rul_revolutions_{when}") for when in ("before", "after")]

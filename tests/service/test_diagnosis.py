@@ -70,6 +70,18 @@ def test_effect_that_grows_or_was_taken_back_says_so_in_every_place(answer):
     assert any("per million revolutions" in sentence for sentence in finding.sentences)
 
 
+def test_errors_of_the_lines_that_an_effect_moves_are_said_in_every_place(answer):
+    effect = answer["effects"][1]
+    effect["moved_lines"] = [
+        {"channel": "torque", "lines": 2, "before_percent": 100.0, "after_percent": 6.6},
+        {"channel": "transmission_error", "lines": 9, "before_percent": 48.2, "after_percent": 3.1},
+    ]
+    said = "torque 100 → 7 %, transmission error 48 → 3 %"
+    assert f"error of the lines that it moves, on held-out windows without → with it: {said}" in sentences(answer)[2]
+    (finding,) = findings_of({**answer, "effects": [effect], "unexplained": {}})
+    assert f"Of the lines that it moves, on the same measurements: {said}." in finding.sentences
+
+
 def test_figures_that_an_answer_does_not_give_are_left_out_of_the_words(answer):
     effect = answer["effects"][0]
     effect |= {"onset_revolutions": None, "wear_depth_um_before": None, "rul_revolutions_before": None}

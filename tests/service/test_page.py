@@ -191,10 +191,14 @@ def test_effect_that_grows_or_was_taken_back_says_so(open_page, store, board):
         "size_at_latest_window": {"value": 0.0, "unit": "m", "std": 1e-6},
         "second_change_at": {"value": 5656.0, "unit": "rev", "std": 240.0},
     }  # fmt: skip
+    misaligned["moved_lines"] = [
+        {"channel": "transmission_error", "lines": 9, "before_percent": 48.2, "after_percent": 3.1}
+    ]
     fakes.take(store, board, "unsw", 90, 19500.0, report=report)
     page = open_page(UNSW)
     wait_for_windows(page, 15)
     shown = page.inner_text("#effects")
+    assert "transmission error 48.2 → 3.1 %" in page.text_content("#effects")
     assert (
         "The eccentricity grows by 200 ± 40 µm per million revolutions; at the latest window it is 8 ± 1 µm." in shown
     )

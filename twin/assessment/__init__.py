@@ -37,6 +37,7 @@ from twin.assessment.effects import (
     Growth,
     HarmonicBand,
     HeldOutErrors,
+    MovedLines,
     Residual,
     Unexplained,
 )
@@ -112,6 +113,7 @@ __all__ = [
     "Mistake",
     "ModelValidity",
     "Modulation",
+    "MovedLines",
     "NotJudged",
     "PairCurve",
     "PairSpeeds",

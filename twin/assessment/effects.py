@@ -67,6 +67,16 @@ class HeldOutErrors:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MovedLines:
+    """Errors of one channel of held-out windows on the lines that an effect moves, relative."""
+
+    channel: str  # acceleration, transmission_error, pinion_motion or torque
+    lines: int  # how many, over all windows
+    before: float  # without the effect, all others in the twin
+    after: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Growth:
     """How the size of an effect has gone on after its onset, where it is not constant."""
 
@@ -88,6 +98,7 @@ class EffectAssessment:
     status: str | None = "found"  # or accepted, pinned; None where it is judged anew in each window
     error_before: HeldOutErrors = field(default_factory=HeldOutErrors)
     error_after: HeldOutErrors = field(default_factory=HeldOutErrors)
+    moved_lines: tuple[MovedLines, ...] = ()  # on held-out windows; () where it moves none beyond their scatter
     depth_before: float | None = None  # at the latest window, without the effect [m]
     depth_after: float | None = None  # with it [m]
     life_before: float | None = None  # [revolutions]

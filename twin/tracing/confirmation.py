@@ -24,6 +24,7 @@ from twin.tracing.held_out_error import (
     residual_by_band_and_order,
 )
 from twin.tracing.held_out_gain import log_likelihood_ratio
+from twin.tracing.moved_lines import moved_lines
 from twin.tracing.state import EffectErrors, Tracing, relevant
 from twin.tracing.trace import held_out
 from twin.tracing.unknown_held_out import improves, path_without_fault, with_unknown
@@ -69,22 +70,28 @@ CONFIRMATION_LIMITS = ConfirmationLimits()
 
 def with_errors(rig: Rig, tracing: Tracing) -> Tracing:
     """The memory with the errors of the twin in use, and of the twin without and with each effect."""
-    windows, indices = _windows_to_compare(rig, tracing)
+    windows, indices = windows_to_compare(rig, tracing)
     if not windows or not tracing.stages:
         return replace(tracing, errors=(), error=None, residual=None)
-    learned = LearnedFactors.of(tracing.stages[-1].memory, indices)
-    found = [f.addition for f in tracing.found]
-    learned = replace(learned, path=path_without_fault(learned.path, found, tracing.history))
+    learned = learned_factors(tracing, indices)
     rows = [_row(rig, tracing, count, learned, windows) for count in range(len(tracing.found) + 1)]
     errors = tuple(_pair(before, after) for before, after in pairwise(rows))
     errors = tuple(
-        replace(e, gain=_gain(rig, tracing, f, learned, windows)) for e, f in zip(errors, tracing.found, strict=True)
+        _with_own_lines(rig, e, _alone(rig, tracing, f, learned, windows))
+        for e, f in zip(errors, tracing.found, strict=True)
     )
     final = _pair(rows[-1], rows[-1]).after
     return replace(tracing, errors=errors, error=final, residual=_residual(rig, rows) if tracing.found else None)
 
 
-def _windows_to_compare(rig: Rig, tracing: Tracing) -> tuple[list[WindowInput], set[int]]:
+def learned_factors(tracing: Tracing, held_out_windows: set[int]) -> LearnedFactors:
+    """Factors of path and mesh that the twin in use took from the windows that were fitted."""
+    learned = LearnedFactors.of(tracing.stages[-1].memory, held_out_windows)
+    found = [f.addition for f in tracing.found]
+    return replace(learned, path=path_without_fault(learned.path, found, tracing.history))
+
+
+def windows_to_compare(rig: Rig, tracing: Tracing) -> tuple[list[WindowInput], set[int]]:
     """The newest held-out windows recorded since all effects are certainly there, and the indices of all held out.
 
     Those whose speed changes through resonances are compared only where there are no others.
@@ -130,19 +137,17 @@ def _pair(before: Row, after: Row) -> EffectErrors:
     return EffectErrors(before=errors_of(first, note), after=errors_of(second, note))
 
 
-def _gain(
+def _alone(
     rig: Rig, tracing: Tracing, item: AttributedEffect, learned: LearnedFactors, windows: Sequence[WindowInput]
-) -> float | None:
-    """Log likelihood ratio of the windows, of the twin in use over the twin without one effect [nat].
+) -> list[tuple[HeldOutComparison, HeldOutComparison]]:
+    """The windows since an effect is there, compared with the twin in use without this effect alone, and with it.
 
-    Both at the depth of the twin in use, so that they differ by the effect alone; None where no window has lines that
-    both can predict.
+    Both at the depth of the twin in use, so that they differ by the effect alone; windows that one of both cannot
+    predict are left out.
     """
     stage, found = tracing.stages[-1], [f.addition for f in tracing.found]
     rest = [addition for addition in found if addition is not item.addition]
-    own = (1.0, rig.teeth[0] / rig.teeth[1])
-    scales = Scales.of(rig)
-    total, compared = 0.0, False
+    out = []
     for window in windows:
         if (window.features.revolutions or 0.0) < certain_since(tracing, item):
             continue
@@ -151,9 +156,19 @@ def _gain(
             without, present = (compare(rig, stage.memory, a, learned, window, depth) for a in (rest, found))
         except TwinError:
             continue
-        total += log_likelihood_ratio(without, present, own, scales)
-        compared = compared or bool(without.channels)
-    return total if compared else None
+        out.append((without, present))
+    return out
+
+
+def _with_own_lines(
+    rig: Rig, errors: EffectErrors, windows: Sequence[tuple[HeldOutComparison, HeldOutComparison]]
+) -> EffectErrors:
+    """The errors with the likelihood ratio of the lines that the effect moves, and with the errors of these lines."""
+    if not any(without.channels for without, _ in windows):
+        return errors
+    own, scales = (1.0, rig.teeth[0] / rig.teeth[1]), Scales.of(rig)
+    gain = sum(log_likelihood_ratio(without, present, own, scales) for without, present in windows)
+    return replace(errors, gain=gain, moved=moved_lines(windows, own, scales))
 
 
 def _residual(rig: Rig, rows: Sequence[Row]):

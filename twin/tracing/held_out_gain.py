@@ -71,6 +71,18 @@ def _log_density(
     name: str, lines: ChannelComparison, shaft_orders: tuple[float, float], scales: Scales, scatter: HeldOutScatter
 ) -> float:
     """Of a channel's measured lines, without the constant that all predictions share [nat]."""
+    variance = variance_of(name, lines, shaft_orders, scales, scatter)
+    return -float(np.sum(np.abs(lines.measured - lines.predicted) ** 2 / variance + np.log(variance)))
+
+
+def variance_of(
+    name: str,
+    lines: ChannelComparison,
+    shaft_orders: tuple[float, float],
+    scales: Scales,
+    scatter: HeldOutScatter = SCATTER,
+) -> np.ndarray:
+    """v(m) of a channel's predicted lines (n,), in the square of the channel's unit."""
     largest = float(np.abs(lines.measured).max(initial=0.0))
     variance = 2 * lines.std**2 + (MODELLED * np.abs(lines.predicted)) ** 2 + (scatter.weak_line * largest) ** 2
     if name in ("transmission_error", "pinion_motion"):
@@ -78,5 +90,4 @@ def _log_density(
         for order, error in zip(shaft_orders, scales.once_per_turn, strict=True):
             disc = np.where(np.isclose(lines.orders, order), error, disc)
         variance = variance + disc**2
-    variance = np.maximum(variance, np.finfo(float).tiny)
-    return -float(np.sum(np.abs(lines.measured - lines.predicted) ** 2 / variance + np.log(variance)))
+    return np.maximum(variance, np.finfo(float).tiny)

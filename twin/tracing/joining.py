@@ -11,6 +11,7 @@ from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.confirmation import not_confirmed, refuted_before, refuted_numbers, with_errors
+from twin.tracing.effect_order import falling_order
 from twin.tracing.findings import NonGearContent
 from twin.tracing.log import changes, logged
 from twin.tracing.stages import Replayed, with_effects
@@ -77,6 +78,9 @@ def joined(rig: Rig, tracing: Tracing, traced: Traced, outcome: UpdateOutcome, o
             changed = LoopResult(tracing=with_errors(rig, replace(tracing, found=rest)), outcome=outcome)
         else:
             changed = with_found(rig, tracing, rest, outcome, options)
+    order = falling_order(rig, changed.tracing, old)
+    if order != changed.tracing.found:
+        changed = with_found(rig, tracing, order, outcome, options)
     return changed
 
 

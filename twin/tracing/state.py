@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from twin.assessment import EffectEvent, HeldOutErrors, HeldOutResidual, ParameterValue, SpectralLine
+from twin.assessment import EffectEvent, HeldOutErrors, HeldOutResidual, MovedLines, ParameterValue, SpectralLine
 from twin.effects.addition import Addition
 from twin.serial import from_plain, to_plain
 from twin.thresholds import deciding
@@ -79,6 +79,7 @@ class EffectErrors:
     before: HeldOutErrors
     after: HeldOutErrors
     gain: float | None = None  # log likelihood ratio of the twin in use over that without this effect alone [nat]
+    moved: tuple[MovedLines, ...] = ()  # the same comparison, by channel, on the lines that the effect moves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

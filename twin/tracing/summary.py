@@ -29,6 +29,7 @@ def effects_of(rig: Rig, tracing: Tracing) -> tuple[EffectAssessment, ...]:
                 evidence=evidence_of(item),
                 error_before=errors.before,
                 error_after=errors.after,
+                moved_lines=errors.moved,
                 depth_before=None if without is None else without.depth,
                 depth_after=None if present is None else present.depth,
                 life_before=None if without is None else without.life,

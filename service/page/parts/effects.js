@@ -92,6 +92,12 @@ function alternatives(effect) {
     + "or one more channel (torque, or an encoder on each shaft), can help to decide.";
 }
 
+// The error of the lines that an effect moves, channel by channel, without and with it.
+function movedLines(effect) {
+  return (effect.moved_lines ?? []).filter((m) => Number.isFinite(m.before_percent) && Number.isFinite(m.after_percent))
+    .map((m) => `${m.channel.replaceAll("_", " ")} ${number(m.before_percent)} → ${number(m.after_percent)} %`).join(", ");
+}
+
 function evidencePairs(effect) {
   const { evidence = {}, error_before: before = {}, error_after: after = {}, channels } = effect;
   const rival = evidence.runner_up ? `${words(evidence.runner_up)}, by ${number(evidence.over_runner_up)}` : "none";
@@ -102,6 +108,7 @@ function evidencePairs(effect) {
     ["observation", evidence.detail],
     ["waveform error on held-out windows", change(before.waveform_percent, after.waveform_percent)],
     ["RMS error on held-out windows", change(before.rms_percent, after.rms_percent)],
+    ["error of the lines that it moves, on held-out windows", movedLines(effect)],
     ["held-out windows", after.windows?.join(", ")]].filter(([, value]) => value);
 }
 

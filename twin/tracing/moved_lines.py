@@ -1,0 +1,75 @@
+"""Errors of held-out windows on the lines that one effect moves, channel by channel: what the effect claims to explain.
+
+    error = √(Σ |y − m|² / Σ |y|²)      over the windows' lines with |b − a|² > c²·v(b)
+
+y     measured line of a channel
+m     predicted without the effect (a) or with it (b), all other effects in the twin both times
+v(b)  what the line of a healthy machine scatters by (twin/tracing/held_out_gain.py)
+
+The lines are chosen by the predictions alone, so that the choice favours neither. The error of a whole channel also
+holds what the structure of the twin misses; beside it, an effect of a few weak lines does not show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.assessment import MovedLines
+from twin.scales import Scales
+from twin.thresholds import deciding
+from twin.tracing.held_out_error import HeldOutComparison
+from twin.tracing.held_out_gain import SCATTER, HeldOutScatter, variance_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MovedLineLimits:
+    """Which lines an effect claims."""
+
+    least_move: float = deciding(
+        2.0,
+        of="standard deviation of the line",
+        meaning="move of a predicted line from which an effect is judged by it",
+        source="derivation: the error of a single line that moves so far rises by chance in 8 % of the cases in which "
+        "the effect is there as fitted, and in fewer where lines are several",
+    )
+
+
+MOVED_LINE_LIMITS = MovedLineLimits()
+
+
+def moved_lines(
+    windows: Iterable[tuple[HeldOutComparison, HeldOutComparison]],
+    shaft_orders: tuple[float, float],
+    scales: Scales,
+    scatter: HeldOutScatter = SCATTER,
+    limits: MovedLineLimits = MOVED_LINE_LIMITS,
+) -> tuple[MovedLines, ...]:
+    """Of every channel in which the effect moves lines: how many, and their error without and with it.
+
+    windows       each as the twin without and with the effect predicts it
+    shaft_orders  of pinion and gear
+    """
+    sums: dict[str, np.ndarray] = {}  # by channel: lines, energies measured, left without and left with the effect
+    for without, present in windows:
+        for name, before in without.channels.items():
+            after = present.channels[name]
+            moved = np.abs(after.predicted - before.predicted) ** 2
+            own = moved > limits.least_move**2 * variance_of(name, after, shaft_orders, scales, scatter)
+            energies = [
+                float(np.sum(np.abs(lines[own]) ** 2))
+                for lines in (before.measured, before.measured - before.predicted, after.measured - after.predicted)
+            ]
+            sums[name] = sums.get(name, np.zeros(4)) + np.array([np.count_nonzero(own), *energies])
+    return tuple(
+        MovedLines(
+            channel=name,
+            lines=int(count),
+            before=float(np.sqrt(before / measured)),
+            after=float(np.sqrt(after / measured)),
+        )
+        for name, (count, measured, before, after) in sums.items()
+        if count and measured > 0
+    )
