@@ -49,8 +49,8 @@ class JoiningLimits:
     judged_again: float = deciding(
         100.0,
         unit="nat",
-        meaning="log likelihood ratio of held-out windows from which an effect that raises their whole error is only left "
-        "out until there are more of them",
+        meaning="log likelihood ratio of held-out windows from which an effect that raises the whole error is left out "
+        "only until there are more",
         source="not derived: chosen as in pruning, beyond any doubt of its lines; tuned on the wide evaluation's first "
         "draw: a misalignment beside pitch errors has 1000 nat and raises the whole error of one held-out window; with "
         "two it halves the error",
