@@ -11,8 +11,8 @@ from twin.assessment import HeldOutErrors
 from twin.errors import NotAvailable, NotConverged
 from twin.rig import Rig
 from twin.state import State
-from twin.tracing import attribution_loop, confirmation
-from twin.tracing.confirmation import not_confirmed, with_errors
+from twin.tracing import attribution_loop, confirmation, joining
+from twin.tracing.confirmation import not_confirmed, refuted_before, with_errors
 from twin.tracing.context import TracingContext
 from twin.tracing.held_out_error import HeldOutComparison
 from twin.tracing.summary import attribution_of
@@ -61,6 +61,19 @@ def test_effect_is_not_confirmed_by_the_windows_on_which_it_fails(tracing, monke
     monkeypatch.setattr(confirmation, "compare", failing_with_the_effect(2))
     judged = with_errors(RIG, tracing)
     assert [f.name for f in not_confirmed(judged, {})] == ["misalignment"]
+
+
+@pytest.mark.parametrize(("gain", "remembered"), [(50.0, True), (1000.0, False), (None, True)])
+def test_effect_whose_own_lines_speak_for_it_is_judged_again_by_more_held_out_windows(
+    tracing, monkeypatch, gain, remembered
+):
+    monkeypatch.setattr(confirmation, "compare", failing_with_the_effect(2))
+    monkeypatch.setattr(confirmation, "_gain", lambda *given: gain)
+    judged = with_errors(RIG, tracing)
+    doubted = not_confirmed(judged, {})
+    refuted = joining._refuted(judged, doubted)
+    assert set(refuted) == {"misalignment"}  # said to be not confirmed, until it is
+    assert refuted_before(doubted[0], refuted) == remembered
 
 
 def test_errors_of_the_twin_in_use_are_computed_without_any_effect_too(tracing, monkeypatch):

@@ -17,6 +17,7 @@ from twin.model import Condition
 from twin.rig import Rig
 from twin.scales import Scales
 from twin.step import Options, State, step
+from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import NOTHING, TracingContext, WornWindows
 from twin.tracing.detectors import DETECTORS, crack, mesh, non_gear, rattle, tooth_errors
 from twin.tracing.findings import Findings, NonGearContent
@@ -76,6 +77,19 @@ def test_detector_keeps_what_was_found_before_it(detector):
     assert found.run_out_orders == (set() if detector.name == "eccentricity" else {1})
     content = replace(found.non_gear, described="")  # the unknown effect puts what was found in words
     assert content == (NonGearContent() if detector.name == "non_gear" else tone)
+
+
+def test_mesh_lines_are_fitted_as_an_accelerometer_without_its_fault_would_have_shown_them():
+    context = healthy()
+    onset = mesh.mesh_windows(context).windows[1].revolutions
+    fault = AttributedEffect.of(EFFECTS["sensor_gain"](gain=2.0), onset=onset, parameters={}, log_evidence=50.0)
+    faulty = context.with_findings(context.findings.adding(fault))
+    for before, after in zip(mesh.mesh_windows(context).windows, mesh.mesh_windows(faulty).windows, strict=True):
+        gain = 2.0 if before.revolutions >= onset else 1.0
+        for name in ("lines", "std"):
+            was, now = getattr(before, name), getattr(after, name)
+            np.testing.assert_allclose(gain * now["acceleration"], was["acceleration"])
+            np.testing.assert_array_equal(now["encoder"], was["encoder"])
 
 
 def test_every_detector_that_an_effect_declares_is_run():

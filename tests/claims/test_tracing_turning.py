@@ -14,6 +14,8 @@ from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.scales import Scales
 from twin.tracing.detectors.rattle import find_rattle
 from twin.tracing.detectors.shaft_forces import find_shaft_forces, run_out_of, tooth_errors_explain
+from twin.tracing.detectors.tooth_errors import BesideRipple, find_pitch_errors
+from twin.tracing.shaft_lines import without_line, without_order
 
 PHASE = 0.7  # of the mesh against the encoder's zero [rad]
 RIPPLE = EFFECTS["torque_ripple"](amplitude=0.5, order=8.0, phase=0.4)
@@ -21,6 +23,7 @@ PITCH = EFFECTS["pitch_error"](pinion=tuple(3e-6 * np.random.default_rng(5).norm
 SWAY = EFFECTS["backlash_rattle"](extra_backlash=0.0, load_ripple=0.5, order=1.0)
 NOISE = 1e-4  # [N·m]
 SCALES = Scales.of(RIG)
+UNWORN = [(CONDITION, model().unworn)] * 6
 
 
 def recorded(effect, count=6, torque_scale=1.0, condition=CONDITION):
@@ -55,13 +58,13 @@ def test_ripple_is_found_with_its_order_size_and_phase():
     assert found.effect.order == 8.0
     assert found.effect.amplitude == pytest.approx(0.5, rel=0.02)
     assert found.effect.phase == pytest.approx(0.4, abs=0.02)
-    assert not tooth_errors_explain(model(), recorded(RIPPLE), CONDITION, (PITCH,), PHASE, 8)
+    assert not tooth_errors_explain(model(), recorded(RIPPLE), UNWORN, (PITCH,), PHASE, 8)
 
 
 @pytest.mark.parametrize("order", [3, 5, 6, 8])
 def test_torque_that_pitch_errors_make_is_theirs_and_three_times_as_much_is_not(order):
-    assert tooth_errors_explain(model(), recorded(PITCH), CONDITION, (PITCH,), PHASE, order)
-    assert not tooth_errors_explain(model(), recorded(PITCH, torque_scale=3.0), CONDITION, (PITCH,), PHASE, order)
+    assert tooth_errors_explain(model(), recorded(PITCH), UNWORN, (PITCH,), PHASE, order)
+    assert not tooth_errors_explain(model(), recorded(PITCH, torque_scale=3.0), UNWORN, (PITCH,), PHASE, order)
 
 
 @pytest.mark.parametrize("name", ["torque_ripple", "mass_unbalance"])
@@ -100,6 +103,42 @@ def test_teeth_that_strike_rattle_without_a_torque_meter_where_the_transmission_
     assert (found is not None) == rattles
     if found is not None:
         assert found.parameters == {"order": (1.0, "", 0.0)}
+
+
+@pytest.mark.parametrize(("run_out", "orders"), [(60e-6, [8.0]), (0.0, [])])
+def test_ripple_is_found_beside_the_torque_of_an_eccentric_pinion_and_not_beside_another_force(run_out, orders):
+    windows = []
+    for w in recorded(RIPPLE):
+        torque = (0.8 * w.torque.at(0, 8, 0), *w.torque.amplitudes[1:])
+        error = replace(w.torque, unit="m", amplitudes=(run_out * np.exp(0.3j), *(1e-9,) * 9))
+        windows.append(replace(w, torque=replace(w.torque, amplitudes=torque), transmission_error=error))
+    assert [f.order for f in find_shaft_forces(model(), windows, [CONDITION] * 6, PHASE, SCALES)] == orders
+
+
+@pytest.mark.parametrize("order", [2, 3])  # whose aliases by 19 teeth are not read
+def test_pitch_errors_beside_a_ripple_are_fitted_to_what_the_ripple_leaves_of_their_line(order):
+    ripple = EFFECTS["torque_ripple"](amplitude=0.5, order=float(order), phase=0.4)
+    orders = np.arange(1.0, 16.0)
+    both = solve_with(model(), (ripple, PITCH), model().unworn, CONDITION, "pinion").transmission_error(orders)
+    made = solve_with(model(), (ripple,), model().unworn, CONDITION, "pinion").transmission_error([order])[0]
+    turn = np.exp(1j * orders * PHASE / 19)
+    error = MeasuredLines(
+        unit="m", keys=tuple((0, int(p), 0) for p in orders), orders=tuple(orders), amplitudes=tuple(both * turn),
+        std=(1e-9,) * 15,
+    )  # fmt: skip
+    windows = [replace(w, transmission_error=error) for w in recorded(ripple, count=3)]
+    rest = without_line(windows, (0, order, 0), [made * turn[order - 1]] * 3)
+    beside = BesideRipple(windows=tuple(rest), order=order, std=0.15 * abs(made))
+
+    def off(beside):
+        found = find_pitch_errors(
+            model(), without_order(windows, order), [CONDITION] * 3, [model().unworn] * 3, PHASE, SCALES,
+            RIG.tolerances, beside=beside,
+        )  # fmt: skip
+        true = np.array(PITCH.pinion) - np.mean(PITCH.pinion)
+        return np.linalg.norm(np.array(found.effect.pinion) - true) / np.linalg.norm(true)
+
+    assert off(beside) < 0.15 < off(None)
 
 
 def test_line_that_grows_from_window_to_window_is_no_ripple():

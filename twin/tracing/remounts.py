@@ -1,8 +1,9 @@
 """A trace of all windows as on one mounting of the encoder discs.
 
-What looks like a disc that was turned may be an effect that sets in. A turned disc is believed where wear alone
-explains all windows once the disc is turned back; only where nothing explains all windows together are the earlier
-ones given up.
+What looks like a disc that was turned may be an effect that sets in, or effects from the start by which the first
+windows showed a wrong phase of the mesh. A turned disc is believed where wear alone explains all windows once the disc
+is turned back. Where nothing explains all windows together, they are traced with the phase that the later ones show;
+only where that explains no more are the earlier ones given up.
 
     Y_o → Y_o·e^{−i·o·Δ/z1}                  line of order o on the mounting before, Δ the turn of the mesh phase [rad]
 """
@@ -38,8 +39,8 @@ class RemountLimits:
     left_share: float = deciding(
         0.5,
         of="misfit of all windows",
-        meaning="misfit of the windows since the turn below which the earlier ones are given up",
-        source="not derived: chosen so that giving up windows must at least halve the misfit",
+        meaning="misfit below which the later windows' phase is believed for all, or the earlier ones are given up",
+        source="not derived: chosen so that another phase, or giving up windows, must at least halve the misfit",
     )
 
 
@@ -84,12 +85,15 @@ def trace_over_remounts(
     else:
         whole = attempt(tracing.turns)
     if new_turn and (whole.misfit_after or 0.0) > OnsetThresholds().explained:
-        try:
-            part = attempt((), memory.discs_since_ns, memory.phase)
-        except (NotAvailable, NotConverged):
-            return tracing, whole
-        if (part.misfit_after or 0.0) < limits.left_share * (whole.misfit_after or 0.0):
-            return tracing, part
+        most = limits.left_share * (whole.misfit_after or 0.0)
+        of_later = replace(tracing, phase=memory.phase, turns=((memory.discs_since_ns, 0.0),))
+        for since, after in ((0, of_later), (memory.discs_since_ns, tracing)):
+            try:
+                other = attempt((), since, memory.phase)
+            except (NotAvailable, NotConverged):
+                continue
+            if (other.misfit_after or 0.0) < most:
+                return after, other
     return tracing, whole
 
 

@@ -135,3 +135,16 @@ def without_order(windows: Sequence[WindowFeatures], order: int) -> list[WindowF
             )
         out.append(replace(w, transmission_error=te))
     return out
+
+
+def without_line(windows: Sequence[WindowFeatures], key: Key, made: Sequence[complex]) -> list[WindowFeatures]:
+    """The windows (n,) without what something makes of one line of the transmission error (n,), in its unit."""
+    out = []
+    for w, own in zip(windows, made, strict=True):
+        te = w.transmission_error
+        if te is not None and key in te.keys:
+            at = te.keys.index(key)
+            rest = (*te.amplitudes[:at], te.amplitudes[at] - own, *te.amplitudes[at + 1 :])
+            te = replace(te, amplitudes=rest)
+        out.append(replace(w, transmission_error=te))
+    return out

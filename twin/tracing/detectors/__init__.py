@@ -56,7 +56,7 @@ DETECTORS = (
     Detector(name="crack", detect=crack.detect, consults=("shaft_forces", "tooth_errors")),
     Detector(name="non_gear", detect=non_gear.detect, needs_phase=False, consults=TEETH),
     Detector(name="eccentricity", detect=eccentricity.detect, consults=(*TEETH, "shaft_forces")),
-    Detector(name="mesh", detect=mesh.detect, consults=TEETH),
+    Detector(name="mesh", detect=mesh.detect, consults=(*TEETH, "sensor")),
     Detector(
         name="tooth errors fitted again with the effects on the mesh",
         detect=tooth_errors.refit,

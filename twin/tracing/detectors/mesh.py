@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from twin.tracing.mesh_fits import AlikeTeeth, DifferingTeeth, Fits
 from twin.tracing.mesh_search import MeshFindings, search_mesh
 from twin.tracing.mesh_trials import fitted_numbers, plain
 from twin.tracing.mesh_windows import MeshWindows
-from twin.tracing.observed import chosen
+from twin.tracing.observed import Observed, chosen
 from twin.tracing.scatter import MODELLED, HealthyScatter
 from twin.tracing.size_laws import interval_std
 from twin.tracing.tooth_factors import factors_of
@@ -81,7 +82,7 @@ def detect(context: TracingContext, limits: MeshThresholds = THRESHOLDS) -> Find
 
 def mesh_windows(context: TracingContext, limits: MeshThresholds = THRESHOLDS) -> MeshWindows:
     """The windows that mesh lines are fitted on, with what teeth that differ make of them."""
-    fresh = [w.observed for w in context.mounted if w.index not in context.held_out]
+    fresh = [_heard_well(w.observed, context) for w in context.mounted if w.index not in context.held_out]
     picked = chosen(fresh, limits.most_windows)
     start = np.array([context.depths.get(o.index, 0.0) for o in picked])
     teeth = [f.addition for f in context.findings.tooth_errors]
@@ -95,6 +96,21 @@ def mesh_windows(context: TracingContext, limits: MeshThresholds = THRESHOLDS) -
         scatter=HealthyScatter.of_rig(context.rig, context.scales),
         required=context.required,
     )
+
+
+def _heard_well(window: Observed, context: TracingContext) -> Observed:
+    """A window's lines as an accelerometer without its faults would have shown them."""
+    faults = [f.addition for f in context.findings.effects if f.addition.effect.facts.acts_on == "sensor"]
+    lines, std = window.lines["acceleration"], window.std["acceleration"]
+    frequency = window.condition.speed_hz * context.rig.teeth[0] * np.arange(1, lines.size + 1)
+    for fault in faults:
+        effect: Any = fault.at(window.revolutions)
+        if effect is not None:
+            gain = effect.response(frequency)
+            lines, std = lines / gain, std / np.abs(gain)
+    if not faults:
+        return window
+    return replace(window, lines={**window.lines, "acceleration": lines}, std={**window.std, "acceleration": std})
 
 
 def wear_alone(context: TracingContext) -> MeshFindings:

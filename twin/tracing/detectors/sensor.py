@@ -6,7 +6,7 @@ there from the start must stand out from the rig file's tolerance of the structu
 kind.
 
 Source   twin/tracing/transfer_path.py; twin/effects/sensor_gain.py, sensor_resonance.py
-Holds    both encoders; teeth that do not differ from one another, whose lines the quotient does not cancel
+Holds    both encoders; whatever excites the mesh, teeth that differ from one another too: the quotient cancels it
 """
 
 from __future__ import annotations
@@ -59,12 +59,14 @@ THRESHOLDS = SensorThresholds()
 def detect(context: TracingContext, limits: SensorThresholds = THRESHOLDS) -> Findings:
     """The findings with what is wrong with the accelerometer, and whether the structure is not the rig file's."""
     findings = context.findings
-    if findings.other_structure or findings.has("pitch_error"):
+    if findings.other_structure:
         return findings
     mesh = wear_alone(context) if findings.mesh is None else findings.mesh
     if any(o.pinion_only for o in mesh.windows):
         return findings
-    seen = quotients(mesh.best, mesh.windows, context.model.mesh.pair.teeth[0], context.scales.graduation[0])
+    shown = {w.index: w.observed for w in context.mounted}  # not as a sound accelerometer would have shown them
+    windows = [shown[o.index] for o in mesh.windows]
+    seen = quotients(mesh.best, windows, context.model.mesh.pair.teeth[0], context.scales.graduation[0])
     tolerance = context.rig.tolerances.accelerometer_gain
     change = gain_change(seen, tolerance)
     if change is not None:

@@ -5,8 +5,9 @@ of all teeth are fitted by linear least squares to those windows whose flanks ar
 the flanks that such teeth have by then; the response is not linear once errors reach what the load deflects, so the fit
 goes on with the whole response. The lowest orders get the scatter of run-out and graduation.
 
-A torque ripple makes one such line, too: where pitch errors do not explain the torque's line, the transmission error's
-line at its order is left out.
+A torque ripple makes one such line, too. Where pitch errors do not explain the torque's line, the transmission error's
+line at its order proves no pitch errors; they are fitted to what the ripple leaves of it. A run-out of the pinion is no
+pitch error either: where the line at its own order is beyond what a disc may be off, it is that of an eccentricity.
 
 Source   twin/effects/pitch_error.py; patterns: twin/tracing/tooth_patterns.py
 Holds    both encoders; windows that resolve the orders (8 turns and more)
@@ -31,9 +32,11 @@ from twin.scales import Scales
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import TracingContext
+from twin.tracing.detectors.shaft_forces import THRESHOLDS as FORCES
 from twin.tracing.detectors.shaft_forces import tooth_errors_explain
 from twin.tracing.findings import Findings
 from twin.tracing.scatter import MODELLED
+from twin.tracing.shaft_lines import unit_responses, without_line
 from twin.tracing.tooth_patterns import (
     NAMES,
     PATTERNS,
@@ -78,6 +81,12 @@ class ToothErrorThresholds:
     line_scatter: float = deciding(
         0.05, of="line", meaning="what the modelled response may be off", source="not derived: chosen"
     )
+    force_scatter: float = deciding(
+        0.15,
+        of="what a torque ripple makes of the line",
+        meaning="what that may be off, where pitch errors are fitted to the rest of the line",
+        source="the torque meter's path at its lowest harmonic (twin/tracing/scatter.py)",
+    )
 
 
 THRESHOLDS = ToothErrorThresholds()
@@ -88,20 +97,17 @@ def detect(context: TracingContext, limits: ToothErrorThresholds = THRESHOLDS) -
     findings = context.findings
     if "pitch_error" in context.rejected:
         return findings
-    found = _fitted(context, context.features, limits)
     ripple = findings.force("torque")
-    if ripple is not None:
-        order = round(ripple.order)
+    found = _fitted(context.with_findings(findings.without(ripple.name)) if ripple else context, limits)
+    if ripple is not None and found is not None:
         first = context.fitting[: PATTERNS.first_windows]
-        worn = [context.profiles[w.index] for w in first]
-        new = _with_newest_flanks(worn, limits.new_flanks * context.scales.deflection)
-        features, condition = [first[i].features for i in new], first[new[0]].condition
-        if found is not None and tooth_errors_explain(
-            context.model, features, condition, (found.effect,), context.mesh_phase, order
+        features, worn = [w.features for w in first], [(w.condition, context.profiles[w.index]) for w in first]
+        if tooth_errors_explain(
+            context.model, features, worn, (found.effect,), context.mesh_phase, round(ripple.order)
         ):
             findings = findings.without(ripple.name)
-        elif found is not None:
-            found = _fitted(context, context.tooth_features, limits)
+        else:
+            found = _fitted(context, limits)
     if found is None or found.over_healthy <= limits.energy_over_healthy:
         return findings
     return findings.adding(attributed(found), rejected=context.rejected)
@@ -114,7 +120,7 @@ def refit(context: TracingContext) -> Findings:
         return findings
     best = findings.mesh.best
     early = tuple(e for t, e in zip(best.trials, best.effects(), strict=True) if t.onset == 0)
-    found = _fitted(context, context.tooth_features, THRESHOLDS, early)
+    found = _fitted(context, THRESHOLDS, early)
     if found is None:
         return findings
     again = attributed(found)
@@ -125,7 +131,7 @@ def tooth_additions(context: TracingContext, mesh_effects: Sequence[Addition]) -
     """The teeth's effects found so far, pitch errors fitted anew together with effects of the mesh from the start."""
     early = tuple(a.effect for a in mesh_effects if a.onset_revolutions == 0)
     again = early and context.findings.has("pitch_error")
-    found = _fitted(context, context.tooth_features, THRESHOLDS, early) if again else None
+    found = _fitted(context, THRESHOLDS, early) if again else None
     return [
         Addition(effect=found.effect) if f.name == "pitch_error" and found is not None else f.addition
         for f in context.findings.tooth_errors
@@ -133,15 +139,13 @@ def tooth_additions(context: TracingContext, mesh_effects: Sequence[Addition]) -
 
 
 def _fitted(
-    context: TracingContext,
-    windows: Sequence[WindowFeatures],
-    limits: ToothErrorThresholds,
-    effects: Sequence[Effect] = (),
+    context: TracingContext, limits: ToothErrorThresholds, effects: Sequence[Effect] = ()
 ) -> ToothFinding | None:
+    """Pitch errors fitted with effects of the mesh, and with a suspected ripple of the torque."""
     fitting = context.fitting
     return find_pitch_errors(
         context.model,
-        windows,
+        context.tooth_features,
         [w.condition for w in fitting],
         [context.profiles[w.index] for w in fitting],
         context.mesh_phase,
@@ -149,7 +153,25 @@ def _fitted(
         context.rig.tolerances,
         effects,
         limits,
+        _beside_ripple(context, limits),
     )
+
+
+def _beside_ripple(context: TracingContext, limits: ToothErrorThresholds) -> BesideRipple | None:
+    """The lines of the transmission error without what a suspected ripple of the torque makes of them."""
+    ripple = context.findings.force("torque")
+    if ripple is None:
+        return None
+    first = context.fitting[: PATTERNS.first_windows]
+    made = unit_responses(
+        context.model, [w.condition for w in first], ripple.effect, "transmission_error", ripple.order,
+        context.mesh_phase, FORCES.same_speed,
+    )  # fmt: skip
+    if made is None:
+        return None
+    order = round(ripple.order)
+    windows = without_line([w.features for w in first], (0, order, 0), made)
+    return BesideRipple(windows=tuple(windows), order=order, std=limits.force_scatter * float(np.abs(made).max()))
 
 
 def attributed(finding: ToothFinding) -> AttributedEffect:
@@ -183,6 +205,15 @@ class _ToothFit:
         return found - found.mean()
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class BesideRipple:
+    """The first windows without what a torque ripple makes of one of their lines."""
+
+    windows: tuple[WindowFeatures, ...]
+    order: int  # of the pinion
+    std: float  # of what the ripple makes of the line [m]
+
+
 def find_pitch_errors(
     model: Model,
     windows: Sequence[WindowFeatures],
@@ -193,20 +224,23 @@ def find_pitch_errors(
     tolerances: Tolerances,
     effects: Sequence[Effect] = (),
     limits: ToothErrorThresholds = THRESHOLDS,
+    beside: BesideRipple | None = None,
 ) -> ToothFinding | None:
     """Pitch errors of both gears from the first windows; None where a healthy machine's lines explain them.
 
     windows, conditions, profiles  of measurement windows, the first first (n,); only the first few are used
     effects  of the mesh's period, that are in the twin already
+    beside   what pitch errors are fitted to beside a torque ripple, whose line proves none
     """
     first, teeth = list(windows)[: PATTERNS.first_windows], model.mesh.pair.teeth
+    shown = first if beside is None else list(beside.windows)
     new = _with_newest_flanks(profiles[: len(first)], limits.new_flanks * scales.deflection)
     strength, counts, measured = [], [], []
     for gear in (0, 1):
         lines = _mean_lines(patterns(first, teeth, phase, gear))
         strength.append(rms_of(lines) / (limits.healthy_pattern[gear] * scales.graduation[gear]))
         counts.append(lines.size)
-        measured.append(_with_low_orders([first[i] for i in new], teeth, phase, gear))
+        measured.append(_with_low_orders([shown[i] for i in new], teeth, phase, gear))
     if max(strength) < 1.0:
         return None
 
@@ -231,8 +265,11 @@ def find_pitch_errors(
         one, following = (made_by(_one_tooth(gear, z, k, unit), gear, m) for k in (0, 1))
         response = (one / unit)[:, None] * tooth_shifts(z, m, one, following)
         noise = limits.line_noise * scales.graduation[0]
-        low = np.where(m < PATTERNS.lowest_order[gear], graduation[gear], 0.0)
-        std = np.hypot(noise, limits.line_scatter * np.abs(pattern.lines)) + low
+        std = np.hypot(noise, limits.line_scatter * np.abs(pattern.lines)) + _low_orders_std(
+            pattern, PATTERNS.lowest_order[gear], graduation[gear], FORCES.run_out * scales.once_per_turn[gear]
+        )
+        if beside is not None and gear == 0:
+            std = np.where(m == beside.order, np.hypot(std, beside.std), std)
         whitened = (response.real / std[:, None], response.imag / std[:, None], np.eye(z) / PRIOR)
         fits.append(_ToothFit(gear=gear, pattern=pattern, matrix=np.concatenate(whitened), std=std))
     values = _displacements(fits, teeth, lambda effect: [solved(i, effect) for i in new])
@@ -247,6 +284,13 @@ def find_pitch_errors(
         detail=", ".join(f"{n} {1e6 * float(np.std(v)):.2g} µm rms" for n, v in values.items()),
         over_healthy=float(sum(s**2 - 1 for s in strength if s > 1)),
     )
+
+
+def _low_orders_std(pattern: Pattern, lowest: int, graduation: float, most: float) -> np.ndarray:
+    """What the lowest orders may be off (n,) [m]: graduation, or all of a run-out beyond the most that a disc has."""
+    size = np.abs(pattern.lines)
+    run_out = (pattern.orders == 1) & (size > most)
+    return np.where(pattern.orders < lowest, np.where(run_out, size, graduation), 0.0)
 
 
 def _with_newest_flanks(profiles: Sequence[WornProfile], new: float) -> list[int]:
