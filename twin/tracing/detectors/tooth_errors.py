@@ -6,7 +6,8 @@ the flanks that such teeth have by then; the response is not linear once errors 
 goes on with the whole response. The lowest orders get the scatter of run-out and graduation.
 
 A torque ripple makes one such line, too: where pitch errors do not explain the torque's line, the transmission error's
-line at its order is left out.
+line at its order is left out. So are the lines of a force with harmonics that moves the housing itself, as a misaligned
+coupling does (twin/tracing/shaft_remainder.py): teeth cannot.
 
 Source   twin/effects/pitch_error.py; patterns: twin/tracing/tooth_patterns.py
 Holds    both encoders; windows that resolve the orders (8 turns and more)
@@ -88,7 +89,7 @@ def detect(context: TracingContext, limits: ToothErrorThresholds = THRESHOLDS) -
     findings = context.findings
     if "pitch_error" in context.rejected:
         return findings
-    found = _fitted(context, context.features, limits)
+    found = _fitted(context, context.free_features, limits)
     ripple = findings.force("torque")
     if ripple is not None:
         order = round(ripple.order)
