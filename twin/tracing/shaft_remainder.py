@@ -10,6 +10,8 @@ Teeth that differ, eccentric gears and worn flanks displace the mesh: at the low
 of the structure, that moves the housing by nanometres. What turns with the shaft and pushes on it or on the housing (a
 misaligned coupling, a rub over part of a turn, a foot that lifts off, an unbalance) moves the housing itself. A line
 stands out where the windows that show it leave Σ|r|²/σ² beyond chance, and its level beyond s.
+A line that begins while the machine is watched is compared with the windows before: the discs' errors stay and go from
+the difference.
 
 Source   χ² of Gaussian noise; orders of a misaligned coupling: M. Xu, R. D. Marangoni, J. Sound Vib. 176 (1994)
          663–691; of looseness and rubs: A. Muszynska, Rotordynamics (2005), ch. 6
@@ -65,6 +67,16 @@ class ShaftRemainderThresholds:
         source="derivation: noise alone adds 1 on average and 4 in 1 of 50 windows",
     )
     least_windows: int = deciding(2, meaning="windows that must show a line", source="not derived: one may be chance")
+    least_changed: float = deciding(
+        0.4,
+        of="level of a line that was there from the start",
+        meaning="level by which a line has changed",
+        source="tuned on wide draw 1; what does not change, as a disturbance of the drive, has gone from it",
+    )
+    same_condition: float = deciding(
+        0.05, meaning="difference of ln speed and of ln torque within which windows are compared", source="as segments"
+    )
+    least_before: int = deciding(2, meaning="windows before a change in its condition", source="as `least_windows`")
     dominance: float = deciding(
         3.0, meaning="line of a force of one order over lines at other orders", source="as for a torque ripple"
     )
@@ -116,6 +128,50 @@ def disc_error(order: int, scales: Scales) -> float:
     return float(np.hypot(pinion, scales.graduation[1]))
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Rest:
+    """What one line leaves of every window that shows it, (n,) each."""
+
+    at: np.ndarray  # positions of the windows
+    rest: np.ndarray  # r, complex
+    std: np.ndarray  # σ
+    mesh: np.ndarray  # |ρ|·κ·|e|: what the model's ratio leaves of the teeth's part
+    disc: np.ndarray  # |ρ|·σ_disc
+    condition: np.ndarray  # ln of speed and torque (n, 2)
+
+    def of(self, chosen: np.ndarray) -> _Rest:
+        """The same of some windows."""
+        return _Rest(
+            at=self.at[chosen], rest=self.rest[chosen], std=self.std[chosen], mesh=self.mesh[chosen],
+            disc=self.disc[chosen], condition=self.condition[chosen],
+        )  # fmt: skip
+
+
+def _rest(
+    channel: str, p: int, windows: Sequence[WindowFeatures], ratio: Sequence[np.ndarray | None], scales: Scales
+) -> _Rest | None:
+    """What the mesh does not make of one line; None where too few windows were read."""
+    rows = []
+    for i, (w, ρ) in enumerate(zip(windows, ratio, strict=True)):
+        lines: MeasuredLines | None = getattr(w, channel)
+        error = w.transmission_error
+        y = None if lines is None else lines.get(0, p, 0)
+        e = None if error is None or error.unit != "m" else error.get(0, p, 0)
+        if lines is None or y is None or e is None or ρ is None:
+            continue
+        factor, load = abs(ρ[p - 1]), max(abs(w.torque_nm or 1.0), 1e-9)
+        mesh, disc = factor * ENTRY.structure * abs(e), factor * disc_error(p, scales)
+        condition = (float(np.log(w.speed_hz or 1.0)), float(np.log(load)))
+        rows.append((i, y - ρ[p - 1] * e, lines.std_at(0, p, 0), mesh, disc, condition))
+    if len(rows) < THRESHOLDS.least_windows:
+        return None
+    at, rest, std, mesh, disc, conditions = zip(*rows, strict=True)
+    return _Rest(
+        at=np.array(at), rest=np.array(rest), std=np.array(std), mesh=np.array(mesh), disc=np.array(disc),
+        condition=np.array(conditions),
+    )  # fmt: skip
+
+
 def _line(
     channel: str,
     p: int,
@@ -126,30 +182,60 @@ def _line(
     limits: ShaftRemainderThresholds,
 ) -> ShaftLine | None:
     """What one line leaves over the windows; None where that is nothing, or too few windows were read."""
-    at, rest, std, common = [], [], [], []
-    for i, (w, ρ) in enumerate(zip(windows, ratio, strict=True)):
-        lines: MeasuredLines | None = getattr(w, channel)
-        error = w.transmission_error
-        y = None if lines is None else lines.get(0, p, 0)
-        e = None if error is None or error.unit != "m" else error.get(0, p, 0)
-        if lines is None or y is None or e is None or ρ is None:
-            continue
-        at.append(i)
-        rest.append(abs(y - ρ[p - 1] * e))
-        std.append(lines.std_at(0, p, 0))
-        common.append(abs(ρ[p - 1]) * np.hypot(disc_error(p, scales), ENTRY.structure * abs(e)))
-    if len(at) < limits.least_windows:
+    seen = _rest(channel, p, windows, ratio, scales)
+    if seen is None:
         return None
-    r, σ, s = np.array(rest), np.array(std), np.array(common)
+    r, σ = np.abs(seen.rest), seen.std
+    start = _start(r, σ, limits)
+    common = np.hypot(seen.mesh, seen.disc)[start:]
+    level = _level(r[start:], σ[start:], common, least, limits)
+    if level is not None:
+        return ShaftLine(order=p, channel=channel, level=level, since=int(seen.at[start]))
+    return _changed(channel, p, seen, least, limits)
+
+
+def _start(r: np.ndarray, σ: np.ndarray, limits: ShaftRemainderThresholds) -> int:
+    """Position from which on a line is there, if it is there at all."""
     support = np.cumsum((0.5 * (r / σ) ** 2 - limits.window_cost)[::-1])[::-1]
-    start = int(np.argmax(support[: len(at) - limits.least_windows + 1]))
-    r, σ, s = r[start:], σ[start:], s[start:]
+    return int(np.argmax(support[: r.size - limits.least_windows + 1]))
+
+
+def _level(
+    r: np.ndarray, σ: np.ndarray, common: np.ndarray, least: float, limits: ShaftRemainderThresholds
+) -> float | None:
+    """Level of what is left in some windows; None where noise, discs or the model's ratio explain it.
+
+    common  standard deviation of what all windows share (n,)
+    """
     level = float(np.sqrt(max(np.mean(r**2) - np.mean(2 * σ**2), 0.0)))
     shown = np.count_nonzero(0.5 * (r / σ) ** 2 > limits.window_cost)
     clear = shown >= limits.least_windows and chi2.sf(np.sum((r / σ) ** 2), 2 * r.size) < limits.chance
-    if not clear or level < max(least, limits.over_mesh * float(np.sqrt(np.mean(s**2)))):
-        return None
-    return ShaftLine(order=p, channel=channel, level=level, since=at[start])
+    large = level >= max(least, limits.over_mesh * float(np.sqrt(np.mean(common**2))))
+    return level if clear and large else None
+
+
+def _changed(channel: str, p: int, seen: _Rest, least: float, limits: ShaftRemainderThresholds) -> ShaftLine | None:
+    """A line that has changed between two windows of one operating condition: errors of the discs do not change.
+
+    What is left is compared with its mean before, in windows of the same condition.
+    """
+    best = None
+    for start in range(1, seen.at.size - limits.least_windows + 1):
+        before, after = seen.of(np.arange(start)), seen.of(np.arange(start, seen.at.size))
+        same = [np.abs(before.condition - c).max(axis=1) < limits.same_condition for c in after.condition]
+        used = np.array([i for i, s in enumerate(same) if s.sum() >= limits.least_before], dtype=int)
+        if used.size < limits.least_windows:
+            continue
+        mean = np.array([before.rest[same[i]].mean() for i in used])
+        std = np.array([np.sqrt(np.sum(before.std[same[i]] ** 2)) / same[i].sum() for i in used])
+        now = after.of(used)
+        common = np.hypot(now.mesh, np.abs(mean))
+        change, σ = np.abs(now.rest - mean), np.hypot(now.std, std)
+        level = _level(change, σ, common, limits.least_changed * least, limits)
+        support = float(np.sum(0.5 * (change / σ) ** 2 - limits.window_cost))
+        if level is not None and (best is None or support > best[0]):
+            best = (support, level, int(now.at[0]))
+    return None if best is None else ShaftLine(order=p, channel=channel, level=best[1], since=best[2])
 
 
 def orders_of_force(lines: Sequence[ShaftLine], highest: int) -> frozenset[int]:
