@@ -47,6 +47,7 @@ from twin.features.despike import SpikeThresholds
 from twin.features.edge_counts import EdgeCountThresholds
 from twin.features.modulation import ModulationThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
+from twin.features.off_orders import OffOrderThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
 from twin.features.pulses import PulseThresholds
 from twin.inspected import InspectionLimits
@@ -87,6 +88,7 @@ from twin.tracing.moved_lines import MovedLineLimits
 from twin.tracing.remounts import RemountLimits
 from twin.tracing.scatter import LineScatter
 from twin.tracing.schedule import ScheduleLimits
+from twin.tracing.shaft_remainder import ShaftRemainderThresholds
 from twin.tracing.size_laws import SizeLawThresholds
 from twin.tracing.state import SearchStart
 from twin.tracing.tooth_patterns import PatternThresholds
@@ -95,6 +97,7 @@ from twin.tracing.unexplained import VerdictLimits
 from twin.tracing.unknown_entry import EntryThresholds
 from twin.tracing.unknown_held_out import UnknownConfirmation
 from twin.tracing.unknown_lines import UnknownLineThresholds
+from twin.tracing.unnamed_content import UnnamedThresholds
 from twin.updating.calibration import CalibrationFit, RigFilePrior
 from twin.updating.carried_over import CarriedOver
 from twin.updating.changing_speed import ChangingSpeed
@@ -158,6 +161,7 @@ SETS: tuple[type, ...] = (
     EdgeCountThresholds,
     ModulationThresholds,
     NonGearFeatureThresholds,
+    OffOrderThresholds,
     PlausibleOperatingThresholds,
     PulseThresholds,
     RelationLimits,
@@ -188,6 +192,8 @@ SETS: tuple[type, ...] = (
     UnknownLineThresholds,
     EntryThresholds,
     UnknownConfirmation,
+    ShaftRemainderThresholds,
+    UnnamedThresholds,
     JoiningLimits,
     JointFitThresholds,
     MeshSearchThresholds,

@@ -95,6 +95,8 @@ def verdict(answer: Mapping[str, Any]) -> list[str]:
         out.append(f"Unknown effect: {left.get('reason') or 'vibration that no known effect explains'}.")
     elif left.get("verdict") == "insufficient_data" and left.get("reason") != answer["wear"].get("reason"):
         out.append(f"The residual could not be judged: {left.get('reason')}.")
+    elif left.get("verdict") == "explained" and left.get("reason"):
+        out.append(f"Small, and of no known effect: {left['reason']}.")
     return out
 
 

@@ -204,6 +204,8 @@ def _limits(answer: Mapping[str, Any]) -> list[str]:
     left = answer.get("unexplained") or {}
     if left.get("verdict") == "insufficient_data" and left.get("reason") and left["reason"] not in missing:
         out.append(f"The residual could not be judged: {_sentence(left['reason'], capital=False)}")
+    if left.get("verdict") == "explained" and left.get("reason"):
+        out.append(f"Small, and of no known effect: {_sentence(left['reason'], capital=False)}")
     return out
 
 

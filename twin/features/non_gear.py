@@ -28,29 +28,26 @@ from typing import Any
 
 import numpy as np
 from scipy import fft
-from scipy.ndimage import maximum_filter1d
 
 from twin.errors import TwinError
 from twin.features.channel_lines import ChannelRecord, LineReading, Wanted, read_channels
 from twin.features.despike import without_spikes
 from twin.features.envelope import Carrier, kurtogram, modulations, without_shaft_lines
 from twin.features.extract import WindowSignals, reference
+from twin.features.off_orders import THRESHOLDS as OFF_ORDERS
+from twin.features.off_orders import OffOrders, WanderingTone, lines_of, wandering_tones
 from twin.features.resample import AngleSignal, on_angle
 from twin.features.tones import CLOSE, Tone, window_tones
-from twin.features.transforms import hann, power_of
+from twin.features.transforms import power_of
 from twin.rig import Rig
 from twin.serial import from_plain, to_plain
 from twin.thresholds import deciding
 from twin.windows import Samples, Window
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
-MOST_LINES = 12
 RINGING_WIDTH = 60.0  # of the bands among which the frequency that impacts ring at is sought [Hz]
 MOST_READ = 16  # lines of no shaft that are read from every channel of a window
 HIGHEST_OTHER = 60.0  # order of the pinion up to which transmission error and torque are searched
-LINE_REACH = 4  # bins to either side that a line is the highest of
-AROUND = 61  # bins that the noise near a line is taken from
-MESH_HARMONICS = range(1, 99)
 FEWEST_PULSES = 16  # from which a scatter is computed
 SCATTER = 20.0  # of a third difference over that of a pulse: 1² + 3² + 3² + 1²
 
@@ -59,23 +56,6 @@ SCATTER = 20.0  # of a third difference over that of a pulse: 1² + 3² + 3² + 
 class NonGearFeatureThresholds:
     """Which peaks of one window's spectrum and envelope are kept."""
 
-    from_shaft: float = deciding(
-        2.2,
-        unit="resolution steps",
-        meaning="distance from any order of a shaft",
-        source="Hann's main lobe is two steps to either side",
-    )
-    from_mesh: float = deciding(
-        6.0, unit="resolution steps", meaning="distance from a mesh line, whose skirt the speed widens", source=TUNED
-    )
-    stands_out: float = deciding(40.0, of="median power around", meaning="power of a line that is kept", source=TUNED)
-    least_amplitude: float = deciding(
-        15.0, of="acceleration noise floor", meaning="amplitude of a line that is kept", source=TUNED
-    )
-    of_mesh: float = deciding(
-        0.03, of="strongest mesh line near", meaning="amplitude of a line that is not a mesh line's skirt", source=TUNED
-    )
-    near_mesh: float = deciding(3.0, unit="order", meaning="distance of the mesh lines meant", source=TUNED)
     most_speed_variation: float = deciding(
         0.02,
         of="mean speed of the window",
@@ -163,60 +143,6 @@ class NonGearFeatures:
         )
 
 
-def _around(power: np.ndarray, bins: np.ndarray) -> np.ndarray:
-    """Mean power of noise near bins, from the median of AROUND; beyond the ends as at them; (n,), (m,) → (m,)."""
-    near = np.clip(bins[:, None] + np.arange(-(AROUND // 2), AROUND // 2 + 1), 0, power.size - 1)
-    return np.sort(power[near], axis=1)[:, AROUND // 2] / np.log(2)
-
-
-def off_order_lines(
-    signal: AngleSignal,
-    teeth: tuple[int, int],
-    speed_hz: float,
-    top: float,
-    noise_floor: float,
-    limits: NonGearFeatureThresholds = THRESHOLDS,
-    timing_error: float = 0.0,
-) -> list[tuple[float, float]]:
-    """Peaks at orders of neither shaft: (order, amplitude), the strongest first.
-
-    top           upper limit of the analysis band [Hz]
-    noise_floor   amplitude of an acceleration line below which nothing is read [m/s²]
-    timing_error  of a turn, by the pulses that the angle comes from [s]
-    """
-    v = signal.values
-    weight = hann(v.size)
-    length = fft.next_fast_len(2 * v.size, real=True)
-    spectrum = fft.rfft(weight * (v - (weight @ v) / weight.sum()), length) * (2 / weight.sum())
-    step = 2 * pi / (length * signal.step)
-    turns = v.size * signal.step / (2 * pi)
-    amplitude = np.sqrt(power_of(spectrum[: min(spectrum.size, int(top / speed_hz / step))]))
-    order = step * np.arange(amplitude.size)
-    z1, gear = teeth[0], teeth[0] / teeth[1]
-    from_shaft = np.minimum(np.abs(order - np.rint(order)), np.abs(order - gear * np.rint(order / gear)))
-    from_mesh = np.abs(order - z1 * np.rint(order / z1))
-    free = (from_shaft > limits.from_shaft / turns) & (from_mesh > limits.from_mesh / turns) & (order > 0.5)
-    index = np.flatnonzero(free)
-    if index.size < 64:
-        return []
-    power = amplitude[index] ** 2
-    at = np.array(MESH_HARMONICS) * z1
-    mesh = np.array(
-        [amplitude[max(0, round(o / step) - 3) : round(o / step) + 4].max(initial=0.0) for o in at.tolist()]
-    )
-    highest = power >= maximum_filter1d(power, 2 * LINE_REACH + 1, mode="nearest")
-    peaks = 1 + np.flatnonzero((highest & (np.sqrt(power) >= limits.least_amplitude * noise_floor))[1:-1])
-    peaks = peaks[power[peaks] >= limits.stands_out * _around(power, peaks)]
-    out = []
-    for i in peaks.tolist():
-        a = float(np.sqrt(power[i]))
-        near = np.abs(at - order[index[i]]) < limits.near_mesh
-        skirt = np.maximum(limits.of_mesh, 2 * pi * at[near] * speed_hz * timing_error) * mesh[near]
-        if a > skirt.max(initial=0.0):
-            out.append((float(order[index[i]]), a))
-    return sorted(out, key=lambda line: -line[1])[:MOST_LINES]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Impacts:
     """What the envelope of one window says."""
@@ -249,12 +175,14 @@ def non_gear_features(
             for tone in window_tones(samples, track, rig.teeth, signal=signal)
             if not _may_be_of_a_shaft(tone, rig.teeth, track.speed, 1 / window.duration, error)
         ]
-        lines = off_order_lines(
-            signal, rig.teeth, track.speed, rig.band[1], rig.tolerances.acceleration_floor, limits, error
-        )
+        seen = OffOrders.of(signal, rig.teeth, track.speed, rig.band[1], error)
+        floor = rig.tolerances.acceleration_floor
         changing = track.speed_variation > limits.most_speed_variation
-        lines = [] if changing else lines
+        wandering = [] if changing else _unless_steady(wandering_tones(seen, floor), tones, track.speed)
+        tones = [t for t in tones if not _within(wandering, t.frequency / track.speed)]
+        lines = [] if changing else [line for line in lines_of(seen, floor) if not _within(wandering, line[0])]
         readings = () if changing else _readings(signals, samples, signal, tones, lines, limits)
+        readings = (*(w.reading(track.speed) for w in wandering), *readings)
     except TwinError:
         return None
     impacts = _impacts(rig, signal, track.speed, limits)
@@ -273,6 +201,23 @@ def non_gear_features(
         ringing=impacts.ringing,
         fault=impacts.fault,
     )
+
+
+def _unless_steady(wandering: Sequence[WanderingTone], tones: Sequence[Tone], speed_hz: float) -> list[WanderingTone]:
+    """Wandering tones without those that a tone steady in hertz makes, whose line the shaft's speed widens over orders.
+
+    The steady tone then holds most of the power.
+    """
+    return [
+        w
+        for w in wandering
+        if sum(abs(t.amplitude) ** 2 for t in tones if w.holds(t.frequency / speed_hz)) < 0.5 * w.amplitude**2
+    ]
+
+
+def _within(wandering: Sequence[WanderingTone], order: float) -> bool:
+    """Whether an order lies within the span of a wandering tone."""
+    return any(w.holds(order) for w in wandering)
 
 
 def _readings(
@@ -299,16 +244,16 @@ def _readings(
         pass
     else:
         if error.unit == "m":
-            floor = limits.least_error * rig.tolerances.gear_graduation / limits.least_amplitude
-            seen = off_order_lines(error.signal, rig.teeth, speed, top, floor, limits)
+            floor = limits.least_error * rig.tolerances.gear_graduation / OFF_ORDERS.least_amplitude
+            seen = lines_of(OffOrders.of(error.signal, rig.teeth, speed, top), floor)
             wanted += [Wanted(frequency=o * speed, channel="encoder") for o, _ in seen]
             others["encoder"] = error.signal
     torque = signals.window.torques.get("pinion")
     if torque is not None and np.isfinite(torque.values).any():
         torque = replace(torque, values=without_spikes(torque.values))
-        floor = limits.least_torque * rig.tolerances.torque_floor / limits.least_amplitude
+        floor = limits.least_torque * rig.tolerances.torque_floor / OFF_ORDERS.least_amplitude
         on, per_turn = on_angle(torque, track)
-        seen = off_order_lines(on, rig.teeth, speed, min(top, 0.45 * per_turn * speed), floor, limits)
+        seen = lines_of(OffOrders.of(on, rig.teeth, speed, min(top, 0.45 * per_turn * speed)), floor)
         wanted += [Wanted(frequency=o * speed, channel="torque") for o, _ in seen]
         others["torque"] = on
     if not wanted:

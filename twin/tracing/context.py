@@ -26,6 +26,7 @@ from twin.tracing.findings import Findings
 from twin.tracing.mesh_wear import plain_curve
 from twin.tracing.observed import Observed, observed
 from twin.tracing.shaft_lines import without_order
+from twin.tracing.shaft_remainder import ShaftLine, orders_of_force, shaft_lines
 from twin.updating.history import WindowInput
 from twin.updating.model_cache import nominal_model_of
 from twin.wear.profile import WornProfile
@@ -284,7 +285,20 @@ class TracingContext:
     def tooth_features(self) -> list[WindowFeatures]:
         """The same, without the transmission error's line at the order of a suspected ripple of the torque."""
         ripple = self.findings.force("torque")
-        return self.features if ripple is None else without_order(self.features, round(ripple.order))
+        return self.free_features if ripple is None else without_order(self.free_features, round(ripple.order))
+
+    @property
+    def free_features(self) -> list[WindowFeatures]:
+        """The features, without the transmission error's lines that a force on the shaft moves."""
+        out = self.features
+        for order in sorted(orders_of_force(self.shaft_lines, self.rig.teeth[0])):
+            out = without_order(out, order)
+        return out
+
+    @property
+    def shaft_lines(self) -> tuple[ShaftLine, ...]:
+        """Lines at orders of the pinion that no displacement in the mesh makes, in the windows of fits."""
+        return shaft_lines(self.model, self.features, self.scales)
 
     @property
     def non_gear(self) -> list[tuple[float, NonGearFeatures]]:

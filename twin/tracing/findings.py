@@ -61,16 +61,20 @@ class NonGearContent:
     first: float | None = None  # revolutions of the first window with any of the unknown ones
     not_available: tuple[tuple[str, int], ...] = ()  # why part of a window could not be examined, and in how many
     described: str = ""  # all of it in sentences, where it has been followed over the windows
+    # lines that a force makes at orders of the pinion: order, amplitude [m/s²]; None where the accelerometer shows none
+    forces: tuple[tuple[float, float | None], ...] = ()
+    shaft: str = ""  # the same in a sentence, where they are not small
+    small: str = ""  # what stands clear, has no name and is small, in sentences
 
     @property
     def unknown(self) -> bool:
-        return bool(self.tones or self.orders or self.impacts or self.modulated_by or self.described)
+        return bool(self.tones or self.orders or self.impacts or self.modulated_by or self.described or self.shaft)
 
     def sentence(self) -> str:
         """What is unknown, in words."""
         if self.described:
-            return self.described
-        parts = []
+            return "; ".join(part for part in (self.described, self.shaft) if part)
+        parts = [self.shaft] if self.shaft else []
         if self.tones:
             parts.append("tones of fixed frequency: " + ", ".join(f"{t.frequency:.2f} Hz" for t in self.tones))
         if self.orders:

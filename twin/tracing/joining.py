@@ -148,6 +148,7 @@ def _summarised(tracing: Tracing, traced: Traced) -> Tracing:
         tracing,
         unattributed=unattributed_lines(tracing, traced.non_gear),
         unknown=traced.non_gear.sentence(),
+        small=traced.non_gear.small,
         latest=TraceSummary(
             candidates=tuple((name, float(gain)) for name, gain in traced.table) or tracing.latest.candidates,
             other_structure=bool(traced.other_structure),
@@ -207,17 +208,20 @@ def _same_law(old: AttributedEffect, new: AttributedEffect, limits: JoiningLimit
 def unattributed_lines(tracing: Tracing, content: NonGearContent) -> tuple[SpectralLine, ...]:
     """Lines that no gear makes, by frequency and order, the strongest first."""
     windows = [t for t in tracing.history if t.features.speed_hz and t.features.rms]
-    if not content.unknown or not windows:
+    if not (content.unknown or content.forces) or not windows:
         return ()
     speed = windows[-1].features.speed_hz or 1.0
     energy = float(np.mean([(t.features.rms or 0.0) ** 2 for t in windows[-LEVEL_WINDOWS:]]))
-    seen: list[tuple[float, float, float, str]] = [
+    seen: list[tuple[float, float, float | None, str]] = [
         (tone.frequency / speed, tone.frequency, max((a or 0.0) for a in tone.amplitudes), "steady in hertz")
         for tone in content.tones
     ]
     seen += [(order, order * speed, amplitude, "order of no shaft") for order, amplitude in content.orders]
+    seen += [(order, order * speed, level, "force that turns with the pinion") for order, level in content.forces]
     lines = [
-        SpectralLine(order=float(o), frequency=float(f), share=float(0.5 * a**2 / energy), kind=kind)
+        SpectralLine(
+            order=float(o), frequency=float(f), share=None if a is None else float(0.5 * a**2 / energy), kind=kind
+        )
         for o, f, a, kind in seen
     ]
     return tuple(sorted(lines, key=lambda line: -(line.share or 0.0))[:MOST_LINES])

@@ -105,6 +105,7 @@ class Tracing:
     residual: HeldOutResidual | None = None  # of one held-out window
     unattributed: tuple[SpectralLine, ...] = ()  # lines that no gear makes
     unknown: str = ""  # what has no name, in words
+    small: str = ""  # what stands clear, has no name and is small, in words
     latest: TraceSummary = field(default_factory=TraceSummary)
     log: tuple[EffectEvent, ...] = ()
 
@@ -165,7 +166,7 @@ class Tracing:
             found=tuple(AttributedEffect.from_dict(f) for f in data["found"]),
             stages=tuple(TwinStage.from_dict(s) for s in data["stages"]),
             decisions=dict(data["decisions"]),
-            **{name: from_plain(kind, data[name]) for name, kind in _TYPED.items()},
+            **{name: from_plain(kind, data[name]) for name, kind in _TYPED.items() if name in data},
         )
 
 
@@ -176,6 +177,7 @@ _TYPED: dict[str, Any] = {
     "residual": HeldOutResidual | None,
     "unattributed": tuple[SpectralLine, ...],
     "unknown": str,
+    "small": str,
     "latest": TraceSummary,
     "log": tuple[EffectEvent, ...],
 }

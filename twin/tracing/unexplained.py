@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.assessment import HeldOutErrors, Unexplained
+from twin.assessment import HeldOutErrors, SpectralLine, Unexplained
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.tracing.state import Tracing
@@ -119,13 +119,24 @@ def held_out_faults(errors: HeldOutErrors, limit: float, missing: bool = True) -
 def with_unknown_content(tracing: Tracing, plain: Unexplained) -> Unexplained:
     """`plain`, with the content of the vibration that no effect of the table makes."""
     if not tracing.unknown:
-        return plain
+        return _with_small(tracing, plain)
     own = tracing.unattributed
     share = sum(line.share or 0.0 for line in own)
     return replace(
         plain,
         verdict="unknown_effect",
         share=max(share, plain.share or 0.0),
-        lines=(*own, *plain.lines)[: max(len(own), STRONGEST)],
-        reason="; ".join(part for part in (tracing.unknown, plain.reason) if part),
+        lines=_lines(own, plain),
+        reason="; ".join(part for part in (tracing.unknown, tracing.small, plain.reason) if part),
     )
+
+
+def _with_small(tracing: Tracing, plain: Unexplained) -> Unexplained:
+    """`plain`, with what has no name and is small: it is said, and the verdict stays."""
+    reason = "; ".join(part for part in (plain.reason, tracing.small) if part)
+    return replace(plain, lines=_lines(tracing.unattributed, plain), reason=reason)
+
+
+def _lines(own: Sequence[SpectralLine], plain: Unexplained) -> tuple[SpectralLine, ...]:
+    """Lines that no gear makes, then those that the model leaves."""
+    return (*own, *plain.lines)[: max(len(own), STRONGEST)]

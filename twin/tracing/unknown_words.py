@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from twin.tracing.findings import AccelerometerFault
+from twin.tracing.shaft_remainder import ShaftLine
 from twin.tracing.unknown_entry import Entry, Law
 from twin.tracing.unknown_lines import FollowedLine, Modulation
 
@@ -35,6 +36,11 @@ LAW_NAMES = {
     "speed": "its level grows with the square of the speed",
     "growth": "its level grows with the revolutions",
 }
+OTHER_PATH = (
+    "the acceleration over the transmission error is that of another structure than the rig file's, at each mesh line "
+    "by another factor, beyond its tolerances: the path from the mesh to the accelerometer (a bearing or its seat, the "
+    "housing, the sensor's mount) is not the one in the model"
+)
 SMALL = {"m": (1e6, "µm"), "N": (1.0, "N"), "N·m": (1.0, "N·m"), "m/s²": (1.0, "m/s²")}
 
 
@@ -135,3 +141,37 @@ def of_noise(kind: str, level: float, detail: str, onset: float) -> str:
         "gear": "broadband noise modulated by every turn of the gear, as where something rubs",
     }[kind]
     return f"{what}{detail}; {level:.3g} m/s² RMS between the lines; {_since(onset)}"
+
+
+def of_small_noise(shaft: str, depth: float, onset: float) -> str:
+    """Noise that a shaft's turn modulates, less deeply than a rub that is an effect, in a sentence."""
+    return (
+        f"the noise between the lines rises and falls by {100 * depth:.0f} % with every turn of the {shaft}, as where "
+        f"something rubs lightly; {_since(onset)}"
+    )
+
+
+def of_shaft(lines: Sequence[ShaftLine], entry: Entry, first: FollowedLine, onset: float, small: bool) -> str:
+    """Lines of a force at orders of the pinion in a sentence, with what is known to make them."""
+    orders = sorted({line.order for line in lines})
+    listed = f"order {orders[0]}" if len(orders) == 1 else f"orders {', '.join(map(str, orders[:-1]))} and {orders[-1]}"
+    sizes = []
+    for channel, unit in (("acceleration", "m/s²"), ("torque", "N·m")):
+        own = [line for line in lines if line.channel == channel]
+        if own:
+            top = max(own, key=lambda line: line.level)
+            sizes.append(f"{top.level:.2g} {unit} at order {top.order} in the {channel}")
+    return (
+        f"{'small ' if small else ''}lines at {listed} of the pinion's shaft that no displacement of the teeth makes: "
+        f"a force that turns with the shaft{known_makers({line.channel for line in lines}, len(orders))}, with "
+        f"{' and '.join(sizes)}; {_where(entry, first)}; {_since(onset)}"
+    )
+
+
+def known_makers(channels: Collection[str], orders: int) -> str:
+    """What is known to make lines at whole orders of a shaft, by the channels that show them."""
+    if "torque" in channels:
+        return ", as that of a misaligned coupling, of a part that rubs over some of the turn, or of the drive"
+    if orders > 1:
+        return ", as that of a foot or a seat that is loose, or of a bent shaft: the torque shows none of it"
+    return ""

@@ -158,7 +158,8 @@ function verdictOf({ unexplained, status, baseline }, found) {
     unknown_effect: "Part of the vibration has a cause that no known effect explains.",
     insufficient_data: "Whether the vibration is explained cannot be said yet." }[unexplained.verdict] ?? "";
   const said = (status.reasons ?? []).some((reason) => unexplained.reason && reason.includes(unexplained.reason)); // in the banner
-  const why = unexplained.verdict !== "explained" && unexplained.reason && !said ? ` ${sentence(unexplained.reason)}` : "";
+  const small = unexplained.verdict === "explained" ? " Small, and of no known effect:" : "";
+  const why = unexplained.reason && !said && !(small && isAvailable(baseline)) ? `${small} ${sentence(unexplained.reason)}` : "";
   const parts = [element("p", { className: "verdict" }, share + verdict + why)];
   const lines = (unexplained.orders ?? []).slice(0, 6);
   if (unexplained.verdict === "unknown_effect" && lines.length) {
@@ -240,7 +241,8 @@ export function effectsPanel(machine, signal) {
     signing.hidden = !rejected.length && !found.some((effect) => !effect.channels);
     // without a model and without a baseline nothing was searched for, so that nothing can be said of it
     const searched = isAvailable(wear) || isAvailable(baseline) || isAvailable(calibration);
-    const settled = unexplained?.verdict === "explained" || unexplained?.verdict === "insufficient_data"; // the card says it
+    const small = unexplained?.reason && !isAvailable(baseline); // something stands clear though the machine is explained
+    const settled = unexplained?.verdict === "explained" && !small || unexplained?.verdict === "insufficient_data"; // the card says it
     root.hidden = !found.length && !rejected.length && (settled || !searched && unexplained?.verdict !== "unknown_effect");
   }
 

@@ -71,5 +71,10 @@ DETECTORS = (
         finds="shaft_forces",
         consults=(*TEETH, "eccentricity", "shaft_forces"),
     ),
-    Detector(name="unknown", detect=unknown.detect, needs_phase=False, consults=(*TEETH, "non_gear")),
+    Detector(
+        name="unknown",
+        detect=unknown.detect,
+        needs_phase=False,
+        consults=(*TEETH, "non_gear", "shaft_forces", "sensor"),
+    ),
 )

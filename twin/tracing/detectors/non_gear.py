@@ -96,6 +96,14 @@ class NonGearThresholds:
     line_separation: float = deciding(
         0.3, unit="order", meaning="lines nearer than this to a stronger one are its own skirt", source=TUNED
     )
+    sideband_reach: float = deciding(
+        3.0, unit="order", meaning="distance of sidebands from their mesh line", source="as for a mesh line's skirt"
+    )
+    sideband_ratio: float = deciding(
+        2.0,
+        meaning="ratio of the levels of two lines that are a mesh line's sidebands",
+        source="tuned on clean draw 2: speeds that wander make pairs within 1.4",
+    )
     impact_kurtosis: float = deciding(20.0, meaning="kurtosis of irregular impacts", source=TUNED)
     modulation_depth: float = deciding(
         0.9,
@@ -114,7 +122,8 @@ def detect(context: TracingContext, limits: NonGearThresholds = THRESHOLDS) -> F
         content = _without_phase(context, floor, limits)
     else:
         struck = findings.has("tooth_crack")
-        content = find_non_gear_content(context.non_gear, findings.has("pitch_error"), struck, floor, limits)
+        full, teeth = findings.has("pitch_error"), context.rig.teeth[0]
+        content = find_non_gear_content(context.non_gear, full, struck, floor, limits, teeth)
         content = _unless_of_a_shaft(content, limits)
     found = [] if content.defect is None else [attributed(content.defect)]
     return replace(findings.adding(*found, rejected=context.rejected), non_gear=content)
@@ -222,12 +231,14 @@ def find_non_gear_content(
     struck: bool = False,
     noise_floor: float = NOISE_FLOOR,
     limits: NonGearThresholds = THRESHOLDS,
+    teeth: int | None = None,
 ) -> NonGearContent:
     """Non-gear content of all windows, given with their revolutions.
 
     lattice_full  whether teeth differ so much that their own lines fill the spectrum between the shafts' orders
     struck        whether a cracked tooth strikes already
     noise_floor   amplitude of an acceleration line below which nothing is read [m/s²]
+    teeth         of the pinion; None where they are not known
     """
     defect = _defect(windows, limits)
     tones: tuple[NonGearTone, ...] = ()
@@ -236,7 +247,7 @@ def find_non_gear_content(
     if defect is None:
         tones = _steady_tones(windows, limits.tone_amplitude * noise_floor, limits)
         if not lattice_full:
-            orders = _common_orders([w for _, w in windows], tones, limits)
+            orders = _common_orders([w for _, w in windows], tones, limits, teeth)
             impulsive = [r for r, w in windows if w.kurtosis is not None and w.kurtosis > limits.impact_kurtosis]
     impacts = len(impulsive) >= limits.least_windows and not struck
     modulated_by = None if struck or defect is not None else _modulated_by([w for _, w in windows], limits)
@@ -284,16 +295,37 @@ def _modulated_by(windows: Sequence[NonGearFeatures], limits: NonGearThresholds)
     return None if best is None else best[1]
 
 
+def _is_sideband(
+    line: tuple[float, float], lines: Sequence[tuple[float, float]], teeth: int | None, limits: NonGearThresholds
+) -> bool:
+    """Whether a line has its mirror image on the other side of a mesh line: the speed's wander makes such pairs.
+
+    teeth  of the pinion; None where they are not known
+    """
+    order, level = line
+    if teeth is None or order < teeth - limits.sideband_reach:
+        return False
+    mesh = teeth * round(order / teeth)
+    if abs(order - mesh) > limits.sideband_reach:
+        return False
+    same = limits.line_tolerance
+    return any(
+        abs(o - (2 * mesh - order)) < same and 1 / limits.sideband_ratio < a / level < limits.sideband_ratio
+        for o, a in lines
+    )
+
+
 def _common_orders(
-    windows: Sequence[NonGearFeatures], tones: Sequence[NonGearTone], limits: NonGearThresholds
+    windows: Sequence[NonGearFeatures], tones: Sequence[NonGearTone], limits: NonGearThresholds, teeth: int | None
 ) -> list[tuple[float, float]]:
-    """Lines at the same order in half of the windows, without the tones of fixed frequency."""
+    """Lines at the same order in half of the windows, without tones of fixed frequency and pairs of sidebands."""
     every = sorted(
         (
             (o, a, i)
             for i, w in enumerate(windows)
             for o, a in w.lines
             if all(abs(o * w.speed_hz - t.frequency) > limits.same_frequency for t in tones)
+            and not _is_sideband((o, a), w.lines, teeth, limits)
         ),
         key=lambda x: -x[1],
     )

@@ -32,6 +32,7 @@ from twin.tracing.context import TracingContext
 from twin.tracing.findings import Findings, ShaftForce
 from twin.tracing.scatter import MODELLED
 from twin.tracing.shaft_lines import Seen, evidence_of_line, lines_of, rms, std_of_mean, steady_line, unit_responses
+from twin.tracing.shaft_remainder import one_order_only
 from twin.wear.profile import WornProfile
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
@@ -121,13 +122,20 @@ def detect(context: TracingContext, limits: ShaftForceThresholds = THRESHOLDS) -
 
 
 def confirm(context: TracingContext) -> Findings:
-    """The findings with those suspected forces as effects that neither teeth nor an eccentricity explain."""
+    """The findings with those suspected forces as effects that neither teeth nor an eccentricity explain.
+
+    Nor where the housing moves at other orders, too: then the line is one of a force with harmonics, which is neither.
+    """
     findings = context.findings
     confirmed = []
+    lines = context.shaft_lines if findings.forces else ()
+    orders = {round(force.order) for force in findings.forces}
     for force in findings.forces:
         if force.channel == "acceleration" and findings.tooth_errors:
             continue
         if force.channel == "torque" and force.order in findings.run_out_orders:
+            continue
+        if not one_order_only(lines, round(force.order), orders - {round(force.order)}):
             continue
         confirmed.append(force.attributed())
     return findings.adding(*confirmed, rejected=context.rejected)

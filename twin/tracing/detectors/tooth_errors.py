@@ -8,6 +8,8 @@ goes on with the whole response. The lowest orders get the scatter of run-out an
 A torque ripple makes one such line, too. Where pitch errors do not explain the torque's line, the transmission error's
 line at its order proves no pitch errors; they are fitted to what the ripple leaves of it. A run-out of the pinion is no
 pitch error either: where the line at its own order is beyond what a disc may be off, it is that of an eccentricity.
+The lines of a force with harmonics that moves the housing itself, as a misaligned coupling does, are left out: teeth
+cannot make them (twin/tracing/shaft_remainder.py).
 
 Source   twin/effects/pitch_error.py; patterns: twin/tracing/tooth_patterns.py
 Holds    both encoders; windows that resolve the orders (8 turns and more)

@@ -33,6 +33,7 @@ from twin.tracing.unknown_lines import (
     modulation_of,
 )
 from twin.tracing.unknown_words import of_fault, of_lines, of_modulation, of_noise
+from twin.tracing.unnamed_content import with_unnamed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,15 +89,15 @@ class Unknown:
 
 def detect(context: TracingContext, limits: UnknownThresholds = THRESHOLDS) -> Findings:
     """The findings with an unknown effect where anything is left, and with what is to be said of it."""
-    findings = context.findings
     windows = seen_windows(context)
-    beside_defect = len(windows) < 2 or findings.non_gear.defect is not None
-    if beside_defect and findings.accelerometer_fault is None:
-        return findings
     try:
         model: Model | None = context.model
     except NotAvailable:
         model = None
+    findings = with_unnamed(context.findings, context, windows, model)
+    beside_defect = len(windows) < 2 or findings.non_gear.defect is not None
+    if beside_defect and findings.accelerometer_fault is None:
+        return findings
     unknown = Unknown() if beside_defect else find_unknown(context, windows, model, limits)
     unknown = replace(unknown, fault=findings.accelerometer_fault)
     if not unknown.present:
