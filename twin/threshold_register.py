@@ -26,7 +26,7 @@ from twin.baseline.spacing import SpacingThresholds
 from twin.baseline.spacing_search import SpacingSearchThresholds
 from twin.baseline.sufficiency import SufficiencyLimits
 from twin.baseline.transfer_path import PathThresholds
-from twin.baseline.turn_pulses import TurnPulseThresholds
+from twin.baseline.turn_impacts import TurnImpactThresholds
 from twin.baseline.verdict import DiagnosisThresholds
 from twin.detectability.machines import HealthySpread
 from twin.detectability.nulls import NullThresholds
@@ -136,7 +136,7 @@ SETS: tuple[type, ...] = (
     LoadDirectionThresholds,
     LowFrequencyThresholds,
     OffLineThresholds,
-    TurnPulseThresholds,
+    TurnImpactThresholds,
     TimingThresholds,
     SpacingThresholds,
     SpacingSearchThresholds,

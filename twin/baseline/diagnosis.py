@@ -19,13 +19,14 @@ from twin.baseline.learned import Baseline
 from twin.baseline.load_direction import fall_with_load
 from twin.baseline.low_frequency import LowFrequencyRival, low_frequency_rival
 from twin.baseline.named import Named, majority
-from twin.baseline.off_line_findings import changes_of, off_lines_named
+from twin.baseline.off_line_findings import changes_of, nearly_changed, off_lines_named
 from twin.baseline.reading import WindowReading
 from twin.baseline.sensor_findings import faults_named, sensor_faults, timing_named, without
 from twin.baseline.sensor_timing import corrected, timing_changes
 from twin.baseline.shaft_names import LOCAL_ALTERNATIVES, names_of, shaft_name
 from twin.baseline.sufficiency import thin_for_teeth
 from twin.baseline.transfer_path import Path, name_of_path
+from twin.baseline.turn_impact_findings import impacts_named, impacts_of, nearly_impacts
 from twin.baseline.verdict import DEFAULT, DiagnosisThresholds, common_level, reassembled, unnamed, verdict_of
 from twin.effects import EFFECTS
 from twin.errors import NotAvailable
@@ -89,10 +90,13 @@ def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: Diagnos
     sensors = [*faults_named(faults), *timing_named(timing, measured, compared)]
     off_lines = changes_of(baseline, compared)
     known = [*sensors, *([] if thin else paths), *_shafts(baseline, compared)]
-    beside = off_lines_named(baseline, compared, off_lines, known)
+    impacts = impacts_of(baseline, compared, known)
+    struck = impacts_named(baseline, compared, impacts, known)
+    beside = [*struck, *off_lines_named(baseline, compared, off_lines, known, struck)]
     effects = [*(e for e in known if not _pulse_instead(e, beside)), *beside]
     share, misfit, lines = _left(compared)
-    verdict, reason = verdict_of(baseline, compared, effects, misfit, off_lines, limits)
+    near = "" if effects else nearly_impacts(baseline, compared, impacts) or nearly_changed(off_lines)
+    verdict, reason = verdict_of(baseline, compared, effects, misfit, near, limits)
     reasons = (reason, unnamed(paths if thin else []), common_level(compared), reassembled(effects, compared, limits))
     return Diagnosis(
         compared=tuple(compared),

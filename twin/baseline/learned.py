@@ -93,6 +93,16 @@ class Baseline:
         """u of a window on the axes (d,)."""
         return point_of(reading, self.axes)
 
+    @cached_property
+    def left_out(self) -> tuple[tuple[WindowReading, ExpectedLines], ...]:
+        """Every recording beside what the others let expect of it; of three and more."""
+        if len(self.readings) < 3:
+            return ()
+        return tuple(
+            (one, _expected(self.rig, [r for r in self.readings if r is not one], self.std, one, self.axes))
+            for one in self.readings
+        )
+
     @property
     def range(self) -> dict[str, tuple[float, float]]:
         """Least and largest of the operating points learned, by axis."""

@@ -28,7 +28,7 @@ from twin.baseline.reading import WindowReading
 from twin.thresholds import deciding
 
 SIZES = ("level", "noise", "tone")  # kinds of measures that go with the level of the channel
-RISING = ("impacts", "pulse")  # first words of kinds of which less is no change: fewer impacts than the healthy machine
+RISING = ("impacts",)  # first words of kinds of which less is no change: fewer impacts than the healthy machine
 NOISE_POWERS = 400  # tried
 LEAST_SCATTER = 0.02  # of a logarithm, below which no scatter is believed
 
@@ -45,10 +45,6 @@ class OffLineThresholds:
     )  # fmt: skip
     least_recordings: int = deciding(
         5, meaning="healthy recordings from which a deviation is judged", source="SufficiencyLimits.least_recordings",
-    )  # fmt: skip
-    least_pulse: float = deciding(
-        3.0, meaning="⟨|z|⁴⟩/⟨|z|²⟩² of the mean turn from which it is one pulse",
-        source="derivation: lines of random phases give 2, one pulse as many as a band has lines",
     )  # fmt: skip
     of_mains: float = deciding(
         0.5, unit="Hz", meaning="distance from a multiple of 50 or 60 Hz up to which a tone is hum",

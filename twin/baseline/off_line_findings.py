@@ -1,17 +1,16 @@
 """Changed measures off the lines as named changes: the first of these that a channel shows.
 
-    a pulse once a turn of a shaft      as the effects of the table that are local on that shaft
     noise                               white, of one power in all bands
     hum                                 a tone at a multiple of 50 or 60 Hz
     anything else                       unknown_effect, with what it may be
 
-Impacts once a turn are heard by every sensor: what other channels show of impacts beside them is no finding of its own.
+Impacts once a turn (turn_impact_findings.py) are heard by every sensor: what other channels show of impacts beside them
+is no finding of its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from fractions import Fraction
 
 import numpy as np
 
@@ -21,8 +20,7 @@ from twin.baseline.learned import Baseline
 from twin.baseline.named import Named, majority
 from twin.baseline.off_line_changes import DEFAULT, OffLineChange, OffLineThresholds, added_noise, off_line_changes
 from twin.baseline.off_lines import OffLines
-from twin.baseline.shaft_names import LOCAL_ALTERNATIVES, names_of, shaft_name
-from twin.baseline.turn_pulses import shaft_of
+from twin.baseline.shaft_names import LOCAL_ALTERNATIVES
 
 MOST_SAID = 3  # measures in one sentence
 SENSORS_PATH: tuple[str, ...] = ("another mount, cable or place of the sensor",)
@@ -47,21 +45,18 @@ def off_lines_named(
     compared: Sequence[BaselineComparison],
     changes: Sequence[Changes],
     known: Iterable[Named],
+    struck: Sequence[Named],
     limits: OffLineThresholds = DEFAULT,
 ) -> list[Named]:
     """Changes off the lines in most windows.
 
     compared  windows with all channels that can be compared
     changes   of every window, by `changes_of`
-    known     what the lines and sensors have shown: of these channels and shafts, nothing more is named
+    known     what the lines and sensors have shown: of these channels, nothing more is named
+    struck    impacts once a turn
     """
-    known = list(known)
-    others = [effect for effect in known if effect.name not in TIMING]
-    explained = {channel for effect in others for channel in effect.channels}
-    of_sensors = {channel for effect in others if "shaft_order" not in effect.parameters for channel in effect.channels}
-    same = all(c.same_teeth for c in compared)
-    pulses = _pulses(baseline, changes, known, of_sensors, limits) if same else []
-    out = [*pulses]
+    explained = {channel for effect in known if effect.name not in TIMING for channel in effect.channels}
+    out = []
     for channel in dict.fromkeys(c.channel for window in changes for c in window):
         own = [[c for c in window if c.channel == channel] for window in changes]
         at = {i: w for i, w in enumerate(own) if w and abs(w[0].deviation) > limits.changed}
@@ -70,7 +65,7 @@ def off_lines_named(
             continue
         i, strongest = max(at.items(), key=lambda item: abs(item[1][0].deviation))
         named = _off_line(compared[i], channel, strongest, tuple(sorted(at)), limits)
-        if not pulses or named.name != "unknown_effect":
+        if not struck or named.name != "unknown_effect":
             out.append(named)
     return out
 
@@ -85,52 +80,6 @@ def nearly_changed(changes: Sequence[Changes], limits: OffLineThresholds = DEFAU
         f"{most.measure} of {most.channel} is {np.exp(most.change):.2f} times the healthy value "
         f"({abs(most.deviation):.1f} standard deviations, where {limits.changed:g} are a change)"
     )
-
-
-def _pulses(
-    baseline: Baseline,
-    changes: Sequence[Changes],
-    known: Sequence[Named],
-    explained: set[str],
-    limits: OffLineThresholds,
-) -> list[Named]:
-    """Pulses once a turn, the strongest shaft alone: its impacts leave something on the others."""
-    found = {
-        i: [
-            c
-            for c in window
-            if c.measure.startswith("pulse")
-            and c.deviation > limits.changed
-            and c.expected + c.change > np.log(limits.least_pulse)
-            and c.channel not in explained
-        ]
-        for i, window in enumerate(changes)
-    }
-    at = [i for i, own in found.items() if own]
-    if not majority(at, len(changes)):
-        return []
-    all_found = [c for own in found.values() for c in own]
-    strongest = max(all_found, key=lambda c: c.deviation)
-    shaft = shaft_of(strongest.measure) or Fraction(1)
-    local = [e.parameters["shaft_order"].value for e in known if {"shaft_order", "angle"} <= set(e.parameters)]
-    if float(shaft) in local:
-        return []
-    names = names_of("local", shaft_name(shaft, baseline))
-    return [
-        Named(
-            name=names[0] if names else "unknown_effect",
-            channels=tuple(dict.fromkeys(c.channel for c in all_found if shaft_of(c.measure) == shaft)),
-            parameters={
-                "shaft_order": ParameterValue(value=float(shaft), unit="", std=0.0),
-                "deviation": ParameterValue(value=strongest.deviation, unit="", std=1.0),
-            },
-            log_evidence=strongest.log_evidence,
-            indistinguishable_from=(*names[1:], *LOCAL_ALTERNATIVES),
-            detail=f"an impact once a turn of the {shaft_name(shaft, baseline)}, at one angle: {_said([strongest])} "
-            f"the healthy value for this operating point ({strongest.deviation:.0f} standard deviations)",
-            windows=tuple(at),
-        )
-    ]
 
 
 def _off_line(

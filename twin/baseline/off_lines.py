@@ -8,7 +8,7 @@
 
 Bands are octaves below four fifths of half the sampling rate. Impacts of teeth and bearings ring at kHz, where they
 raise the squared envelope's lines long before a line of the spectrum itself. Tones are taken from spectra of blocks of
-one length, so that a shorter recording has the same noise about them. Pulses that keep their angle: turn_pulses.py.
+one length, so that a shorter recording has the same noise about them. Impacts that keep their angle: turn_impacts.py.
 
 Source   squared envelope spectrum: J. Antoni, Mech. Syst. Signal Process. 21 (2007) 597–629; R. B. Randall, J. Antoni,
          Mech. Syst. Signal Process. 25 (2011) 485–520
@@ -16,8 +16,8 @@ Source   squared envelope spectrum: J. Antoni, Mech. Syst. Signal Process. 21 (2
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from math import lcm
 
@@ -55,12 +55,6 @@ class OffLines:
     free_order: float  # of the clearest impacts of no shaft [orders of the pinion]
     clipped: float  # share of the samples that are the largest or the smallest value
     constant: float  # longest run of one value, as a share of the window
-
-    def with_measures(self, more: Mapping[str, float]) -> OffLines:
-        """With further measures, by name."""
-        return replace(
-            self, names=(*self.names, *more), values=np.concatenate([self.values, np.array(list(more.values()))])
-        )
 
 
 def octaves(rate: float) -> dict[str, tuple[float, float]]:

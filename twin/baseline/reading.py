@@ -12,16 +12,16 @@ Holds    windows of more than 4·Q turns: closer lines run into each other
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 from math import lcm
 
 import numpy as np
 from scipy.ndimage import median_filter
 
-from twin.baseline.off_lines import OffLines, octaves, off_lines
-from twin.baseline.turn_pulses import turn_pulses
+from twin.baseline.off_lines import OffLines, off_lines
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack
 from twin.features.extract import pinion_angle
@@ -30,7 +30,7 @@ from twin.features.resample import AngleSignal, on_angle, spline_response
 from twin.features.transforms import hann
 from twin.rig import Rig
 from twin.thresholds import deciding
-from twin.windows import Samples, Window
+from twin.windows import Window
 
 HIGHEST = 200.0  # order of the pinion up to which lines are read: ten mesh harmonics of 20 teeth
 USABLE = 0.4  # of the sampling rate
@@ -153,7 +153,8 @@ def read(
         try:
             signal, per_turn = on_angle(samples, track, samples.values.size)
             lines = lines_of(part_of(signal, part), per_turn, Q)
-            channels[sensor] = replace(lines, off=_off_lines(rig, samples, track, shafts, lines)) if is_whole else lines
+            off = off_lines(samples, track, shafts, int(rig.teeth[0])) if is_whole else None
+            channels[sensor] = replace(lines, off=off)
         except TwinError as error:
             reasons.append(f"accel/{sensor}: {error}")
     if not channels:
@@ -174,14 +175,6 @@ def read(
     )
 
 
-def _off_lines(
-    rig: Rig, samples: Samples, track: AngleTrack, shafts: Sequence[Fraction], lines: ChannelLines
-) -> OffLines:
-    bands = {name: (low / track.speed, high / track.speed) for name, (low, high) in octaves(samples.rate).items()}
-    pulses = turn_pulses(lines.lines, common_period(shafts), shafts, int(rig.teeth[0]), bands)
-    return off_lines(samples, track, shafts, int(rig.teeth[0])).with_measures(pulses)
-
-
 def part_of(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:
     """A stretch of a signal, from and to a share of it."""
     low, high = (round(share * signal.values.size) for share in part)
@@ -193,16 +186,22 @@ def part_of(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:
     )
 
 
+@lru_cache(maxsize=4)  # the channels of a window, and of its halves, mostly share one
+def _transform(size: int, count: int, step: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Chirp-z transform of so many values to lines a step apart from the first step on [cycles a sample]."""
+    from scipy.signal import CZT  # takes as long to import as all else together
+
+    return CZT(size, count, np.exp(-2j * np.pi * step), np.exp(2j * np.pi * step))
+
+
 def lines_of(signal: AngleSignal, per_turn: float, Q: int, highest: float = HIGHEST) -> ChannelLines:
     """Lines at k/Q of a signal on even angles, up to a highest order."""
-    from scipy.signal import czt  # takes as long to import as all else together
-
     values = signal.values - signal.values.mean()
     weight = hann(values.size)
     weight = weight / weight.sum()
     count = int(min(highest, USABLE * per_turn) * Q)
     f = signal.step / (2 * np.pi * Q)  # cycles a sample of the order 1/Q
-    X = 2 * czt(values * weight, count, np.exp(-2j * np.pi * f), np.exp(2j * np.pi * f))
+    X = 2 * _transform(values.size, count, f)(values * weight)
     order = np.arange(1, count + 1) / Q
     X *= np.exp(-1j * order * signal.start) / spline_response(order / per_turn)
     power = np.abs(2 * np.fft.rfft(values * weight)) ** 2

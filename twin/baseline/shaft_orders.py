@@ -12,7 +12,7 @@ LINES = 12  # of a shaft that are compared, from its first
 
 def own_multiples(shaft: Fraction, shafts: Sequence[Fraction], highest: float, most: int = LINES) -> np.ndarray:
     """n of a shaft's lines n·s that no other shaft makes by itself, the lowest first."""
-    others = [s for s in shafts if s != shaft]
-    n = range(1, int(highest / float(shaft)) + 1)
-    own = [m for m in n if not any((m * shaft / s).denominator == 1 for s in others)]
-    return np.array(own[:most], dtype=int)
+    n = np.arange(1, int(highest / float(shaft)) + 1)
+    # n·s is a multiple of another shaft's order where n is one of the denominator of s over that order
+    shared = [(shaft / other).denominator for other in shafts if other != shaft]
+    return np.asarray(n[np.all([n % step != 0 for step in shared], axis=0)][:most] if shared else n[:most])

@@ -10,8 +10,6 @@ import numpy as np
 from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
 from twin.baseline.named import Named, majority
-from twin.baseline.off_line_changes import OffLineChange
-from twin.baseline.off_line_findings import nearly_changed
 from twin.baseline.operating import DEFAULT as OPERATING
 from twin.baseline.operating import UNITS
 from twin.baseline.shaft_names import shaft_name
@@ -51,10 +49,13 @@ def verdict_of(
     compared: Sequence[BaselineComparison],
     effects: Sequence[Named],
     misfit: float,
-    off_lines: Sequence[Sequence[OffLineChange]],
+    nearly: str,
     limits: DiagnosisThresholds,
 ) -> tuple[str, str]:
-    """Verdict and reason, the gravest first."""
+    """Verdict and reason, the gravest first.
+
+    nearly  what is near a change beside the lines of the shafts
+    """
     if not all(c.same_teeth for c in compared):
         correlation = min(c.expected.alignment.correlation for c in compared if c.expected.alignment is not None)
         return "unknown_effect", (
@@ -67,7 +68,7 @@ def verdict_of(
     unknown = next((e for e in effects if e.name == "unknown_effect"), None)
     if unknown is not None:
         return "unknown_effect", unknown.detail
-    near = nearly_believed(baseline, compared, limits) or ("" if effects else nearly_changed(off_lines))
+    near = nearly_believed(baseline, compared, limits) or nearly
     far = all(c.expected.beyond > OPERATING.far for c in compared)
     reasons = (beyond_range(baseline, compared[0]) if far else "", thin_for_teeth(baseline) or "", near)
     said = "; ".join(reason for reason in reasons if reason)
