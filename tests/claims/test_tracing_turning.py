@@ -12,9 +12,10 @@ from twin.effects import EFFECTS
 from twin.effects.response import solve_with
 from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.scales import Scales
+from twin.tracing.beside_ripple import BesideRipple
 from twin.tracing.detectors.rattle import find_rattle
 from twin.tracing.detectors.shaft_forces import find_shaft_forces, run_out_of, tooth_errors_explain
-from twin.tracing.detectors.tooth_errors import BesideRipple, find_pitch_errors
+from twin.tracing.detectors.tooth_errors import find_pitch_errors
 from twin.tracing.shaft_lines import without_line, without_order
 
 PHASE = 0.7  # of the mesh against the encoder's zero [rad]

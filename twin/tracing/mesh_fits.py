@@ -108,10 +108,12 @@ class MeshSearchWithDifferingTeethThresholds(MeshSearchThresholds):
         source="not derived: chosen as twice what it needs where teeth are alike",
     )
     share_of_explained: float = deciding(
-        0.03,
+        0.0625,
         of="evidence explained before",
         meaning="evidence that an effect must add where much is explained already",
-        source="derivation: an effect is known to a sixth of its lines, and 1/6² of their energy is 0.03",
+        source="derivation: what teeth make of lines that an effect explains is known to a quarter (τ in scatter.py), "
+        "and a quarter squared of their energy is 0.0625. On wide draw 1, beside friction and pitch errors, a profile "
+        "error that is not there reaches 0.035 and a misalignment 0.048",
     )
     softened: float = deciding(
         -np.inf,

@@ -3,7 +3,8 @@
 A detector's answer rests on what others have found: sidebands of an eccentricity are judged otherwise where teeth
 differ, the mesh is fitted with what the teeth make of its lines, a ripple may be made by pitch errors. A detector that
 was asked before these findings were there is asked again, without its own, in the order of `DETECTORS`, until every
-answer rests on the findings that are reported. In that order itself nothing is asked twice.
+answer rests on the findings that are reported. In that order itself only the mesh is
+asked twice, where the accelerometer is wrong.
 """
 
 from __future__ import annotations

@@ -33,12 +33,12 @@ from twin.rig_tolerances import Tolerances
 from twin.scales import Scales
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
+from twin.tracing.beside_ripple import BesideRipple, beside_ripple
 from twin.tracing.context import TracingContext
 from twin.tracing.detectors.shaft_forces import THRESHOLDS as FORCES
 from twin.tracing.detectors.shaft_forces import tooth_errors_explain
 from twin.tracing.findings import Findings
 from twin.tracing.scatter import MODELLED
-from twin.tracing.shaft_lines import unit_responses, without_line
 from twin.tracing.tooth_patterns import (
     NAMES,
     PATTERNS,
@@ -155,25 +155,8 @@ def _fitted(
         context.rig.tolerances,
         effects,
         limits,
-        _beside_ripple(context, limits),
+        beside_ripple(context, PATTERNS.first_windows, limits.force_scatter, FORCES.same_speed),
     )
-
-
-def _beside_ripple(context: TracingContext, limits: ToothErrorThresholds) -> BesideRipple | None:
-    """The lines of the transmission error without what a suspected ripple of the torque makes of them."""
-    ripple = context.findings.force("torque")
-    if ripple is None:
-        return None
-    first = context.fitting[: PATTERNS.first_windows]
-    made = unit_responses(
-        context.model, [w.condition for w in first], ripple.effect, "transmission_error", ripple.order,
-        context.mesh_phase, FORCES.same_speed,
-    )  # fmt: skip
-    if made is None:
-        return None
-    order = round(ripple.order)
-    windows = without_line([w.features for w in first], (0, order, 0), made)
-    return BesideRipple(windows=tuple(windows), order=order, std=limits.force_scatter * float(np.abs(made).max()))
 
 
 def attributed(finding: ToothFinding) -> AttributedEffect:
@@ -205,15 +188,6 @@ class _ToothFit:
         right = np.concatenate((r.real, r.imag, -values / PRIOR))
         found = np.linalg.lstsq(self.matrix, right, rcond=None)[0]
         return found - found.mean()
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class BesideRipple:
-    """The first windows without what a torque ripple makes of one of their lines."""
-
-    windows: tuple[WindowFeatures, ...]
-    order: int  # of the pinion
-    std: float  # of what the ripple makes of the line [m]
 
 
 def find_pitch_errors(
