@@ -80,6 +80,7 @@ from twin.tracing.gain_change import GainDriftThresholds
 from twin.tracing.held_out_gain import HeldOutScatter
 from twin.tracing.joining import JoiningLimits
 from twin.tracing.joint_problem import JointFitThresholds
+from twin.tracing.mean_step import MeanStepThresholds
 from twin.tracing.mesh_fits import MeshSearchThresholds, MeshSearchWithDifferingTeethThresholds
 from twin.tracing.mesh_laws import MeshLawThresholds
 from twin.tracing.mesh_pruning import PruningThresholds
@@ -194,6 +195,7 @@ SETS: tuple[type, ...] = (
     UnknownConfirmation,
     ShaftRemainderThresholds,
     UnnamedThresholds,
+    MeanStepThresholds,
     JoiningLimits,
     JointFitThresholds,
     MeshSearchThresholds,

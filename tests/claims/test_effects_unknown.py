@@ -12,6 +12,7 @@ from twin.features.channel_lines import ChannelRecord, LineReading, Wanted, read
 from twin.features.window_features import MeasuredLines
 from twin.model import Condition
 from twin.scales import Scales
+from twin.tracing.detectors.unknown import Unknown, attributed, cause_of
 from twin.tracing.unknown_entry import entry_of, law_of
 from twin.tracing.unknown_lines import SeenWindow, families, followed_lines, modulation_of
 
@@ -144,6 +145,16 @@ def test_lines_follow_the_clock_the_angle_or_neither():
     both = followed_lines(wander)
     assert [line.follows for line in both] == ["neither", "neither"]
     assert len(families(both)) == 1
+
+
+def test_a_cause_that_begins_late_predicts_nothing_before_the_first_window_that_shows_it():
+    """A window held out between the last fitted one without it and the first with it may have none of it."""
+    heard = [seen([reading(60.0, 10.0, HEARD)] * (i > 3), index=i, fitted=i != 3) for i in range(7)]
+    (line,) = followed_lines(heard)
+    cause = cause_of(None, [line], heard, Scales.of(model().rig))
+    assert cause.onset == 3000.0 and cause.first == 4000.0
+    effect = attributed(Unknown(causes=(cause,)), heard).addition.effect
+    assert effect.amplitudes(TEN, 3000.0)[0] == 0.0 and effect.amplitudes(TEN, 4000.0)[0] > 0.9
 
 
 def test_a_line_that_one_window_shows_is_no_cause():

@@ -15,6 +15,7 @@ from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.scales import Scales
 from twin.tracing.detectors import unknown
 from twin.tracing.detectors.non_gear import find_non_gear_content
+from twin.tracing.mean_step import mean_step
 from twin.tracing.shaft_remainder import ORDERS_READ, ShaftLine, one_order_only, orders_of_force, shaft_lines
 from twin.tracing.state import Tracing
 from twin.tracing.unexplained import with_unknown_content
@@ -159,6 +160,44 @@ def test_an_unbalance_and_a_torque_ripple_have_one_order_each():
     assert not one_order_only([line(1, 0.1), line(2, 0.05)], 1, ())
     assert one_order_only([line(1, 0.1), line(2, 0.1)], 1, {2})  # an unbalance beside a ripple that moves the housing
     assert not one_order_only([line(1, 0.01), line(3, 0.3), line(6, 0.06, "torque")], 6, ())
+
+
+def test_a_line_that_begins_is_told_from_the_discs_by_its_change():
+    """A torque line below what the discs' errors may be: only its change shows it."""
+    made = {("th1", 2): 0.03}
+    assert found(made, count=6, first=3, disc=1.0, seed=3) != () and found(made, count=6, disc=1.0, seed=3) == ()
+
+
+# ------------------------------------------------------------------------------------------ steps of the mean
+
+
+def shifted(step=0.0, drift=0.0, since=5):
+    """The healthy context with a mean transmission error that steps, or settles [m]."""
+    context = healthy()
+    moved = []
+    for i, w in enumerate(context.windows):
+        e = w.features.transmission_error
+        at = e.keys.index((0, 0, 0))
+        values = list(e.amplitudes)
+        values[at] += step * (i >= since) + drift * (1 - np.exp(2 - i))
+        features = replace(w.features, transmission_error=replace(e, amplitudes=tuple(values)))
+        moved.append(replace(w, given=replace(w.given, features=features)))
+    windows = tuple(moved)
+    return replace(context, windows=windows, worn=replace(context.worn, windows=windows))
+
+
+@pytest.mark.parametrize("size", [24e-6, -6e-6])
+def test_a_shaft_that_shifts_steps_the_mean_transmission_error(size):
+    step = mean_step(shifted(step=size))
+    assert step is not None and step.size == pytest.approx(size, abs=1e-6)
+    said = unknown.detect(shifted(step=size)).non_gear
+    assert "has shifted in a bearing or its seat" in said.small and not said.unknown
+
+
+def test_a_mean_that_stays_that_settles_or_that_loses_an_edge_has_not_stepped():
+    assert mean_step(healthy()) is None
+    assert mean_step(shifted(drift=8e-6)) is None
+    assert mean_step(shifted(step=170e-6)) is None
 
 
 # ------------------------------------------------------------------------------------------ what is said

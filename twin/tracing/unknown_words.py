@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from twin.tracing.findings import AccelerometerFault
+from twin.tracing.mean_step import MeanStep
 from twin.tracing.shaft_remainder import ShaftLine
 from twin.tracing.unknown_entry import Entry, Law
 from twin.tracing.unknown_lines import FollowedLine, Modulation
@@ -148,6 +149,15 @@ def of_small_noise(shaft: str, depth: float, onset: float) -> str:
     return (
         f"the noise between the lines rises and falls by {100 * depth:.0f} % with every turn of the {shaft}, as where "
         f"something rubs lightly; {_since(onset)}"
+    )
+
+
+def of_mean_step(step: MeanStep) -> str:
+    """A step of the mean transmission error in a sentence."""
+    return (
+        f"the mean of the transmission error has stepped by {1e6 * step.size:+.1f} ± {1e6 * step.std:.1g} µm between "
+        f"{step.before:,.0f} and {step.after:,.0f} revolutions, beyond what wear and torque make of it: a shaft has "
+        "shifted in a bearing or its seat, or an encoder's disc on its shaft"
     )
 
 

@@ -1,9 +1,10 @@
 """What stands clear of its neighbourhood though no effect names it, however small it is.
 
 Lines of a force at orders of the pinion (twin/tracing/shaft_remainder.py), with the place where they enter; noise that
-every turn of a shaft modulates, less deeply than a rub that is reported as an effect; and, where no effect and no such
-force is found, a path from the mesh to the accelerometer that is not the rig file's. None of it has a name of its own
-and none raises an alarm while it is small: it is said in words, with its orders among the lines that are left.
+every turn of a shaft modulates, less deeply than a rub that is reported as an effect; and, where no effect is found, a
+step of the mean transmission error (twin/tracing/mean_step.py) and a path from the mesh to the accelerometer that is
+not the rig file's. None of it has a name of its own and none raises an alarm while it is small: it is said in words,
+with its orders among the lines that are left.
 
     share = ½·Σ A²/RMS²          energy of the lines over that of the vibration
 
@@ -24,10 +25,11 @@ from twin.scales import Scales
 from twin.thresholds import deciding
 from twin.tracing.context import TracingContext
 from twin.tracing.findings import Findings, NonGearContent
+from twin.tracing.mean_step import mean_step
 from twin.tracing.shaft_remainder import ShaftLine, disc_error, shaft_lines
 from twin.tracing.unknown_entry import entry_of
 from twin.tracing.unknown_lines import FollowedLine, SeenWindow
-from twin.tracing.unknown_words import OTHER_PATH, of_shaft, of_small_noise
+from twin.tracing.unknown_words import OTHER_PATH, of_mean_step, of_shaft, of_small_noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +93,9 @@ def with_unnamed(
     noise = None if content.modulated_by or content.impacts else _modulated(findings, context, limits)
     if noise is not None:
         small.append(of_small_noise(*noise))
+    step = None if findings.effects or findings.teeth_separate else mean_step(context)
+    if step is not None:
+        small.append(of_mean_step(step))
     if findings.other_structure and not findings.effects and not lines:
         small.append(OTHER_PATH)
     return replace(findings, non_gear=replace(content, small="; ".join(small)))

@@ -19,6 +19,7 @@ import numpy as np
 from twin.effects.unknown_effect import UNITS, UnknownEffect
 from twin.errors import NotAvailable
 from twin.model import Model
+from twin.scales import Scales
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import TracedWindow, TracingContext
@@ -63,7 +64,8 @@ class Cause:
     lines: tuple[FollowedLine, ...]
     entry: Entry
     law: Law
-    onset: float  # revolutions
+    onset: float  # revolutions, half-way between the windows without it and with it
+    first: float  # revolutions of the first window that shows it: before, the twin with it predicts nothing of it
 
     @property
     def log_evidence(self) -> float:
@@ -145,10 +147,7 @@ def find_unknown(
     ]
     causes = []
     for group in families(lines)[: limits.most_causes]:
-        entry = entry_of(model, group, windows, context.scales)
-        law = law_of(model, entry.place, group, windows)
-        onset = _onset([i for line in group for i, _ in line.at], windows)
-        cause = Cause(lines=tuple(group), entry=entry, law=law, onset=onset)
+        cause = cause_of(model, group, windows, context.scales)
         if cause.log_evidence > limits.least_evidence:
             causes.append(cause)
     return Unknown(
@@ -157,6 +156,17 @@ def find_unknown(
         modulation_onset=0.0 if modulation is None else _onset(modulation.at, windows),
         noise=_noise(context, content),
     )
+
+
+def cause_of(
+    model: Model | None, lines: Sequence[FollowedLine], windows: Sequence[SeenWindow], scales: Scales
+) -> Cause:
+    """Lines of one cause with where they enter, how they move and since when."""
+    entry = entry_of(model, lines, windows, scales)
+    law = law_of(model, entry.place, lines, windows)
+    onset = _onset([i for line in lines for i, _ in line.at], windows)
+    first = 0.0 if onset == 0 else min(windows[line.first].revolutions for line in lines)
+    return Cause(lines=tuple(lines), entry=entry, law=law, onset=onset, first=first)
 
 
 def _loud(line: FollowedLine, context: TracingContext, limits: UnknownThresholds) -> bool:
@@ -296,7 +306,7 @@ def _add(columns: dict[str, list], cause: Cause) -> None:
         columns["torque_exponent"].append(float(cause.law.name == "torque"))
         columns["speed_exponent"].append(2.0 * (cause.law.name == "speed"))
         columns["growth"].append(cause.law.growth)
-        columns["since"].append(cause.onset)
+        columns["since"].append(cause.first)
 
 
 def _parameters(cause: Cause, suffix: str) -> dict[str, tuple[float, str, float]]:
