@@ -1,12 +1,12 @@
 """What is said of healthy recordings that were spoiled in a known way, beside simple rules.
 
-    python -m benchmarks.spoiled_recordings [LOAD …]
+    python -m benchmarks.spoiled_recordings [--halves] [LOAD …]
 
 Every healthy recording of the SpectraQuest set is spoiled in each way, by a seed of its own, and compared with a
 baseline of the other six. `nothing` counts recordings called explained, `not judged` those without a finding of which
 it is said that they cannot be judged. Thresholds were looked at on the loads `TUNED` and are judged on `JUDGED`; the
-logistic regression is trained on all cases of `TUNED`. The data lie beside the project (GEAR_TWIN_SHARED); the status
-is 0 whenever it ran.
+logistic regression is trained on all cases of `TUNED`. With --halves, each half of every spoiled recording is compared
+as a recording of its own. The data lie beside the project (GEAR_TWIN_SHARED); the status is 0 whenever it ran.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.signal import butter, sosfilt
 from scipy.special import expit
 
 from benchmarks.measured import LOADS, MEASURED, SENSORS, THIRD, imported
+from benchmarks.spoiling import KINDS
 from service.files.baseline import load
 from twin.baseline.comparison import compare_with_baseline, pair_shafts, tracked
 from twin.baseline.learned import Baseline, learn
@@ -37,122 +37,12 @@ SET = "spectraquest-broken-tooth"
 TUNED, JUDGED = (0, 30, 70), (20, 40, 60, 80)
 RULES = ("RMS", "kurtosis", "FM4", "SK")
 RULE_LIMIT = 3.0  # healthy standard deviations of a simple rule
-RING_HZ, DECAY = 3500.0, 900.0  # of an impact [Hz], [1/s]
-BEARING = 3.57  # order of impacts of no shaft
-SLIP = 0.01  # of their period, from one to the next
 SENSOR = {"sensor_gain", "sensor_resonance", "sensor_polarity", "sensor_delay", "sensor_dead", "sensor_dead_time",
           "sensor_clipping", "sensor_noise", "hum", "exchanged"}  # fmt: skip
 
 SAID = ("right", "unknown", "sensor", "gears", "nothing", "not judged")
-
-Values = dict[str, np.ndarray]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kind:
-    """One way to spoil a recording."""
-
-    spoil: Callable[[Values, str, Window, AngleTrack, np.random.Generator], Values]
-    right: frozenset[str]  # names that say what it is; `unknown_effect` is admitted for all
-    gears: bool = False  # whether it is a fault of the machine, not of a sensor
-
-
-def _one(change: Callable[[np.ndarray, float, np.random.Generator], np.ndarray]):
-    """A change of one sensor's values, sampled at a rate."""
-
-    def spoil(values: Values, sensor: str, window: Window, track: AngleTrack, rng: np.random.Generator) -> Values:
-        return values | {sensor: change(values[sensor], window.accelerations[sensor].rate, rng)}
-
-    return spoil
-
-
-def _delayed(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    shift = round(rng.uniform(0.3e-3, 3e-3) * rate)
-    return np.concatenate([x[:shift], x[:-shift]])
-
-
-def _high_passed(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    return np.asarray(sosfilt(butter(2, rng.uniform(30, 200), "high", fs=rate, output="sos"), x))
-
-
-def _hum(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    t = np.arange(x.size) / rate
-    return x + x.std() * rng.uniform(0.1, 0.4) * np.sqrt(2) * np.cos(2 * np.pi * 50 * t + rng.uniform(0, 6))
-
-
-def _noisy(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    return x + rng.uniform(0.3, 1.0) * x.std() * rng.normal(size=x.size)
-
-
-def _clipped(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    return np.clip(x, *(x.mean() + rng.uniform(1.2, 2.2) * x.std() * np.array([-1, 1])))
-
-
-def _dead(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    return 1e-3 * x.std() * rng.normal(size=x.size)
-
-
-def _interrupted(x: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
-    start, length = int(rng.uniform(0.1, 0.7) * x.size), int(rng.uniform(0.03, 0.15) * x.size)
-    return np.concatenate([x[:start], np.full(length, x[start]), x[start + length :]])
-
-
-def _exchanged(values: Values, sensor: str, window: Window, track: AngleTrack, rng: np.random.Generator) -> Values:
-    other = str(rng.choice([s for s in values if s != sensor]))
-    return values | {sensor: values[other], other: values[sensor]}
-
-
-def _struck(order: float, strength: float, slip: float):
-    """Impacts at an order of the pinion that ring; peak over the sensor's RMS, the other sensors a third of it."""
-
-    def spoil(values: Values, sensor: str, window: Window, track: AngleTrack, rng: np.random.Generator) -> Values:
-        out = {}
-        for name, x in values.items():
-            rate = window.accelerations[name].rate
-            first, last = (order * θ / (2 * np.pi) for θ in (track.start, track.stop))
-            turns = np.arange(float(np.ceil(first)), float(np.floor(last)))  # of what strikes
-            if slip:
-                turns = turns + slip * np.cumsum(rng.normal(size=turns.size))
-                turns = turns[(turns > first) & (turns < last)]
-            at = track.time(2 * np.pi * turns / order) - window.accelerations[name].start
-            pulses = np.zeros(x.size)
-            places = np.rint(at * rate).astype(int)
-            pulses[places[(places >= 0) & (places < x.size)]] = 1
-            t = np.arange(int(0.01 * rate)) / rate
-            ring = np.exp(-DECAY * t) * np.sin(2 * np.pi * RING_HZ * t)
-            peak = strength * x.std() * (1 if name == sensor else 1 / 3)
-            out[name] = x + peak * np.convolve(pulses, ring)[: x.size]
-        return out
-
-    return spoil
-
-
-def _kinds() -> dict[str, Kind]:
-    out = {
-        "reversed polarity": Kind(spoil=_one(lambda x, rate, rng: -x), right=frozenset({"sensor_polarity"})),
-        "delay 0.3 to 3 ms": Kind(spoil=_one(_delayed), right=frozenset({"sensor_delay"})),
-        "gain 0.4 to 0.7": Kind(
-            spoil=_one(lambda x, rate, rng: rng.uniform(0.4, 0.7) * x), right=frozenset({"sensor_gain"})
-        ),
-        "high-pass 30 to 200 Hz": Kind(spoil=_one(_high_passed), right=frozenset({"sensor_resonance", "sensor_delay"})),
-        "hum of 50 Hz": Kind(spoil=_one(_hum), right=frozenset({"hum"})),
-        "noise": Kind(spoil=_one(_noisy), right=frozenset({"sensor_noise"})),
-        "clipping": Kind(spoil=_one(_clipped), right=frozenset({"sensor_clipping"})),
-        "exchanged sensors": Kind(spoil=_exchanged, right=frozenset({"exchanged"})),
-        "dead sensor": Kind(spoil=_one(_dead), right=frozenset({"sensor_dead"})),
-        "interrupted sensor": Kind(spoil=_one(_interrupted), right=frozenset({"sensor_dead_time"})),
-    }
-    crack = frozenset({"tooth_crack"})
-    for strength in (2.0, 5.0, 10.0):
-        out[f"impacts, pinion, {strength:g} x RMS"] = Kind(spoil=_struck(1, strength, 0), right=crack, gears=True)
-        out[f"impacts, gear, {strength:g} x RMS"] = Kind(spoil=_struck(0.4, strength, 0), right=crack, gears=True)
-        out[f"impacts, bearing, {strength:g} x RMS"] = Kind(
-            spoil=_struck(BEARING, strength, SLIP), right=frozenset({"bearing_defect"}), gears=True
-        )
-    return out
-
-
-KINDS = _kinds()
+HEADS = ("named", "unknown", "other sensor", "gear fault", "nothing", "not judged")
+SPOKEN = dict(zip(SAID, HEADS, strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -225,8 +115,8 @@ class Set:
             self._baselines[percent] = learn(self.rig, others, self.shafts)
         return self._baselines[percent]
 
-    def case(self, percent: int, kind: str) -> Case:
-        """One recording spoiled in one way."""
+    def case(self, percent: int, kind: str, part: tuple[float, float] = (0.0, 1.0)) -> Case:
+        """One recording spoiled in one way, or a part of it."""
         window = self.windows[percent]
         if kind in KINDS:
             rng = np.random.default_rng([percent, list(KINDS).index(kind)])
@@ -237,6 +127,7 @@ class Set:
                 for name, s in window.accelerations.items()
             }
             window = replace(window, accelerations=samples)
+        window = part_of(window, part)
         names: set[str] = set()
         verdict, reading = "unknown_effect", self.readings[percent]
         try:
@@ -259,6 +150,15 @@ class Set:
             known = np.array([self.features[p][name] for p in LOADS if p != percent])
             out.append(np.abs(values - known.mean(axis=0)) / np.maximum(known.std(axis=0, ddof=1), 1e-9))
         return np.asarray(np.max(out, axis=0))
+
+
+def part_of(window: Window, part: tuple[float, float]) -> Window:
+    """A stretch of a window, from and to a share of its samples, as a window of its own."""
+    out = {}
+    for name, samples in window.accelerations.items():
+        low, high = (round(share * samples.values.size) for share in part)
+        out[name] = Samples(start=samples.start, rate=samples.rate, values=samples.values[low:high])
+    return replace(window, accelerations=out)
 
 
 def cases(data: Set, loads: tuple[int, ...] = LOADS) -> Iterator[Case]:
@@ -298,7 +198,7 @@ def table(found: list[Case]) -> str:
         if not own:
             continue
         lines.append(f"\n{title}: loads {', '.join(map(str, loads))} %")
-        heads = ("cases", "named", "unknown", "other sensor", "gear fault", "nothing", "not judged", "|", *RULES)
+        heads = ("cases", *HEADS, "|", *RULES)
         lines.append(f"{'':<28}{'  '.join(heads)}  logistic")
         for kind in ("healthy", *KINDS):
             here = [c for c in own if c.kind == kind]
@@ -310,18 +210,38 @@ def table(found: list[Case]) -> str:
     return "\n".join(lines).strip()
 
 
+def halves(data: Set, loads: tuple[int, ...]) -> str:
+    """What is said of each half of every recording, beside the whole."""
+    lines = [f"{'':<28}halves  as the whole  otherwise (whole: half)"]
+    for kind in ("healthy", *KINDS):
+        count, other = 0, Counter[str]()
+        for percent in loads:
+            whole = data.case(percent, kind)
+            for part in ((0.0, 0.5), (0.5, 1.0)):
+                said = data.case(percent, kind, part).said
+                count += 1
+                if said != whole.said:
+                    other[f"{percent} % {SPOKEN[whole.said]}: {SPOKEN[said]}"] += 1
+        told = ", ".join(f"{what}{f' ({n})' if n > 1 else ''}" for what, n in other.items())
+        lines.append(f"{kind:<28}{count:>6}  {count - other.total():>12}  {told}".rstrip())
+        print(lines[-1], file=sys.stderr)
+    return "\n".join(lines)
+
+
 def main() -> None:
     if not (MEASURED / SET).is_dir():
         print(f"left out: {SET} is not in {MEASURED} (GEAR_TWIN_SHARED)", file=sys.stderr)
         return
-    loads = tuple(int(text) for text in sys.argv[1:]) or LOADS
-    found = []
+    loads = tuple(int(text) for text in sys.argv[1:] if text != "--halves") or LOADS
     with TemporaryDirectory() as folder:
-        for case in cases(Set(Path(folder)), loads):
-            print(
-                f"{case.percent:>3} %  {case.kind:<28} {case.said:<8} {', '.join(sorted(case.names))}", file=sys.stderr
-            )
-            found.append(case)
+        data = Set(Path(folder))
+    if "--halves" in sys.argv:
+        print(halves(data, loads))
+        return
+    found = []
+    for case in cases(data, loads):
+        print(f"{case.percent:>3} %  {case.kind:<28} {case.said:<8} {', '.join(sorted(case.names))}", file=sys.stderr)
+        found.append(case)
     print(table(found))
 
 

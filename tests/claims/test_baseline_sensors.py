@@ -9,7 +9,7 @@ from tests.claims.test_baseline import RATE, RIG, SHAFTS, SPEED, healthy, machin
 from twin.baseline.diagnosis import diagnose
 from twin.baseline.findings import compare
 from twin.baseline.low_frequency import low_frequency_rival
-from twin.baseline.off_line_changes import OffLineChange, added_noise, student_evidence
+from twin.baseline.off_line_changes import OffLineChange, added_noise, off_line_changes, student_evidence
 from twin.baseline.off_lines import off_lines
 from twin.baseline.reading import angle_of
 from twin.baseline.sensor_timing import timing_changes
@@ -141,6 +141,19 @@ def test_evidence_of_a_deviation_is_students_and_pays_for_what_was_tried():
     """With many degrees of freedom it is that of a normal density: z²/2 less ln of the number tried."""
     assert student_evidence(36.0, 10**6, 100) == pytest.approx(18 - np.log(100), rel=1e-3)
     assert student_evidence(36.0, 16, 1) < 18
+
+
+def test_distance_from_the_recordings_widens_a_prediction_once():
+    """By the interval of the line through them or by what lies between them, whichever is more; never by both."""
+    base, reading = healthy(), parts(machine(1.0, 60)).whole
+    u, at = np.array([r.speed_hz for r in base.readings]), reading.speed_hz
+    interval = np.sqrt(1 + 1 / u.size + (at - u.mean()) ** 2 / np.sum((u - u.mean()) ** 2))
+    plain, less, more = (
+        {(c.channel, c.measure): c.deviation for c in off_line_changes(base, reading, wider)}
+        for wider in (1.0, 0.99 * interval, 2 * interval)
+    )
+    assert less == plain
+    assert all(more[key] == pytest.approx(z / 2) for key, z in plain.items())
 
 
 def test_sensor_of_which_nothing_is_left_does_not_hide_the_speed_of_the_others():

@@ -1,12 +1,13 @@
 """Measures off the lines against the healthy baseline: what has changed beyond the healthy scatter.
 
-    ŷ = ȳ + b·(u − ū),   z = (y − ŷ) / (s·√(1 + 1/n + (u − ū)²/Σ(u_i − ū)²))      a straight line over the load
+    ŷ = ȳ + b·(u − ū),   z = (y − ŷ) / (s·max(√(1 + 1/n + (u − ū)²/Σ(u_i − ū)²), w))      a straight line over the load
 
 y    logarithm of a measure (off_lines.py), u the operating point, n recordings
 s²   mean square of what each recording misses of the line through the others, half of it that of all measures of its
      kind: seven recordings alone give a variance to within 50 % only
 
-The prediction is as uncertain beyond the learned range as the line through it is: the more, the further away.
+The prediction is as uncertain beyond the learned range as the line through it is, or as what lies between recordings
+grows with distance (w, operating.py), whichever is more: both say how far a measure may have gone on the way there.
 
     ln Λ = (ν + 1)/2·ln(1 + z²/ν) − ln M       nats for a change, ν = 4·(n − 1 − d), M measures tried
 
@@ -142,10 +143,10 @@ def off_line_changes(
         names = tuple(name for name in here if all(name in values for _, values in known))
         u = np.array([point for point, _ in known])
         learned, now = np.array([[v[n] for n in names] for _, v in known]), np.array([here[n] for n in names])
-        change, spread = _deviations(u, learned, baseline.operating_point(reading), now, names)
+        change, spread = _deviations(u, learned, baseline.operating_point(reading), now, names, wider)
         shared = common * np.array([kind_of(name) in SIZES for name in names])
         freedom = 4 * max(len(known) - 1 - u.shape[1], 1)
-        found.append((channel, names, now - change + shared, change - shared, spread * wider, freedom))
+        found.append((channel, names, now - change + shared, change - shared, spread, freedom))
     tried = sum(len(names) for _, names, *_ in found)
     out = [
         OffLineChange(
@@ -184,7 +185,7 @@ def added_noise(changes: Sequence[OffLineChange], limits: OffLineThresholds = DE
 
 
 def _deviations(
-    u: np.ndarray, known: np.ndarray, at: np.ndarray, values: np.ndarray, names: tuple[str, ...]
+    u: np.ndarray, known: np.ndarray, at: np.ndarray, values: np.ndarray, names: tuple[str, ...], wider: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Change of measures and its standard deviation (m,), from operating points (n, d) with their values (n, m)."""
     A = np.column_stack([np.ones(len(u)), (u - u.mean(axis=0)) / np.maximum(np.ptp(u, axis=0), 1e-9)])
@@ -197,7 +198,7 @@ def _deviations(
     for kind in set(kinds.tolist()):
         alike = kinds == kind
         variance[alike] = 0.5 * (variance[alike] + variance[alike].mean())
-    spread = np.sqrt(np.maximum(variance, LEAST_SCATTER**2) * (1 + here @ inverse @ here))
+    spread = np.sqrt(np.maximum(variance, LEAST_SCATTER**2) * max(1 + here @ inverse @ here, wider**2))
     change = values - here @ (inverse @ A.T @ known)
     return change, spread
 

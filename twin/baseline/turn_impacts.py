@@ -33,6 +33,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
@@ -110,11 +111,10 @@ def turn_impacts(
     unusable  channels whose sensors have changed
     """
     gone = set(unusable)
-    channels = [name for name in expected.lines if name not in gone]
-    known = [(r, e) for r, e in baseline.left_out if set(channels) <= set(e.lines)]
-    if not channels or len(known) < limits.least_recordings:
+    channels = tuple(name for name in expected.lines if name not in gone)
+    learned = _learned(baseline, channels, limits) if channels else ()
+    if len(learned) < limits.least_recordings:
         return ()
-    learned = [_pulses(baseline, channels, r, e, limits) for r, e in known]
     here = _pulses(baseline, channels, reading, expected, limits)
     shared = [place for place in here if all(place in pulses for pulses in learned)]
     if not shared:
@@ -136,6 +136,18 @@ def turn_impacts(
         for (shaft, octave), mean in zip(shared, L.mean(axis=0).tolist(), strict=True)
     ]
     return tuple(sorted(found, key=lambda one: -one.deviation))
+
+
+@lru_cache(maxsize=8)  # the same for all windows that are compared with a baseline
+def _learned(
+    baseline: Baseline, channels: tuple[str, ...], limits: TurnImpactThresholds
+) -> tuple[dict[tuple[Fraction, int], _Pulse], ...]:
+    """The pulses of every healthy recording that has these channels, beside the others."""
+    return tuple(
+        _pulses(baseline, channels, reading, expected, limits)
+        for reading, expected in baseline.left_out
+        if set(channels) <= set(expected.lines)
+    )
 
 
 def _highest(expected: ExpectedLines, channels: Sequence[str]) -> int:
