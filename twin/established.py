@@ -70,17 +70,16 @@ class EstablishedLimits:
         source="derivation: the rate may still halve while the gears run in (RateDrift.running_in)",
     )
     doubtful_low: float = deciding(
-        0.75,
+        0.5,
         of="the depth by the encoders where the calibration is in doubt",
         meaning="5 % quantile of the true depth",
-        source="D00–D13 without attribution, 36 doubtful windows of 5 campaigns: 0.74, the least 0.53; tuned on 39 "
-        "campaigns of draw 1 of the wide set, 141 doubtful windows: 0.87, the least 0.73",
+        source="D00–D13 without attribution, 36 doubtful windows of 5 campaigns: 0.74, the least 0.53; rounded down",
     )
     doubtful_high: float = deciding(
-        1.15,
+        1.25,
         of="the depth by the encoders where the calibration is in doubt",
         meaning="95 % quantile of the true depth",
-        source="as doubtful_low: 1.01, the largest 1.10; of the wide set 1.14, 1.03 without campaigns of torque ripple",
+        source="as doubtful_low: 1.01, the largest 1.10; rounded up",
     )
     uncalibrated_level: float = deciding(
         2.0,

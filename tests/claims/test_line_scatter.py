@@ -5,6 +5,8 @@ import pytest
 
 from tests.dynamics_cases import RIG
 from tests.updating_cases import TEN, curve, model, seen
+from twin.effects import EFFECTS
+from twin.effects.addition import Addition
 from twin.model import Calibration, Condition, Model
 from twin.structure_spread import times
 from twin.updating.depth import HARMONICS, estimate_depth
@@ -12,6 +14,7 @@ from twin.updating.depth_band import BAND, DepthParts, structure_std
 from twin.updating.encoders import gauge_of
 from twin.updating.line_scatter import deviations, line_scatter
 from twin.updating.memory import Memory
+from twin.updating.outcome import stated_std
 from twin.updating.prediction import Expectation
 
 CURVE = curve()
@@ -73,3 +76,14 @@ def test_parts_of_a_band_are_independent():
     expected = (BAND.tolerance * 3e-7) ** 2 + (BAND.fit * 4e-7) ** 2 + 1e-14 + 4e-14
     expected += (BAND.alike * 2e-5) ** 2 + BAND.floor**2
     assert parts.std(2e-5) == pytest.approx(np.sqrt(expected))
+
+
+def test_an_effect_in_the_model_widens_the_band_only_where_it_changes_the_mesh_lines():
+    gauge = gauge_of(seen(CURVE.profile(30e-6), revolutions=5000.0), Memory(), model(), TEN)
+    response = Expectation.at(model(), CURVE, TEN, 30e-6).response(False, gauge.from_unworn)
+    found = estimate_depth(gauge, response, 1e-6, 60e-6)
+    friction = Memory(effects=(Addition(effect=EFFECTS["tooth_friction"](coefficient=0.1)),))
+    gain = Memory(effects=(Addition(effect=EFFECTS["sensor_gain"](gain=1.2)),))
+    alone = stated_std(found, Memory())
+    assert stated_std(found, gain) == alone
+    assert stated_std(found, friction) == pytest.approx(np.hypot(alone, BAND.effects * found.depth))

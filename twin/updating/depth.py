@@ -259,6 +259,7 @@ def _uncertainty(
         mean=0.0 if gauge.mean is None else float(np.sqrt(by_mean)) / information,
         noise=noise,
         shape=DEPTH.shape_stated * depth**2,
+        alike=float(gauge.scatter[0] / DEPTH.model_scatter[0]),
     )
     std = float(np.hypot(lines_std * np.sqrt(max(misfit, 1.0)), DEPTH.shape_scatter * depth**2))
     return misfit, _Spread(std=std, stated=parts.std(depth), noise=noise)
