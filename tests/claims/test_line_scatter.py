@@ -78,7 +78,7 @@ def test_parts_of_a_band_are_independent():
     assert parts.std(2e-5) == pytest.approx(np.sqrt(expected))
 
 
-def test_an_effect_in_the_model_widens_the_band_only_where_it_changes_the_mesh_lines():
+def test_an_effect_in_the_model_widens_the_band_only_where_it_acts_on_mesh_or_teeth():
     gauge = gauge_of(seen(CURVE.profile(30e-6), revolutions=5000.0), Memory(), model(), TEN)
     response = Expectation.at(model(), CURVE, TEN, 30e-6).response(False, gauge.from_unworn)
     found = estimate_depth(gauge, response, 1e-6, 60e-6)

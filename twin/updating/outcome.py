@@ -16,6 +16,8 @@ from twin.updating.prediction import Expectation
 from twin.updating.rms_update import RmsResult
 from twin.wear.curve import MasterCurve
 
+ACTS_ON_DEPTH = ("mesh", "teeth")  # effects on these change the mesh lines of the encoders
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UpdateOptions:
@@ -60,7 +62,7 @@ def stated_std(estimate: DepthEstimate, memory: Memory, band: BandModel = BAND) 
     """
     if estimate.band is not None:
         return estimate.std
-    moved = any(addition.effect.facts.changes_mesh_lines for addition in memory.effects)
+    moved = any(a.effect.facts.acts_on in ACTS_ON_DEPTH for a in memory.effects)
     by_effects = band.effects * estimate.depth if moved else 0.0
     return float(np.hypot(np.hypot(estimate.stated_std, memory.zero_std), by_effects))
 
