@@ -1,8 +1,11 @@
 """What the rig file's tolerances do to the mesh lines, against the whole response, and what follows for a band."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from service.files.rig import load_rig
 from tests.dynamics_cases import RIG
 from tests.updating_cases import TEN, curve, model, seen
 from twin.effects import EFFECTS
@@ -46,6 +49,12 @@ def test_a_line_near_a_natural_frequency_is_far_less_certain():
     """The first mesh harmonic far below the mode at 767 Hz, and on it (19 teeth at 40.4 Hz)."""
     assert scatter_of_lines(RIG, 10.0)[0] < 0.003
     assert scatter_of_lines(RIG, 40.4)[0] > 0.02
+
+
+def test_a_rig_with_its_own_table_of_the_pair_stiffness_has_a_scatter():
+    rig = load_rig(Path(__file__).parents[2] / "benchmarks" / "trace_campaigns" / "rigs" / "pump-drive.toml")
+    assert np.all(scatter_of_lines(rig, 8.0) > 0)
+    assert scatter_of_lines(rig, 8.0)[0] < 0.003
 
 
 def test_the_scatter_is_proportional_to_the_tolerances():

@@ -18,7 +18,7 @@ Ignores  the stiffness of the mesh: a deviation of 3 % moves no line by more tha
 
 from __future__ import annotations
 
-import json
+from dataclasses import dataclass, field
 from functools import lru_cache
 from math import exp, log, pi, sqrt
 
@@ -44,12 +44,20 @@ def line_scatter(rig: Rig, speed_hz: float, pinion_only: bool) -> np.ndarray:
 
     pinion_only  whether they are the pinion's motion, without the gear's
     """
-    return _scatter(rig.text, exp(SAME * round(log(speed_hz) / SAME)), pinion_only)
+    return _scatter(_ByText(rig.text, rig), exp(SAME * round(log(speed_hz) / SAME)), pinion_only)
+
+
+@dataclass(frozen=True, slots=True)
+class _ByText:
+    """A rig that is the same as another with the same text."""
+
+    text: str
+    rig: Rig = field(compare=False)
 
 
 @lru_cache(maxsize=256)
-def _scatter(text: str, speed_hz: float, pinion_only: bool) -> np.ndarray:
-    rig = Rig(json.loads(text))
+def _scatter(of: _ByText, speed_hz: float, pinion_only: bool) -> np.ndarray:
+    rig = of.rig
     stiffness = mesh_of(rig, SAMPLES).stiffness.mesh_mean * rig.get("mesh.stiffness_scale", 1.0)
     ω = 2 * pi * rig.teeth[0] * speed_hz * np.arange(1, HARMONICS + 1)
 
