@@ -103,7 +103,7 @@ def _compliance(rig: Rig) -> float:
 def drawn(rig: Rig, rng: np.random.Generator) -> Rig:
     """A machine from the distribution that the rig file states."""
     spreads = drawn_keys(rig)
-    return _times(
+    return times(
         rig, dict(zip(spreads, np.array(list(spreads.values())) * rng.standard_normal(len(spreads)), strict=True))
     )
 
@@ -115,7 +115,7 @@ def drawn_keys(rig: Rig) -> dict[str, float]:
     return {key: estimated.spread[p] for key, p in parts.items() if p in DRAWN and p in estimated.spread}
 
 
-def _times(rig: Rig, logarithms: Mapping[str, float]) -> Rig:
+def times(rig: Rig, logarithms: Mapping[str, float]) -> Rig:
     """The rig with values times factors, given as logarithms by key."""
     values = _copied(rig.values)
     for key, logarithm in logarithms.items():

@@ -104,6 +104,7 @@ from twin.updating.carried_over import CarriedOver
 from twin.updating.changing_speed import ChangingSpeed
 from twin.updating.conditions import ConditionMatch, LevelComparison, RevolutionCount
 from twin.updating.depth import DepthModel
+from twin.updating.depth_band import BandModel
 from twin.updating.depth_search import DepthSearch
 from twin.updating.disc_remount import DiscRemount
 from twin.updating.encoders import EncoderScatter
@@ -114,12 +115,12 @@ from twin.updating.life import LifeSpread
 from twin.updating.measurement import DepthScatter
 from twin.updating.model_cache import CurveDepths
 from twin.updating.prediction import LearnedFactors
+from twin.updating.rate_histories import RateHistories
 from twin.updating.remaining_life import LifeScatter
 from twin.updating.running_time import RunningLimits
 from twin.updating.segments import SegmentLimits
 from twin.updating.tracker import RateDrift
 from twin.updating.update import CalibrationWindows
-from twin.updating.wear_forecast import RateHistories
 from twin.what_if import DutyLimits
 
 SETS: tuple[type, ...] = (
@@ -222,6 +223,7 @@ SETS: tuple[type, ...] = (
     ChangingSpeed,
     FallenCountThresholds,
     DepthModel,
+    BandModel,
     DepthSearch,
     DiscRemount,
     EncoderScatter,

@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 
 from twin.quantiles import Z95, student95
+from twin.updating.rate_histories import HISTORIES
 from twin.updating.remaining_life import LifeMixture, RemainingLife
 from twin.updating.tracker import WearTrack
-from twin.updating.wear_forecast import HISTORIES, forecast_of
+from twin.updating.wear_forecast import forecast_of
 from twin.updating.wear_points import WearPoint
 
 RATE = 3.0
 COUNTS = 1000.0 * np.arange(1, 13)
 ONLY_STEADY = replace(
     HISTORIES, wanders=(0.0, 1e-9), steady=1 - 1e-9, irregular=(0.0,), running_in_prior=1e-12, trend_prior=1e-12,
-    step_prior=1e-12, scatters=(1.0,),
+    step_prior=1e-12, shift_prior=1e-12, scatters=(1.0,),
 )  # fmt: skip
 
 
@@ -159,3 +160,22 @@ def test_a_mixture_is_quantile_and_probability_of_one_distribution():
 def test_students_quantile_is_that_of_the_tables(freedom, published):
     assert student95(freedom) == pytest.approx(published, abs=0.007)
     assert student95(1e9) == pytest.approx(Z95)
+
+
+def test_a_falling_trend_fades_so_that_a_life_has_an_end():
+    """A rate that falls by half along a line would reach zero after as many revolutions again."""
+    works = RATE * (COUNTS - COUNTS**2 / (4 * COUNTS[-1]))
+    found = forecast_of(points_of(noisy(works, std=0.0005), own=0.003), COUNTS[-1])
+    lives = found.lives(works[-1] + 0.5 * RATE * COUNTS[-1])
+    heavy = lives.weights > 0.01
+    assert np.all((lives.median[heavy] > COUNTS[-1]) & (lives.median[heavy] < 3 * COUNTS[-1]))
+    assert np.all(lives.relative[heavy] < 0.5)
+
+
+@pytest.mark.parametrize("shift", [-0.03, 0.03])
+def test_a_shift_of_all_depths_is_told_from_wear(shift):
+    """At a tenth of the work before the end, a shift of 3 % taken for wear would move the life by a third."""
+    works = RATE * COUNTS
+    shifted = works * np.where(COUNTS > 7500, 1 + shift, 1.0)
+    median, _ = life(forecast_of(points_of(noisy(shifted, std=0.0005), own=0.003), COUNTS[-1]), 1.1 * works[-1])
+    assert median == pytest.approx(1200.0, rel=0.1)

@@ -16,20 +16,15 @@ c     offset of the two discs' zeros, learned from windows       [m]
 σ_k   what a structure that differs from the rig file's by its tolerance does to line k, plus noise
 
 Where the lines fit worse than their scatter says (misfit above one), the standard deviation that weighs the depth is
-widened by the square root of the misfit (Birge's ratio). How far a structure is from its rig file is one unknown s for
-all its lines: σ_k states it for the tolerance, the misfit measures it. The band is that of both together, with the
-tolerance worth ν₀ degrees of freedom and the misfit those of the fit,
-
-    s² | J = (ν₀ + ν·misfit)/(ν₀ + ν),      the depth by Student's distribution of ν₀ + ν degrees of freedom
-
-so that it is wider for lines that fit badly and narrower for lines that fit well. Of deep wear the profile's own shape
-is not sure, either: dynamic forces leave waves on the flanks that static ones would not. Flanks worn by static forces,
+widened by the square root of the misfit (Birge's ratio). The band is not that: σ_k holds for the structure of any
+machine, and weighs the lines against each other, whereas what this machine's lines may be off by follows from its rig
+file and its speed (line_scatter.py); its parts are those of depth_band.py. Of deep wear the profile's own shape is not
+sure, either: dynamic forces leave waves on the flanks that static ones would not. Flanks worn by static forces,
 measured with a curve made by dynamic ones, come out 0.9, 2.7 and 5.9 % off at 100, 200 and 400 µm (reference rig,
 10 Hz, 10 N·m; more at 12 Hz).
 
 Source   P. Sweeney, R. Randall, Proc. IMechE C 210 (1996) 201–213 (phase demodulation of encoders);
-         R. T. Birge, Phys. Rev. 40 (1932) 207–227 (external consistency); A. Gelman et al., Bayesian Data Analysis,
-         3rd ed. (2013), sections 2.6 and 3.2 (unknown variance, scaled inverse χ² prior)
+         R. T. Birge, Phys. Rev. 40 (1932) 207–227 (external consistency)
 Holds    where wear is the only thing that grows; the mean also where nothing moves the discs
 """
 
@@ -37,12 +32,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from twin.compiled import best_phases
-from twin.quantiles import Z95, student95
 from twin.thresholds import deciding
+from twin.updating.depth_band import DepthParts, structure_std
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,12 +77,6 @@ class DepthModel:
         meaning="deviation of real unworn teeth, at one mesh line, that the twin does not know",
         source="not derived: deviations of real unworn teeth, a few hundredths of a micrometre",
     )
-    tolerance_freedom: float = deciding(
-        1.0,
-        unit="degrees of freedom",
-        meaning="what the stated scatter of the lines is worth against the scatter that the fit shows",
-        source="derivation: a unit-information prior (Kass and Wasserman, J. Am. Stat. Assoc. 90 (1995) 928)",
-    )
     at_limit: float = deciding(
         0.995,
         of="the range searched",
@@ -115,11 +105,17 @@ class Gauge:
     phase: float | None  # ψ̄ [rad], None at first
     phase_std: float  # [rad]
     pinion_only: bool = False  # whether the lines are the pinion's motion, without the gear's
+    structure: np.ndarray | None = None  # ln of the lines by each value of the rig file (values, HARMONICS), complex
 
     @property
     def scatter(self) -> np.ndarray:
         """σ_k/|m_k| (HARMONICS,)."""
         return np.array(DEPTH.pinion_scatter if self.pinion_only else DEPTH.model_scatter)
+
+    @property
+    def sources(self) -> np.ndarray:
+        """What the lines may be off by, a row for each independent cause; σ_k where no rig file says better."""
+        return np.diag(self.scatter) if self.structure is None else self.structure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,35 +214,52 @@ def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest:
 
     depth, J, ψ = best(1.0)
     from_lines = best(0.0)[0] if gauge.mean is not None else depth
-    step = max(0.02 * depth, 0.3e-6)
-    high, low = min(depth + step, deepest), max(depth - step, shallowest)
-    (up, down, model), (mean_up, mean_down, _) = response(np.array([high, low, depth]))
-    slope, mean_slope = (up - down) / (high - low), float(mean_up - mean_down) / (high - low)
-    noise2 = gauge.lines_std**2
-    σ2 = (gauge.scatter * np.abs(model)) ** 2 + noise2 + DEPTH.floor**2
-    information = float((np.abs(slope) ** 2 / σ2).sum())
-    noise = float((np.abs(slope) ** 2 * noise2 / σ2**2).sum())
-    if gauge.mean is not None:
-        information += mean_slope**2 / gauge.mean_std**2
-    freedom = 2 * HARMONICS + (gauge.mean is not None) - 2
-    misfit = (J - float(np.log(σ2).sum())) / freedom
-    lines_std = float(1 / np.sqrt(information)) if information > 0 else float("inf")
-    shape = DEPTH.shape_scatter * depth**2
-    std = float(np.hypot(lines_std * np.sqrt(max(misfit, 1.0)), shape))
-    stated = float(np.hypot(lines_std * _scatter_shown(max(misfit, 0.0), freedom), DEPTH.shape_stated * depth**2))
+    misfit, spread = _uncertainty(gauge, response, depth, J, (shallowest, deepest))
     return DepthEstimate(
         depth=depth,
-        std=std,
-        noise_std=float(np.sqrt(noise) / information) if information > 0 else float("inf"),
+        std=spread.std,
+        noise_std=spread.noise,
         phase=ψ,
         from_lines=from_lines,
         misfit=misfit,
         at_limit=depth > shallowest + DEPTH.at_limit * (deepest - shallowest),
-        stated=stated / std if np.isfinite(std) else 1.0,
+        stated=spread.stated / spread.std if np.isfinite(spread.std) else 1.0,
     )
 
 
-def _scatter_shown(misfit: float, freedom: int) -> float:
-    """Scatter of the lines over the stated one by tolerance and misfit, such that ± Z95 of it hold 90 %."""
-    known = DEPTH.tolerance_freedom
-    return float(np.sqrt((known + freedom * misfit) / (known + freedom))) * student95(known + freedom) / Z95
+class _Spread(NamedTuple):
+    """Standard deviations of a depth [m]."""
+
+    std: float  # that weighs it
+    stated: float  # of its band
+    noise: float  # independent from window to window
+
+
+def _uncertainty(
+    gauge: Gauge, response: Response, depth: float, J: float, bounds: tuple[float, float]
+) -> tuple[float, _Spread]:
+    """Misfit and uncertainty of the depth found between two bounds [m], to first order about it."""
+    step = max(0.02 * depth, 0.3e-6)
+    low, high = max(depth - step, bounds[0]), min(depth + step, bounds[1])
+    (up, down, model), (mean_up, mean_down, _) = response(np.array([high, low, depth]))
+    slope, mean_slope = (up - down) / (high - low), float(mean_up - mean_down) / (high - low)
+    noise2 = gauge.lines_std**2
+    σ2 = (gauge.scatter * np.abs(model)) ** 2 + noise2 + DEPTH.floor**2
+    by_mean = 0.0 if gauge.mean is None else mean_slope**2 / gauge.mean_std**2
+    information = float((np.abs(slope) ** 2 / σ2).sum()) + by_mean
+    freedom = 2 * HARMONICS + (gauge.mean is not None) - 2
+    misfit = (J - float(np.log(σ2).sum())) / freedom
+    if information <= 0:
+        return misfit, _Spread(float("inf"), float("inf"), float("inf"))
+    lines_std = float(1 / np.sqrt(information))
+    noise = float(np.sqrt((np.abs(slope) ** 2 * noise2 / σ2**2).sum())) / information
+    parts = DepthParts(
+        structure=structure_std(np.conj(slope) / σ2 / information, model, gauge.sources),
+        fit=lines_std * float(np.sqrt(max(misfit, 0.0))),
+        mean=0.0 if gauge.mean is None else float(np.sqrt(by_mean)) / information,
+        noise=noise,
+        shape=DEPTH.shape_stated * depth**2,
+        alike=float(gauge.scatter[0] / DEPTH.model_scatter[0]),
+    )
+    std = float(np.hypot(lines_std * np.sqrt(max(misfit, 1.0)), DEPTH.shape_scatter * depth**2))
+    return misfit, _Spread(std=std, stated=parts.std(depth), noise=noise)

@@ -11,6 +11,7 @@ from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.model import Condition, Model
 from twin.thresholds import deciding
 from twin.updating.depth import DEPTH, HARMONICS, DepthEstimate, Gauge
+from twin.updating.line_scatter import line_scatter
 from twin.updating.memory import Line, MeanOffset, Memory
 from twin.updating.prediction import MESH, Expectation
 from twin.wear.curve import LINES
@@ -126,6 +127,7 @@ def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: 
         strain = ENCODERS.compliance * model.compliance_outside_mesh * (condition.torque - memory.offset.torque)
         mean = raw - memory.offset.value
         mean_std = float(np.sqrt(memory.offset.var + ENCODERS.offset_drift**2 + ENCODERS.mean_noise**2 + strain**2))
+    pinion_only = features.transmission_error is None
     lines = np.array([seen.at(k) for k in DEPTH_HARMONICS])
     std = np.array([seen.std_at(k) for k in DEPTH_HARMONICS])
     unworn = unworn_like(features, memory)
@@ -141,7 +143,8 @@ def gauge_of(features: WindowFeatures, memory: Memory, model: Model, condition: 
         mean_std=mean_std,
         phase=memory.phase,
         phase_std=memory.phase_std,
-        pinion_only=features.transmission_error is None,
+        pinion_only=pinion_only,
+        structure=line_scatter(model.rig, condition.speed_hz, pinion_only),
     )
 
 

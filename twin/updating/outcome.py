@@ -10,10 +10,13 @@ from twin.model import Condition, Model
 from twin.quantiles import Z95
 from twin.required_evidence import DEFAULT, RequiredEvidence
 from twin.updating.depth import DepthEstimate
+from twin.updating.depth_band import BAND, BandModel
 from twin.updating.memory import Memory
 from twin.updating.prediction import Expectation
 from twin.updating.rms_update import RmsResult
 from twin.wear.curve import MasterCurve
+
+ACTS_ON_DEPTH = ("mesh", "teeth")  # effects on these change the mesh lines of the encoders
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,12 +54,17 @@ class UpdateOutcome:
     notes: tuple[str, ...] = ()
 
 
-def stated_std(estimate: DepthEstimate, memory: Memory) -> float:
-    """Standard deviation [m] that is stated of a depth by the encoders: its own, and that of unworn flanks as its zero.
+def stated_std(estimate: DepthEstimate, memory: Memory, band: BandModel = BAND) -> float:
+    """Standard deviation [m] that is stated of a depth by the encoders: its own, that of unworn flanks as its zero, and
+    what the sizes of effects do to it.
 
     A band of an estimate that is not symmetric holds all of it already.
     """
-    return estimate.std if estimate.band is not None else float(np.hypot(estimate.stated_std, memory.zero_std))
+    if estimate.band is not None:
+        return estimate.std
+    moved = any(a.effect.facts.acts_on in ACTS_ON_DEPTH for a in memory.effects)
+    by_effects = band.effects * estimate.depth if moved else 0.0
+    return float(np.hypot(np.hypot(estimate.stated_std, memory.zero_std), by_effects))
 
 
 def depth_band(depth: float, std: float) -> tuple[float, float]:

@@ -1,0 +1,205 @@
+"""Histories that a wear rate may have had, as wear_forecast.py weighs them: which there are, and their priors.
+
+A history is a form of the rate (none, a trend, running-in, a step, or none with a shift of the depths) with a wander g,
+irregular wear u and a share s of the stated scatter; the symbols are those of wear_forecast.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from twin.thresholds import deciding
+
+DRAWN = "tuned on drawn wear histories of even seeds (benchmarks.reliability), of all classes"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RateHistories:
+    """Histories of the wear rate that are weighed against each other, and their priors."""
+
+    wanders: tuple[float, ...] = deciding(
+        (0.0, 0.05, 0.1, 0.2, 0.4, 0.8),
+        of="the wear rate, over the revolutions so far",
+        meaning="standard deviations of its wander that are weighed; those above zero are equally probable at first",
+        source="derivation: steps of a factor of two, from what a depth within 2 % resolves to a doubled rate",
+    )
+    steady: float = deciding(
+        0.6,
+        meaning="probability that the rate does not wander",
+        source=DRAWN,
+    )
+    irregular: tuple[float, ...] = deciding(
+        (0.0, 0.004, 0.012),
+        of="the work so far",
+        meaning="standard deviations of irregular wear, independent from one stretch to the next, that are weighed",
+        source="not derived: from below what a depth resolves to the scatter stated from window to window",
+    )
+    running_in: tuple[float, ...] = deciding(
+        (0.05, 0.12, 0.3, 0.7),
+        of="the revolutions so far",
+        meaning="lengths over which running-in decays by a factor e",
+        source="derivation: between the first windows and the whole of what was seen, in even ratios",
+    )
+    running_in_size: float = deciding(
+        1.0,
+        of="the mean wear rate so far",
+        meaning="standard deviation of what running-in adds to the rate of new flanks",
+        source="not derived: running-in takes the rate down by half within thousands of revolutions",
+    )
+    running_in_prior: float = deciding(
+        0.2,
+        meaning="probability that a pair runs in so that it can be seen",
+        source=DRAWN,
+    )
+    trend_sizes: tuple[float, ...] = deciding(
+        (0.15, 0.5),
+        of="the mean wear rate so far",
+        meaning="standard deviations of a steady change of the rate over the revolutions so far, equally probable",
+        source="not derived: a change that is just seen, and half as fast again",
+    )
+    trend_prior: float = deciding(
+        0.3,
+        meaning="probability that the rate has changed steadily",
+        source=DRAWN,
+    )
+    trend_damping: float = deciding(
+        1.0,
+        of="the revolutions so far",
+        meaning="revolutions ahead over which a trend fades by a factor e",
+        source=DRAWN,
+    )
+    step_size: float = deciding(
+        0.7,
+        of="the mean wear rate so far",
+        meaning="standard deviation of a sudden change of the rate",
+        source="not derived: a factor of two up or down, one standard deviation",
+    )
+    step_prior: float = deciding(
+        0.1,
+        meaning="probability that the rate has changed suddenly so far",
+        source="not derived: one machine in ten",
+    )
+    shift_size: float = deciding(
+        0.025,
+        of="the work so far",
+        meaning="standard deviation of a shift of all depths from a window on",
+        source="not derived: what an effect below its detection limit does to a depth",
+    )
+    shift_prior: float = deciding(
+        0.15,
+        meaning="probability that all depths from some window on are shifted",
+        source=DRAWN,
+    )
+    scatters: tuple[float, ...] = deciding(
+        (0.25, 1.0),
+        of="the stated scatter of a depth from window to window",
+        meaning="shares of it that are weighed, equally probable at first",
+        source="derivation: windows of constant speed and torque scatter by less than what is stated for all",
+    )
+    alike: float = deciding(
+        3.5,
+        of="ln of the work",
+        meaning="distance over which depths by the encoders are off alike",
+        source="as InspectionFaults.alike_fused",
+    )
+    most_points: int = deciding(
+        16,
+        unit="windows",
+        meaning="windows that are weighed one by one; of more, older neighbours are merged",
+        source="not derived: the time grows with the cube of it",
+    )
+    most_steps: int = deciding(
+        8,
+        unit="places",
+        meaning="places of a sudden change that are weighed, between windows",
+        source="not derived: the time grows with it",
+    )
+
+
+HISTORIES = RateHistories()
+
+
+class Grid(NamedTuple):
+    """One history a row, (h,) each."""
+
+    form: np.ndarray
+    wander: np.ndarray  # g
+    irregular: np.ndarray  # u
+    scatter: np.ndarray  # s
+    prior: np.ndarray
+
+
+@lru_cache(maxsize=32)
+def grid_of(steps: int, histories: RateHistories) -> Grid:
+    """All histories; forms other than the plain one have every second g and u."""
+    decays = len(histories.running_in)
+    step, shift = (histories.step_prior, histories.shift_prior) if steps else (0.0, 0.0)
+    plain, trends = 1 - histories.running_in_prior - histories.trend_prior - step - shift, len(histories.trend_sizes)
+    forms = [plain, *[histories.trend_prior / trends] * trends, *[histories.running_in_prior / decays] * decays]
+    forms += [step / steps] * steps + [shift / steps] * steps if steps else []
+    wanders = np.array(histories.wanders)
+    share = np.full(wanders.size, (1 - histories.steady) / (wanders.size - 1))
+    share[0] = histories.steady
+    cells = []
+    for form, prior in enumerate(forms):
+        each = slice(None, None, 2 if form else None)
+        irregular = histories.irregular[each]
+        each_share = share[each] / share[each].sum()
+        cells += [
+            (form, g, u, s, prior * p / len(irregular) / len(histories.scatters))
+            for g, p in zip(wanders[each].tolist(), each_share.tolist(), strict=True)
+            for u in irregular
+            for s in histories.scatters
+        ]
+    table = np.array(cells).T
+    return Grid(table[0].astype(int), *table[1:])
+
+
+class Forms(NamedTuple):
+    """Changes of the rate that have a form, m of them."""
+
+    windows: np.ndarray  # φ at the windows (m, n)
+    now: np.ndarray  # φ now (m,)
+    slope: np.ndarray  # φ' now (m,)
+    size: np.ndarray  # standard deviation of c over the mean rate (m,)
+    decay: np.ndarray  # N_r, infinite where there is none (m,)
+    trend: np.ndarray  # φ″ of a trend, 0 where there is none (m,)
+    shifted: np.ndarray  # 1 at the windows whose depths are shifted, else 0 (m, n)
+
+
+def forms_of(N: np.ndarray, now: float, histories: RateHistories) -> Forms:
+    """Forms over windows at revolutions N (n,) and now: those of a kind one after the other."""
+    decays, trends = now * np.array(histories.running_in), len(histories.trend_sizes)
+    between = 0.5 * (N[1:] + N[:-1])
+    steps = min(histories.most_steps, between.size)
+    places = between[np.linspace(0, between.size - 1, steps).round().astype(int)] if steps else np.zeros(0)
+    counts = np.append(N, now)
+    none, no_shift = np.zeros((1, counts.size)), np.zeros((1 + trends + decays.size + steps, N.size))
+    φ = np.concatenate(
+        [
+            none,
+            np.repeat(counts[None] ** 2 / (2 * now), trends, axis=0),
+            -decays[:, None] * np.expm1(-counts / decays[:, None]),
+            np.maximum(counts - places[:, None], 0.0),
+            np.repeat(none, steps, axis=0),
+        ]
+    )
+
+    def by_kind(plain: float, trend: float, running_in: np.ndarray, step: float) -> np.ndarray:
+        return np.concatenate([[plain], [trend] * trends, running_in, [step] * steps, [plain] * steps])
+
+    sizes = by_kind(0.0, 0.0, np.full(decays.size, histories.running_in_size), histories.step_size)
+    sizes[1 : 1 + trends] = histories.trend_sizes
+    return Forms(
+        windows=φ[:, :-1],
+        now=φ[:, -1],
+        slope=by_kind(0.0, 1.0, np.exp(-now / decays), 1.0),
+        size=sizes,
+        decay=by_kind(np.inf, np.inf, decays, np.inf),
+        trend=by_kind(0.0, 1 / now, np.zeros(decays.size), 0.0),
+        shifted=np.concatenate([no_shift, places[:, None] < N]),
+    )
