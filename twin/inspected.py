@@ -82,10 +82,12 @@ def with_inspections(
     median, low, high = (scale.depth(found.work_quantile(p)) for p in (0.5, 0.05, 0.95))
     combined = Interval(median=median, p05=low, p95=high)
     result = _result(wear, life, depth, inspections, scale, shares, found)
-    settled = not any(c.contradicts for c in result.compared) and _width(combined) < LIMITS.settled * _width(depth)
+    agrees = not any(c.contradicts for c in result.compared)
+    settled = agrees and _width(combined) < LIMITS.settled * _width(depth)
     wear = _wear(rig, scale, wear, combined, found, result)
     wear = replace(wear, preliminary=None if settled else result.depth_preliminary)
-    if isinstance(life, Unavailable) and not settled:
+    first_rate = agrees and not by_rms and not memory.track.windows  # no worn window has given one
+    if isinstance(life, Unavailable) and not (settled or first_rate):
         return wear, life
     return wear, _life(rig, memory, life, scale, found, result, settled)
 
