@@ -88,7 +88,7 @@ def test_an_effect_that_makes_an_error_rise_is_marked():
     }
     r = score_tracing(TRUTH, changed(ANSWER, effects=[effect]), name="N1-x")
     assert [g.rises for g in r.gains] == [True]
-    assert "RISES" in gain_table([r])[2] and gain_table([r])[-1].startswith("1 of 1")
+    assert "RISES" in gain_table([r])[2] and gain_table([r])[-2].startswith("1 of 1")
     better = Gain(
         effect="x", waveform_before=20.0, waveform_after=15.0, transmission_before=None, transmission_after=3.0
     )

@@ -53,7 +53,7 @@ class JoiningLimits:
         meaning="log likelihood ratio of held-out windows from which an effect that raises the whole error is left out "
         "only until there are more",
         source="not derived: chosen as in pruning, beyond any doubt of its lines; tuned on the wide evaluation's first "
-        "draw: a misalignment beside pitch errors has 1000 nat and raises the whole error of one held-out window; with "
+        "draw: a misalignment next to pitch errors has 1000 nat and raises the error of one held-out window; with "
         "two it halves the error",
     )
 

@@ -43,7 +43,7 @@ class MeanStepThresholds:
         meaning="size of a step",
         source="derivation: an encoder that settles moves by a half or more of its first move after it",
     )
-    least_windows: int = deciding(2, meaning="windows before and after", source="not derived: one tells no scatter")
+    least_windows: int = deciding(2, meaning="windows before and after", source="not derived: one value has no scatter")
 
 
 THRESHOLDS = MeanStepThresholds()

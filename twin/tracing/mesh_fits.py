@@ -112,7 +112,7 @@ class MeshSearchWithDifferingTeethThresholds(MeshSearchThresholds):
         of="evidence explained before",
         meaning="evidence that an effect must add where much is explained already",
         source="derivation: what teeth make of lines that an effect explains is known to a quarter (τ in scatter.py), "
-        "and a quarter squared of their energy is 0.0625. On wide draw 1, beside friction and pitch errors, a profile "
+        "and a quarter squared of their energy is 0.0625. On wide draw 1, next to friction and pitch errors, a profile "
         "error that is not there reaches 0.035 and a misalignment 0.048",
     )
     softened: float = deciding(
