@@ -68,7 +68,7 @@ def test_effect_whose_own_lines_speak_for_it_is_judged_again_by_more_held_out_wi
     tracing, monkeypatch, gain, remembered
 ):
     monkeypatch.setattr(confirmation, "compare", failing_with_the_effect(2))
-    monkeypatch.setattr(confirmation, "_with_own_lines", lambda rig, errors, windows: replace(errors, gain=gain))
+    monkeypatch.setattr(confirmation, "_with_own_lines", lambda rig, errors, item, windows: replace(errors, gain=gain))
     judged = with_errors(RIG, tracing)
     doubted = not_confirmed(judged, {})
     refuted = joining._refuted(judged, doubted)

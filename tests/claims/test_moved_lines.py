@@ -24,7 +24,7 @@ RIG = Rig.from_mapping(UNSW_RIG)
 def errors_of_ripple(share, model_error=0.0):
     """Of the lines that a ripple moves, fitted `share` times as large as it is."""
     measured = MESH * np.exp(1j * model_error) + RIPPLE
-    return moved_lines([(window(MESH, measured), window(MESH + share * RIPPLE, measured))], SHAFTS, SCALES)
+    return moved_lines([(window(MESH, measured), window(MESH + share * RIPPLE, measured))], SHAFTS, SCALES, True)
 
 
 @pytest.mark.parametrize("share", [0.7, 0.9, 1.0, 1.5])
@@ -47,8 +47,16 @@ def test_windows_are_taken_together_by_their_energy():
         (window(MESH, MESH + size * RIPPLE), window(MESH + size * RIPPLE, MESH + size * RIPPLE * 1.1))
         for size in (1.0, 3.0)
     ]
-    (moved,) = moved_lines(pairs, SHAFTS, SCALES)
+    (moved,) = moved_lines(pairs, SHAFTS, SCALES, True)
     assert moved.lines == 2 and moved.after == pytest.approx(0.1) and moved.before == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("speed_hz", "lines"), [(5.0, 0), (9.0, 0), (11.0, 1)])
+def test_torque_that_a_displacement_makes_counts_only_beyond_the_speed_control(speed_hz, lines):
+    measured = MESH + RIPPLE  # of order 2
+    pair = [replace(window(m, measured), speed_hz=speed_hz) for m in (MESH, MESH + 0.9 * RIPPLE)]
+    assert sum(moved.lines for moved in moved_lines([tuple(pair)], SHAFTS, SCALES)) == lines
+    assert sum(moved.lines for moved in moved_lines([tuple(pair)], SHAFTS, SCALES, is_torque=True)) == 1
 
 
 NAMES = ("misalignment", "sensor_gain", "tooth_friction")

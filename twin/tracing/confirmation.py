@@ -77,7 +77,7 @@ def with_errors(rig: Rig, tracing: Tracing) -> Tracing:
     rows = [_row(rig, tracing, count, learned, windows) for count in range(len(tracing.found) + 1)]
     errors = tuple(_pair(before, after) for before, after in pairwise(rows))
     errors = tuple(
-        _with_own_lines(rig, e, _alone(rig, tracing, f, learned, windows))
+        _with_own_lines(rig, e, f, _alone(rig, tracing, f, learned, windows))
         for e, f in zip(errors, tracing.found, strict=True)
     )
     final = _pair(rows[-1], rows[-1]).after
@@ -161,14 +161,19 @@ def _alone(
 
 
 def _with_own_lines(
-    rig: Rig, errors: EffectErrors, windows: Sequence[tuple[HeldOutComparison, HeldOutComparison]]
+    rig: Rig,
+    errors: EffectErrors,
+    item: AttributedEffect,
+    windows: Sequence[tuple[HeldOutComparison, HeldOutComparison]],
 ) -> EffectErrors:
     """The errors with the likelihood ratio of the lines that the effect moves, and with the errors of these lines."""
     if not any(without.channels for without, _ in windows):
         return errors
     own, scales = (1.0, rig.teeth[0] / rig.teeth[1]), Scales.of(rig)
     gain = sum(log_likelihood_ratio(without, present, own, scales) for without, present in windows)
-    return replace(errors, gain=gain, moved=moved_lines(windows, own, scales))
+    line = item.addition.effect.facts.shaft_line
+    is_torque = line is not None and line.channel == "torque"
+    return replace(errors, gain=gain, moved=moved_lines(windows, own, scales, is_torque))
 
 
 def _residual(rig: Rig, rows: Sequence[Row]):
