@@ -156,6 +156,20 @@ def test_distance_from_the_recordings_widens_a_prediction_once():
     assert all(more[key] == pytest.approx(z / 2) for key, z in plain.items())
 
 
+def test_recording_of_a_quarter_of_the_length_must_deviate_twice_as_far_but_for_the_level():
+    """Its measures come from a quarter of the blocks; one that is longer is no more certain than the healthy ones."""
+    base, reading = healthy(), parts(machine(0.42, 60)).whole
+    usual = np.median([r.duration for r in base.readings])
+    whole, quarter, longer = (
+        {(c.channel, c.measure): c.deviation for c in off_line_changes(base, replace(reading, duration=share * usual))}
+        for share in (1.0, 0.25, 4.0)
+    )
+    assert longer == whole
+    for (channel, measure), z in whole.items():
+        factor = 1.0 if measure.startswith("level") else 2.0
+        assert quarter[channel, measure] == pytest.approx(z / factor)
+
+
 def test_sensor_of_which_nothing_is_left_does_not_hide_the_speed_of_the_others():
     window = spoiled(lambda x: 1e-4 * np.random.default_rng(1).normal(size=x.size))
     assert angle_of(RIG, window).speed == pytest.approx(angle_of(RIG, machine(0.42, 99)).speed, rel=1e-4)

@@ -8,6 +8,8 @@ s²   mean square of what each recording misses of the line through the others, 
 
 The prediction is as uncertain beyond the learned range as the line through it is, or as what lies between recordings
 grows with distance (w, operating.py), whichever is more: both say how far a measure may have gone on the way there.
+A recording shorter than the healthy ones (T for T_h) gives measures from fewer blocks: all but the level of the channel
+are as uncertain as their mean over fewer blocks, s·√(T_h/T).
 
     ln Λ = (ν + 1)/2·ln(1 + z²/ν) − ln M       nats for a change, ν = 4·(n − 1 − d), M measures tried
 
@@ -144,6 +146,7 @@ def off_line_changes(
         u = np.array([point for point, _ in known])
         learned, now = np.array([[v[n] for n in names] for _, v in known]), np.array([here[n] for n in names])
         change, spread = _deviations(u, learned, baseline.operating_point(reading), now, names, wider)
+        spread = spread * np.where([kind_of(name) == "level" for name in names], 1.0, _fewer_blocks(baseline, reading))
         shared = common * np.array([kind_of(name) in SIZES for name in names])
         freedom = 4 * max(len(known) - 1 - u.shape[1], 1)
         found.append((channel, names, now - change + shared, change - shared, spread, freedom))
@@ -201,6 +204,12 @@ def _deviations(
     spread = np.sqrt(np.maximum(variance, LEAST_SCATTER**2) * max(1 + here @ inverse @ here, wider**2))
     change = values - here @ (inverse @ A.T @ known)
     return change, spread
+
+
+def _fewer_blocks(baseline: Baseline, reading: WindowReading) -> float:
+    """√(T_h/T), of the median healthy recording and of this one; 1 where this one is as long."""
+    usual = float(np.median([r.duration for r in baseline.readings]))
+    return float(np.sqrt(max(usual / reading.duration, 1.0)))
 
 
 def kind_of(measure: str) -> str:
