@@ -2,7 +2,8 @@
 
 A recording that is replayed once more is left out frame by frame, as it should be. Frames of another machine, or of a
 recording made earlier, may lie at the same times; they would be left out just as silently. So the content of a few used
-frames of every key is remembered by a checksum: of the first ones and of the latest.
+frames of every key is remembered by a checksum: of the first ones, of the latest, and of every eighth before those, so
+that a part of a stream that a publisher sends again after its link was lost is recognised wherever it begins.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from twin.thresholds import deciding
 
 Mark = tuple[int, int, int]  # start [ns], sequence, checksum
 FIRST, LATEST = 4, 12  # frames of a key that are remembered
+EVERY, BETWEEN = 8, 16  # of the frames between, every eighth is remembered, so many at most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,9 +50,13 @@ class Repeats:
         """Frames of one channel have gone into a window, one after the other; those between need no checksum."""
         marks = self.marks.setdefault(label, [])
         first = frames[: max(FIRST - len(marks), 0)]
-        latest = frames[len(first) :][-LATEST:]
-        marks += [(frame.start_time_ns, frame.sequence, checksum(frame)) for frame in (*first, *latest)]
-        del marks[FIRST:-LATEST]
+        rest = frames[len(first) :]
+        place = crc32(label.encode())  # so that not every key's remembered frames are of the same time
+        between = [frame for frame in rest[:-LATEST] if _remembered(frame.sequence, place)]
+        kept = (*first, *between, *rest[-LATEST:])
+        marks += [(frame.start_time_ns, frame.sequence, checksum(frame)) for frame in kept]
+        if len(marks) > FIRST + LATEST:
+            marks[FIRST:-LATEST] = [mark for mark in marks[FIRST:-LATEST] if _remembered(mark[1], place)][-BETWEEN:]
 
     def queued(self) -> None:
         """A frame of a new time has come: the run is over."""
@@ -81,6 +87,10 @@ class Repeats:
     def from_dict(cls, data: Mapping[str, Any]) -> Repeats:
         marks = {label: [(int(a), int(b), int(c)) for a, b, c in found] for label, found in data.items()}
         return cls(marks=marks)
+
+
+def _remembered(sequence: int, place: int) -> bool:
+    return (sequence + place) % EVERY == 0
 
 
 def checksum(frame: Frame) -> int:

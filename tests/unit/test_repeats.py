@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from itertools import pairwise
 
 import pytest
 from streams import PINION, bursts
 
 from service.stream.assembly import Assembler, AssemblySettings
-from service.stream.repeats import DEFAULT, FIRST, LATEST, Repeats
+from service.stream.repeats import BETWEEN, DEFAULT, EVERY, FIRST, LATEST, Repeats
 
 SETTINGS = AssemblySettings(settle=4)
 
@@ -47,6 +48,16 @@ def test_a_recording_that_is_sent_again_is_no_sign_of_anything(again):
     for frame in frames:
         assert assembler.add(frame) == []
     assert assembler.repeats.run == len(frames) and assembler.repeats.suspicious() == 0
+
+
+@pytest.mark.parametrize("begin", [20, 60, 100])
+def test_a_part_that_is_sent_again_after_its_link_was_lost_is_no_sign_of_anything(again, begin):
+    """People were asked whether the machine was another one: none of the first 64 frames had been remembered."""
+    frames = bursts(30)
+    assembler = again(used(frames))
+    for frame in frames[-begin - DEFAULT.run : -begin]:
+        assert assembler.add(frame) == []
+    assert assembler.repeats.run == DEFAULT.run and assembler.repeats.suspicious() == 0
 
 
 def test_other_frames_at_the_same_times_are_seen_to_be_others(again):
@@ -93,6 +104,9 @@ def test_frames_used_together_leave_the_marks_of_those_used_one_by_one():
                 one.used("encoder/pinion", [frame])
             rest = rest[size:]
         used = frames[: len(frames) - len(rest)]
-        expected = used if len(used) <= FIRST + LATEST else [*used[:FIRST], *used[-LATEST:]]
-        assert [number for _, number, _ in many.marks["encoder/pinion"]] == [frame.sequence for frame in expected]
+        numbers = [number for _, number, _ in many.marks["encoder/pinion"]]
+        between = numbers[FIRST:-LATEST]
         assert many.marks == one.marks
+        assert numbers[:FIRST] == [frame.sequence for frame in used[:FIRST]]
+        assert numbers[-LATEST:] == [frame.sequence for frame in used[-LATEST:]]
+        assert len(between) <= BETWEEN and all(after - before == EVERY for before, after in pairwise(between))
