@@ -131,9 +131,13 @@ class AlarmKeeper:
         alarm = self.store.sign(asset, number, verb, signed)
         if alarm is None:
             return None
+        self.changed(asset)
+        return alarm, self._told(verb, alarm)
+
+    def changed(self, asset: str) -> None:
+        """People have acknowledged or cleared alarms of an asset, here or at another front end."""
         with self._lock:
             self._changed.add(asset)
-        return alarm, self._told(verb, alarm)
 
     def changed_by_people(self) -> tuple[str, ...]:
         """The assets whose alarms people have acknowledged or cleared since the last call: they are to be published."""

@@ -43,6 +43,11 @@ class Backend(Protocol):
     @property
     def path(self) -> Path | None: ...
 
+    @property
+    def upgrades(self) -> bool:
+        """Whether whoever opens the database brings its tables to the newest schema."""
+        ...
+
     def claim(self) -> None:
         """Keeps other services from writing, until the process ends. StorageUnavailable where another does already."""
         ...
@@ -77,6 +82,10 @@ class Backend(Protocol):
         """StorageUnavailable where what is connected to is no longer the database."""
         ...
 
+    def begun(self, db: Connection) -> None:
+        """At the begin of each transaction; StoreError where it may not write."""
+        ...
+
     def transaction_number(self, db: Connection) -> int | None:
         """By which the outcome of the present transaction can be asked for; None where a commit always answers."""
         ...
@@ -105,6 +114,7 @@ class SqliteFile:
     """A file of SQLite."""
 
     path: Path
+    upgrades: bool = True
     _inode: tuple[int, int] | None = None
 
     @property
@@ -182,6 +192,9 @@ class SqliteFile:
                 reason="input or output",
             )
 
+    def begun(self, db: Connection) -> None:
+        pass
+
     def transaction_number(self, db: Connection) -> int | None:
         return None
 
@@ -195,6 +208,7 @@ class Postgresql:
 
     url: URL
     path: Path | None = None
+    upgrades: bool = True
     claims: Claims | None = None  # of a service ...
     _claiming: Engine | None = None  # ... and the connection for writing that holds them
 
@@ -213,25 +227,26 @@ class Postgresql:
             self._claiming.dispose()
 
     def engines(self) -> tuple[Engine, Engine]:
-        reader = self._engine(STATEMENT_WAIT, pool_size=READERS, max_overflow=READERS, pool_timeout=LOCK_WAIT)
+        reader = self.engine(STATEMENT_WAIT, pool_size=READERS, max_overflow=READERS, pool_timeout=LOCK_WAIT)
         return self._claiming or self._writer(), reader.execution_options(isolation_level="AUTOCOMMIT")
 
     def _writer(self) -> Engine:
         """One connection, which holds what the service claims."""
         name = "gear-twin" if self.claims is None else self.claims.application
-        engine = self._engine(STATEMENT_WAIT, name, pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
-        event.listen(engine, "connect", _keep_commits)
+        engine = self.engine(STATEMENT_WAIT, name, pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
+        event.listen(engine, "connect", keep_commits)
         if self.claims is not None:
             event.listen(engine, "connect", self.claims.take)
         return engine
 
     def for_migration(self) -> Engine:
-        return self._engine(0, poolclass=NullPool)
+        return self.engine(0, poolclass=NullPool)
 
     def for_reading(self) -> Engine:
-        return self._engine(0, poolclass=NullPool)
+        return self.engine(0, poolclass=NullPool)
 
-    def _engine(self, wait: float, name: str = "gear-twin", **pool: Any) -> Engine:
+    def engine(self, wait: float, name: str = "gear-twin", **pool: Any) -> Engine:
+        """Connections on which one statement may take so long [s; 0: without end], by a name that the server shows."""
         options = f"-c statement_timeout={int(1000 * wait)} -c lock_timeout={int(1000 * LOCK_WAIT)}"
         arguments: dict[str, Any] = {"connect_timeout": CONNECT_WAIT, **SILENT_AFTER}
         # A server that was set up without a locale hands out bytes otherwise, which SQLAlchemy ends with a traceback.
@@ -257,6 +272,9 @@ class Postgresql:
     def verify(self) -> None:
         pass  # a server's database cannot be taken away under a connection
 
+    def begun(self, db: Connection) -> None:
+        pass  # the connection itself holds the claim
+
     def transaction_number(self, db: Connection) -> int | None:
         return int(db.exec_driver_sql("SELECT pg_current_xact_id()::text").scalar_one())
 
@@ -280,7 +298,7 @@ class Postgresql:
         )
 
 
-def _keep_commits(connection: Any, _: object) -> None:
+def keep_commits(connection: Any, _: object) -> None:
     """A confirmed commit outlives a crash of the server, even one that is set to confirm before it has written."""
     with connection.cursor() as cursor:
         cursor.execute(

@@ -33,11 +33,11 @@ class Database:
     took  called with `commit` or `read` and how long a transaction or a query has taken [s]
     """
 
-    def __init__(self, where: Path | str, *, claimed: bool = False) -> None:
-        """where    file of an SQLite database, or the URL of a PostgreSQL database
+    def __init__(self, where: Path | str | Backend, *, claimed: bool = False) -> None:
+        """where    file of an SQLite database, the URL of a PostgreSQL database, or how another one is connected to
         claimed  whether no other service may write to it meanwhile
         """
-        self.backend: Backend = backend_of(where)
+        self.backend: Backend = backend_of(where) if isinstance(where, Path | str) else where
         self.took: Callable[[str, float], object] = lambda what, seconds: None
         self._write = threading.RLock()
         self._current: Connection | None = None  # of the present transaction ...
@@ -46,7 +46,8 @@ class Database:
             with self._faults():
                 if claimed:
                     self.backend.claim()  # before its schema is changed under another service
-                upgrade(self.backend)
+                if self.backend.upgrades:
+                    upgrade(self.backend)
                 self._writer, self._reader = self.backend.engines()
                 self.backend.examine(self._reader)
         except StorageUnavailable:
@@ -106,6 +107,7 @@ class Database:
         db.begin()
         self._current, self._owner = db, threading.get_ident()
         try:
+            self.backend.begun(db)
             yield
         except BaseException:
             with suppress(SQLAlchemyError):  # the connection may be what has failed

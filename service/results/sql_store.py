@@ -21,6 +21,7 @@ from service.contract.version_1 import current_record, current_report
 from service.errors import DamageError, StorageUnavailable
 from service.json_text import plain
 from service.results import fault_totals
+from service.results.backends import Backend
 from service.results.database import Database
 from service.results.every_asset import LAST_EVENTS, NEXT_INDICES
 from service.results.extremes import adding, outline, rows_of
@@ -130,8 +131,8 @@ def _is_sealed(row: Any) -> bool:
 class SqlStore:
     """A `ResultStore` in a database. Safe to use from several threads of one process."""
 
-    def __init__(self, where: Path | str, *, claimed: bool = False) -> None:
-        """where    file of an SQLite database, or the URL of a PostgreSQL database
+    def __init__(self, where: Path | str | Backend, *, claimed: bool = False) -> None:
+        """where    file of an SQLite database, the URL of a PostgreSQL database, or how another one is connected to
         claimed  whether no other service may write to it meanwhile
         """
         self.database = database = Database(where, claimed=claimed)

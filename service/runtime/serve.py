@@ -66,7 +66,7 @@ def run(
     announce        called once with the page's address, when HTTP is served
     """
     given_rigs = GivenRigs.read(settings.rig, settings.asset_rigs)
-    twin = twin or _twin_of(settings)
+    twin = twin or twin_of(settings)
     with suppress(StoppedWaiting), ExitStack() as stack:
         access, front = access_of(settings), front_of(settings)
         sent = stack.enter_context(sending_traces(settings.otlp))
@@ -78,7 +78,7 @@ def run(
         store.database.took = timing.stored
         writer, health = SignalWriter(begun.signals), Health(settings.loop_limit)
         raw = stack.enter_context(recording_raw(settings, board, health))
-        worker = Worker(settings, kept, rigs, twin, open_transport or _zenoh_of(settings), writer, health, raw)
+        worker = Worker(settings, kept, rigs, twin, open_transport or zenoh_of(settings), writer, health, raw)
         worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
         bridges = bridges_of(settings, board, store, worker.offer, access)
         webhooks = WebhookSender(alarms.store, alarms.waiting)
@@ -178,7 +178,7 @@ def _opened(
     )
 
 
-def _twin_of(settings: Settings) -> Twin:
+def twin_of(settings: Settings) -> Twin:
     """The twin itself with the options of the settings."""
     from service.files.detectability import nulls_of
     from twin.options import Options
@@ -206,7 +206,8 @@ def _twin_of(settings: Settings) -> Twin:
     )
 
 
-def _zenoh_of(settings: Settings) -> OpenTransport:
+def zenoh_of(settings: Settings) -> OpenTransport:
+    """Zenoh at the endpoints of the settings."""
     from service.transport.zenoh import open_zenoh
 
     links = settings.zenoh_links

@@ -52,7 +52,7 @@ def opened(
     try:
         return open_store()
     except StorageUnavailable as error:
-        if not _is_away(error):
+        if not is_away(error):
             raise
         log.warning("%s: the service waits for it", error)
         reason = str(error)
@@ -64,7 +64,7 @@ def opened(
 
     def attempts() -> None:
         again = Retrying(
-            retry=retry_if_exception(_is_away),
+            retry=retry_if_exception(is_away),
             wait=wait_exponential(multiplier=FIRST_PAUSE, max=LONGEST_PAUSE),
             stop=stop_when_event_set(ended),
             sleep=sleep_using_event(ended),
@@ -85,14 +85,15 @@ def opened(
     thread.join()
     (outcome,) = found
     if isinstance(outcome, Exception):
-        if _is_away(outcome):
+        if is_away(outcome):
             raise StoppedWaiting from outcome
         raise outcome
     log.warning("the database can be used now")
     return outcome
 
 
-def _is_away(error: BaseException) -> bool:
+def is_away(error: BaseException) -> bool:
+    """Whether the database's server does not answer now."""
     return isinstance(error, StorageUnavailable) and error.reason == "connection lost"
 
 

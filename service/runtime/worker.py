@@ -172,6 +172,10 @@ class Worker(threading.Thread):
         """Puts a frame that did not come over the network into the inbox; False where it had to be left out."""
         return self._inbox.offer(topic, payload)
 
+    def look(self) -> None:
+        """Looks now at what people have decided: somebody else has kept it."""
+        self._inbox.wake()
+
     def not_ready(self) -> str | None:
         """Why no frames are accepted, or None."""
         return self._reason or self._lost() or self._storage.reason or self._computing.unusable()

@@ -32,7 +32,7 @@ def test_a_start_of_the_service_loads_nothing_that_only_drawing_or_computing_nee
         "sqlalchemy.dialects.postgresql",
     }  # fmt: skip
     code = (
-        "import sys; from service.runtime import serve; twin = serve._twin_of(serve.Settings());"
+        "import sys; from service.runtime import serve; twin = serve.twin_of(serve.Settings());"
         f"loaded = {later} & set(sys.modules); twin.new_state(); sys.exit(' '.join(loaded))"
     )
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)

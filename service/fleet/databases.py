@@ -1,0 +1,149 @@
+"""How a partition's tables are connected to: by the worker that has the partition, and by the front ends.
+
+Both are backends of `service.results.database.Database`, so that every store of the service works on a partition as it
+does on a database of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import Connection, Engine, event
+from sqlalchemy.engine import URL
+
+from service.errors import StoreError
+from service.fleet.fence import ABANDONED, Fence, lock
+from service.fleet.layout import schema_of, separate_numbers
+from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
+from service.results.database import Database
+
+READERS = 2  # connections of one worker that are kept for reading; as many more are opened when needed
+FRONT_READERS, FRONT_WRITERS = 8, 2  # connections of one front end
+_ABANDONED = f"-c idle_in_transaction_session_timeout={ABANDONED}"
+
+
+def url_of(database: str) -> URL:
+    """The address of a fleet's database; StoreError where it is not one of PostgreSQL."""
+    backend = backend_of(database)
+    if not isinstance(backend, Postgresql):
+        raise StoreError("the database of a fleet must be PostgreSQL: postgresql://user@host/name")
+    return backend.url
+
+
+def engine_of(database: str, **given: Any) -> Engine:
+    """Connections to what all partitions share."""
+    return Postgresql(with_options(url_of(database), _ABANDONED)).engine(STATEMENT_WAIT, **given)
+
+
+def with_options(url: URL, *options: str) -> URL:
+    """The address with more options of the server's sessions."""
+    present = url.query.get("options")
+    return url.update_query_dict({"options": " ".join([*([present] if isinstance(present, str) else []), *options])})
+
+
+@dataclass(slots=True, kw_only=True)
+class PartitionTables(Postgresql):
+    """The tables of one partition, for the worker that takes it.
+
+    partitions  of the fleet
+    """
+
+    fence: Fence
+    partitions: int
+
+    @property
+    def name(self) -> str:
+        plain = self.url.set(drivername="postgresql").difference_update_query(["options"])
+        return f"partition {self.fence.partition} of {plain.render_as_string(hide_password=True)}"
+
+    def claim(self) -> None:
+        """Takes the partition from whoever has it."""
+        engine = self._own(pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
+        with engine.begin() as db:
+            db.exec_driver_sql(f"CREATE SCHEMA IF NOT EXISTS {schema_of(self.fence.partition)}")
+            self.fence.take(db)
+        self._claiming = engine
+
+    def engines(self) -> tuple[Engine, Engine]:
+        """For transactions, of one connection, and for reading."""
+        writer = self._claiming or self._own(pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
+        event.listen(writer, "connect", keep_commits)
+        with writer.begin() as db:
+            self.fence.check(db)
+            separate_numbers(db, self.fence.partition, self.partitions)
+        reader = self._own(pool_size=READERS, max_overflow=2 * READERS, pool_timeout=LOCK_WAIT)
+        return writer, reader.execution_options(isolation_level="AUTOCOMMIT")
+
+    def begun(self, db: Connection) -> None:
+        self.fence.check(db)
+
+    def _own(self, **pool: Any) -> Engine:
+        return self.engine(STATEMENT_WAIT, self.fence.application, **pool)
+
+
+def partition_backend(database: str, fence: Fence, partitions: int) -> PartitionTables:
+    """The tables of a partition, to be opened with `claimed=True`."""
+    search_path = f"-c search_path={schema_of(fence.partition)}"
+    url = with_options(url_of(database), _ABANDONED, search_path)
+    return PartitionTables(url, fence=fence, partitions=partitions)
+
+
+@dataclass(slots=True, kw_only=True)
+class SharedTables(Postgresql):
+    """The tables of one partition, for a front end: all partitions share its connections.
+
+    readers, writers  of all partitions
+    """
+
+    partition: int
+    readers: Engine
+    writers: Engine
+    upgrades: bool = False
+
+    def engines(self) -> tuple[Engine, Engine]:
+        """For transactions and for reading, in the schema of the partition."""
+        here = {"schema_translate_map": {None: schema_of(self.partition)}}
+        return (
+            self.writers.execution_options(**here),
+            self.readers.execution_options(isolation_level="AUTOCOMMIT", **here),
+        )
+
+    def begun(self, db: Connection) -> None:
+        lock(db, self.partition)
+
+
+class Partitions:
+    """The databases of all partitions over a few connections, opened when they are first asked for."""
+
+    def __init__(self, database: str, partitions: int) -> None:
+        self._url = with_options(url_of(database), _ABANDONED)
+        engine = partial(Postgresql(self._url).engine, STATEMENT_WAIT, "gear-twin front end", pool_timeout=LOCK_WAIT)
+        self.readers: Engine = engine(pool_size=FRONT_READERS, max_overflow=FRONT_READERS)
+        self.writers: Engine = engine(pool_size=FRONT_WRITERS, max_overflow=FRONT_WRITERS)
+        event.listen(self.writers, "connect", keep_commits)
+        self._opened: dict[int, Database] = {}
+        self.count = partitions
+
+    def backend(self, partition: int) -> SharedTables:
+        """The tables of one partition."""
+        return SharedTables(self._url, partition=partition, readers=self.readers, writers=self.writers)
+
+    def close(self) -> None:
+        """Closes all connections."""
+        self.readers.dispose()
+        self.writers.dispose()
+
+
+def made(database: str, partition: int, partitions: int) -> None:
+    """Makes the tables of a partition before a worker has it, so that front ends can read them; or finds them.
+
+    A partition whose tables are there is left alone: its worker brings them to a newer schema.
+    """
+    engine = engine_of(database, poolclass=sa.NullPool)
+    with engine.connect() as db:
+        there = sa.inspect(db).has_table("assets", schema=schema_of(partition))
+    if not there:
+        Database(partition_backend(database, Fence(partition=partition), partitions), claimed=True).close()

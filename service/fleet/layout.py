@@ -1,0 +1,171 @@
+"""Where a fleet keeps what: one PostgreSQL database, a schema of its own for each partition, and one for all.
+
+| schema | holds |
+| --- | --- |
+| `fleet` | how many partitions there are, who serves each of them and with which fencing token, a row for each asset |
+| `p000`, `p001`, … | the tables of one service (`service/results/schema.py`), with the assets of one partition |
+
+An asset belongs to the partition that its name hashes to. The number of partitions is fixed when the fleet is created.
+The numbers that a partition's tables give out differ from those of every other partition, so that a decision or an
+inspection is found by its number alone.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import BigInteger, Column, Connection, Index, Integer, LargeBinary, MetaData, Table, Text
+from sqlalchemy.dialects import postgresql
+
+from service.errors import StoreError
+from service.stream.wire.topics import PREFIX
+
+SCHEMA = "fleet"
+REVISION = 1  # of the tables below
+MOST_PARTITIONS = 1000
+ASSETS_A_PARTITION = 600  # beyond it, Zenoh's recovery of what publishers keep takes longer than a restart
+_LOCK = 7_219_433  # of whoever makes the tables; other numbers are in `claims` and `migrate`
+
+METADATA = MetaData(schema=SCHEMA)
+FACTS = Table("facts", METADATA, Column("name", Text, primary_key=True), Column("value", Text, nullable=False))
+PARTITIONS = Table(
+    "partitions",
+    METADATA,
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("token", BigInteger, nullable=False, server_default="0"),  # of whoever may commit
+    Column("worker", Text),  # who that is: host and process
+    Column("node", Text),
+    Column("taken_ns", BigInteger),  # since when
+    Column("seen_ns", BigInteger),  # when it last said that it is at work
+    Column("figures", postgresql.JSONB),  # what it said
+)
+ASSETS = Table(
+    "assets",
+    METADATA,
+    Column("asset", Text, primary_key=True),
+    Column("partition", Integer, nullable=False),
+    Column("area", Text, nullable=False, server_default=""),  # the part of the plant: the name up to its last separator
+    Column("severity", Integer, nullable=False, server_default="0"),  # of the status, the worst highest
+    Column("level", Text, nullable=False, server_default=""),
+    Column("version", BigInteger, nullable=False, server_default="0"),  # grows with each change
+    Column("changed_ns", BigInteger, nullable=False, server_default="0"),
+    Column("summary", postgresql.JSONB, nullable=False),  # the row of the list of assets
+    Column("volatile", LargeBinary),  # what is shown and is not in the partition's tables (JSON)
+    Index("assets_by_severity", sa.text("severity DESC"), "asset"),
+    Index("assets_by_area", "area", sa.text("severity DESC"), "asset"),
+    Index("assets_by_partition", "partition"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """A fleet's division into partitions."""
+
+    partitions: int
+
+    def partition_of(self, asset: str) -> int:
+        """The partition of an asset, or of the stream of this name."""
+        return partition_of(asset, self.partitions)
+
+    def partition_of_number(self, number: int) -> int:
+        """The partition whose tables have given out a number."""
+        return (number - 1) % self.partitions
+
+    @property
+    def all(self) -> range:
+        return range(self.partitions)
+
+
+def partition_of(asset: str, partitions: int) -> int:
+    """The partition of an asset; the same on every machine and in every release."""
+    digest = blake2b(asset.encode(), digest_size=8, person=b"gear-twin").digest()
+    return int.from_bytes(digest, "big") % partitions
+
+
+def schema_of(partition: int) -> str:
+    """The database schema of a partition."""
+    return f"p{partition:03d}"
+
+
+def prefix_of(partition: int, prefix: str = PREFIX) -> str:
+    """The first part of the keys under which the assets of a partition publish."""
+    return f"{SCHEMA}/{partition:03d}/{prefix}"
+
+
+def area_of(asset: str) -> str:
+    """The part of the plant that an asset's name states: all before its last `.`, or before the last `-` or `_`."""
+    for separators in (r"\.", r"[-_]"):
+        found = re.fullmatch(rf"(.+){separators}[^.]+?", asset)
+        if found:
+            return found[1]
+    return ""
+
+
+def create(engine: sa.Engine, partitions: int) -> Layout:
+    """Makes the tables of all, or finds them; the layout.
+
+    Raises StoreError where the fleet was created with another number of partitions, or by a newer program.
+    """
+    if not 1 <= partitions <= MOST_PARTITIONS:
+        raise StoreError(f"partitions = {partitions} must be from 1 to {MOST_PARTITIONS}")
+    with engine.begin() as db:
+        db.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
+        db.exec_driver_sql(f"CREATE SCHEMA IF NOT EXISTS {SCHEMA}")
+        METADATA.create_all(db)
+        facts = _facts(db)
+        if not facts:
+            db.execute(sa.insert(FACTS), [{"name": "partitions", "value": str(partitions)}])
+            db.execute(sa.insert(FACTS), [{"name": "revision", "value": str(REVISION)}])
+            db.execute(sa.insert(PARTITIONS), [{"number": number} for number in range(partitions)])
+            return Layout(partitions)
+        layout = _layout(facts)
+        if layout.partitions != partitions:
+            raise StoreError(
+                f"partitions = {partitions}: this fleet was created with {layout.partitions}, and the number stays, "
+                "because the assets are divided by it; leave the setting out, or set it to that number"
+            )
+        return layout
+
+
+def layout_of(engine: sa.Engine) -> Layout | None:
+    """The layout of a fleet; None where the database holds none."""
+    with engine.connect() as db:
+        if not sa.inspect(db).has_table(FACTS.name, schema=SCHEMA):
+            return None
+        facts = _facts(db)
+    return _layout(facts) if facts else None
+
+
+def separate_numbers(db: Connection, partition: int, partitions: int) -> None:
+    """Lets every counter of a partition's tables give out numbers of this partition alone; repeated without effect."""
+    schema = schema_of(partition)
+    counters: Iterable[Any] = db.execute(
+        sa.text("SELECT sequencename, increment_by, last_value FROM pg_sequences WHERE schemaname = :of"),
+        {"of": schema},
+    ).all()
+    for name, step, last in counters:
+        if step == partitions and last is not None:
+            continue
+        if last is not None:
+            raise StoreError(f"{schema}.{name} has given out numbers before the fleet was divided")
+        db.exec_driver_sql(
+            f'ALTER SEQUENCE {schema}."{name}" INCREMENT BY {partitions} MINVALUE 1 RESTART WITH {partition + 1}'
+        )
+
+
+def _facts(db: Connection) -> dict[str, str]:
+    return {name: value for name, value in db.execute(sa.select(FACTS.c.name, FACTS.c.value))}
+
+
+def _layout(facts: dict[str, str]) -> Layout:
+    if int(facts["revision"]) > REVISION:
+        raise StoreError(
+            f"the fleet's tables have revision {facts['revision']}, this program knows up to {REVISION}: they were "
+            "written by a newer gear-twin"
+        )
+    return Layout(int(facts["partitions"]))

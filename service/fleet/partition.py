@@ -1,0 +1,147 @@
+"""One partition at work: the pipeline of `gear-twin serve` on the keys of its assets, over tables that it has taken.
+
+There is no HTTP here: front ends read the tables. What people decide reaches the partition through the tables, too; a
+notification of PostgreSQL says that something is there, and a look now and then finds what a lost one would have said.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+
+from service.errors import StorageUnavailable
+from service.fleet.databases import partition_backend
+from service.fleet.fence import Fence
+from service.fleet.heartbeat import Heartbeat
+from service.fleet.layout import Layout, prefix_of, schema_of
+from service.fleet.listener import Listener
+from service.fleet.rows import RowWriter
+from service.operation.health import Health
+from service.operation.timing import Timing
+from service.results.sql_store import SqlStore
+from service.runtime.begun import Begun
+from service.runtime.raw_recorder import recording_raw
+from service.runtime.retention_job import RetentionJob, retention_of
+from service.runtime.rigs import GivenRigs
+from service.runtime.serve import database_figures, figures_of, twin_of, zenoh_of
+from service.runtime.signal_writer import SignalWriter
+from service.runtime.storage_wait import is_away
+from service.runtime.twin_port import Twin
+from service.runtime.webhooks import WebhookSender
+from service.runtime.worker import Worker
+from service.settings import Settings
+from service.transport.protocol import OpenTransport
+
+log = logging.getLogger(__name__)
+
+FENCED = 75  # exit status of a process whose partition another worker has: EX_TEMPFAIL
+FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0  # between two attempts to reach the database [s]
+
+
+def leave_at_once() -> None:
+    """Ends the process: its partition is another worker's, and nothing that it could still write would be right."""
+    log.error("the partition has been given to another worker: this process ends")
+    logging.shutdown()
+    os._exit(FENCED)
+
+
+def settings_of(settings: Settings, partition: int, layout: Layout) -> Settings:
+    """The settings of one partition: its keys, its folder, its own assets, and one process that computes."""
+    own = {asset for asset in (*settings.assets, *settings.asset_rigs) if layout.partition_of(asset) == partition}
+    return settings.model_copy(
+        update={
+            "prefix": prefix_of(partition, settings.prefix),
+            "data": settings.data / schema_of(partition),
+            "assets": [asset for asset in settings.assets if asset in own],
+            "asset_rigs": {asset: rig for asset, rig in settings.asset_rigs.items() if asset in own},
+            "new_assets": settings.rule_of_new_assets[0],
+            "workers": 1 if settings.workers is None else settings.workers,
+        }
+    )
+
+
+def serve_partition(
+    settings: Settings,
+    partition: int,
+    layout: Layout,
+    stop: threading.Event,
+    *,
+    node: str = "",
+    twin: Twin | None = None,
+    open_transport: OpenTransport | None = None,
+    lost: Callable[[], None] = leave_at_once,
+    at_work: Callable[[], object] = lambda: None,
+) -> None:
+    """Serves one partition until `stop` is set. The settings are those of the fleet.
+
+    node     where this is, for people
+    lost     called when another worker has taken the partition
+    at_work  called once the partition has been taken
+    """
+    assert settings.database is not None
+    database = settings.database.get_secret_value()
+    own = settings_of(settings, partition, layout)
+    own.data.mkdir(parents=True, exist_ok=True)
+    fence = Fence(partition=partition, node=node, lost=lost)
+    open_store = partial(SqlStore, partition_backend(database, fence, layout.partitions), claimed=True)
+    twin = twin or twin_of(own)
+    with _begun(own, open_store, stop) as begun, ExitStack() as stack:
+        if begun is None:
+            return
+        store, board, kept = begun.store, begun.board, begun.kept
+        timing, health = Timing(), Health(own.loop_limit)
+        store.database.took = timing.stored
+        writer = SignalWriter(begun.signals)
+        raw = stack.enter_context(recording_raw(own, board, health))
+        worker = Worker(own, kept, begun.rigs, twin, open_transport or zenoh_of(own), writer, health, raw)
+        worker.arrived, worker.timed = timing.arrived, timing.computed
+        webhooks = WebhookSender(begun.alarms.store, begun.alarms.waiting)
+        retention = RetentionJob(store, retention_of(own))
+        figures = figures_of(
+            *(p.figures for p in (worker, webhooks, retention, timing)), partial(database_figures, store)
+        )
+        parts = (
+            worker,
+            webhooks,
+            retention,
+            RowWriter(store.database, board, partition),
+            Listener(database, partition, kept, begun.alarms, worker.look),
+            Heartbeat(database, fence, figures, worker.not_ready),
+        )
+        worker.on_end = stop.set
+        for part in parts:
+            part.start()
+        at_work()
+        try:
+            stop.wait()
+        finally:
+            for ended in (*parts, writer):
+                ended.end()
+            board.close()
+        if worker.failure is not None:
+            raise worker.failure
+
+
+@contextmanager
+def _begun(settings: Settings, open_store: Callable[[], SqlStore], stop: threading.Event) -> Iterator[Begun | None]:
+    """What the partition begins with, as soon as the database answers; None where it is stopped before that."""
+    given = GivenRigs.read(settings.rig, settings.asset_rigs)
+    pause = FIRST_PAUSE
+    while True:
+        try:
+            begun = Begun.of(settings, given, open_store)
+            break
+        except StorageUnavailable as error:
+            if not is_away(error) and error.reason != "locked":
+                raise
+            log.warning("%s: it is waited for", error)
+        if stop.wait(pause):
+            yield None
+            return
+        pause = min(2 * pause, LONGEST_PAUSE)
+    with begun:
+        yield begun

@@ -1,0 +1,153 @@
+"""A row for each asset in what all partitions share: what lists show of it, and what is in no table of its partition.
+
+The rows follow the board: the latest state counts, and nothing is queued. Of a change that only says when frames came
+last, a row is written now and then.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from dataclasses import asdict
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql
+
+from service.contract.finding import SEVERITY
+from service.errors import StoreError
+from service.fleet.fence import Fenced
+from service.fleet.layout import ASSETS, area_of
+from service.json_text import plain
+from service.results.board import Board, Snapshot, Stale
+from service.results.json_columns import dump, load
+from service.results.store import Tables
+
+log = logging.getLogger(__name__)
+
+LOOK_EVERY = 0.5  # whether the thread is to end [s]
+FRESH_EVERY = 10.0  # between two rows of an asset that differ only in when frames came last [s]
+BATCH = 100  # rows of one transaction
+PAUSE = 1.0  # after a failure [s]
+STOP_WAIT = 3.0  # [s]
+
+_ROW = postgresql.insert(ASSETS)
+_PUT = _ROW.on_conflict_do_update(
+    index_elements=[ASSETS.c.asset],
+    set_={name: _ROW.excluded[name] for name in ("area", "severity", "level", "changed_ns", "summary", "volatile")}
+    | {"version": ASSETS.c.version + 1},
+    where=ASSETS.c.partition == _ROW.excluded.partition,
+)
+
+
+class RowWriter(threading.Thread):
+    """Keeps the rows of one partition's assets, until ended."""
+
+    def __init__(self, database: Tables, board: Board, partition: int) -> None:
+        super().__init__(name="rows", daemon=True)
+        self._database, self._board, self._partition = database, board, partition
+        self._stopping = threading.Event()
+        self._written: dict[str, tuple[Any, ...]] = {}  # by asset: what the row shows, apart from when frames came
+        self._later: dict[str, None] = {}  # assets whose rows can wait
+        self._fresh_at = 0.0
+
+    def run(self) -> None:
+        """Works until ended."""
+        with self._board.follow() as changes:
+            waiting: dict[str, None] = {}
+            while not self._stopping.is_set():
+                waiting.update(dict.fromkeys(changes.take(LOOK_EVERY)))
+                waiting = self._due(waiting)
+                try:
+                    self._write(waiting)
+                except Fenced:
+                    return
+                except StoreError as error:  # whoever keeps windows says it; the rows are written afterwards
+                    log.debug("the rows of partition %d wait: %s", self._partition, error)
+                    self._stopping.wait(PAUSE)
+                else:
+                    waiting = {}
+
+    def end(self) -> None:
+        """Ends the thread; rows that wait are written by the next start."""
+        self._stopping.set()
+        if self.is_alive():
+            self.join(STOP_WAIT)
+
+    def _due(self, waiting: dict[str, None]) -> dict[str, None]:
+        """The assets whose rows are to be written now."""
+        due: dict[str, None] = {}
+        for asset in waiting:
+            snapshot = self._board.get(asset)
+            if snapshot is None or self._written.get(asset) != _shown(snapshot):
+                due[asset] = None
+            else:
+                self._later[asset] = None
+        if time.monotonic() >= self._fresh_at:
+            self._fresh_at = time.monotonic() + FRESH_EVERY
+            due, self._later = due | self._later, {}
+        return due
+
+    def _write(self, assets: dict[str, None]) -> None:
+        names = list(assets)
+        for begin in range(0, len(names), BATCH):
+            present = {name: self._board.get(name) for name in names[begin : begin + BATCH]}
+            shown = {name: snapshot for name, snapshot in present.items() if snapshot is not None}
+            gone = [name for name in present if name not in shown]
+            with self._database.transaction() as db:
+                if shown:
+                    db.execute(_PUT, [row_of(snapshot, self._partition) for snapshot in shown.values()])
+                if gone:
+                    own = ASSETS.c.partition == self._partition
+                    db.execute(sa.delete(ASSETS).where(own, ASSETS.c.asset.in_(gone)))
+            self._written.update({name: _shown(snapshot) for name, snapshot in shown.items()})
+            for name in gone:
+                self._written.pop(name, None)
+
+
+def row_of(snapshot: Snapshot, partition: int) -> dict[str, Any]:
+    """The row of an asset."""
+    summary = plain(snapshot.summary())
+    level = summary["status"]["level"]
+    return {
+        "asset": snapshot.asset,
+        "partition": partition,
+        "area": area_of(snapshot.asset),
+        "severity": SEVERITY.index(level),
+        "level": level,
+        "version": 1,
+        "changed_ns": time.time_ns(),
+        "summary": summary,
+        "volatile": dump(
+            {
+                "quality": snapshot.quality,
+                "last_frame_ns": snapshot.last_frame_ns,
+                "stale": None if snapshot.stale is None else asdict(snapshot.stale),
+                "damaged": None if snapshot.damaged is None else asdict(snapshot.damaged),
+                "unstored": snapshot.unstored,
+            }
+        ),
+    }
+
+
+def volatile_of(text: bytes | None) -> dict[str, Any]:
+    """The parts of a snapshot that only its row holds."""
+    if text is None:
+        return {}
+    data = load(text)
+    return {
+        **data,
+        "stale": None if data["stale"] is None else Stale(**data["stale"]),
+        "damaged": None if data["damaged"] is None else Stale(**data["damaged"]),
+        "unstored": None if data["unstored"] is None else tuple(data["unstored"]),
+    }
+
+
+def _shown(snapshot: Snapshot) -> tuple[Any, ...]:
+    """What a row shows of an asset, apart from when frames came last."""
+    return (
+        snapshot.last_event_id, snapshot.windows_total, snapshot.epoch, snapshot.stale, snapshot.damaged,
+        snapshot.unstored, id(snapshot.report), id(snapshot.rig), id(snapshot.alarms), id(snapshot.question),
+        id(snapshot.retired),
+    )  # fmt: skip

@@ -1,0 +1,176 @@
+"""One worker commits a partition's results: the one that took it last."""
+
+from __future__ import annotations
+
+import signal
+import time
+from contextlib import contextmanager
+
+import pytest
+import service_fakes as fakes
+import sqlalchemy as sa
+from fleet_partition import PartitionProcess
+from service_streams import free_port, wait_until, write_recording
+
+from service.errors import StorageUnavailable, StoreError
+from service.fleet.databases import Partitions, engine_of, made, partition_backend
+from service.fleet.fence import Fence, Fenced
+from service.fleet.layout import ASSETS, Layout, area_of, create, layout_of, partition_of, prefix_of
+from service.fleet.partition import FENCED
+from service.json_text import plain
+from service.results.sql_store import SqlStore
+from service.runtime.assess import assess
+from service.runtime.replay import replay
+from service.transport.zenoh_session import open_session
+
+
+@pytest.fixture
+def fleet(empty_postgresql):
+    """The URL of the database of a fleet of three partitions."""
+    engine = engine_of(empty_postgresql)
+    create(engine, 3)
+    yield empty_postgresql
+    engine.dispose()
+
+
+def taken(database, partition=0, **given):
+    return SqlStore(partition_backend(database, Fence(partition=partition, **given), 3), claimed=True)
+
+
+def test_an_asset_belongs_to_the_same_partition_everywhere():
+    assert [partition_of(name, 16) for name in ("unsw", "press-1", "plant.line.gb7")] == [8, 15, 11]
+    counts = [0] * 16
+    for number in range(10_000):
+        counts[partition_of(f"gearbox-{number}", 16)] += 1
+    assert min(counts) > 500 and max(counts) < 750  # 625 ± 5 standard deviations
+
+
+@pytest.mark.parametrize(
+    ("asset", "area"),
+    [("unsw", ""), ("press-1", "press"), ("plant.line-2.gb_7", "plant.line-2"), ("a_b-c", "a_b"), (".x", "")],
+)
+def test_the_area_is_what_the_name_states(asset, area):
+    assert area_of(asset) == area
+
+
+def test_the_number_of_partitions_stays(fleet):
+    engine = engine_of(fleet)
+    assert layout_of(engine) == Layout(3) and create(engine, 3) == Layout(3)
+    with pytest.raises(StoreError, match="this fleet was created with 3, and the number stays"):
+        create(engine, 4)
+    engine.dispose()
+
+
+def test_a_worker_whose_partition_was_taken_commits_nothing_more(fleet):
+    lost = []
+    with taken(fleet, lost=lambda: lost.append(1)) as old:
+        fakes.take(old, None, "unsw", 0, 100.0)
+        with taken(fleet) as new:
+            with pytest.raises(Fenced, match="partition 0 has been given to another worker"):
+                fakes.take(old, None, "unsw", 1, 200.0)
+            assert lost and fakes.take(new, None, "unsw", 1, 200.0)
+            assert len(new.windows("unsw")) == 2
+        with pytest.raises(Fenced):  # also once nobody has it
+            fakes.take(old, None, "unsw", 2, 300.0)
+
+
+def test_a_transaction_that_has_begun_is_whole_or_ended(fleet):
+    with taken(fleet) as old:
+        with pytest.raises(StorageUnavailable, match="connection lost"), old.database.transaction():
+            begun = time.monotonic()
+            with taken(fleet) as new:  # ends the session of the old one
+                assert time.monotonic() - begun < 5
+                fakes.take(new, None, "unsw", 0, 100.0)
+            old.keep("unsw", quality={"level": "lost"})
+        with taken(fleet) as new:
+            assert new.asset("unsw").quality != {"level": "lost"}
+
+
+def test_partitions_share_no_row_and_no_number(fleet):
+    with taken(fleet, 0) as first, taken(fleet, 2) as third:
+        for store, asset in ((first, "a"), (third, "b")):
+            fakes.take(store, None, asset, 0, 100.0)
+        both = 3 * [(first, "a"), (third, "b")]
+        numbers = [store.add_decision(asset, "misalignment", "accept") for store, asset in both]
+        assert len(set(numbers)) == 6
+        assert [Layout(3).partition_of_number(n) for n in numbers] == 3 * [0, 2]
+        assert first.assets() == ("a",) and third.assets() == ("b",)
+    with taken(fleet, 0) as first:  # the counters go on
+        assert first.add_decision("a", "misalignment", "accept") == numbers[-2] + 3
+
+
+def test_front_ends_read_and_add_to_the_tables_of_any_partition(fleet):
+    for partition in range(3):
+        made(fleet, partition, 3)
+    with taken(fleet, 1) as store:
+        fakes.take(store, None, "a", 0, 100.0)
+        shared = Partitions(fleet, 3)
+        with SqlStore(shared.backend(1)) as front:
+            assert len(front.windows("a")) == 1
+            number = front.add_decision("a", "misalignment", "accept")
+        assert [d.id for d in store.pending_decisions()] == [number]
+        shared.close()
+
+
+@contextmanager
+def routed():
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with open_session([endpoint]):
+        yield endpoint
+
+
+def row(database, asset="unsw"):
+    engine = engine_of(database, poolclass=sa.NullPool)
+    with engine.connect() as db:
+        return db.execute(sa.select(ASSETS).where(ASSETS.c.asset == asset)).mappings().first()
+
+
+@pytest.fixture
+def work(tmp_path, fleet):
+    """A partition's process, a recording, and what a plain loop makes of it."""
+    import fake_twin
+
+    recording = write_recording(tmp_path / "campaign.mcap", 6)
+    assessed = plain(assess(recording, twin=fake_twin.TWIN))
+    partition = partition_of("unsw", 3)
+    with routed() as endpoint:
+        process = PartitionProcess(tmp_path / "partition", fleet, endpoint, partition=partition, partitions=3)
+        try:
+            yield process.start(), recording, assessed, endpoint, prefix_of(partition)
+        finally:
+            process.end()
+            print(process.err.read_text())
+
+
+def windows(database, partition):
+    shared = Partitions(database, 3)
+    with SqlStore(shared.backend(partition)) as store:
+        found = [plain(w.record) for w in store.windows("unsw")]
+    shared.close()
+    return found
+
+
+def test_a_partition_is_served_as_by_the_plain_loop(work, fleet):
+    process, recording, assessed, endpoint, prefix = work
+    assert replay(recording, [endpoint], 0, prefix=prefix, recorded="gearbox") == 192
+    wait_until(lambda: len(windows(fleet, process.partition)) == 6)
+    assert windows(fleet, process.partition) == assessed["windows"]
+    wait_until(lambda: row(fleet) is not None and row(fleet)["summary"]["windows"] == 6)
+    assert row(fleet)["partition"] == process.partition
+
+
+def test_a_suspended_worker_commits_nothing_more_and_ends(work, fleet, tmp_path):
+    process, recording, assessed, endpoint, prefix = work
+    process.process.send_signal(signal.SIGSTOP)
+    other = PartitionProcess(
+        tmp_path / "other", fleet, endpoint, partition=process.partition, partitions=3, DATA=process.given["DATA"]
+    ).start()
+    try:
+        replay(recording, [endpoint], 0, prefix=prefix, recorded="gearbox")
+        wait_until(lambda: len(windows(fleet, process.partition)) == 6)
+        process.process.send_signal(signal.SIGCONT)
+        assert process.process.wait(30) == FENCED
+        assert windows(fleet, process.partition) == assessed["windows"]
+    finally:
+        other.end()
+        print(other.err.read_text())
