@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 WORKERS ?= 2
 ARGS ?=
 
-.PHONY: help install install-dev install-formats install-plant demo serve test test-slow test-all chaos bench peers figures evaluate evaluate-wide check format site lint-docker sbom audit lock clean
+.PHONY: help install install-dev install-formats install-plant install-fleet demo serve test test-slow test-all chaos bench peers figures evaluate evaluate-wide check format site lint-docker sbom audit lock clean
 
 help:
 	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
@@ -16,6 +16,7 @@ help:
 	@echo 'make serve        the service alone'
 	@echo 'make install-formats   readers of TDMS, UFF-58, MDF4, HDF5, MAT 7.3 and Parquet files for gear-twin import'
 	@echo 'make install-plant     PostgreSQL, MQTT, OPC UA and OpenTelemetry for the service'
+	@echo 'make install-fleet     Ray, PostgreSQL and object stores for gear-twin fleet'
 	@echo 'make test         the test suite; test-slow: the longer proofs; test-all: both'
 	@echo 'make chaos        faults and attacks drawn from seeds (ARGS="--count N --seed S": how many, which)'
 	@echo 'make bench        all benchmarks, with their aims'
@@ -33,6 +34,7 @@ install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
 install-formats: $(VENV)/.installed-formats
 install-plant: $(VENV)/.installed-plant
+install-fleet: $(VENV)/.installed-fleet
 
 $(VENV)/.python:
 	@test -n "$(PYTHON)" || { echo 'no Python 3.11 or later with venv found: install one, or name it: make PYTHON=...' >&2; exit 1; }
@@ -55,6 +57,11 @@ $(VENV)/.installed-formats: requirements-formats.lock | $(VENV)/.installed
 $(VENV)/.installed-plant: requirements-plant.lock | $(VENV)/.installed
 	@echo 'installing what connects the service to a plant'
 	@$(PIP) --require-hashes -r requirements-plant.lock
+	@touch $@
+
+$(VENV)/.installed-fleet: requirements-fleet.lock | $(VENV)/.installed
+	@echo 'installing what a fleet needs: Ray, PostgreSQL and object stores'
+	@$(PIP) --require-hashes -r requirements-fleet.lock
 	@touch $@
 
 $(VENV)/.installed-dev: requirements-dev.lock | $(VENV)/.installed
@@ -128,11 +135,13 @@ lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
 		--extra analysis pyproject.toml -o requirements.lock
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
-		--extra analysis --extra dev --extra formats --extra docs --extra plant -c requirements.lock pyproject.toml -o requirements-dev.lock
+		--extra analysis --extra dev --extra formats --extra docs --extra plant --extra fleet -c requirements.lock pyproject.toml -o requirements-dev.lock
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
 		--extra analysis --extra formats -c requirements-dev.lock pyproject.toml -o requirements-formats.lock
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
 		--extra plant -c requirements-dev.lock pyproject.toml -o requirements-plant.lock
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
+		--extra fleet -c requirements-dev.lock pyproject.toml -o requirements-fleet.lock
 
 clean:
 	rm -rf $(VENV) twin/compiled/*.so build dist *.egg-info .gear-twin .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -39,9 +39,14 @@ Event = MutableMapping[str, Any]
 class LogSettings(Protocol):
     """What the settings say of log lines."""
 
-    log_format: Format
-    log_level: str
-    log_lines: int
+    @property
+    def log_format(self) -> Format: ...
+
+    @property
+    def log_level(self) -> str: ...
+
+    @property
+    def log_lines(self) -> int: ...
 
 
 @contextmanager

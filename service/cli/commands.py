@@ -39,6 +39,7 @@ from service.cli.ready import ready
 from service.cli.rest import asking
 from service.cli.signals import signals
 from service.cli.what_if import what_if
+from service.fleet.commands import app as fleet
 from service.json_text import write_text, wrote_json
 
 GROUPS = ("Get started", "Assess a machine", "Learn and calibrate", "Recordings and data", "Look after a service")
@@ -443,5 +444,6 @@ app.add_typer(alarms, name="alarms", rich_help_panel=ANSWER)
 app.command(name="signals", rich_help_panel=DATA)(configured(signals))
 app.add_typer(effects, name="effects", rich_help_panel=ANSWER)
 app.add_typer(example, name="example", rich_help_panel=DATA)
+app.add_typer(fleet, name="fleet", rich_help_panel=KEEP)
 for _command in (database.backup, database.restore, database.export, database.check, database.migrate):
     app.command(rich_help_panel=KEEP)(_command)

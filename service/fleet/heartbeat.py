@@ -14,7 +14,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.fleet.databases import engine_of
 from service.fleet.fence import Fence
-from service.fleet.layout import PARTITIONS
+from service.fleet.layout import PARTITIONS, SERVER_NOW
 
 log = logging.getLogger(__name__)
 
@@ -26,7 +26,7 @@ STOP_WAIT = 2.0  # [s]
 _SEEN = (
     sa.update(PARTITIONS)
     .where(PARTITIONS.c.number == bindparam("of"), PARTITIONS.c.token == bindparam("held"))
-    .values(seen_ns=bindparam("now"))
+    .values(seen_ns=SERVER_NOW)
 )
 _FIGURES = _SEEN.values(figures=bindparam("said"))
 _GONE = (
@@ -82,7 +82,7 @@ class Heartbeat(threading.Thread):
         self._engine.dispose()
 
     def _say(self, with_figures: bool) -> None:
-        given: dict[str, Any] = {"of": self._fence.partition, "held": self._fence.token, "now": time.time_ns()}
+        given: dict[str, Any] = {"of": self._fence.partition, "held": self._fence.token}
         statement = _SEEN
         if with_figures:
             statement = _FIGURES
@@ -94,5 +94,10 @@ class Heartbeat(threading.Thread):
 
 
 def _numbers(figures: Mapping[str, Any]) -> dict[str, float]:
-    """The figures that are plain numbers."""
-    return {name: float(value) for name, value in figures.items() if isinstance(value, int | float)}
+    """The figures that are numbers; of those that each asset has, the sum."""
+    out = {}
+    for name, value in figures.items():
+        parts = list(value.values()) if isinstance(value, Mapping) else [value]
+        if all(isinstance(part, int | float) for part in parts):
+            out[name] = float(sum(parts))
+    return out

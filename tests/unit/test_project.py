@@ -23,13 +23,18 @@ REFERENCE = ROOT / "docs" / "reference"
 PACKAGES = (REFERENCE / "packages.md").read_text(encoding="utf-8")
 DEVELOP = (ROOT / "docs" / "how-to" / "develop.md").read_text(encoding="utf-8")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-LOCKS = ("requirements.lock", "requirements-formats.lock", "requirements-plant.lock", "requirements-dev.lock")
+LOCKS = (
+    "requirements.lock", "requirements-formats.lock", "requirements-plant.lock", "requirements-fleet.lock",
+    "requirements-dev.lock",
+)  # fmt: skip
 PLANT = ("postgresql", "mqtt", "opcua", "telemetry")  # the extras that make up `plant`
 LOADED_WHERE_SET = {
     "service/bridges/mqtt.py": "mqtt",
     "service/operation/traces.py": "telemetry",
     "service/results/parquet_rows.py": "formats",
     "service/bridges/opcua.py": "opcua",
+    "service/fleet/actor.py": "fleet",
+    "service/fleet/engine.py": "fleet",
 }  # files that alone know an extra's packages
 READERS = ROOT / "service" / "files" / "readers"
 COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
@@ -152,11 +157,12 @@ def test_the_locks_hold_what_the_project_depends_on_and_agree():
         lock: dict(re.findall(r"^([\w.\-]+)==(\S+)", (ROOT / lock).read_text(encoding="utf-8"), re.MULTILINE))
         for lock in LOCKS
     }
-    runtime, formats, plant, development = (pinned[lock] for lock in LOCKS)
+    runtime, formats, plant, fleet, development = (pinned[lock] for lock in LOCKS)
     extras = PROJECT["project"]["optional-dependencies"]
     assert {dist_name(d) for d in PROJECT["project"]["dependencies"] + extras["analysis"]} <= set(runtime)
     assert {dist_name(d) for d in PROJECT["project"]["optional-dependencies"]["dev"]} <= set(development)
     assert {dist_name(d) for d in PROJECT["project"]["optional-dependencies"]["formats"]} <= set(formats)
+    assert {"ray", "obstore", "psycopg"} <= set(fleet)
     assert {dist_name(d) for extra in PLANT for d in PROJECT["project"]["optional-dependencies"][extra]} <= set(plant)
     assert runtime.items() <= formats.items() <= development.items()
     assert plant.items() <= development.items() and not {"numba", "plotly"} & set(plant)
@@ -166,7 +172,7 @@ def test_the_locks_hold_what_the_project_depends_on_and_agree():
 @pytest.mark.parametrize(
     "requirement",
     PROJECT["project"]["dependencies"]
-    + [d for extra in ("analysis", "formats", *PLANT) for d in PROJECT["project"]["optional-dependencies"][extra]],
+    + [d for extra in ("analysis", "formats", *PLANT, "fleet") for d in PROJECT["project"]["optional-dependencies"][extra]],
 )
 def test_each_package_has_its_reason_in_the_reference(requirement):
     row = re.search(rf"^\| .*`{re.escape(dist_name(requirement))}`.* \|(.+)\|$", PACKAGES, re.MULTILINE)

@@ -1,0 +1,69 @@
+"""A partition as an actor of Ray: restarted wherever there is room when its process or its node ends.
+
+Only `engine` imports this file, in a process that has joined Ray; Ray's workers load it with the actor.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from importlib import import_module
+
+import ray
+
+from service.fleet.layout import Layout
+from service.fleet.partition import serve_partition
+from service.logs import logging_by
+from service.runtime.twin_port import Twin
+from service.settings import Settings
+
+log = logging.getLogger(__name__)
+
+FAILED = 70  # exit status of a process whose partition could not go on: EX_SOFTWARE
+END_WAIT = 20.0  # how long an end is waited for [s]
+
+
+class PartitionActor:
+    """Serves one partition from its begin to its end, in a thread of its own."""
+
+    def __init__(self, settings: Settings, partition: int, layout: Layout, twin_from: str | None = None) -> None:
+        """twin_from  module and name of the twin, `module:name`; None for the twin itself"""
+        self._partition = partition
+        self._stop = threading.Event()
+        self._ended = False  # on demand
+        given = settings, partition, layout, twin_from
+        self._thread = threading.Thread(target=self._serve, args=given, name="partition", daemon=True)
+        self._thread.start()
+
+    def pid(self) -> int:
+        """The number of the process; answered once the actor has been placed."""
+        return os.getpid()
+
+    def end(self) -> None:
+        """Ends the work: what is committed stays, and what waits is left to the next start."""
+        self._ended = True
+        self._stop.set()
+        self._thread.join(END_WAIT)
+
+    def _serve(self, settings: Settings, partition: int, layout: Layout, twin_from: str | None) -> None:
+        context = ray.get_runtime_context()
+        with logging_by(settings):
+            try:
+                serve_partition(
+                    settings, partition, layout, self._stop, node=context.get_node_id()[:12], twin=_twin(twin_from)
+                )
+            except BaseException:
+                log.exception("partition %d cannot go on: its process ends, and is started again", partition)
+        if not self._ended:
+            logging.shutdown()
+            os._exit(FAILED)
+
+
+def _twin(twin_from: str | None) -> Twin | None:
+    if twin_from is None:
+        return None
+    module, _, name = twin_from.partition(":")
+    twin = getattr(import_module(module), name)
+    assert isinstance(twin, Twin)
+    return twin

@@ -1,0 +1,203 @@
+"""Ray on this machine alone: its head and so many nodes, as processes that end with the one that started them.
+
+A plant's own cluster is set up by its own means (`ray start`, the operator for Kubernetes); `gear-twin fleet up
+--address` then only joins it.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from hashlib import blake2b
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from service.errors import DeliveryError
+
+if TYPE_CHECKING:
+    from service.fleet.engine import Engine
+
+log = logging.getLogger(__name__)
+
+LOOPBACK = "127.0.0.1"
+TOKEN = "ray.token"  # file in the fleet's folder
+STARTED_WITHIN = 120.0  # a node of Ray [s]; half a minute where the machine is busy
+ENDED_WITHIN = 10.0  # before a node is killed [s]
+OBJECT_STORE = 80 * 2**20  # shared memory of a node [bytes]: nothing large travels through Ray
+ROOM = "partition"  # the resource of which a node has one for each partition that it may serve
+QUIET = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_DEDUP_LOGS": "0",
+    "RAY_raylet_start_wait_time_s": str(int(STARTED_WITHIN)),
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    "RAY_health_check_initial_delay_ms": "5000",
+    "RAY_health_check_period_ms": "1000",
+    "RAY_health_check_timeout_ms": "3000",
+    "RAY_health_check_failure_threshold": "5",
+}
+"""No report to Ray's makers, time enough for a start on a busy machine, and a node that is gone is known after 5 s.
+
+A node that was only slow is replaced as well: its partitions are given to others, and it commits nothing more.
+"""
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """What Ray's programs are told of the cluster of a fleet's folder: who does not know its token is refused."""
+    token = folder / TOKEN
+    if not token.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        with os.fdopen(os.open(token, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            file.write(secrets.token_hex(32))
+    return QUIET | {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(token.resolve())}
+
+
+@dataclass(slots=True, eq=False)
+class Node:
+    """One node of Ray on this machine."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    output: IO[bytes]
+    said: Path
+
+    def end(self) -> None:
+        """Ends the node with all that runs on it."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(ENDED_WITHIN)
+        _kill_group(self.process.pid)
+        self.process.wait()
+        self.output.close()
+
+
+@dataclass(slots=True)
+class LocalCluster:
+    """Head and nodes of Ray on this machine, reachable on the loopback interface only.
+
+    folder  of the fleet: token, and what Ray says
+    room    partitions that each node may serve
+    """
+
+    folder: Path
+    room: int
+    port: int = 0
+    nodes: list[Node] = field(default_factory=list)
+    head: Node | None = None
+    _count: int = 0
+
+    @property
+    def address(self) -> str:
+        return f"{LOOPBACK}:{self.port}"
+
+    def start(self, nodes: int) -> None:
+        """Starts the head, and so many nodes."""
+        self.port = self.port or _free_port()
+        self.head = self._start("head", ["--head", f"--port={self.port}", "--include-dashboard=false"], room=0)
+        self.scale(nodes)
+
+    def scale(self, nodes: int) -> None:
+        """Starts nodes until there are so many."""
+        while len(self.nodes) < nodes:
+            self._count += 1
+            self.nodes.append(self._start(f"node-{self._count}", [f"--address={self.address}"], room=self.room))
+
+    def look(self) -> list[str]:
+        """Replaces nodes that have ended; their names."""
+        dead = [node for node in self.nodes if node.process.poll() is not None]
+        for node in dead:
+            log.error("%s of the fleet has ended, and is replaced", node.name)
+            node.end()
+            self.nodes.remove(node)
+        self.scale(len(self.nodes) + len(dead))
+        return [node.name for node in dead]
+
+    def end(self) -> None:
+        """Ends all nodes, and the head last."""
+        for node in (*self.nodes, *([] if self.head is None else [self.head])):
+            node.end()
+        self.nodes, self.head = [], None
+
+    def _start(self, name: str, arguments: list[str], room: int) -> Node:
+        said = self.folder / f"ray-{name}.log"
+        command = [
+            sys.executable, "-m", "ray.scripts.scripts", "start", *arguments, "--block", f"--node-name={name}",
+            f"--node-ip-address={LOOPBACK}", "--disable-usage-stats", f"--object-store-memory={OBJECT_STORE}",
+            "--num-cpus=0" if not room else f"--num-cpus={os.cpu_count() or 1}",
+            f"--resources={json.dumps({ROOM: room} if room else {})}",
+        ]  # fmt: skip
+        if "--head" in arguments:
+            command.append(f"--temp-dir={_short(self.folder)}")
+        output = said.open("wb")
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=os.environ | environment(self.folder),
+            start_new_session=True,  # so that Ctrl-C reaches this process first
+        )
+        node = Node(name, process, output, said)
+        self._await(node)
+        return node
+
+    def _await(self, node: Node) -> None:
+        end = time.monotonic() + STARTED_WITHIN
+        while b"Ray runtime started" not in node.said.read_bytes():
+            if node.process.poll() is not None or time.monotonic() > end:
+                node.end()
+                raise DeliveryError(f"{node.name} of the fleet did not start; {node.said} says why")
+            time.sleep(0.1)
+
+
+def joined(folder: Path, address: str) -> type[Engine]:
+    """Connects this process to Ray at an address, with the token of the fleet's folder where there is one.
+
+    Ray reads its environment when it is imported, and is not imported before.
+    """
+    if (folder / TOKEN).exists():
+        os.environ.update(environment(folder))
+    os.environ.update({name: value for name, value in QUIET.items() if name not in os.environ})
+    from service.fleet.engine import Engine, join
+
+    join(address)
+    return Engine
+
+
+NAMESPACE = "gear-twin"  # of the actors' names
+
+
+def _short(folder: Path) -> Path:
+    """A folder for Ray's sockets, whose paths may have about a hundred characters."""
+
+    return (
+        Path(tempfile.gettempdir()) / f"gear-twin-{blake2b(str(folder.resolve()).encode(), digest_size=5).hexdigest()}"
+    )
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind((LOOPBACK, 0))
+        return int(free.getsockname()[1])
+
+
+def _kill_group(leader: int) -> None:
+    """Kills what a node has left behind."""
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(leader, signal.SIGKILL)
+
+
+def said_by(node: Mapping[str, object]) -> str:
+    """A node of Ray by its name, or the begin of its number."""
+    return str(node.get("NodeName") or str(node["NodeID"])[:12])

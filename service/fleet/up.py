@@ -1,0 +1,225 @@
+"""`gear-twin fleet up`: the tables, the engine, its partitions and the network's router, looked after until the end.
+
+Whoever runs it may be ended and started again: on a cluster of its own everything ends with it and goes on from what is
+committed; on a plant's cluster the partitions go on meanwhile.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import sqlalchemy as sa
+
+from service.errors import InputError
+from service.fleet.census import Census, census
+from service.fleet.cluster import LocalCluster, environment, joined
+from service.fleet.databases import engine_of, made
+from service.fleet.layout import FACTS, Layout, create, layout_of
+from service.settings import Settings
+from service.transport.zenoh_session import open_session
+
+if TYPE_CHECKING:  # loads Ray, which reads its environment then
+    from service.fleet.engine import Engine
+
+log = logging.getLogger(__name__)
+
+RUNNING = "fleet.json"  # in the fleet's folder: what `fleet drain`, `scale` and `down` need to find the fleet
+PARTITIONS = 8  # of a new fleet where nobody says
+LOOK_EVERY = 1.0  # [s]
+ALARM_AFTER = 20.0  # time without a worker after which a partition is an alarm [s]
+SPREAD_AFTER = 10.0  # time after a change of the nodes in which the engine has placed what it can [s]
+
+
+def database_of(settings: Settings) -> str:
+    """The URL of the fleet's database; InputError where none is set."""
+    if settings.database is None:
+        raise InputError(
+            "a fleet needs a PostgreSQL database that all its machines reach: --database postgresql://user@host/name"
+        )
+    return settings.database.get_secret_value()
+
+
+def prepared(settings: Settings, progress: Callable[[int, int], None] = lambda done, of: None) -> Layout:
+    """The tables of the fleet and of all its partitions, made where they are not there."""
+    database = database_of(settings)
+    engine = engine_of(database, poolclass=sa.NullPool)
+    known = layout_of(engine)
+    wanted = settings.fleet_partitions or (known.partitions if known else PARTITIONS)
+    layout = create(engine, wanted)
+    for partition in layout.all:
+        made(database, partition, layout.partitions)
+        progress(partition + 1, layout.partitions)
+    return layout
+
+
+class Fleet:
+    """A fleet that runs: engine, partitions, and what is known of both.
+
+    told  called with a line when a partition has no worker for long, and when it has one again
+    """
+
+    def __init__(
+        self, settings: Settings, layout: Layout, *, twin_from: str | None = None,
+        told: Callable[[str], None] = log.error,
+    ) -> None:  # fmt: skip
+        self._settings, self._layout, self._told, self._twin_from = settings, layout, told, twin_from
+        self._tables = engine_of(database_of(settings), pool_size=1, max_overflow=1)
+        self._engine: Engine | None = None
+        self.cluster: LocalCluster | None = None
+        self._silent: set[int] = set()
+        self._begun = time.monotonic()
+        self._spread_at: float | None = None
+
+    def start(self) -> None:
+        """Starts or joins the engine, and has an actor for each partition."""
+        settings = self._settings
+        folder = settings.data
+        folder.mkdir(parents=True, exist_ok=True)
+        if settings.fleet_address is None:
+            self.cluster = LocalCluster(folder, settings.fleet_room or self._layout.partitions)
+            os.environ.update(environment(folder))
+            self.cluster.start(wanted_workers(self._tables) or settings.fleet_workers)
+        self._engine = joined(folder, self.address)(settings, self._layout, self._twin_from)
+        self._engine.place()
+        wanted = None if self.cluster is None else len(self.cluster.nodes)
+        text = json.dumps({"pid": os.getpid(), "address": self.address, "workers": wanted})
+        (folder / RUNNING).write_text(text + "\n", encoding="utf-8")
+
+    @property
+    def engine(self) -> Engine:
+        """The engine, once it has been started or joined."""
+        assert self._engine is not None
+        return self._engine
+
+    @property
+    def address(self) -> str:
+        """Where the engine is reached."""
+        return self._settings.fleet_address or (self.cluster.address if self.cluster else "auto")
+
+    def look(self) -> None:
+        """One look at everything: nodes that ended, how many are wanted, partitions without a worker."""
+        if self.cluster is not None:
+            changed = bool(self.cluster.look())
+            wanted = wanted_workers(self._tables)
+            if wanted is not None and wanted > len(self.cluster.nodes):
+                self.cluster.scale(wanted)
+                changed = True
+            if wanted is not None and wanted < len(self.cluster.nodes):
+                self._shrink(wanted)
+            if changed:
+                self._spread_at = time.monotonic() + SPREAD_AFTER
+        found = census(self._tables, self._layout)
+        if self._spread_at is not None and time.monotonic() >= self._spread_at and not found.silent:
+            self._spread_at = None
+            for partition in self.engine.spread(found.nodes):
+                self.engine.move(partition)
+        self._say(found)
+
+    def end(self) -> None:
+        """Ends the partitions in good order, and the engine where it is this fleet's own."""
+        try:
+            if self._engine is not None:
+                self._engine.end()
+                self._engine.leave()
+        finally:
+            (self._settings.data / RUNNING).unlink(missing_ok=True)
+            if self.cluster is not None:
+                self.cluster.end()
+            self._tables.dispose()
+
+    def _shrink(self, wanted: int) -> None:
+        """Empties and ends the newest nodes until there are so many."""
+        assert self.cluster is not None
+        while len(self.cluster.nodes) > max(wanted, 1):
+            leaving = self.cluster.nodes[-1]
+            found = census(self._tables, self._layout)
+            node = next((n for n in self.engine.nodes() if n.alive and n.name == leaving.name), None)
+            if node is not None:
+                self.engine.drain(node, found.nodes, self.address)
+            self.cluster.nodes.pop().end()
+
+    def _say(self, found: Census) -> None:
+        """Partitions that have been without a worker for long are said once, with the likely reason."""
+        late = {p for p, seconds in found.silent.items() if min(seconds, time.monotonic() - self._begun) > ALARM_AFTER}
+        if new := late - self._silent:
+            room, of = self.engine.room(), self._layout.partitions
+            why = "its worker does not start; the log of its node says why"
+            if room < of:
+                why = f"the nodes have room for {room} of {of} partitions; add a node, or raise fleet_room"
+            self._told(f"{_partitions(new)} not served: {why}. Its assets' frames wait with their publishers.")
+        if back := self._silent - late:
+            self._told(f"{_partitions(back)} served again")
+        self._silent = late
+
+
+def _partitions(numbers: set[int]) -> str:
+    listed = ", ".join(str(number) for number in sorted(numbers))
+    return f"partition {listed} is" if len(numbers) == 1 else f"partitions {listed} are"
+
+
+def wanted_workers(tables: sa.Engine) -> int | None:
+    """How many nodes people want on this machine; None where nobody has said."""
+    with tables.connect() as db:
+        found = db.execute(sa.select(FACTS.c.value).where(FACTS.c.name == "workers")).scalar()
+    return None if found is None else int(found)
+
+
+def want_workers(tables: sa.Engine, workers: int) -> None:
+    """Notes how many nodes people want on the machine of `fleet up`, which follows within a second."""
+    from sqlalchemy.dialects import postgresql
+
+    row = postgresql.insert(FACTS).values(name="workers", value=str(workers))
+    with tables.begin() as db:
+        db.execute(row.on_conflict_do_update(index_elements=[FACTS.c.name], set_={"value": row.excluded.value}))
+
+
+def running(folder: Path) -> dict[str, Any]:
+    """What `fleet up` has written of the fleet that runs; InputError where none does."""
+    try:
+        return json.loads((folder / RUNNING).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise InputError(
+            f"no fleet runs with the folder {folder}: there is no {RUNNING} in it; gear-twin fleet up starts one"
+        ) from None
+
+
+@contextmanager
+def until_told() -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set while inside."""
+    stop = threading.Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def up(
+    settings: Settings, layout: Layout, *, twin_from: str | None = None, announce: Callable[[str], None] = print
+) -> None:
+    """Runs the fleet until it is told to end."""
+    with until_told() as stop, ExitStack() as stack:
+        if not settings.connect:
+            stack.enter_context(open_session(settings.listen, links=settings.zenoh_links))
+            settings = settings.model_copy(update={"connect": [_reached(e) for e in settings.listen]})
+        fleet = Fleet(settings, layout, twin_from=twin_from)
+        stack.callback(fleet.end)
+        fleet.start()
+        announce(f"fleet of {layout.partitions} partitions at {fleet.address}")
+        while not stop.wait(LOOK_EVERY):
+            fleet.look()
+
+
+def _reached(endpoint: str) -> str:
+    """How this machine reaches a router that listens at an endpoint."""
+    return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
