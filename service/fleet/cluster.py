@@ -123,6 +123,11 @@ class LocalCluster:
         self.scale(len(self.nodes) + len(dead))
         return [node.name for node in dead]
 
+    @property
+    def lost(self) -> bool:
+        """Whether the head has ended, and with it the cluster: it knows where everything is, in its memory."""
+        return self.head is not None and self.head.process.poll() is not None
+
     def end(self) -> None:
         """Ends all nodes, and the head last."""
         for node in (*self.nodes, *([] if self.head is None else [self.head])):

@@ -88,7 +88,12 @@ class Fleet:
             self.cluster = LocalCluster(folder, settings.fleet_room or self._layout.partitions)
             os.environ.update(environment(folder))
             self.cluster.start(wanted_workers(self._tables) or settings.fleet_workers)
-        self._engine = joined(folder, self.address)(settings, self._layout, self._twin_from)
+        self._join()
+
+    def _join(self) -> None:
+        """Joins the engine, and has an actor for each partition."""
+        folder = self._settings.data
+        self._engine = joined(folder, self.address)(self._settings, self._layout, self._twin_from)
         self._engine.place()
         wanted = None if self.cluster is None else len(self.cluster.nodes)
         text = json.dumps({"pid": os.getpid(), "address": self.address, "workers": wanted})
@@ -108,6 +113,8 @@ class Fleet:
     def look(self) -> None:
         """One look at everything: nodes that ended, how many are wanted, partitions without a worker."""
         if self.cluster is not None:
+            if self.cluster.lost:
+                self._begin_again()
             changed = bool(self.cluster.look())
             wanted = wanted_workers(self._tables)
             if wanted is not None and wanted > len(self.cluster.nodes):
@@ -135,6 +142,16 @@ class Fleet:
             if self.cluster is not None:
                 self.cluster.end()
             self._tables.dispose()
+
+    def _begin_again(self) -> None:
+        """Starts the engine anew after its head was lost; the partitions go on from what is committed."""
+        assert self.cluster is not None
+        self._told("the head of the engine has ended: the engine is started again")
+        nodes = len(self.cluster.nodes)
+        self.engine.leave()
+        self.cluster.end()
+        self.cluster.start(nodes)
+        self._join()
 
     def _shrink(self, wanted: int) -> None:
         """Empties and ends the newest nodes until there are so many."""

@@ -101,6 +101,7 @@ class Delivery:
         self._noted = False
         self._noted_reason: str | None = None
         self._resent = clock()  # when all that is kept was sent again last
+        self._sending = True  # whether frames follow after an answer
         self.invalid = 0  # frames that no service can read
         self.settled = 0
 
@@ -123,6 +124,7 @@ class Delivery:
 
     def finish(self) -> None:
         """Returns once all that was sent is stored; DeliveryError with how much is not, and why."""
+        self._sending = False
         self._until(lambda: not self._kept)
 
     def left_out(self) -> dict[str, int]:
@@ -209,7 +211,11 @@ class Delivery:
         return come, anyone or not streams
 
     def _positions(self, stream: str) -> list[PositionModel]:
-        return [p for p in map(position_of, self._publisher.ask(stream, ANSWER_WAIT)) if p is not None]
+        return [
+            p
+            for p in map(position_of, self._publisher.ask(stream, ANSWER_WAIT, sending=self._sending))
+            if p is not None
+        ]
 
     def _has_come(self, stream: str, position: PositionModel) -> bool:
         """Whether the newest frames sent are the newest that have come."""

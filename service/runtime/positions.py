@@ -3,12 +3,16 @@
 A question travels through the stream's own queue, so that its answer is true of all frames that were sent before it on
 the same link. The answer is held back while more of the asset's windows wait to be processed than its share: that is
 the flow control of publishers that ask. An answer always comes.
+
+Whoever asks in the midst of sending says so, by the name of its session: its silence until the answer, and until the
+next question, ends no window.
 """
 
 from __future__ import annotations
 
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import NamedTuple, Protocol
@@ -29,6 +33,7 @@ _LONGEST_FRAME_NS = round(LENGTH_LIMITS[1] * NS)
 _LOOK_EVERY = 0.1  # at what has changed [s]
 _LOOK = 0.5  # how often answers that are overdue are looked for [s]
 _MOST_STREAMS = 4096  # whose latest position is remembered
+_MOST_SENDERS = 1024  # sessions whose last question is remembered
 
 
 class PositionSource(Protocol):
@@ -48,7 +53,7 @@ class PositionNetwork(Protocol):
 
     def publish_position(self, stream: str, text: str) -> None: ...
 
-    def answer_positions(self, ask: Callable[[str, Reply], None]) -> AbstractContextManager[object]: ...
+    def answer_positions(self, ask: Callable[[str, Reply, str | None], None]) -> AbstractContextManager[object]: ...
 
 
 class ClosedWindows(NamedTuple):
@@ -84,7 +89,8 @@ class Positions:
         self._pending, self._clock = pending, clock
         self._instance = uuid4().hex
         self._lock = threading.Lock()
-        self._open: dict[int, tuple[float, str, Reply]] = {}  # questions without an answer, by number
+        self._open: dict[int, tuple[float, str, Reply, str | None]] = {}  # questions without an answer, by number
+        self._signs: OrderedDict[str, float] = OrderedDict()  # when sessions that send were last answered
         self._asked = 0
         self._held_back: list[tuple[str, int]] = []
         self._moved: set[str] = set()  # streams of which something has come since their position was published
@@ -108,17 +114,27 @@ class Positions:
 
     # -- questions -----------------------------------------------------------------------------------
 
-    def ask(self, stream: str, reply: Reply) -> None:
-        """Takes a question of a network's callback; `reply` is given the answer, from any thread."""
+    def ask(self, stream: str, reply: Reply, sender: str | None = None) -> None:
+        """Takes a question of a network's callback; `reply` is given the answer, from any thread.
+
+        sender  the session that asks, where it goes on sending after the answer
+        """
         if not self._unknown.asked(stream):
             reply(position_text(self.latest(stream)))
             return
         with self._lock:
             self._asked += 1
             number = self._asked
-            self._open[number] = (self._clock(), stream, reply)
+            self._open[number] = (self._clock(), stream, reply, sender)
         if not self._inbox.ask(stream, lambda: self.reached(stream, number)):
             self._close(number, self._behind)
+
+    def waits(self, sender: str) -> float:
+        """When a session was last known to wait for an answer, on the monotonic clock [s]."""
+        with self._lock:
+            if any(by == sender for _, _, _, by in self._open.values()):
+                return self._clock()
+            return self._signs.get(sender, float("-inf"))
 
     def reached(self, stream: str, number: int) -> None:
         """The question has come to the head of its stream's queue."""
@@ -206,14 +222,19 @@ class Positions:
     def _close(self, number: int, text_of: Callable[[str], str]) -> None:
         with self._lock:
             question = self._open.pop(number, None)
+            if question is not None and question[3] is not None:
+                self._signs.pop(question[3], None)
+                self._signs[question[3]] = self._clock()
+                if len(self._signs) > _MOST_SENDERS:
+                    self._signs.popitem(last=False)
         if question is not None:
-            _, stream, reply = question
+            _, stream, reply, _ = question
             reply(text_of(stream))
 
     def _answer_overdue(self) -> None:
         while not self._ending.wait(_LOOK):
             limit = self._clock() - HELD_BACK
-            for number, (asked, _, _) in list(self._open.items()):
+            for number, (asked, _, _, _) in list(self._open.items()):
                 if asked < limit:
                     self._close(number, self._behind)
 

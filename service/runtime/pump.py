@@ -52,6 +52,8 @@ class _Rhythm:
         self._heard: dict[str, _Heard] = {}
         self._slowest, self._seen = 0.0, 0
         self.first = self.newest = now
+        self.sender: str | None = None  # the session that the newest frame came from
+        self._sign = float("-inf")
 
     def note(self, frame: Frame, received: float, now: float) -> None:
         """A frame has come.
@@ -71,6 +73,11 @@ class _Rhythm:
             self._seen += 1
         heard.end, heard.received = frame.end_time_ns, received
         heard.late_since, heard.ended = None, False
+
+    def note_sign(self, sign: float, now: float) -> None:
+        """Whoever sends the frames was heard otherwise, at a time that grows: it waits, and goes on afterwards."""
+        if sign > self._sign:
+            self._sign, self.newest = sign, now
 
     def note_publisher(self, label: str, source: str, received: float) -> tuple[str, str] | None:
         """The two publishers that send on a channel's key in turn; None where there is no proof of that."""
@@ -142,6 +149,7 @@ class Pump:
     idle_timeout  silence that ends a window [s]
     channel_wait  how long a channel is waited for that the others have gone on without [s]
     holding       whether publishers are asked to wait: their silence ends no window then
+    waits         when a session that sends frames was last known to wait for an answer; minus infinity: never
     between       called between frames, at least every tenth of a second while no window is being processed
     clock         the monotonic clock [s]
     """
@@ -155,10 +163,11 @@ class Pump:
         *,
         channel_wait: float = CHANNEL_WAIT,
         holding: Callable[[], bool] = lambda: False,
+        waits: Callable[[str], float] = lambda sender: float("-inf"),
         clock: Callable[[], float] = time.monotonic,
     ):
         self._inbox, self._consumer, self._idle_timeout, self._between = inbox, consumer, idle_timeout, between
-        self._channel_wait, self._holding, self._clock = channel_wait, holding, clock
+        self._channel_wait, self._holding, self._waits, self._clock = channel_wait, holding, waits, clock
         self._rhythms: dict[str, _Rhythm] = {}
         self._now = 0.0  # stands still while the process does, and while publishers wait [s]
         self._turned = clock()
@@ -202,6 +211,7 @@ class Pump:
         rhythm = self._rhythm(stream)
         rhythm.note(frame, arrival.received, self._now)
         if arrival.source is not None:
+            rhythm.sender = arrival.source.partition("/")[0]
             label = frame.channel.label
             two = rhythm.note_publisher(label, arrival.source, arrival.received)
             if two is not None:
@@ -226,6 +236,8 @@ class Pump:
         if new := set(self._inbox.announced(asset)) - set(channels):
             self._consumer.expect(asset, new)
             channels = self._consumer.channels(asset)
+        if rhythm.sender is not None:
+            rhythm.note_sign(self._waits(rhythm.sender), self._now)
         late = rhythm.awaited(channels, self._now)
         if rhythm.is_over(late, self._now):
             self._consumer.flush(asset)
@@ -242,6 +254,7 @@ def pump(
     *,
     channel_wait: float = CHANNEL_WAIT,
     holding: Callable[[], bool] = lambda: False,
+    waits: Callable[[str], float] = lambda sender: float("-inf"),
 ) -> None:
     """Takes arrivals to a consumer until `stop` is set."""
-    Pump(inbox, consumer, idle_timeout, between, channel_wait=channel_wait, holding=holding).run(stop)
+    Pump(inbox, consumer, idle_timeout, between, channel_wait=channel_wait, holding=holding, waits=waits).run(stop)

@@ -239,6 +239,7 @@ class Worker(threading.Thread):
             pump(
                 self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
                 channel_wait=self._settings.channel_wait, holding=lambda: self._storage.reason is not None,
+                waits=positions.waits,
             )  # fmt: skip
 
     def _once_stored(self, prepare: Callable[[], T]) -> T:

@@ -54,8 +54,13 @@ class Transport(Protocol):
         """Publishes how far a stream is stored, JSON text."""
         ...
 
-    def answer_positions(self, ask: Callable[[str, Callable[[str], None]], None]) -> AbstractContextManager[object]:
-        """Passes on each question how far a stream is stored, with what takes the answer, until left."""
+    def answer_positions(
+        self, ask: Callable[[str, Callable[[str], None], str | None], None]
+    ) -> AbstractContextManager[object]:
+        """Passes on each question how far a stream is stored, with what takes the answer, until left.
+
+        The third argument is the session that asks, where it goes on sending after the answer.
+        """
         ...
 
     def announce(self, asset: str) -> None:
@@ -110,6 +115,9 @@ class FramePublisher(Protocol):
         """Waits until each channel has a subscriber again; DeliveryError where one has none within a time [s]."""
         ...
 
-    def ask(self, stream: str, seconds: float) -> Iterable[str | bytes]:
-        """What those who store the stream say of its position within a time [s], behind all frames sent."""
+    def ask(self, stream: str, seconds: float, *, sending: bool = False) -> Iterable[str | bytes]:
+        """What those who store the stream say of its position within a time [s], behind all frames sent.
+
+        sending  whether frames follow after the answer
+        """
         ...

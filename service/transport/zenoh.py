@@ -45,6 +45,7 @@ TopicOf = Callable[[str, str], str]  # (asset, prefix) → topic
 
 JSON = zenoh.Encoding.APPLICATION_JSON
 TOML = "application/toml"
+SENDING = "sending"  # parameter of a question of position: the session that goes on sending after the answer
 _HISTORY = 4096  # frames a key that a late subscriber asks a publisher's cache for
 _HEARTBEAT = 0.5  # [s]
 
@@ -145,7 +146,7 @@ class ZenohTransport:
         self._session.put(position_topic(stream, self._prefix), text, encoding=JSON)
 
     @contextmanager
-    def answer_positions(self, ask: Callable[[str, Callable[[str], None]], None]) -> Iterator[None]:
+    def answer_positions(self, ask: Callable[[str, Callable[[str], None], str | None], None]) -> Iterator[None]:
         """Passes on questions of one stream each; a question of all is answered by the publications."""
 
         def asked(query: zenoh.Query) -> None:
@@ -160,7 +161,7 @@ class ZenohTransport:
                 finally:
                     query.drop()
 
-            ask(stream, reply)
+            ask(stream, reply, query.parameters.get(SENDING) or None)
 
         queryable = self._session.declare_queryable(position_topic("*", self._prefix), self._guard(asked))
         try:
@@ -303,10 +304,11 @@ class ZenohPublisher:
             self._await_subscriber(each, deadline)
         self._routers = self._session.info.routers_zid()
 
-    def ask(self, stream: str, seconds: float) -> Iterator[bytes]:
-        """What those who store the stream say of its position within a time [s]."""
+    def ask(self, stream: str, seconds: float, *, sending: bool = False) -> Iterator[bytes]:
+        """What those who store the stream say of its position within a time [s]; `sending`: frames follow."""
         key = position_topic(stream, self._prefix)
-        for reply in self._session.get(key, timeout=seconds, congestion_control=zenoh.CongestionControl.BLOCK):
+        selector = f"{key}?{SENDING}={self._session.zid()}" if sending else key
+        for reply in self._session.get(selector, timeout=seconds, congestion_control=zenoh.CongestionControl.BLOCK):
             if reply.ok is not None:
                 yield reply.ok.payload.to_bytes()
 

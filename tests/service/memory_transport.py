@@ -104,7 +104,7 @@ class MemoryNetwork:
     def relink(self, seconds):
         pass
 
-    def ask(self, stream, seconds):
+    def ask(self, stream, seconds, *, sending=False):
         answered, texts = threading.Event(), []
 
         def reply(text):

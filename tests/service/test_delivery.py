@@ -107,7 +107,7 @@ class Stand:
     def relink(self, seconds):
         self.up = True
 
-    def ask(self, stream, seconds):
+    def ask(self, stream, seconds, *, sending=False):
         if not self.up:
             self.now += seconds
             return []
@@ -231,7 +231,7 @@ def test_a_service_that_cannot_store_for_a_while_is_waited_for_and_not_sent_all_
 
 def test_a_service_that_never_answers_is_given_up_in_time():
     stand = Stand()
-    stand.ask = lambda stream, seconds: stand.run(seconds) or []
+    stand.ask = lambda stream, seconds, sending: stand.run(seconds) or []
     begun = stand.now
     with pytest.raises(DeliveryError, match="nobody has answered for 30 s"):
         sent(stand, bursts(1, frames=8))

@@ -1,0 +1,390 @@
+"""Kills in a fleet at moments drawn from a seed: no acknowledged window is lost, and none is counted twice.
+
+One fleet of many assets goes through all schedules. In each, every asset sends some windows more while workers, nodes,
+the head of the engine, the database's server and the router are killed, or a worker is suspended until its partition
+has been given to another and then let go on; half of the publishers are killed as well, and begin again. In the end
+every asset's windows are those of a plain loop over all frames, bit for bit.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import fake_twin
+import numpy as np
+import psutil
+import sqlalchemy as sa
+from fleet_up import FleetProcess
+from postgresql_server import PostgresqlServer
+from service_streams import FRAME_S, PAUSE_S, PER_REV, RIG, ROOT, WINDOW_S, _frames, free_port, wait_until
+
+from service.files.rig import checked_rig
+from service.fleet.census import Census, census
+from service.fleet.databases import Partitions, engine_of
+from service.fleet.layout import Layout, partition_of, prefix_of
+from service.json_text import plain
+from service.results.sql_store import SqlStore
+from service.runtime.pipeline import Pipeline
+from service.stream.frames import NS
+from service.stream.sources.mcap import Recording
+from service.stream.sources.mcap_write import RecordingWriter
+from service.stream.wire.codec import encode
+
+KINDS = ("worker", "node", "head", "database", "router", "suspended")
+BEGIN_NS = 1_700_000_000 * NS
+SETTLED_WITHIN = 180.0  # a schedule's windows [s]
+
+
+@dataclass
+class Outcome:
+    """What became of the schedules."""
+
+    schedules: int = 0
+    windows: int = 0
+    done: dict[str, int] = field(default_factory=dict)  # faults by kind
+    recovery: dict[str, list[float]] = field(default_factory=dict)  # by kind, until all was served again [s]
+    faults: list[str] = field(default_factory=list)
+
+
+class _Loop:
+    """The plain loop: one pipeline of all assets in this process."""
+
+    def __init__(self) -> None:
+        self.records: dict[str, list[Any]] = {}
+        text = _rig_text().decode()
+        import tomllib
+
+        rig = checked_rig(tomllib.loads(text), "the rig of the tests")
+        self._pipeline = Pipeline(lambda asset: rig, fake_twin.TWIN, self)
+
+    def commit(self, outcome: Any) -> bool:
+        self.records.setdefault(outcome.asset, []).append(plain(outcome.record))
+        return True
+
+    def publish(self, outcome: Any) -> None:
+        """Nobody watches."""
+
+    def take(self, recording: Path) -> None:
+        with Recording(recording) as opened:
+            for frame in opened.frames(lambda channel, error: None):
+                self._pipeline.feed(frame)
+        self._pipeline.flush()
+
+
+def _rig_text() -> bytes:
+    text = RIG.read_bytes()
+    for stated in (b"pinion_edges_per_rev = 1024", b"gear_edges_per_rev = 2048"):
+        text = text.replace(stated, stated.partition(b"=")[0] + b"= %d" % PER_REV)
+    return text
+
+
+def _write(path: Path, assets: list[str], first: int, windows: int, seed: int) -> Path:
+    """Windows of several assets, by the number of the first one."""
+    rng, frames = np.random.default_rng(seed), round(WINDOW_S / FRAME_S)
+    with RecordingWriter(path, rig_text=_rig_text()) as writer:
+        for window in range(first, first + windows):
+            start = BEGIN_NS + round(window * PAUSE_S * NS)
+            for f in range(frames):
+                at = start + round(f * FRAME_S * NS)
+                for asset in assets:
+                    for frame in _frames(asset, at, window * frames + f, 10 + window % 50, rng, window):
+                        writer.write(frame.channel, at + round(FRAME_S * NS), encode(frame))
+    return path
+
+
+class Plant:
+    """A fleet with its database and router, all of which can be killed."""
+
+    def __init__(self, folder: Path, server: PostgresqlServer, url: str, partitions: int, nodes: int, slow: float):
+        self.folder, self.server, self.partitions = folder, server, partitions
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.url, self.layout = url, Layout(partitions)
+        self._router: subprocess.Popen | None = None
+        os.environ["FAKE_TWIN_SECONDS"] = str(slow)
+        self.fleet = FleetProcess(
+            folder / "fleet", url, CONNECT=f'["{self.endpoint}"]', FLEET_PARTITIONS=str(partitions),
+            FLEET_WORKERS=str(nodes),
+        )  # fmt: skip
+        self.tables = engine_of(url, poolclass=sa.NullPool)
+
+    def __enter__(self) -> Plant:
+        self.route()
+        self.fleet.start()
+        wait_until(lambda: not self.census().silent, 120)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.fleet.end()
+        self.unroute()
+
+    def census(self) -> Census:
+        return census(self.tables, self.layout)
+
+    def route(self) -> None:
+        code = (
+            "import time; from service.transport.zenoh_session import open_session\n"
+            f"with open_session(listen=[{self.endpoint!r}]): print('up', flush=True); time.sleep(1e6)"
+        )
+        self._router = subprocess.Popen(
+            [sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)}
+        )
+        assert self._router.stdout is not None
+        self._router.stdout.readline()
+
+    def unroute(self) -> None:
+        assert self._router is not None and self._router.stdout is not None
+        self._router.kill()
+        self._router.wait()
+        self._router.stdout.close()
+
+    def worker(self, partition: int) -> int:
+        """The process that has a partition."""
+        return int((self.census().rows[partition]["worker"] or ":0").rpartition(":")[2])
+
+    def raylets(self) -> list[psutil.Process]:
+        """The processes of Ray's nodes, without the head's."""
+        assert self.fleet.process is not None
+        found = []
+        for process in psutil.Process(self.fleet.process.pid).children(recursive=True):
+            with suppress(psutil.Error):
+                if process.name() == "raylet" and not any(
+                    "gcs_server" in p.name() for p in process.parent().children()
+                ):
+                    found.append(process)
+        return found
+
+    def gcs(self) -> psutil.Process | None:
+        assert self.fleet.process is not None
+        for process in psutil.Process(self.fleet.process.pid).children(recursive=True):
+            with suppress(psutil.Error):
+                if "gcs_server" in process.name():
+                    return process
+        return None
+
+
+def attack(
+    count: int, seed: int, folder: Path, say: Callable[[str], None], *, assets: int = 200, partitions: int = 4,
+    nodes: int = 2, windows: int = 2, slow: float = 0.0, kinds: tuple[str, ...] = KINDS,
+) -> Outcome:  # fmt: skip
+    """So many schedules, each from its own seed."""
+    outcome, loop = Outcome(), _Loop()
+    names = [f"gb-{number}" for number in range(assets)]
+    with PostgresqlServer() as server, server.new_database() as url:
+        with Plant(folder, server, url, partitions, nodes, slow) as plant:
+            for number in range(count):
+                draw = random.Random(seed + number)
+                try:
+                    _schedule(draw, plant, loop, names, number * windows, windows, outcome, kinds)
+                except AssertionError as error:
+                    outcome.faults.append(f"seed {seed + number}: {error}")
+                    break
+                outcome.schedules += 1
+                say(f"seed {seed + number}: {outcome.done}, {outcome.windows} windows")
+    return outcome
+
+
+def _schedule(
+    draw: random.Random, plant: Plant, loop: _Loop, names: list[str], first: int, windows: int, outcome: Outcome,
+    kinds: tuple[str, ...],
+) -> None:  # fmt: skip
+    recordings = {}
+    for partition in plant.layout.all:
+        own = [name for name in names if partition_of(name, plant.partitions) == partition]
+        path = plant.folder / f"partition-{partition}.mcap"
+        recordings[partition] = _write(path, own, first, windows, draw.randrange(2**31))
+        loop.take(path)
+    with ExitStack() as stack:
+        publishers = {p: _Publisher(plant, p, path) for p, path in recordings.items()}
+        for publisher in publishers.values():
+            stack.callback(publisher.kill)
+        chosen = [draw.choice(kinds) for _ in range(draw.choice((1, 1, 2)))]
+        for kind in chosen:
+            time.sleep(draw.uniform(0.0, 6.0))
+            if draw.random() < 0.25:
+                publishers[draw.randrange(plant.partitions)].again()
+            begun = time.monotonic()
+            before = [row["token"] for row in plant.census().rows]
+            FAULTS[kind](draw, plant, stack)
+            outcome.done[kind] = outcome.done.get(kind, 0) + 1
+            if kind in ("worker", "node", "head"):
+                _await_recovery(plant, before, kind)
+                outcome.recovery.setdefault(kind, []).append(round(time.monotonic() - begun, 1))
+        for publisher in publishers.values():
+            publisher.ended()
+        _compare(plant, loop, names, outcome, (first + windows) * len(names))
+
+
+def _await_recovery(plant: Plant, before: list[int], kind: str) -> None:
+    """Until all partitions are served and somebody new has one of them."""
+
+    def recovered() -> bool:
+        found = plant.census()
+        return not found.silent and any(row["token"] > was for row, was in zip(found.rows, before, strict=True))
+
+    wait_until(recovered, SETTLED_WITHIN)
+
+
+class _Publisher:
+    """`gear-twin replay` of one partition's recording."""
+
+    def __init__(self, plant: Plant, partition: int, path: Path) -> None:
+        self._plant, self._partition, self._path = plant, partition, path
+        self._process = self._begin()
+
+    def again(self) -> None:
+        """Killed, and begun again."""
+        self.kill()
+        self._process = self._begin()
+
+    def ended(self) -> None:
+        out, err = self._process.communicate(timeout=2 * SETTLED_WITHIN)
+        assert self._process.returncode == 0, f"the publisher of partition {self._partition} said: {out} {err}"
+
+    def kill(self) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.communicate()
+
+    def _begin(self) -> subprocess.Popen:
+        prefix = prefix_of(self._partition)
+        code = (
+            "import sys; from service.runtime.replay import replay\n"
+            f"print(replay({str(self._path)!r}, [{self._plant.endpoint!r}], 8.0, max_pause=2.0, prefix={prefix!r}, "
+            "recorded='gearbox', wait=150.0, on_fault=lambda line: print(line, file=sys.stderr)))"
+        )
+        return subprocess.Popen(
+            [sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+
+
+def _compare(plant: Plant, loop: _Loop, names: list[str], outcome: Outcome, total: int) -> None:
+    """Waits until as many windows are committed as the plain loop has, and compares all of them."""
+
+    def committed() -> int:
+        with plant.tables.connect() as db:
+            return sum(
+                db.exec_driver_sql(f"SELECT count(*) FROM p{p:03d}.windows").scalar_one() for p in plant.layout.all
+            )
+
+    end = time.monotonic() + SETTLED_WITHIN
+    while (found := committed()) < total:
+        assert time.monotonic() < end, f"{found} of {total} windows after {SETTLED_WITHIN:g} s"
+        time.sleep(0.2)
+    if found != total:
+        for partition in plant.layout.all:
+            with plant.tables.connect() as db:
+                print(
+                    partition,
+                    db.exec_driver_sql(
+                        f"SELECT asset, number, start_ns/1000000000.0 - 1700000000 FROM p{partition:03d}.windows order by asset, number"
+                    ).all(),
+                )
+    assert found == total, f"{found} windows in place of {total}"
+    shared = Partitions(plant.url, plant.partitions)
+    for partition in plant.layout.all:
+        with SqlStore(shared.backend(partition)) as store:
+            for name in names:
+                if partition_of(name, plant.partitions) == partition:
+                    records = [plain(w.record) for w in store.windows(name, limit=10_000)]
+                    assert records == loop.records[name], f"{name} is not as by the plain loop"
+                    state = store.asset(name)
+                    assert state.windows == len(records), f"{name} counts {state.windows} of {len(records)} windows"
+    shared.close()
+    outcome.windows = total
+
+
+# -- faults --------------------------------------------------------------------------------------------
+
+
+def _kill_worker(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
+    with suppress(ProcessLookupError):
+        os.kill(plant.worker(draw.randrange(plant.partitions)), signal.SIGKILL)
+
+
+def _kill_node(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
+    """A node with all that runs on it, as where a machine's power goes."""
+    raylets = plant.raylets()
+    if not raylets:
+        return
+    raylet = draw.choice(raylets)
+    for process in (raylet, *raylet.children(recursive=True)):
+        with suppress(psutil.Error):
+            process.kill()
+
+
+def _kill_head(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
+    gcs = plant.gcs()
+    if gcs is not None:
+        gcs.kill()
+
+
+def _kill_database(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
+    plant.server.kill()
+    time.sleep(draw.uniform(0.5, 3.0))
+    wait_until(lambda: _starts(plant.server), 30)
+
+
+def _starts(server: PostgresqlServer) -> bool:
+    try:
+        server.start()
+    except AssertionError:
+        return False
+    return True
+
+
+def _kill_router(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
+    plant.unroute()
+    time.sleep(draw.uniform(0.2, 3.0))
+    plant.route()
+
+
+def _suspend(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
+    """A worker that is suspended while somebody else takes its partition, and then goes on."""
+    partition = draw.randrange(plant.partitions)
+    process = plant.worker(partition)
+    with suppress(ProcessLookupError):
+        os.kill(process, signal.SIGSTOP)
+    with _taken(plant, partition):
+        time.sleep(draw.uniform(0.0, 2.0))
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGCONT)
+        time.sleep(1.0)
+    wait_until(lambda: not plant.census().silent, SETTLED_WITHIN)
+
+
+@contextmanager
+def _taken(plant: Plant, partition: int) -> Iterator[None]:
+    """Another worker serves a partition for a while."""
+    from fleet_partition import PartitionProcess
+
+    settings = {name: value for name, value in plant.fleet.given.items() if name not in ("FLEET_WORKERS",)}
+    other = PartitionProcess(
+        plant.folder / f"other-{time.monotonic_ns()}", plant.url, plant.endpoint, partition=partition,
+        partitions=plant.partitions, **{k: v for k, v in settings.items() if k not in ("CONNECT", "DATABASE")},
+    ).start()  # fmt: skip
+    try:
+        yield
+    finally:
+        other.end(signal.SIGKILL)
+
+
+FAULTS: dict[str, Callable[[random.Random, Plant, ExitStack], None]] = {
+    "worker": _kill_worker,
+    "node": _kill_node,
+    "head": _kill_head,
+    "database": _kill_database,
+    "router": _kill_router,
+    "suspended": _suspend,
+}
