@@ -13,7 +13,6 @@ import random
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -180,17 +179,20 @@ def attack(
     """So many schedules, each from its own seed."""
     outcome, loop = Outcome(), _Loop()
     names = [f"gb-{number}" for number in range(assets)]
-    with PostgresqlServer() as server, server.new_database() as url:
-        with Plant(folder, server, url, partitions, nodes, slow) as plant:
-            for number in range(count):
-                draw = random.Random(seed + number)
-                try:
-                    _schedule(draw, plant, loop, names, number * windows, windows, outcome, kinds)
-                except AssertionError as error:
-                    outcome.faults.append(f"seed {seed + number}: {error}")
-                    break
-                outcome.schedules += 1
-                say(f"seed {seed + number}: {outcome.done}, {outcome.windows} windows")
+    with (
+        PostgresqlServer() as server,
+        server.new_database() as url,
+        Plant(folder, server, url, partitions, nodes, slow) as plant,
+    ):
+        for number in range(count):
+            draw = random.Random(seed + number)
+            try:
+                _schedule(draw, plant, loop, names, number * windows, windows, outcome, kinds)
+            except AssertionError as error:
+                outcome.faults.append(f"seed {seed + number}: {error}")
+                break
+            outcome.schedules += 1
+            say(f"seed {seed + number}: {outcome.done}, {outcome.windows} windows")
     return outcome
 
 
@@ -282,15 +284,6 @@ def _compare(plant: Plant, loop: _Loop, names: list[str], outcome: Outcome, tota
     while (found := committed()) < total:
         assert time.monotonic() < end, f"{found} of {total} windows after {SETTLED_WITHIN:g} s"
         time.sleep(0.2)
-    if found != total:
-        for partition in plant.layout.all:
-            with plant.tables.connect() as db:
-                print(
-                    partition,
-                    db.exec_driver_sql(
-                        f"SELECT asset, number, start_ns/1000000000.0 - 1700000000 FROM p{partition:03d}.windows order by asset, number"
-                    ).all(),
-                )
     assert found == total, f"{found} windows in place of {total}"
     shared = Partitions(plant.url, plant.partitions)
     for partition in plant.layout.all:
