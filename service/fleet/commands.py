@@ -164,12 +164,14 @@ def _tables(settings: Any) -> tuple[Any, Any]:
     import sqlalchemy as sa
 
     from service.errors import InputError
-    from service.fleet.databases import engine_of
+    from service.fleet.databases import engine_of, reached
     from service.fleet.layout import layout_of
     from service.fleet.up import database_of
 
-    tables = engine_of(database_of(settings), poolclass=sa.NullPool)
-    layout = layout_of(tables)
+    database = database_of(settings)
+    tables = engine_of(database, poolclass=sa.NullPool)
+    with reached(database):
+        layout = layout_of(tables)
     if layout is None:
         raise InputError("the database holds no fleet: gear-twin fleet up makes one")
     return tables, layout
@@ -177,8 +179,11 @@ def _tables(settings: Any) -> tuple[Any, Any]:
 
 def _census(settings: Any) -> Any:
     from service.fleet.census import census
+    from service.fleet.databases import reached
+    from service.fleet.up import database_of
 
-    return census(*_tables(settings))
+    with reached(database_of(settings)):
+        return census(*_tables(settings))
 
 
 def _await_served(settings: Any, partitions: list[int]) -> None:

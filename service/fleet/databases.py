@@ -6,6 +6,8 @@ does on a database of its own.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -13,12 +15,14 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import Connection, Engine, event
 from sqlalchemy.engine import URL
+from sqlalchemy.exc import DBAPIError
 
 from service.errors import StoreError
 from service.fleet.fence import ABANDONED, Fence, lock
 from service.fleet.layout import schema_of, separate_numbers
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
 from service.results.database import Database
+from service.results.storage_faults import storage_error
 
 READERS = 2  # connections of one worker that are kept for reading; as many more are opened when needed
 FRONT_READERS, FRONT_WRITERS = 8, 2  # connections of one front end
@@ -36,6 +40,19 @@ def url_of(database: str) -> URL:
 def engine_of(database: str, **given: Any) -> Engine:
     """Connections to what all partitions share."""
     return Postgresql(with_options(url_of(database), _ABANDONED)).engine(STATEMENT_WAIT, **given)
+
+
+@contextmanager
+def reached(database: str) -> Iterator[None]:
+    """Failures of the fleet's database as errors of the service: StorageUnavailable where it may work again later."""
+    try:
+        yield
+    except DBAPIError as error:
+        name = url_of(database).set(drivername="postgresql").render_as_string(hide_password=True)
+        meant = storage_error(error.orig or error, name, lost=error.connection_invalidated)
+        if meant is None:
+            raise
+        raise meant from error
 
 
 def with_options(url: URL, *options: str) -> URL:

@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 
-from service.errors import InputError
+from service.errors import InputError, StorageUnavailable
 from service.fleet.census import Census, census
 from service.fleet.cluster import LocalCluster, environment, joined
-from service.fleet.databases import engine_of, made
+from service.fleet.databases import engine_of, made, reached
 from service.fleet.layout import FACTS, Layout, create, layout_of
 from service.settings import Settings
 from service.transport.zenoh_session import open_session
@@ -51,13 +51,14 @@ def database_of(settings: Settings) -> str:
 def prepared(settings: Settings, progress: Callable[[int, int], None] = lambda done, of: None) -> Layout:
     """The tables of the fleet and of all its partitions, made where they are not there."""
     database = database_of(settings)
-    engine = engine_of(database, poolclass=sa.NullPool)
-    known = layout_of(engine)
-    wanted = settings.fleet_partitions or (known.partitions if known else PARTITIONS)
-    layout = create(engine, wanted)
-    for partition in layout.all:
-        made(database, partition, layout.partitions)
-        progress(partition + 1, layout.partitions)
+    with reached(database):
+        engine = engine_of(database, poolclass=sa.NullPool)
+        known = layout_of(engine)
+        wanted = settings.fleet_partitions or (known.partitions if known else PARTITIONS)
+        layout = create(engine, wanted)
+        for partition in layout.all:
+            made(database, partition, layout.partitions)
+            progress(partition + 1, layout.partitions)
     return layout
 
 
@@ -233,8 +234,16 @@ def up(
         stack.callback(fleet.end)
         fleet.start()
         announce(f"fleet of {layout.partitions} partitions at {fleet.address}")
+        away: str | None = None
         while not stop.wait(LOOK_EVERY):
-            fleet.look()
+            try:
+                with reached(database_of(settings)):
+                    fleet.look()
+                away = None
+            except StorageUnavailable as error:
+                if away is None:
+                    log.error("%s: the partitions wait for it", error)
+                away = str(error)
 
 
 def _reached(endpoint: str) -> str:

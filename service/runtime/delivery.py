@@ -211,11 +211,8 @@ class Delivery:
         return come, anyone or not streams
 
     def _positions(self, stream: str) -> list[PositionModel]:
-        return [
-            p
-            for p in map(position_of, self._publisher.ask(stream, ANSWER_WAIT, sending=self._sending))
-            if p is not None
-        ]
+        answers = self._publisher.ask(stream, ANSWER_WAIT, sending=self._sending)
+        return [p for p in map(position_of, answers) if p is not None]
 
     def _has_come(self, stream: str, position: PositionModel) -> bool:
         """Whether the newest frames sent are the newest that have come."""

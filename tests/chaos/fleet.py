@@ -157,9 +157,8 @@ class Plant:
         found = []
         for process in psutil.Process(self.fleet.process.pid).children(recursive=True):
             with suppress(psutil.Error):
-                if process.name() == "raylet" and not any(
-                    "gcs_server" in p.name() for p in process.parent().children()
-                ):
+                near = [other.name() for other in process.parent().children()]
+                if process.name() == "raylet" and not any("gcs_server" in name for name in near):
                     found.append(process)
         return found
 
