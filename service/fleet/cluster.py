@@ -71,9 +71,9 @@ class Node:
     output: IO[bytes]
     said: Path
 
-    def end(self) -> None:
+    def end(self, *, at_once: bool = False) -> None:
         """Ends the node with all that runs on it."""
-        if self.process.poll() is None:
+        if self.process.poll() is None and not at_once:
             self.process.send_signal(signal.SIGTERM)
             with suppress(subprocess.TimeoutExpired):
                 self.process.wait(ENDED_WITHIN)
@@ -105,13 +105,18 @@ class LocalCluster:
         """Starts the head, and so many nodes."""
         self.port = self.port or _free_port()
         self.head = self._start("head", ["--head", f"--port={self.port}", "--include-dashboard=false"], room=0)
+        self._await(self.head)
         self.scale(nodes)
 
     def scale(self, nodes: int) -> None:
         """Starts nodes until there are so many."""
+        begun = []
         while len(self.nodes) < nodes:
             self._count += 1
-            self.nodes.append(self._start(f"node-{self._count}", [f"--address={self.address}"], room=self.room))
+            begun.append(self._start(f"node-{self._count}", [f"--address={self.address}"], room=self.room))
+            self.nodes.append(begun[-1])
+        for node in begun:
+            self._await(node)
 
     def look(self) -> list[str]:
         """Replaces nodes that have ended; their names."""
@@ -129,9 +134,10 @@ class LocalCluster:
         return self.head is not None and self.head.process.poll() is not None
 
     def end(self) -> None:
-        """Ends all nodes, and the head last."""
+        """Ends all nodes, and the head last; at once where that is lost, and nothing can end in good order."""
+        lost = self.lost
         for node in (*self.nodes, *([] if self.head is None else [self.head])):
-            node.end()
+            node.end(at_once=lost)
         self.nodes, self.head = [], None
 
     def _start(self, name: str, arguments: list[str], room: int) -> Node:
@@ -153,9 +159,7 @@ class LocalCluster:
             env=os.environ | environment(self.folder),
             start_new_session=True,  # so that Ctrl-C reaches this process first
         )
-        node = Node(name, process, output, said)
-        self._await(node)
-        return node
+        return Node(name, process, output, said)
 
     def _await(self, node: Node) -> None:
         end = time.monotonic() + STARTED_WITHIN

@@ -28,6 +28,7 @@ Reply = Callable[[str], None]
 
 PUBLISH_EVERY = 1.0  # of one stream, at most [s]
 MOST_BACKLOG = 8  # windows of an asset that wait to be processed while its publishers are answered
+BETWEEN_QUESTIONS = 1.5  # a publisher that waits asks again within this time after an answer [s]
 HELD_BACK = 10.0  # no answer is held back longer than this [s]
 _LONGEST_FRAME_NS = round(LENGTH_LIMITS[1] * NS)
 _LOOK_EVERY = 0.1  # at what has changed [s]
@@ -130,11 +131,12 @@ class Positions:
             self._close(number, self._behind)
 
     def waits(self, sender: str) -> float:
-        """When a session was last known to wait for an answer, on the monotonic clock [s]."""
+        """When a session that sends was last known to wait, or to ask again soon, on the monotonic clock [s]."""
         with self._lock:
-            if any(by == sender for _, _, _, by in self._open.values()):
-                return self._clock()
-            return self._signs.get(sender, float("-inf"))
+            now, answered = self._clock(), self._signs.get(sender, float("-inf"))
+            if now - answered < BETWEEN_QUESTIONS or any(by == sender for _, _, _, by in self._open.values()):
+                return now
+            return answered
 
     def reached(self, stream: str, number: int) -> None:
         """The question has come to the head of its stream's queue."""
