@@ -13,6 +13,8 @@ EXTRAS = {
     "paho": "mqtt",
     "asyncua": "opcua",
     "opentelemetry": "telemetry",
+    "ray": "fleet",
+    "obstore": "fleet",
 }
 """Packages that an installation may leave out, and the extra that has them."""
 

@@ -30,6 +30,8 @@ LOADED_WHERE_SET = {
     "service/operation/traces.py": "telemetry",
     "service/results/parquet_rows.py": "formats",
     "service/bridges/opcua.py": "opcua",
+    "service/fleet/object_store.py": "fleet",
+    "service/fleet/ray_tasks.py": "fleet",
 }  # files that alone know an extra's packages
 READERS = ROOT / "service" / "files" / "readers"
 COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
