@@ -78,13 +78,19 @@ def assess(
         results, rig, update.value, searches_effects(no_trace), relation, detectability, false_alarm_rate, asset, prefix
     )
     found = stored_recordings(recordings)
+    done = 0
     with progress_bar("assessing") as bar:
 
         def progress(summary: Any, total: int) -> None:
+            nonlocal done
             done = len(summary.outcomes)
             bar(done / total, f"{done} of {total} recordings, {summary.counts['refused']} refused")
 
-        summary = assess_all(found, work, progress, workers=workers, address=address)
+        try:
+            summary = assess_all(found, work, progress, workers=workers, address=address)
+        except KeyboardInterrupt:
+            tell(f"{done} of {len(found)} recordings are done; the same command goes on with the others")
+            raise
     for reason in summary.refused[:MOST_SAID]:
         tell(reason)
     if len(summary.refused) > MOST_SAID:

@@ -8,11 +8,14 @@ from __future__ import annotations
 import logging
 import os
 import secrets
+import signal
+import sys
+import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from service.errors import InputError
 
@@ -21,7 +24,6 @@ RETRIES = 4  # how often a call is carried out again whose process ended
 STORE_BYTES = 80 * 2**20  # of shared memory: arguments and answers of calls are small
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_BACKEND_LOG_LEVEL": "fatal",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # else a warning about machines without accelerators
 }
 ALONE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}  # every port is of the loopback interface, as on those systems
@@ -48,7 +50,7 @@ def carried_out(
     workers  calls at a time; None for the cores of this machine or of the cluster
     address  of a cluster; None for a Ray of this machine alone, which is ended with the iteration
     """
-    with _ray(workers, address) as ray:
+    with started(workers, address) as ray:
         cores = max(int(ray.cluster_resources().get("CPU", 1)), 1)
         most = workers if workers is not None and address is not None else AHEAD * cores
         # a retry is meant for processes that end: what the call raises is a fault of the call
@@ -73,13 +75,16 @@ def _answer(ray: Any, done: Any) -> Any:
     try:
         return ray.get(done)
     except ray.exceptions.RayTaskError as error:
+        if isinstance(error.cause, (ray.exceptions.RaySystemError, ImportError)):
+            said = str(error.cause).partition("\n")[0]
+            raise InputError(f"a Ray node cannot run gear-twin: {said}: install the same version on each") from error
         raise error.cause from None
     except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError) as error:
         return ProcessEnded(f"its process ended {RETRIES + 1} times ({type(error).__name__}): is there enough memory?")
 
 
 @contextmanager
-def _ray(workers: int | None, address: str | None) -> Iterator[Any]:
+def started(workers: int | None, address: str | None) -> Iterator[Any]:
     """Ray, ready for calls; as it was where this process has one already."""
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
@@ -107,6 +112,24 @@ def _ray(workers: int | None, address: str | None) -> Iterator[Any]:
             said = str(error).partition("\n")[0]
             raise InputError(f"--address {address}: no Ray cluster answers there: {said}") from error
         try:
-            yield ray
+            with _ended_quietly():
+                yield ray
         finally:
             ray.shutdown()
+
+
+@contextmanager
+def _ended_quietly() -> Iterator[None]:
+    """SIGTERM ends the iteration as Ctrl-C does; Ray would print where the program was."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: object) -> NoReturn:
+        sys.exit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
