@@ -182,6 +182,12 @@ LINES: tuple[Line, ...] = (
         "Record to a faster disk, or free space.",
     ),
     Line(
+        "service.fleet.assess_task",
+        "%s is not assessed because of an internal error",
+        "A recording of `fleet assess` is refused; the others are not affected.",
+        "Report it, with the recording.",
+    ),
+    Line(
         "service.fleet.raw_segments",
         "raw recordings cannot be moved to the object store: %s; it is tried again in %g s",
         "They wait in their folder, up to `[raw] spool_gb`; windows and results are not affected.",

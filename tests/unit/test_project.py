@@ -30,8 +30,13 @@ LOADED_WHERE_SET = {
     "service/operation/traces.py": "telemetry",
     "service/results/parquet_rows.py": "formats",
     "service/bridges/opcua.py": "opcua",
+    "service/fleet/assess_task.py": "fleet",
+    "service/fleet/batch.py": "fleet",
     "service/fleet/object_store.py": "fleet",
+    "service/fleet/raw_segments.py": "fleet",
     "service/fleet/ray_tasks.py": "fleet",
+    "service/fleet/segments.py": "fleet",
+    "service/fleet/stored_recordings.py": "fleet",
 }  # files that alone know an extra's packages
 READERS = ROOT / "service" / "files" / "readers"
 COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
@@ -113,7 +118,8 @@ def test_the_service_asks_for_the_generator_in_the_command_line_alone_and_only_w
 def test_files_that_need_an_extra_are_imported_by_none_as_a_whole():
     names = {path.removesuffix(".py").replace("/", ".") for path in LOADED_WHERE_SET}
     for file in sources("service"):
-        assert not names & imports(file, anywhere=False), file
+        if str(file.relative_to(ROOT)) not in LOADED_WHERE_SET:
+            assert not names & imports(file, anywhere=False), file
 
 
 def test_what_the_program_imports_is_declared():
