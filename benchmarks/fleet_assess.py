@@ -117,7 +117,7 @@ def figures(count: int, workers: int, trace: bool) -> list[Figure]:
     return [
         Figure(
             what=f"{what}, processor time", value=by_processor, unit="",
-            note=f"{each * alone.processor:.0f} and {each * together.processor:.0f} ms a recording; aim {AIM:g} or more",
+            note=f"{each * alone.processor:.0f}, {each * together.processor:.0f} ms a recording; aim {AIM:g} or more",
         ),
         Figure(
             what=f"{what}, wall clock", value=by_wall, unit="",
