@@ -9,6 +9,7 @@ import logging
 import os
 import secrets
 import signal
+import socket
 import sys
 import threading
 import warnings
@@ -21,6 +22,7 @@ from service.errors import InputError
 
 AHEAD = 2  # calls that are handed over for each core, so that none waits for the next
 RETRIES = 4  # how often a call is carried out again whose process ended
+CONNECT_WAIT = 5.0  # for a cluster [s]
 STORE_BYTES = 80 * 2**20  # of shared memory: arguments and answers of calls are small
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -88,7 +90,9 @@ def started(workers: int | None, address: str | None) -> Iterator[Any]:
     """Ray, ready for calls; as it was where this process has one already."""
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
-    if address is None:
+    if address is not None:
+        _demand_answer(address)
+    else:
         os.environ.update(ALONE)
         os.environ.setdefault("RAY_AUTH_MODE", "token")
         os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
@@ -116,6 +120,18 @@ def started(workers: int | None, address: str | None) -> Iterator[Any]:
                 yield ray
         finally:
             ray.shutdown()
+
+
+def _demand_answer(address: str) -> None:
+    """InputError where nobody listens at HOST:PORT: Ray itself would try for minutes."""
+    host, _, port = address.rpartition("://")[2].rpartition(":")
+    if not port.isdigit():  # such as auto, which Ray looks up
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_WAIT).close()
+    except (OSError, OverflowError) as error:
+        said = (getattr(error, "strerror", None) or str(error)).lower()
+        raise InputError(f"--address {address}: no Ray cluster answers there: {said}") from None
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from marked_twin import marked
 from service_streams import write_recording
 
 from service.errors import InputError
+from service.fleet import cli
 from service.fleet.assess_task import Work, assess_one
 from service.fleet.batch import SUMMARY, assess_all
 from service.fleet.object_store import ObjectStore
@@ -192,6 +193,31 @@ def test_an_object_is_written_once_and_whole(tmp_path):
     assert sorted(entry.name for entry in store.entries("x")) == ["x/empty.json", "x/y.json"]
     store.delete(["x/y.json", "x/y.json"])
     assert [entry.name for entry in store.entries()] == ["x/empty.json"]
+
+
+def test_a_cluster_that_is_not_there_is_said_at_once(recordings, tmp_path):
+    found = stored_recordings([str(recordings / "machine00.mcap")])
+    for address in ("127.0.0.1:1", "127.0.0.1:99999", "ray://127.0.0.1:1"):
+        with pytest.raises(InputError, match=f"--address {address}: no Ray cluster answers there"):
+            assess_all(found, work(tmp_path / "results"), address=address)
+
+
+def test_the_options_of_the_command_are_part_of_a_result_s_name(recordings, tmp_path):
+    rig = tmp_path / "own.toml"
+    rig.write_bytes(rig_text(recordings / "machine01.mcap"))
+    one = of_one(recordings / "machine00.mcap")
+    works = [
+        cli.work_of(str(tmp_path), None, "fused", True),
+        cli.work_of(str(tmp_path), None, "fused", False),
+        cli.work_of(str(tmp_path), None, "rms", True),
+        cli.work_of(str(tmp_path), rig, "fused", True),
+        cli.work_of(str(tmp_path), None, "fused", True, false_alarm_rate=0.02),
+        cli.work_of(str(tmp_path), None, "fused", True, asset="machine00"),
+    ]
+    assert len({each.name_of(one) for each in works}) == len(works)
+    assert cli.work_of("results", None, "fused", True).results == str(Path("results").absolute())
+    with pytest.raises(InputError, match=r"none.toml"):
+        cli.work_of(str(tmp_path), tmp_path / "none.toml", "fused", True)
 
 
 # -- with Ray ----------------------------------------------------------------------------------------------
