@@ -14,13 +14,12 @@ import logging
 import re
 from dataclasses import dataclass
 from hashlib import blake2b
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 from service import __version__
 from service.errors import FAULT, InputError, StoreError
 from service.fleet.object_store import ObjectStore
+from service.fleet.scratch import scratch
 from service.fleet.segments import Segments
 from service.fleet.stored_recordings import StoredRecording
 from service.json_text import json_text
@@ -77,18 +76,15 @@ class Outcome:
 def found_outcome(results: ObjectStore, name: str, known: set[str] | None = None) -> Outcome | None:
     """What an earlier run has written; None where it has not.
 
-    known  the names that there are, where they have been listed
+    known  the names of all results that hold something; None where they have not been listed
     """
     result, refused = name + RESULT, name + REFUSED
-    if known is not None and not known & {result, refused}:
-        return None
-    for each, state in ((result, "found"), (refused, "refused")):
-        entry = results.entry(each)
-        if entry is not None and entry.size:
-            if state == "found":
-                return Outcome(state="found", result=each)
-            return Outcome(state="refused", result=each, reason=json.loads(results.read(each) or b"{}").get("reason"))
-    return None
+    if known is None:
+        known = {each for each in (result, refused) if (entry := results.entry(each)) is not None and entry.size}
+    if result in known:
+        return Outcome(state="found", result=result)
+    kept = results.read(refused) if refused in known else None
+    return None if kept is None else Outcome(state="refused", result=refused, reason=json.loads(kept)["reason"])
 
 
 def assess_one(work: Work, recording: StoredRecording) -> Outcome:
@@ -119,10 +115,10 @@ def assess_one(work: Work, recording: StoredRecording) -> Outcome:
 
 def _answer(work: Work, recording: StoredRecording) -> dict[str, Any]:
     twin = work.twin or gear_twin(work.options)
-    with TemporaryDirectory(prefix="gear-twin-") as folder:
+    with scratch() as folder:
         rig_path = None
         if work.rig is not None:
-            rig_path = Path(folder) / work.rig[0]
+            rig_path = folder / work.rig[0]
             rig_path.write_bytes(work.rig[1])
         if len(recording.parts) > 1:
             any_rig = rig_path is not None

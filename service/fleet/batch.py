@@ -21,7 +21,13 @@ SUMMARY = "summary.json"  # of the latest run that came to its end
 class Summary:
     """What came of each recording of a run."""
 
-    outcomes: dict[str, Outcome] = field(default_factory=dict)  # by recording, in order of the run's beginning
+    outcomes: dict[str, Outcome] = field(default_factory=dict)  # by recording
+    counted: Counter[str] = field(default_factory=Counter)
+
+    def add(self, recording: StoredRecording, outcome: Outcome) -> None:
+        """Notes what came of one recording."""
+        self.outcomes[recording.where] = outcome
+        self.counted[outcome.state] += 1
 
     @property
     def refused(self) -> list[str]:
@@ -30,8 +36,7 @@ class Summary:
 
     @property
     def counts(self) -> dict[str, int]:
-        counted = Counter(outcome.state for outcome in self.outcomes.values())
-        return {state: counted[state] for state in ("assessed", "found", "refused")}
+        return {state: self.counted[state] for state in ("assessed", "found", "refused")}
 
     def as_json(self, work: Work) -> dict[str, Any]:
         listed = [{"recording": where, **asdict(outcome)} for where, outcome in self.outcomes.items()]
@@ -61,7 +66,7 @@ def assess_all(
         if found is None:
             missing.append(recording)
         else:
-            summary.outcomes[recording.where] = found
+            summary.add(recording, found)
     progress(summary, len(recordings))
     if missing:
         from service.fleet.ray_tasks import ProcessEnded, carried_out
@@ -70,7 +75,7 @@ def assess_all(
             for recording, outcome in done:
                 if isinstance(outcome, ProcessEnded):
                     outcome = Outcome(state="refused", result=None, reason=f"{recording.where}: {outcome}")
-                summary.outcomes[recording.where] = outcome
+                summary.add(recording, outcome)
                 progress(summary, len(recordings))
     summary.outcomes = {r.where: summary.outcomes[r.where] for r in recordings}
     results.put(SUMMARY, (json_text(summary.as_json(work)) + "\n").encode())

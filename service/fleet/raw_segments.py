@@ -14,12 +14,12 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from service.errors import InputError, StoreError
 from service.fleet.layout import area_of
 from service.fleet.object_store import ObjectStore
+from service.fleet.scratch import scratch
 from service.fleet.stored_recordings import moment_of
 from service.results.raw_recordings import RawRecordings, recordings_in
 from service.results.signal_store import folder_of
@@ -177,8 +177,8 @@ class SegmentSender:
             number += 1
 
     def _is_same(self, name: str, path: Path) -> bool:
-        with TemporaryDirectory(prefix="gear-twin-") as folder:
-            copy = Path(folder) / "copy"
+        with scratch() as folder:
+            copy = folder / "copy"
             self._opened().read_to(copy, name)
             return filecmp.cmp(copy, path, shallow=False)
 

@@ -15,10 +15,10 @@ import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
-from tempfile import TemporaryDirectory
 from typing import Any, NoReturn, TypeVar
 
 from service.errors import InputError
+from service.fleet.scratch import scratch
 
 AHEAD = 2  # calls that are handed over for each core, so that none waits for the next
 RETRIES = 4  # how often a call is carried out again whose process ended
@@ -102,13 +102,13 @@ def started(workers: int | None, address: str | None) -> Iterator[Any]:
         yield ray
         return
     common: dict[str, Any] = {"logging_level": logging.ERROR, "log_to_driver": False, "configure_logging": False}
-    with TemporaryDirectory(prefix="gt", ignore_cleanup_errors=True) as folder, warnings.catch_warnings():
+    with scratch() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             if address is None:
                 ray.init(
                     num_cpus=workers or os.cpu_count(), include_dashboard=False, _node_ip_address="127.0.0.1",
-                    object_store_memory=STORE_BYTES, _temp_dir=folder, **common,
+                    object_store_memory=STORE_BYTES, _temp_dir=str(folder), **common,
                 )  # fmt: skip
             else:
                 ray.init(address=address, **common)

@@ -12,11 +12,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from urllib.parse import urlsplit
 
 from service.errors import InputError, StoreError
 from service.fleet.object_store import ObjectStore, is_url
+from service.fleet.scratch import scratch
 from service.stream.frames import NS
 
 SUFFIX = ".mcap"
@@ -46,8 +46,8 @@ class Part:
     def fetched(self) -> Iterator[Path]:
         """The recording as a file of this machine. StoreError where it cannot be had, or is not what was listed."""
         if self.place is not None:
-            with TemporaryDirectory(prefix="gear-twin-") as folder:
-                path = Path(folder) / Path(self.name).name
+            with scratch() as folder:
+                path = folder / Path(self.name).name
                 ObjectStore(self.place).read_to(path, self.name, self.tag)
                 yield path
             return

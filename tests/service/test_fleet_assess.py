@@ -23,6 +23,7 @@ from service.fleet import cli
 from service.fleet.assess_task import Work, assess_one
 from service.fleet.batch import SUMMARY, assess_all
 from service.fleet.object_store import ObjectStore
+from service.fleet.scratch import PREFIX, scratch
 from service.fleet.stored_recordings import stored_recordings
 from service.json_text import json_text
 from service.results.raw_recordings import RawLimits, RawRecordings
@@ -218,6 +219,19 @@ def test_the_options_of_the_command_are_part_of_a_result_s_name(recordings, tmp_
     assert cli.work_of("results", None, "fused", True).results == str(Path("results").absolute())
     with pytest.raises(InputError, match=r"none.toml"):
         cli.work_of(str(tmp_path), tmp_path / "none.toml", "fused", True)
+
+
+def test_folders_of_killed_processes_are_deleted_and_those_in_use_stay(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    left, young = tmp_path / f"{PREFIX}left", tmp_path / f"{PREFIX}young"
+    for each in (left, young):
+        (each / "x").mkdir(parents=True)
+    with scratch() as used:
+        for each in (left, used):
+            os.utime(each, (0, 0))
+        with scratch() as other:
+            assert sorted(tmp_path.iterdir()) == sorted([young, used, other])
+    assert list(tmp_path.iterdir()) == [young]
 
 
 # -- with Ray ----------------------------------------------------------------------------------------------
