@@ -31,26 +31,10 @@ def assessed(
 ) -> dict[str, Any]:
     """An assessment, with its progress and one line for each fault of the data on standard error."""
     from service.cli.show import progress_bar
-    from service.files.detectability import nulls_of
     from service.runtime.assess import assess as run
     from service.runtime.assess import warnings
-    from twin.options import Options
 
-    known = None
-    if relation is not None:
-        from service.files.relation import read_relation
-
-        known = read_relation(relation)
-    settings = settings_of()
-    files = [*settings.detectability, *([] if detectability is None else [detectability])]
-    options = Options(
-        update=update,
-        trace=trace,
-        relation=known,
-        status_limits=settings.status_limits,
-        false_alarm_rate=settings.false_alarm_rate if false_alarm_rate is None else false_alarm_rate,
-        nulls=nulls_of(files),
-    )
+    options = options_of(update, trace, relation, detectability, false_alarm_rate)
     with progress_bar("assessing") as bar:
         answer = run(
             recording,
@@ -65,6 +49,38 @@ def assessed(
     for line in warnings(recording, answer):
         tell(line)
     return answer
+
+
+def options_of(
+    update: str,
+    trace: bool,
+    relation: Path | None = None,
+    detectability: Path | None = None,
+    false_alarm_rate: float | None = None,
+) -> Any:
+    """The options of the twin by the settings and what was given."""
+    from service.files.detectability import nulls_of
+    from twin.options import Options
+
+    known = None
+    if relation is not None:
+        from service.files.relation import read_relation
+
+        known = read_relation(relation)
+    settings = settings_of()
+    return Options(
+        update=update,
+        trace=trace,
+        relation=known,
+        status_limits=settings.status_limits,
+        false_alarm_rate=settings.false_alarm_rate if false_alarm_rate is None else false_alarm_rate,
+        nulls=nulls_of(detectability_files(detectability)),
+    )
+
+
+def detectability_files(given: Path | None) -> list[Path]:
+    """The files about simulated healthy machines: those of the settings, and the one that was given."""
+    return [*settings_of().detectability, *([] if given is None else [given])]
 
 
 def give(answer: dict[str, Any], json: Path | None) -> None:

@@ -11,10 +11,12 @@ from service.configuration.tables import Table
 
 BROKER = r"^mqtts?://(\[[0-9A-Fa-f:.]+\]|[^:/@\s]+)(:\d{1,5})?/?$"
 OPC_TCP = r"^opc\.tcp://(\[[0-9A-Fa-f:.]+\]|[^:/@\s]+):\d{1,5}(/[A-Za-z0-9_.\-/]*)?$"
+STORE = r"^(s3a?|gs|az|abfss?|file)://\S+$"
 TOPIC = r"^[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*$"
 
 # what a setting with a pattern must be like
 READ = {
+    "raw_url": "must be the URL of an object store, such as s3://bucket/raw",
     "otlp": "must be http(s)://HOST:PORT, such as http://127.0.0.1:4318",
     "opcua": "must be opc.tcp://HOST:PORT, such as opc.tcp://127.0.0.1:4840/gear-twin",
     "mqtt": "must be mqtt://HOST[:PORT] or mqtts://HOST[:PORT], without user and password",
@@ -131,6 +133,19 @@ class Raw(Table):
         default=None,
         description="folder in which all frames that are used are kept as MCAP recordings; none: they are not kept",
         examples=["/srv/gear-twin/raw"],
+    )
+    raw_url: str | None = Field(
+        default=None,
+        pattern=STORE,
+        description="object store that completed recordings are moved to; until then they are in the folder, by "
+        "default `raw` in the data directory. What is kept is then kept there. Needs gear-twin[fleet]",
+        examples=["s3://bucket/raw"],
+    )
+    raw_spool_gb: float = Field(
+        default=10.0,
+        gt=0,
+        le=1e6,
+        description="size of what waits in the folder for the object store, beyond which the oldest are deleted [GB]",
     )
     raw_keep_gb: float = Field(
         default=100.0, gt=0, le=1e6, description="size of all of them, beyond which the oldest are deleted [GB]"

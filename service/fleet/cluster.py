@@ -41,6 +41,7 @@ QUIET = {
     "RAY_DEDUP_LOGS": "0",
     "RAY_raylet_start_wait_time_s": str(int(STARTED_WITHIN)),
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # which also binds every port to the loopback interface
     "RAY_health_check_initial_delay_ms": "5000",
     "RAY_health_check_period_ms": "1000",
     "RAY_health_check_timeout_ms": "3000",

@@ -11,8 +11,10 @@ from typing import Annotated, Any
 import typer
 
 from service.cli.config import ConfigFile
+from service.fleet.cli import fleet_app as assessing
 
 app = typer.Typer(no_args_is_help=True, help="Serve hundreds of machines and more, by partitions over PostgreSQL.")
+app.registered_commands += assessing.registered_commands
 
 Database = Annotated[str | None, typer.Option(help="URL of the fleet's PostgreSQL database.", envvar=None)]
 Data = Annotated[Path | None, typer.Option(help="Folder that all nodes reach; default: .gear-twin.")]

@@ -56,6 +56,7 @@ def settings_of(settings: Settings, partition: int, layout: Layout) -> Settings:
         update={
             "prefix": prefix_of(partition, settings.prefix),
             "data": settings.data / schema_of(partition),
+            "raw_folder": settings.raw_folder and settings.raw_folder / schema_of(partition),
             "assets": [asset for asset in settings.assets if asset in own],
             "asset_rigs": {asset: rig for asset, rig in settings.asset_rigs.items() if asset in own},
             "new_assets": settings.rule_of_new_assets[0],
@@ -96,7 +97,7 @@ def serve_partition(
         timing, health = Timing(), Health(own.loop_limit)
         store.database.took = timing.stored
         writer = SignalWriter(begun.signals)
-        raw = stack.enter_context(recording_raw(own, board, health))
+        raw = stack.enter_context(recording_raw(own, board, health, prefix=settings.prefix))
         worker = Worker(own, kept, begun.rigs, twin, open_transport or zenoh_of(own), writer, health, raw)
         worker.arrived, worker.timed = timing.arrived, timing.computed
         webhooks = WebhookSender(begun.alarms.store, begun.alarms.waiting)

@@ -182,6 +182,25 @@ LINES: tuple[Line, ...] = (
         "Record to a faster disk, or free space.",
     ),
     Line(
+        "service.fleet.assess_task",
+        "%s is not assessed because of an internal error",
+        "A recording of `fleet assess` is refused; the others are not affected.",
+        "Report it, with the recording.",
+    ),
+    Line(
+        "service.fleet.raw_segments",
+        "raw recordings cannot be moved to the object store: %s; it is tried again in %g s",
+        "They wait in their folder, up to `[raw] spool_gb`; windows and results are not affected.",
+        "Check the store, its credentials and the network; it goes on by itself.",
+    ),
+    Line("service.fleet.raw_segments", "raw recordings are moved to %s again", "The store can be used again.", _NONE),
+    Line(
+        "service.fleet.raw_segments",
+        "%s holds no frame and is not moved to the object store: it is deleted (%s)",
+        "The file was damaged.",
+        "Check the disk.",
+    ),
+    Line(
         "service.results.raw_recordings",
         "%s was left behind by an earlier run: it is complete with %d frames",
         "A service that was killed had not completed it; its last seconds are missing.",

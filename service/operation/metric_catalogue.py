@@ -281,7 +281,8 @@ OF_PROCESSING = (
     ),
 )
 
-RAW = "where `[raw] folder` is set"
+RAW = "where `[raw] folder` or `[raw] url` is set"
+RAW_STORE = "where `[raw] url` is set"
 OF_STORAGE = (
     _gauge("raw_recordings", "raw recordings in their folder", only=RAW),
     _gauge("raw_recording_bytes", "the same in bytes; bounded by `[raw] keep_gb`", unit="byte", only=RAW),
@@ -306,6 +307,25 @@ OF_STORAGE = (
         only=RAW,
     ),
     _counter("raw_recordings_deleted", "raw recordings deleted by age or for room, since the start", only=RAW),
+    _counter("raw_segments_stored", "raw recordings moved to the object store, since the start", only=RAW_STORE),
+    _counter("raw_segments_failed", "attempts to move one that failed", only=RAW_STORE),
+    _counter(
+        "raw_segments_deleted",
+        "raw recordings deleted in the object store by age or for room, since the start",
+        only=RAW_STORE,
+    ),
+    _gauge(
+        "raw_segments_waiting",
+        "completed raw recordings that wait for the object store",
+        "See the log for why the store cannot be used; the oldest are deleted beyond `[raw] spool_gb`.",
+        only=RAW_STORE,
+    ),
+    _gauge(
+        "raw_store_unavailable",
+        "1 while the object store of raw recordings cannot be used",
+        "The log says why; it is tried again by itself. Windows are not affected.",
+        only=RAW_STORE,
+    ),
     _gauge("storage_unavailable", "1 while the database or the disk cannot be used", STORAGE),
     _counter("storage_failures", "failed attempts to store something", STORAGE),
     _gauge(

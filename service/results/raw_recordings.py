@@ -141,6 +141,11 @@ class RawRecordings:
             writing.writer.abandon()
         self._writing = {}
 
+    def forget(self, path: Path) -> None:
+        """Notes that a complete file has been moved elsewhere."""
+        known = self._complete.pop(path, None)
+        self._bytes -= 0 if known is None else known.size
+
     def close(self) -> None:
         """Completes all files."""
         for asset in list(self._writing):
@@ -186,13 +191,9 @@ class RawRecordings:
         self._add(path, about.st_size, about.st_mtime)
 
     def _add(self, path: Path, size: int, written: float) -> None:
-        self._forget(path)
+        self.forget(path)
         self._complete[path] = _Complete(size=size, written=written)
         self._bytes += size
-
-    def _forget(self, path: Path) -> None:
-        known = self._complete.pop(path, None)
-        self._bytes -= 0 if known is None else known.size
 
     def _recover(self, left: Path) -> None:
         """Completes a file that was left behind, by what can be read of it."""
@@ -222,7 +223,7 @@ class RawRecordings:
             path = next(iter(self._complete))
             if self._complete[path].written >= too_old and self._has_room():
                 return
-            self._forget(path)
+            self.forget(path)
             path.unlink(missing_ok=True)
             self.deleted += 1
             with suppress(OSError):

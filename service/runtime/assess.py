@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from service.contract.answer import assemble
 from service.contract.rig import RigSummary
@@ -14,11 +14,37 @@ from service.runtime.outcomes import WindowOutcome
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import Twin, gear_twin
 from service.stream.assembly import DEFAULT, AssemblySettings
+from service.stream.frames import Frame
 from service.stream.sources.mcap import Recording
 from service.stream.wire.topics import PREFIX, Channel, topic_of
 from twin.rig import Rig
 
 Progress = Callable[[float, int], None]  # share of the file read, windows done
+
+
+class Source(Protocol):
+    """A recording that is open: a file, or several that follow one another.
+
+    path              where it is, for people
+    size, bytes_read  of it, and of what has been read [bytes]
+    faults            what is damaged in it; complete once all frames are read
+    """
+
+    @property
+    def path(self) -> str | Path: ...
+    @property
+    def size(self) -> int: ...
+    @property
+    def bytes_read(self) -> int: ...
+    @property
+    def faults(self) -> list[str]: ...
+    @property
+    def assets(self) -> list[str]: ...
+    def rig(self) -> dict[str, Any] | None:
+        """The rig file that it holds, as a mapping."""
+
+    def frames(self, on_error: Callable[[Channel, FrameError], None]) -> Iterator[Frame]:
+        """The frames; what breaks the contract is handed to `on_error` instead."""
 
 
 def assess(
@@ -59,28 +85,44 @@ def assess_with_state(
     with Recording(path, prefix) as recording:
         asset = choose_asset(recording, asset)
         rig = rig_of(recording, rig_path)
-        results = _Results()
-        records = results.records
-        pipeline = Pipeline(lambda name: rig, twin or gear_twin(options), results, assembly=assembly)
+        twin = twin or gear_twin(options)
+        return assess_source(recording, asset, rig, twin, progress, prefix=prefix, assembly=assembly, enough=enough)
 
-        def reject(channel: Channel, error: FrameError) -> None:
-            if channel.asset == asset:
-                pipeline.reject(channel, error)
 
-        for frame in recording.frames(reject):
-            if frame.channel.asset == asset:
-                pipeline.feed(frame)
-                progress(recording.bytes_read / recording.size, len(records))
-                if enough(records):
-                    break
-        else:
-            pipeline.flush(asset)
-        progress(1.0, len(records))
-        quality = pipeline.quality(asset) | {"recording": list(recording.faults)}
-        answer = assemble(asset, records, results.report, quality)
-        answer["rig"] = RigSummary.of(rig).as_json()
-        _demand_assessment(recording.path, answer, prefix)
-        return rig, results.state, answer
+def assess_source(
+    recording: Source,
+    asset: str,
+    rig: Rig,
+    twin: Twin,
+    progress: Progress = lambda share, windows: None,
+    *,
+    prefix: str = PREFIX,
+    assembly: AssemblySettings = DEFAULT,
+    enough: Callable[[Sequence[Mapping[str, Any]]], bool] = lambda records: False,
+) -> tuple[Rig, Any, dict[str, Any]]:
+    """The same of a recording that is open."""
+    results = _Results()
+    records = results.records
+    pipeline = Pipeline(lambda name: rig, twin, results, assembly=assembly)
+
+    def reject(channel: Channel, error: FrameError) -> None:
+        if channel.asset == asset:
+            pipeline.reject(channel, error)
+
+    for frame in recording.frames(reject):
+        if frame.channel.asset == asset:
+            pipeline.feed(frame)
+            progress(recording.bytes_read / recording.size, len(records))
+            if enough(records):
+                break
+    else:
+        pipeline.flush(asset)
+    progress(1.0, len(records))
+    quality = pipeline.quality(asset) | {"recording": list(recording.faults)}
+    answer = assemble(asset, records, results.report, quality)
+    answer["rig"] = RigSummary.of(rig).as_json()
+    _demand_assessment(recording.path, answer, prefix)
+    return rig, results.state, answer
 
 
 class _Results:
@@ -100,7 +142,7 @@ class _Results:
         """Nobody watches."""
 
 
-def choose_asset(recording: Recording, asset: str | None) -> str:
+def choose_asset(recording: Source, asset: str | None) -> str:
     """The asset asked for, or the only one."""
     assets = recording.assets
     if asset is None and len(assets) == 1:
@@ -111,7 +153,7 @@ def choose_asset(recording: Recording, asset: str | None) -> str:
     raise InputError(f"{recording.path}: {what}; choose one of {', '.join(assets)}")
 
 
-def rig_of(recording: Recording, rig_path: str | Path | None) -> Rig:
+def rig_of(recording: Source, rig_path: str | Path | None) -> Rig:
     """The rig of a file, or the recording's attachment."""
     if rig_path is not None:
         return load_rig(rig_path)
@@ -130,7 +172,7 @@ class Unassessable(InputError):
         self.answer = answer
 
 
-def _demand_assessment(path: Path, answer: dict[str, Any], prefix: str) -> None:
+def _demand_assessment(path: str | Path, answer: dict[str, Any], prefix: str) -> None:
     """Some window must have been used, and the twin compared where the rig file says that it can be."""
     records, quality = answer["windows"], answer["data_quality"]
     asset, missing = answer["asset"], quality["missing_channels"]

@@ -22,6 +22,7 @@ from service.setup.toml_text import document_text
 from service.stream.frames import Frame
 
 if TYPE_CHECKING:  # what writes recordings is not loaded where none are kept
+    from service.fleet.raw_segments import SegmentSender
     from service.results.raw_recordings import RawRecordings
 
 log = logging.getLogger(__name__)
@@ -30,6 +31,7 @@ WAITING_BYTES = 64 * 2**20  # frames that wait to be written, together
 PAUSES = (1.0, 60.0)  # shortest and longest pause before the disk is tried again [s]
 SAY_EVERY = 60.0  # that frames are left out is logged so often at most [s]
 END_WAIT = 5.0  # how long the files are waited for at the end [s]
+FOLDER = "raw"  # in the data directory, where recordings wait for the object store and no other folder is set
 _POLL = 0.5  # [s]
 
 
@@ -41,8 +43,10 @@ class RawRecorder:
         recordings: RawRecordings,
         waiting_bytes: int = WAITING_BYTES,
         clock: Callable[[], float] = time.monotonic,
+        sender: SegmentSender | None = None,
     ) -> None:
-        self._recordings, self._room, self._clock = recordings, waiting_bytes, clock
+        """sender  moves completed files to an object store; None where they stay"""
+        self._recordings, self._room, self._clock, self._sender = recordings, waiting_bytes, clock, sender
         self._queue: queue.SimpleQueue[Frame | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._waiting = 0  # bytes in the queue
@@ -68,6 +72,8 @@ class RawRecorder:
         """Writes what waits and completes the files, as far as that takes no more than a few seconds."""
         self._queue.put(None)
         self.thread.join(END_WAIT)
+        if self._sender is not None:
+            self._sender.end()
 
     def figures(self) -> Mapping[str, float]:
         """Figures for /metrics."""
@@ -80,6 +86,7 @@ class RawRecorder:
             "raw_frames_recorded": self._frames,
             "raw_frames_left_out": self._left_out,
             "raw_recordings_deleted": recordings.deleted,
+            **({} if self._sender is None else self._sender.figures()),
         }
 
     def _run(self) -> None:
@@ -122,6 +129,8 @@ class RawRecorder:
                 raise
             self._frames += 1
         self._recordings.turn()
+        if self._sender is not None:
+            self._sender.turn(self._recordings)
 
     def _stop(self, error: Exception) -> None:
         """The disk cannot be used now."""
@@ -142,9 +151,14 @@ class RawRecorder:
 
 
 @contextmanager
-def recording_raw(settings: Settings, board: Board, health: Health) -> Iterator[RawRecorder | None]:
-    """The recorder of a service, by its settings, until left; None where frames are not kept."""
-    if settings.raw_folder is None:
+def recording_raw(
+    settings: Settings, board: Board, health: Health, *, prefix: str | None = None
+) -> Iterator[RawRecorder | None]:
+    """The recorder of a service, by its settings, until left; None where frames are not kept.
+
+    prefix  first part of the topics in the recordings; None for that of the settings
+    """
+    if settings.raw_folder is None and settings.raw_url is None:
         yield None
         return
     from service.results.raw_recordings import RawLimits, RawRecordings
@@ -153,14 +167,23 @@ def recording_raw(settings: Settings, board: Board, health: Health) -> Iterator[
         snapshot = board.get(asset)
         return None if snapshot is None or not snapshot.rig else document_text(snapshot.rig).encode()
 
+    keep_gb = settings.raw_keep_gb if settings.raw_url is None else settings.raw_spool_gb
     limits = RawLimits(
         roll_bytes=round(settings.raw_roll_mb * 1e6),
         roll_seconds=settings.raw_roll_hours * HOUR,
-        keep_bytes=round(settings.raw_keep_gb * 1e9),
+        keep_bytes=round(keep_gb * 1e9),
         keep_seconds=settings.raw_keep_days * 24 * HOUR,
         spare_bytes=round(settings.raw_spare_gb * 1e9),
     )
-    recorder = RawRecorder(RawRecordings(settings.raw_folder, limits, rig_text_of=rig_text, prefix=settings.prefix))
+    folder = settings.raw_folder or settings.data / FOLDER
+    prefix = prefix or settings.prefix
+    recordings = RawRecordings(folder, limits, rig_text_of=rig_text, prefix=prefix)
+    sender = None
+    if settings.raw_url is not None:
+        from service.fleet.raw_segments import SegmentSender
+
+        sender = SegmentSender.of(settings, recordings, prefix)
+    recorder = RawRecorder(recordings, sender=sender)
     health.thread(RAW_RECORDINGS, recorder.thread)
     try:
         yield recorder

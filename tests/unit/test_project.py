@@ -35,6 +35,13 @@ LOADED_WHERE_SET = {
     "service/bridges/opcua.py": "opcua",
     "service/fleet/actor.py": "fleet",
     "service/fleet/engine.py": "fleet",
+    "service/fleet/assess_task.py": "fleet",
+    "service/fleet/batch.py": "fleet",
+    "service/fleet/object_store.py": "fleet",
+    "service/fleet/raw_segments.py": "fleet",
+    "service/fleet/ray_tasks.py": "fleet",
+    "service/fleet/segments.py": "fleet",
+    "service/fleet/stored_recordings.py": "fleet",
 }  # files that alone know an extra's packages
 READERS = ROOT / "service" / "files" / "readers"
 COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
