@@ -14,11 +14,12 @@ from starlette.concurrency import run_in_threadpool
 from service.access.roles import Role
 from service.api.asset_life import answer_change, signed
 from service.api.asset_life_models import AssetChange
-from service.api.assets import ERRORS, snapshot_of
+from service.api.assets import ERRORS
 from service.api.audit import audited
 from service.api.guard import Guarded, needs
 from service.api.incoming import Reason
 from service.api.problems import problem, responses
+from service.api.reading import shown_of
 from service.contract.base import AnswerModel, iso_time
 from service.files.rig_difference import differences
 from service.results.rig_proposals import ACCEPTED, REJECTED, Proposal, RigProposals
@@ -67,7 +68,7 @@ async def rig_proposals(request: Request) -> Any:
 @needs(Role.administer)
 async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any:
     """Accepts the proposed rig file, or rejects it; one of other gears opens the question whose they are."""
-    snapshot_of(request, asset)
+    await shown_of(request, asset)
     proposals, queue = _proposals(request), request.app.state.changes
     proposal = proposals.find(asset)
     if proposal is None or proposal.digest != given.digest:

@@ -15,11 +15,11 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql
 
-from service.contract.finding import SEVERITY
 from service.errors import StoreError
 from service.fleet.fence import Fenced
-from service.fleet.layout import ASSETS, area_of
+from service.fleet.layout import ASSETS
 from service.json_text import plain
+from service.results.asset_list import area_of, severity_of, words_of
 from service.results.board import Board, Snapshot, Stale
 from service.results.json_columns import dump, load
 from service.results.store import Tables
@@ -32,10 +32,14 @@ BATCH = 100  # rows of one transaction
 PAUSE = 1.0  # after a failure [s]
 STOP_WAIT = 3.0  # [s]
 
+_WRITTEN = ("area", "severity", "level", "changed_ns", "summary", "words", "volatile")
 _ROW = postgresql.insert(ASSETS)
 _PUT = _ROW.on_conflict_do_update(
     index_elements=[ASSETS.c.asset],
-    set_={name: _ROW.excluded[name] for name in ("area", "severity", "level", "changed_ns", "summary", "volatile")}
+    set_={
+        name: _ROW.excluded[name]
+        for name in ("area", "severity", "level", "changed_ns", "summary", "words", "volatile")
+    }
     | {"version": ASSETS.c.version + 1},
     where=ASSETS.c.partition == _ROW.excluded.partition,
 )
@@ -114,11 +118,12 @@ def row_of(snapshot: Snapshot, partition: int) -> dict[str, Any]:
         "asset": snapshot.asset,
         "partition": partition,
         "area": area_of(snapshot.asset),
-        "severity": SEVERITY.index(level),
+        "severity": severity_of(level),
         "level": level,
         "version": 1,
         "changed_ns": time.time_ns(),
         "summary": summary,
+        "words": words_of(summary),
         "volatile": dump(
             {
                 "quality": snapshot.quality,

@@ -15,9 +15,10 @@ from service_streams import free_port, wait_until, write_recording
 from service.errors import StorageUnavailable, StoreError
 from service.fleet.databases import Partitions, engine_of, made, partition_backend
 from service.fleet.fence import Fence, Fenced
-from service.fleet.layout import ASSETS, Layout, area_of, create, layout_of, partition_of, prefix_of
+from service.fleet.layout import ASSETS, Layout, create, layout_of, partition_of, prefix_of
 from service.fleet.partition import FENCED
 from service.json_text import plain
+from service.results.asset_list import area_of
 from service.results.sql_store import SqlStore
 from service.runtime.assess import assess
 from service.runtime.replay import replay
