@@ -33,7 +33,7 @@ from service.results.baseline_store import BaselineStore
 from service.results.board import Shown
 from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
-from service.results.signal_store import SignalStore
+from service.results.signal_reading import KeptSignals
 from service.results.store import ResultStore
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def create_app(
     *,
     not_ready: Callable[[], str | None] = lambda: None,
     figures: Callable[[], collector.Figures] = dict,
-    signals: SignalStore | None = None,
+    signals: KeptSignals | None = None,
     alarms: AlarmKeeper | None = None,
     changes: ChangeQueue | None = None,
     baselines: BaselineStore | Callable[[str], BaselineStore] | None = None,
@@ -158,7 +158,7 @@ def _outcome(change: Any) -> str | None:
     return f"refused: {refused}" if refused is not None else DONE if change.done else None
 
 
-def _library(signals: SignalStore, store: ResultStore, board: Shown) -> Callable[[], Library]:
+def _library(signals: KeptSignals, store: ResultStore, board: Shown) -> Callable[[], Library]:
     """The views of the windows that are kept, made when somebody first asks for one."""
 
     @cache

@@ -31,6 +31,9 @@ MOST_PARTITIONS = 1000
 ASSETS_A_PARTITION = 600  # beyond it, Zenoh's recovery of what publishers keep takes longer than a restart
 _LOCK = 7_219_433  # of whoever makes the tables; other numbers are in `claims` and `migrate`
 
+SERVER_NOW = sa.cast(sa.func.extract("epoch", sa.func.clock_timestamp()) * 1_000_000_000, BigInteger)
+"""Unix time by the server's clock [ns], the same for all machines."""
+
 METADATA = MetaData(schema=SCHEMA)
 FACTS = Table("facts", METADATA, Column("name", Text, primary_key=True), Column("value", Text, nullable=False))
 PARTITIONS = Table(

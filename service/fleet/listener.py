@@ -11,6 +11,7 @@ import sqlalchemy as sa
 from sqlalchemy import Connection
 
 from service.alarms.keeper import AlarmKeeper
+from service.errors import StoreError
 from service.fleet.databases import url_of
 from service.runtime.worker import Kept
 
@@ -19,7 +20,8 @@ log = logging.getLogger(__name__)
 LOOK_EVERY = 5.0  # without a notification [s]
 PAUSE = 1.0  # after a connection was lost [s]
 STOP_WAIT = 3.0  # [s]
-DECISION, CHANGE, ALARM = "decision", "change", "alarm"
+DECISION, CHANGE, ALARM, ASSET, DISMISSED = "decision", "change", "alarm", "asset", "dismissed"
+CHANGED = "gear_twin_assets"  # the channel on which front ends listen for assets whose rows have changed
 
 
 def channel_of(partition: int) -> str:
@@ -72,13 +74,45 @@ class Listener(threading.Thread):
         look_at = 0.0
         while not self._stopping.is_set():
             if time.monotonic() >= look_at:
-                self._kept.decisions.asked.set()
-                self._kept.changes.asked.set()
-                self._look()
+                self._look_at_all()
                 look_at = time.monotonic() + LOOK_EVERY
             for said in connection.notifies(timeout=0.5, stop_after=1):
-                what, _, asset = said.payload.partition(" ")
-                if what == ALARM:
-                    self._alarms.changed(asset)
-                (self._kept.decisions if what == DECISION else self._kept.changes).asked.set()
+                self._take_up(*said.payload.split(" ", 1))
                 self._look()
+
+    def _look_at_all(self) -> None:
+        """What notifications that were lost would have said."""
+        kept = self._kept
+        kept.decisions.asked.set()
+        kept.changes.asked.set()
+        try:
+            for asset in kept.store.assets():
+                self._show_new(asset)
+        except StoreError as error:
+            log.debug("the assets of partition %d are looked for later: %s", self._partition, error)
+        self._look()
+
+    def _take_up(self, what: str, asset: str) -> None:
+        """What a front end has written concerns an asset."""
+        kept = self._kept
+        try:
+            if what == ALARM:
+                last = kept.store.last_event_id(asset)
+                kept.board.update(asset, alarms=self._alarms.open(asset), last_event_id=last)
+                self._alarms.changed(asset)
+                self._alarms.waiting.set()
+            elif what == ASSET:
+                self._show_new(asset)
+            elif what == DISMISSED:
+                kept.unknown.dismiss(asset)
+            else:
+                (kept.decisions if what == DECISION else kept.changes).asked.set()
+        except StoreError as error:  # whoever keeps windows says it; the next look finds what is there
+            log.debug("what was announced of %s waits: %s", asset, error)
+
+    def _show_new(self, asset: str) -> None:
+        """An asset that a front end has created is one of the partition's from now on."""
+        kept = self._kept
+        if kept.board.get(asset) is None and asset in kept.store.assets():  # not one that has just been renamed
+            stored, last = kept.store.asset(asset), kept.store.last_event_id(asset)
+            kept.board.update(asset, rig=stored.rig, last_event_id=last)

@@ -18,6 +18,7 @@ from sqlalchemy.dialects import postgresql
 from service.errors import StoreError
 from service.fleet.fence import Fenced
 from service.fleet.layout import ASSETS
+from service.fleet.listener import CHANGED
 from service.json_text import plain
 from service.results.asset_list import area_of, severity_of, words_of
 from service.results.board import Board, Snapshot, Stale
@@ -43,6 +44,7 @@ _PUT = _ROW.on_conflict_do_update(
     | {"version": ASSETS.c.version + 1},
     where=ASSETS.c.partition == _ROW.excluded.partition,
 )
+_SAY = sa.text("SELECT pg_notify(:channel, asset) FROM unnest(CAST(:assets AS text[])) AS asset")
 
 
 class RowWriter(threading.Thread):
@@ -105,6 +107,7 @@ class RowWriter(threading.Thread):
                 if gone:
                     own = ASSETS.c.partition == self._partition
                     db.execute(sa.delete(ASSETS).where(own, ASSETS.c.asset.in_(gone)))
+                db.execute(_SAY, {"channel": CHANGED, "assets": list(present)})
             self._written.update({name: _shown(snapshot) for name, snapshot in shown.items()})
             for name in gone:
                 self._written.pop(name, None)

@@ -81,6 +81,20 @@ def empty_postgresql(postgresql_server):
         yield url
 
 
+@pytest.fixture
+def fleet(empty_postgresql):
+    """The URL of the database of a fleet of three partitions."""
+    from fleets import PARTITIONS
+
+    from service.fleet.databases import engine_of
+    from service.fleet.layout import create
+
+    engine = engine_of(empty_postgresql)
+    create(engine, PARTITIONS)
+    yield empty_postgresql
+    engine.dispose()
+
+
 @pytest.fixture(scope="session")
 def made_postgresql(postgresql_server):
     """The name of a database that the program has made, to be copied: a tenth of the time that its migrations take."""
