@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from contextlib import contextmanager
+from functools import partial
 
 import sqlalchemy as sa
 from fleet_partition import PartitionProcess
@@ -10,9 +12,11 @@ from service_streams import free_port
 
 from service.fleet.databases import Partitions, engine_of, partition_backend
 from service.fleet.fence import Fence
+from service.fleet.front import serve_front
 from service.fleet.layout import ASSETS, partition_of
 from service.json_text import plain
 from service.results.sql_store import SqlStore
+from service.settings import Settings
 from service.transport.zenoh_session import open_session
 
 PARTITIONS = 3
@@ -53,3 +57,24 @@ def windows(database, partition):
         found = [plain(w.record) for w in store.windows("unsw")]
     shared.close()
     return found
+
+
+@contextmanager
+def front(database, data, **settings):
+    """A front end in a thread of this process; its address."""
+    address, ready, stop = [], threading.Event(), threading.Event()
+
+    def announce(where):
+        address.append(where.rstrip("/"))
+        ready.set()
+
+    given = Settings(database=database, data=data, http="127.0.0.1:0", **settings)
+    thread = threading.Thread(target=partial(serve_front, given, announce=announce, stop=stop))
+    thread.start()
+    try:
+        assert ready.wait(60)
+        yield address[0]
+    finally:
+        stop.set()
+        thread.join(20)
+        assert not thread.is_alive()
