@@ -9,10 +9,12 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import sqlalchemy as sa
+from sqlalchemy import Connection
 from sqlalchemy.dialects import postgresql
 
 from service.errors import StoreError
@@ -103,7 +105,7 @@ class RowWriter(threading.Thread):
             gone = [name for name in present if name not in shown]
             with self._database.transaction() as db:
                 if shown:
-                    db.execute(_PUT, [row_of(snapshot, self._partition) for snapshot in shown.values()])
+                    put(db, [row_of(snapshot, self._partition) for snapshot in shown.values()])
                 if gone:
                     own = ASSETS.c.partition == self._partition
                     db.execute(sa.delete(ASSETS).where(own, ASSETS.c.asset.in_(gone)))
@@ -111,6 +113,11 @@ class RowWriter(threading.Thread):
             self._written.update({name: _shown(snapshot) for name, snapshot in shown.items()})
             for name in gone:
                 self._written.pop(name, None)
+
+
+def put(db: Connection, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Writes rows, in place of earlier ones of the same partition."""
+    db.execute(_PUT, list(rows))
 
 
 def row_of(snapshot: Snapshot, partition: int) -> dict[str, Any]:
