@@ -35,7 +35,7 @@ def board(fleet_store, tmp_path):
     rows = []
     for number in range(ASSETS):
         name = f"plant-{number % 10}.line-{number // 10 % 10}.gb-{number:05d}"
-        snapshot = replace(patterns[LEVELS[number * 37 % 100]], asset=name)
+        snapshot = replace(patterns[LEVELS[(37 * number + number // 100) % 100]], asset=name)
         rows.append(row_of(snapshot, partition_of(name, PARTITIONS)))
     with fleet_store.database.transaction() as db:
         for begin in range(0, ASSETS, 500):
