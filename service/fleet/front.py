@@ -17,13 +17,15 @@ from sqlalchemy.exc import DBAPIError
 
 from service.alarms.keeper import AlarmKeeper
 from service.api import create_app
+from service.api.incoming import Incoming
 from service.errors import StoreError
 from service.fleet.databases import engine_of, made
 from service.fleet.front_board import FleetBoard
+from service.fleet.front_incoming import FleetProposals, FleetUnknown
 from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetLife, FleetSignals, baselines_of
 from service.fleet.front_store import FleetStore
 from service.fleet.front_watch import FrontWatch
-from service.fleet.layout import Layout, layout_of, schema_of
+from service.fleet.layout import Layout, layout_of, prefix_of, schema_of
 from service.operation.health import FLEET, Health
 from service.operation.systemd import READY, STOPPING, notify
 from service.results.change_queue import ChangeQueue
@@ -124,6 +126,7 @@ def serve_front(
             audit=FleetAudit(own.store.database, settings.audit_entries),
             labelled_assets=None,
             health=health,
+            incoming=_incoming_of(settings, own),
             unserved=own.watch.unserved,
         )
 
@@ -142,6 +145,18 @@ def serve_front(
         health.thread(FLEET, own.watch)
         server.run(sockets=[listening])
     return 0
+
+
+def _incoming_of(settings: Settings, own: FrontEnd) -> Incoming:
+    """What the workers have written of the network's side. What a worker proposes, it proposes itself."""
+
+    def position(asset: str) -> str:
+        key = f"{prefix_of(own.store.places.partition_of(asset), settings.prefix)}/{asset}/twin/position"
+        return f"a front end does not know how far a stream is stored; the worker answers it on Zenoh, at {key}"
+
+    asks = settings.rule_of_new_assets[0] == "ask"
+    unknown = FleetUnknown(own.store, asks, own.watch.of_workers)
+    return Incoming(unknown=unknown, proposals=FleetProposals(own.store), position=position)
 
 
 def _prepared(database: str) -> Layout:

@@ -68,15 +68,19 @@ class FrontWatch(threading.Thread):
         return [partition.number for partition in self._partitions if not partition.served]
 
     def figures(self) -> dict[str, Any]:
-        """Figures of the fleet for /metrics; those of its workers together."""
+        """Figures of the fleet for /metrics, and those of its workers together."""
         partitions = self._partitions
-        served = [partition for partition in partitions if partition.served]
-        found: dict[str, Any] = {"fleet_partitions": len(partitions), "fleet_partitions_served": len(served)}
+        served = len(partitions) - len(self.unserved())
+        found: dict[str, Any] = {"fleet_partitions": len(partitions), "fleet_partitions_served": served}
         try:
             found["fleet_assets"] = self._board.levels()
         except StoreError:
             found["fleet_assets"] = {}
-        return found | together([partition.figures for partition in served])
+        return found | self.of_workers()
+
+    def of_workers(self) -> dict[str, float]:
+        """What the workers say of themselves, together."""
+        return together([partition.figures for partition in self._partitions if partition.served])
 
     def look(self) -> None:
         """Reads who serves the partitions."""

@@ -64,6 +64,14 @@ ASSETS = Table(
     Index("assets_by_area", "area", sa.text("severity DESC"), "asset"),
     Index("assets_by_partition", "partition"),
 )
+REPORTED = Table(
+    "reported",
+    METADATA,
+    Column("partition", Integer, primary_key=True, autoincrement=False),
+    Column("kind", Text, primary_key=True),  # of what waits for people: see `reported`
+    Column("asset", Text, primary_key=True),
+    Column("data", LargeBinary, nullable=False),  # JSON
+)
 AUDIT_LOG = AUDIT.to_metadata(METADATA, schema=SCHEMA)
 
 

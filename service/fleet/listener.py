@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import Connection
@@ -37,15 +38,23 @@ def announce(db: Connection, partition: int, what: str, asset: str) -> None:
 class Listener(threading.Thread):
     """Wakes a partition's worker, until ended.
 
-    look  called after each notification: the worker looks at what waits
+    look     called after each notification: the worker looks at what waits
+    propose  makes a rig file that was offered for an asset a proposal
     """
 
     def __init__(
-        self, database: str, partition: int, kept: Kept, alarms: AlarmKeeper, look: Callable[[], None]
+        self,
+        database: str,
+        partition: int,
+        kept: Kept,
+        alarms: AlarmKeeper,
+        look: Callable[[], None],
+        propose: Callable[[str, Mapping[str, Any]], None],
     ) -> None:
         super().__init__(name="listener", daemon=True)
         self._url = url_of(database).set(drivername="postgresql").render_as_string(hide_password=False)
         self._partition, self._kept, self._alarms, self._look = partition, kept, alarms, look
+        self._propose = propose
         self._stopping = threading.Event()
 
     def run(self) -> None:
@@ -115,4 +124,7 @@ class Listener(threading.Thread):
         kept = self._kept
         if kept.board.get(asset) is None and asset in kept.store.assets():  # not one that has just been renamed
             stored, last = kept.store.asset(asset), kept.store.last_event_id(asset)
+            adopted = kept.unknown.find(asset)
             kept.board.update(asset, rig=stored.rig, last_event_id=last)
+            if stored.rig is None and adopted is not None and adopted.rig is not None:
+                self._propose(asset, adopted.rig)

@@ -35,9 +35,9 @@ def without_own(value):
 
 
 @contextmanager
-def at_work(tmp_path, fleet):
+def at_work(tmp_path, fleet, **settings):
     """A worker; its process."""
-    with routed() as endpoint, worker(tmp_path / "data-of-worker", fleet, endpoint) as process:
+    with routed() as endpoint, worker(tmp_path / "data-of-worker", fleet, endpoint, **settings) as process:
         process.endpoint, process.recording = endpoint, write_recording(tmp_path / "campaign.mcap", WINDOWS)
         yield process
 
@@ -171,6 +171,50 @@ def test_alarms_are_signed_once_by_the_rules_of_the_asset(fleet, begun):
             assert httpx.get(f"{address}/v1/alarms").json()[0]["acknowledged"]
             assert httpx.get(f"{address}{UNSW}").json()["alarms"]["unacknowledged"] == 0
     wait_until(lambda: row(fleet)["summary"]["alarms"]["unacknowledged"] == 0)  # the worker shows it
+
+
+def test_unknown_assets_wait_at_every_front_end_until_one_adopts_them(tmp_path, fleet):
+    with (
+        at_work(tmp_path, fleet, NEW_ASSETS="ask") as process,
+        front(fleet, data_of(process), new_assets="ask") as address,
+        front(fleet, data_of(process), new_assets="ask") as second,
+    ):
+        sending = threading.Thread(target=replayed, args=(process, fleet))
+        sending.start()
+        wait_until(lambda: httpx.get(f"{second}/v1/unknown-assets").json()["assets"] != [])
+        (unknown,) = httpx.get(f"{address}/v1/unknown-assets").json()["assets"]
+        assert (unknown["asset"], unknown["rig_name"], httpx.get(f"{address}{UNSW}").status_code) == (
+            "unsw",
+            "unsw",
+            404,
+        )
+        assert httpx.get(f"{address}{UNSW}/position").status_code == 501
+        adopted = httpx.post(f"{second}/v1/unknown-assets/unsw/adopt", json={"by": "Anna"})
+        assert adopted.status_code == 201, adopted.text
+        wait_until(lambda: httpx.get(f"{address}/v1/rig-proposals").json() != [])  # it was adopted without its rig file
+        sending.join(60)
+        assert httpx.get(f"{address}/v1/unknown-assets").json()["assets"] == []
+        (proposal,) = httpx.get(f"{address}/v1/rig-proposals").json()
+        decision = {"decision": "accept", "digest": proposal["digest"]}
+        accepted = httpx.post(f"{address}{UNSW}/rig-proposal", json=decision, timeout=60)
+        assert accepted.status_code == 201 and accepted.json()["done"], accepted.text
+        assert httpx.get(f"{second}{UNSW}/rig").json()["name"] == "unsw"
+        wait_until(lambda: httpx.get(f"{second}/v1/rig-proposals").json() == [])
+
+
+def test_a_dismissed_asset_is_listed_no_more(tmp_path, fleet):
+    with (
+        at_work(tmp_path, fleet, NEW_ASSETS="ask") as process,
+        front(fleet, data_of(process), new_assets="ask") as address,
+    ):
+        sending = threading.Thread(target=replayed, args=(process, fleet))
+        sending.start()
+        wait_until(lambda: httpx.get(f"{address}/v1/unknown-assets").json()["assets"] != [])
+        assert httpx.post(f"{address}/v1/unknown-assets/unsw/dismiss", json={}).status_code == 200
+        wait_until(lambda: httpx.get(f"{address}/v1/unknown-assets").json()["frames"] > 0)
+        assert httpx.get(f"{address}/v1/unknown-assets").json()["assets"] == []
+        assert httpx.post(f"{address}/v1/assets", json={"asset": "unsw"}).status_code == 201  # after all
+        sending.join(60)
 
 
 def test_events_come_as_they_happen(tmp_path, ask):
