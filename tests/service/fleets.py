@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import Future
 from contextlib import contextmanager
-from functools import partial
 
 import sqlalchemy as sa
 from fleet_partition import PartitionProcess
@@ -68,18 +68,19 @@ def windows(database, partition):
 @contextmanager
 def front(database, data, **settings):
     """A front end in a thread of this process; its address."""
-    address, ready, stop = [], threading.Event(), threading.Event()
-
-    def announce(where):
-        address.append(where.rstrip("/"))
-        ready.set()
-
+    ready, stop = Future(), threading.Event()
     given = Settings(database=database, data=data, http="127.0.0.1:0", **settings)
-    thread = threading.Thread(target=partial(serve_front, given, announce=announce, stop=stop))
+
+    def serve():
+        try:
+            serve_front(given, announce=ready.set_result, stop=stop)
+        except Exception as error:
+            ready.set_exception(error)
+
+    thread = threading.Thread(target=serve)
     thread.start()
     try:
-        assert ready.wait(60)
-        yield address[0]
+        yield ready.result(60).rstrip("/")
     finally:
         stop.set()
         thread.join(20)

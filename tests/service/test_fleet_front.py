@@ -12,6 +12,7 @@ import pytest
 from fleets import front, routed, row, worker
 from service_streams import service, wait_until, write_recording
 
+from service.errors import StoreError
 from service.fleet.layout import partition_of, prefix_of, schema_of
 from service.runtime.replay import replay
 
@@ -244,3 +245,22 @@ def test_a_front_end_says_what_of_the_fleet_is_served(ask):
     assert 'gear_twin_fleet_assets{level="' in said
     wait_until(lambda: "gear_twin_network_connected 1.0" in ask.get("/metrics").text)
     assert schema_of(number) in str(next(data_of(ask.process).glob("p*/signals")))
+
+
+def test_a_front_end_outlives_its_database(tmp_path, postgresql_server, fleet):
+    with front(fleet, tmp_path / "data") as address, httpx.Client(base_url=address, timeout=60) as client:
+        assert client.post("/v1/assets", json={"asset": "unsw"}).status_code == 201
+        wait_until(lambda: client.get("/readyz").status_code == 200)
+        postgresql_server.stop("immediate")
+        try:
+            wait_until(lambda: client.get("/readyz").status_code == 503)
+            assert client.get(UNSW).status_code == 503 and client.get("/healthz").status_code == 200
+        finally:
+            postgresql_server.start()
+        wait_until(lambda: client.get("/readyz").status_code == 200)
+        assert client.get(UNSW).status_code == 200 and client.get("/v1/audit").json()[0]["asset"] == "unsw"
+
+
+def test_what_is_no_fleet_is_said(tmp_path, empty_postgresql):
+    with pytest.raises(StoreError, match="the database holds no fleet"), front(empty_postgresql, tmp_path / "data"):
+        pass
