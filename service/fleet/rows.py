@@ -109,15 +109,21 @@ class RowWriter(threading.Thread):
                 if gone:
                     own = ASSETS.c.partition == self._partition
                     db.execute(sa.delete(ASSETS).where(own, ASSETS.c.asset.in_(gone)))
-                db.execute(_SAY, {"channel": CHANGED, "assets": list(present)})
+                    say(db, gone)
             self._written.update({name: _shown(snapshot) for name, snapshot in shown.items()})
             for name in gone:
                 self._written.pop(name, None)
 
 
 def put(db: Connection, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Writes rows, in place of earlier ones of the same partition."""
+    """Writes rows, in place of earlier ones of the same partition, and says so to the front ends."""
     db.execute(_PUT, list(rows))
+    say(db, [row["asset"] for row in rows])
+
+
+def say(db: Connection, assets: Sequence[str]) -> None:
+    """Says to the front ends, with the present transaction, that the rows of assets are others now."""
+    db.execute(_SAY, {"channel": CHANGED, "assets": list(assets)})
 
 
 def row_of(snapshot: Snapshot, partition: int) -> dict[str, Any]:
