@@ -256,10 +256,11 @@ def _openapi() -> dict[str, Any]:
         what_if,
     )
     from service.api import asset_life as life_routes
+    from service.api import asset_list as list_routes
     from service.api import baselines as baseline_routes
 
     app = FastAPI()
-    for module in (metrics, assets, incoming, rig_proposals, effects, alarms, events, signals, what_if):
+    for module in (metrics, list_routes, assets, incoming, rig_proposals, effects, alarms, events, signals, what_if):
         app.include_router(module.router)
     for module in (life_routes, baseline_routes, sessions, audit):
         app.include_router(module.router)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from service.access.access import Access
 from service.alarms.keeper import AlarmKeeper
 from service.api import alarms as alarm_routes
 from service.api import asset_life as life_routes
+from service.api import asset_list as list_routes
 from service.api import assets, collector, effects, events, guard, metrics, models, pages, problems, reports, sessions
 from service.api import audit as audit_routes
 from service.api import baselines as baseline_routes
@@ -29,10 +30,10 @@ from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.audit_log import DONE, AuditLog
 from service.results.baseline_store import BaselineStore
-from service.results.board import Board
+from service.results.board import Shown
 from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
-from service.results.signal_store import SignalStore
+from service.results.signal_reading import KeptSignals
 from service.results.store import ResultStore
 
 if TYPE_CHECKING:
@@ -45,22 +46,23 @@ DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered 
 
 
 def create_app(
-    board: Board,
+    board: Shown,
     store: ResultStore,
     queue: DecisionQueue | None = None,
     *,
     not_ready: Callable[[], str | None] = lambda: None,
     figures: Callable[[], collector.Figures] = dict,
-    signals: SignalStore | None = None,
+    signals: KeptSignals | None = None,
     alarms: AlarmKeeper | None = None,
     changes: ChangeQueue | None = None,
-    baselines: BaselineStore | None = None,
+    baselines: BaselineStore | Callable[[str], BaselineStore] | None = None,
     access: Access | None = None,
     limits: Limits | None = None,
     audit: AuditLog | None = None,
     incoming: incoming_routes.Incoming | None = None,
-    labelled_assets: int = LABELLED_ASSETS,
+    labelled_assets: int | None = LABELLED_ASSETS,
     health: Health | None = None,
+    unserved: Callable[[], Sequence[int]] | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
@@ -70,13 +72,14 @@ def create_app(
     signals    raw signals of windows; None where none are kept
     alarms     whoever keeps alarms; None for one over the store, with the default rules
     changes    where changes of assets are submitted; None where nobody carries them out: they are kept
-    baselines  healthy baselines of single assets; None where none are kept
+    baselines  healthy baselines of single assets, or where those of an asset are kept; None where none are
     access     whom it lets in; None for clients of this computer alone
     limits     what one client may ask of it; None for the usual ones, under any name
     audit      where changes are entered; None for the store's database
     incoming   what is known of the network's side; None for a service that adopts every asset
-    labelled_assets  so many have metrics of their own
+    labelled_assets  so many have metrics of their own; None where there are no metrics of assets
     health     the loops of the process; None where there are none
+    unserved   the partitions of a fleet that nobody serves; None where this is no fleet
     """
     app = FastAPI(
         title="gear-twin",
@@ -91,7 +94,8 @@ def create_app(
     app.state.library = None if signals is None else _library(signals, store, board)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
     app.state.changes = changes or _changes_in(store)
-    app.state.baselines = baselines
+    app.state.baselines = (lambda asset: baselines) if isinstance(baselines, BaselineStore) else baselines
+    app.state.unserved = unserved
     app.state.incoming = incoming or incoming_routes.Incoming()
     app.state.queue = queue or DecisionQueue(store)
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
@@ -112,7 +116,7 @@ def create_app(
     app.add_middleware(SafeHeaders)
     for module in (alarm_routes, assets, effects, events, signal_routes, metrics, pages, reports, what_if_routes):
         app.router.routes += module.router.routes  # as they are: `include_router` would make each once more
-    for module in (life_routes, baseline_routes, sessions, audit_routes, incoming_routes, proposal_routes):
+    for module in (list_routes, life_routes, baseline_routes, sessions, audit_routes, incoming_routes, proposal_routes):
         app.router.routes += module.router.routes
     pages.mount_static(app)
     guard.install(app, audit_routes.refused)
@@ -154,7 +158,7 @@ def _outcome(change: Any) -> str | None:
     return f"refused: {refused}" if refused is not None else DONE if change.done else None
 
 
-def _library(signals: SignalStore, store: ResultStore, board: Board) -> Callable[[], Library]:
+def _library(signals: KeptSignals, store: ResultStore, board: Shown) -> Callable[[], Library]:
     """The views of the windows that are kept, made when somebody first asks for one."""
 
     @cache

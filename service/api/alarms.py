@@ -12,10 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from service.access.roles import Role
 from service.alarms.quantities import QUANTITIES
 from service.alarms.rules import MOST_RULES, Rule, RuleFields, RuleFile, first_fault
-from service.api.assets import ERRORS, LARGEST, snapshot_of
+from service.api.assets import ERRORS, LARGEST
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
+from service.api.reading import snapshot_of
 from service.contract.alarms import Alarm
 from service.contract.base import AnswerModel
 from service.results.status_events import status_events

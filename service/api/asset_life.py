@@ -12,11 +12,12 @@ from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api import asset_life_models as models
-from service.api.assets import ERRORS, snapshot_of
+from service.api.assets import ERRORS
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.models import AssetSummary
 from service.api.problems import problem, responses
+from service.api.reading import shown_of, snapshot_of
 from service.contract.base import iso_time
 from service.errors import FAULT, InputError
 from service.files.rig import checked_rig
@@ -78,7 +79,7 @@ def changes(request: Request, asset: str) -> Any:
 @needs(Role.operate)
 async def change(request: Request, asset: str, given: models.ChangeIn) -> Any:
     """Enters a change, or answers the open question; 202 where it is queued and applied after the current window."""
-    snapshot_of(request, asset)
+    await shown_of(request, asset)
     queue = request.app.state.changes
     about = {**given.kept(), "by": signer(request, given.by)}
     about = {name: value for name, value in about.items() if value is not None}

@@ -1,4 +1,4 @@
-"""REST: the assets and the parts of their state, read from the board."""
+"""REST: an asset and the parts of its state, read from the board, and its history."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from service.api import models
 from service.api.audit import audited
 from service.api.conditional import answer
 from service.api.guard import Guarded, needs
-from service.api.problems import UnknownAsset, responses
+from service.api.problems import responses
+from service.api.reading import shown_of, snapshot_of
 from service.contract.answer import Asset
 from service.contract.base import NotAvailable, not_available
 from service.contract.effects import Residual
 from service.contract.inspections import refusal
 from service.contract.wear import Rul, Wear
 from service.contract.window import WindowRecord
-from service.results.board import TAIL, Snapshot, has_point, trend_point
+from service.results.board import TAIL, has_point, trend_point
 from service.results.inspections import compare
 from service.results.store import ResultStore, StoredWindow
 
@@ -37,23 +38,6 @@ FEW = 10
 AROUND = 100  # windows that are read before, at and behind a number of revolutions
 
 
-def snapshot_of(request: Request, asset: str) -> Snapshot:
-    """The asset's snapshot; a 404 that names the known assets where there is none."""
-    board = request.app.state.board
-    snapshot = board.get(asset)
-    if snapshot is None:
-        raise UnknownAsset(asset, board.assets())
-    return snapshot
-
-
-@router.get("", response_model=list[models.AssetSummary])
-@needs(Role.read)
-async def assets(request: Request) -> Any:
-    """The assets seen, each with its status."""
-    board = request.app.state.board
-    return answer(request, [board.get(name).summary() for name in board.assets()])
-
-
 @router.get("/{asset}", response_model=Asset, responses=ERRORS)
 @needs(Role.read)
 async def asset(
@@ -64,7 +48,7 @@ async def asset(
     ] = TAIL,
 ) -> Any:
     """The whole state: the same JSON as `gear-twin assess`."""
-    whole = snapshot_of(request, asset).whole
+    whole = (await shown_of(request, asset)).whole
     shown = whole["windows"]
     return answer(request, {**whole, "windows": list(shown[max(len(shown) - windows, 0) :])})
 
@@ -73,28 +57,28 @@ async def asset(
 @needs(Role.read)
 async def wear(request: Request, asset: str) -> Any:
     """Wear now: K, depths with their bands, profile of both flanks."""
-    return answer(request, snapshot_of(request, asset).whole["wear"])
+    return answer(request, (await shown_of(request, asset)).whole["wear"])
 
 
 @router.get("/{asset}/rul", response_model=Rul | NotAvailable, responses=ERRORS)
 @needs(Role.read)
 async def rul(request: Request, asset: str) -> Any:
     """Remaining useful life in revolutions and hours, with its 5–95 % band."""
-    return answer(request, snapshot_of(request, asset).whole["rul"])
+    return answer(request, (await shown_of(request, asset)).whole["rul"])
 
 
 @router.get("/{asset}/residual", response_model=Residual | NotAvailable, responses=ERRORS)
 @needs(Role.read)
 async def residual(request: Request, asset: str) -> Any:
     """Residual: what the model does not explain, by gear-mesh band and order."""
-    return answer(request, snapshot_of(request, asset).whole["residual"])
+    return answer(request, (await shown_of(request, asset)).whole["residual"])
 
 
 @router.get("/{asset}/rig", response_model=dict[str, Any], responses=ERRORS)
 @needs(Role.read)
 async def rig(request: Request, asset: str) -> Any:
     """The rig file in use."""
-    values = snapshot_of(request, asset).rig
+    values = (await shown_of(request, asset)).rig
     return answer(request, not_available("no rig file is known for this asset") if values is None else values)
 
 
@@ -149,7 +133,7 @@ def history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredWi
 @needs(Role.read)
 async def quality(request: Request, asset: str) -> Any:
     """Faults found in the data, and how many windows they touched."""
-    return answer(request, snapshot_of(request, asset).data_quality())
+    return answer(request, (await shown_of(request, asset)).data_quality())
 
 
 @router.get("/{asset}/inspections", response_model=list[models.InspectionAnswer], responses=ERRORS)
@@ -174,7 +158,7 @@ def inspections(
 @needs(Role.operate)
 async def add_inspection(request: Request, asset: str, inspection: models.InspectionIn) -> Any:
     """A measured wear depth becomes part of the estimate; answers with the twin's own figure and what it changed."""
-    snapshot_of(request, asset)
+    await shown_of(request, asset)
     queue, store, given = request.app.state.queue, request.app.state.store, inspection.model_dump()
     twin = compare(given, await run_in_threadpool(trend_around, store, asset, inspection.revolutions))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any
 
@@ -11,14 +12,16 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api.assets import ERRORS, LARGEST, snapshot_of
+from service.api.assets import ERRORS, LARGEST
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.limits import LONGEST_TARGET
 from service.api.problems import problem, responses
+from service.api.reading import shown_of, snapshot_of
 from service.contract.base import AnswerModel
 from service.contract.baseline import Baseline
 from service.errors import FAULT, InputError
+from service.results.baseline_store import BaselineStore
 
 router = APIRouter(prefix="/v1/assets", tags=["life of an asset"], route_class=Guarded)
 
@@ -92,8 +95,8 @@ async def put(
     ] = None,
 ) -> Any:
     """Gives the asset a baseline as a file, as `gear-twin baseline` writes it."""
-    snapshot_of(request, asset)
-    store = request.app.state.baselines
+    await shown_of(request, asset)
+    store = _store(request, asset)
     if store is None:
         return problem(request, 409, NOT_KEPT)
     data = bytearray()
@@ -131,17 +134,17 @@ async def put(
 @needs(Role.administer)
 async def learn(request: Request, asset: str, given: LearnIn) -> Any:
     """Learns the asset's baseline from chosen windows of its own, in place of the earlier one or added to it."""
-    snapshot_of(request, asset)
-    state = request.app.state
-    if state.baselines is None or state.signals is None:
+    await shown_of(request, asset)
+    state, store = request.app.state, _store(request, asset)
+    if store is None or state.signals is None:
         return problem(request, 409, NOT_KEPT)
 
     def learned() -> str:
         from service.runtime.baseline_learning import learn_from_windows, written
 
-        before = state.baselines.path(asset) if given.add else None
+        before = store.path(asset) if given.add else None
         found = learn_from_windows(asset, given.windows, state.store, state.signals, state.changes.life, before)
-        return written(found, state.baselines.new_path()).name
+        return written(found, store.new_path()).name
 
     try:
         file = await run_in_threadpool(learned)
@@ -161,8 +164,8 @@ async def learn(request: Request, asset: str, given: LearnIn) -> Any:
 @needs(Role.administer)
 async def remove(request: Request, asset: str, by: Annotated[str | None, Query(max_length=200)] = None) -> Any:
     """Leaves the asset without a baseline of its own."""
-    snapshot_of(request, asset)
-    if request.app.state.baselines is None:
+    await shown_of(request, asset)
+    if _store(request, asset) is None:
         return problem(request, 409, NOT_KEPT)
     return await _submitted(request, asset, "baseline_removed", {"by": by})
 
@@ -188,10 +191,16 @@ async def _submitted(request: Request, asset: str, kind: str, about: dict[str, A
     return JSONResponse(await run_in_threadpool(_shown, request, asset), status)
 
 
+def _store(request: Request, asset: str) -> BaselineStore | None:
+    """Where the baseline of an asset is kept."""
+    stores: Callable[[str], BaselineStore] | None = request.app.state.baselines
+    return None if stores is None else stores(asset)
+
+
 def _shown(request: Request, asset: str) -> dict[str, Any]:
-    store = request.app.state.baselines
+    store = _store(request, asset)
     path = None if store is None else store.path(asset)
-    if path is None:
+    if store is None or path is None:
         return {"own": False}
     from service.files.baseline import read_baseline
     from twin.baseline.comparison import described

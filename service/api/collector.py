@@ -19,7 +19,7 @@ from service.contract.finding import SEVERITY
 from service.contract.status import DATA_LEVELS
 from service.errors import StoreError
 from service.operation.metric_catalogue import METRICS, OF_ASSETS, OTHERS, MetricEntry
-from service.results.board import Board, Snapshot
+from service.results.board import Shown, Snapshot
 from service.results.store import ResultStore
 
 Figure = float | Histogram | Mapping[str, float] | Mapping[tuple[str, ...], float]
@@ -31,11 +31,11 @@ Figures = Mapping[str, Figure]
 MISSING, IN_PLACE = "lost", "disorder"  # kinds of frames that are counted on their own as well
 
 
-def registry(board: Board, store: ResultStore, figures: Callable[[], Figures], most: int) -> CollectorRegistry:
+def registry(board: Shown, store: ResultStore, figures: Callable[[], Figures], most: int | None) -> CollectorRegistry:
     """A registry of this app alone, that reads board and store when it is scraped.
 
     figures  of the process and of its assets, by the names of the catalogue
-    most     assets that have metrics of their own
+    most     assets that have metrics of their own; None where there are no metrics of assets
     """
     own = CollectorRegistry()
     own.register(AssetCollector(board, store, figures, most))
@@ -45,7 +45,7 @@ def registry(board: Board, store: ResultStore, figures: Callable[[], Figures], m
 class AssetCollector(Collector):
     """The board and the figures of the process as Prometheus metrics."""
 
-    def __init__(self, board: Board, store: ResultStore, figures: Callable[[], Figures], most: int) -> None:
+    def __init__(self, board: Shown, store: ResultStore, figures: Callable[[], Figures], most: int | None) -> None:
         self._board, self._store, self._figures, self._most = board, store, figures, most
         self._labelled: set[str] = set()  # assets with metrics of their own
         self._decisions: Mapping[str, Mapping[str, int]] = {}
@@ -56,9 +56,16 @@ class AssetCollector(Collector):
 
     def collect(self) -> Iterator[Metric]:
         """One scrape; KeyError where something is to be exported that the catalogue does not have."""
-        snapshots = [s for name in self._board.assets() if (s := self._board.get(name))]
-        self._choose({snapshot.asset for snapshot in snapshots})
         figures = dict(self._figures())
+        if self._most is not None:
+            yield from self._of_assets(figures, self._most)
+        for key, figure in figures.items():
+            yield family_of(METRICS[key], figure)
+
+    def _of_assets(self, figures: dict[str, Figure], most: int) -> Iterator[Metric]:
+        """The metrics of the assets; what `figures` has of them is taken out there."""
+        snapshots = [s for name in self._board.assets() if (s := self._board.get(name))]
+        self._choose({snapshot.asset for snapshot in snapshots}, most)
         gathered = _Gathered(self._labelled)
         for snapshot in snapshots:
             _add_asset(gathered, snapshot)
@@ -70,13 +77,11 @@ class AssetCollector(Collector):
                 gathered.add(entry.name, labels, value)
         yield from gathered.families()
         figures["assets"] = len(snapshots)
-        for key, figure in figures.items():
-            yield family_of(METRICS[key], figure)
 
-    def _choose(self, known: set[str]) -> None:
+    def _choose(self, known: set[str], most: int) -> None:
         """An asset that has metrics of its own keeps them: counters of a series never fall."""
         self._labelled &= known
-        self._labelled |= set(sorted(known - self._labelled)[: max(self._most - len(self._labelled), 0)])
+        self._labelled |= set(sorted(known - self._labelled)[: max(most - len(self._labelled), 0)])
 
     def _decision_counts(self, unavailable: bool) -> Mapping[str, Mapping[str, int]]:
         """Of all assets; as they were last read where the storage cannot be used."""

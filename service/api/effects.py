@@ -11,10 +11,11 @@ from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api import models
-from service.api.assets import ERRORS, snapshot_of
+from service.api.assets import ERRORS
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
+from service.api.reading import shown_of, snapshot_of
 from service.contract.attribution import Tracing
 from service.contract.base import NotAvailable
 from service.contract.effects import Effect
@@ -30,14 +31,14 @@ KEPT: dict[int | str, dict[str, Any]] = {202: {"model": models.DecisionAnswer}}
 @needs(Role.read)
 async def effects(request: Request, asset: str) -> Any:
     """Effects that the model lacked and that were added, in the order found."""
-    return JSONResponse(snapshot_of(request, asset).whole["effects"])
+    return JSONResponse((await shown_of(request, asset)).whole["effects"])
 
 
 @router.get("/{asset}/tracing", response_model=Tracing | NotAvailable, responses=ERRORS)
 @needs(Role.read)
 async def tracing(request: Request, asset: str) -> Any:
     """What the effects rest on: candidates, held-out windows, residual and depths before and after, the log."""
-    return JSONResponse(snapshot_of(request, asset).whole["tracing"])
+    return JSONResponse((await shown_of(request, asset)).whole["tracing"])
 
 
 @router.get("/{asset}/decisions", response_model=list[models.DecisionAnswer], responses=ERRORS)
@@ -56,7 +57,7 @@ def decisions(request: Request, asset: str) -> Any:
 @needs(Role.operate)
 async def decide(request: Request, asset: str, name: str, given: models.DecisionIn) -> Any:
     """Accepts, rejects, pins or releases an effect; 202 where it is queued and applied after the current window."""
-    snapshot_of(request, asset)
+    await shown_of(request, asset)
     from twin.effects import EFFECTS  # loads half of the twin, which a start does without
 
     if name not in EFFECTS or name == "none":

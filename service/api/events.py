@@ -13,9 +13,9 @@ from sse_starlette import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api.assets import snapshot_of
 from service.api.guard import Guarded, credential_of, needs
 from service.api.problems import responses
+from service.api.reading import shown_of
 from service.results.board import Board
 from service.results.store import ResultStore
 
@@ -51,7 +51,7 @@ async def events(
     last_event_id: Annotated[int | None, Header(ge=0, le=LARGEST_ID)] = None,
 ) -> EventSourceResponse:
     """What happens, as it happens: from now on, or from behind `Last-Event-ID`."""
-    snapshot = snapshot_of(request, asset)
+    snapshot = await shown_of(request, asset)
     start = last_event_id if last_event_id is not None else after
     access, who, credential = request.app.state.access, request.state.who, credential_of(request)
     stream = _stream(
@@ -68,7 +68,7 @@ async def _stream(
     board: Board, store: ResultStore, asset: str, after: int, admitted: Callable[[], bool]
 ) -> AsyncIterator[ServerSentEvent]:
     """Events until the service ends, or the reader's credential has expired or been revoked."""
-    with board.changes() as changed:
+    with board.changes(asset) as changed:
         yield ServerSentEvent(comment=f"events of {asset} after {after}", retry=RETRY_MS)
         while not board.closed and admitted():
             changed.clear()  # before reading: what comes while reading sets it again

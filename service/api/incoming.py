@@ -16,11 +16,12 @@ from service.api.audit import audited
 from service.api.guard import Guarded, needs
 from service.api.models import AssetSummary
 from service.api.problems import problem, responses
+from service.api.reading import in_thread
 from service.contract.base import AnswerModel, iso_time
 from service.contract.position import PositionModel, not_connected
 from service.files.rig_difference import digest_of
-from service.results.rig_proposals import RigProposals
-from service.results.unknown_assets import Unknown, UnknownAssets
+from service.results.rig_proposals import ProposalList, RigProposals
+from service.results.unknown_assets import Unknown, UnknownAssets, UnknownList
 
 router = APIRouter(prefix="/v1", tags=["unknown assets"], route_class=Guarded)
 
@@ -29,13 +30,13 @@ router = APIRouter(prefix="/v1", tags=["unknown assets"], route_class=Guarded)
 class Incoming:
     """What the app knows of the network's side.
 
-    position  how far a stream is stored, as it was published last
+    position  how far a stream is stored, as it was published last; why that is not known here, where it is not
     propose   makes a rig file that was offered for an asset a proposal, where it is another one
     """
 
-    unknown: UnknownAssets = field(default_factory=UnknownAssets)
-    proposals: RigProposals = field(default_factory=RigProposals)
-    position: Callable[[str], PositionModel] = not_connected
+    unknown: UnknownList = field(default_factory=UnknownAssets)
+    proposals: ProposalList = field(default_factory=RigProposals)
+    position: Callable[[str], PositionModel | str] = not_connected
     propose: Callable[[str, Mapping[str, Any]], None] = lambda asset, rig: None
 
 
@@ -89,10 +90,14 @@ class Dismissed(AnswerModel):
 async def unknown_assets(request: Request) -> Any:
     """The assets that are not known, and wait to be adopted."""
     unknown = _unknown(request)
-    found = [_shown(each) for each in unknown.listed()]
-    return JSONResponse(
-        {"asks": unknown.asks, "frames": unknown.frames, "forgotten": unknown.forgotten, "assets": found}
-    )
+
+    def answer() -> JSONResponse:
+        found = [_shown(each) for each in unknown.listed()]
+        return JSONResponse(
+            {"asks": unknown.asks, "frames": unknown.frames, "forgotten": unknown.forgotten, "assets": found}
+        )
+
+    return await in_thread(request, answer)
 
 
 @router.post(
@@ -130,7 +135,7 @@ def dismiss(request: Request, asset: str, given: Reason) -> Any:
     return JSONResponse({"asset": asset})
 
 
-@router.get("/assets/{asset}/position", response_model=PositionModel, responses=responses(404, 422))
+@router.get("/assets/{asset}/position", response_model=PositionModel, responses=responses(404, 422, 501))
 @needs(Role.read)
 def position(request: Request, asset: str) -> Any:
     """How far a stream is stored, and whether and why its frames are left out; the same JSON as on Zenoh."""
@@ -138,11 +143,12 @@ def position(request: Request, asset: str) -> Any:
     known = request.app.state.board.get(asset) is not None
     if not known and incoming.unknown.find(asset) is None and asset not in request.app.state.changes.life.routes():
         return _not_listed(request, asset)
-    return JSONResponse(incoming.position(asset).model_dump(mode="json"))
+    found = incoming.position(asset)
+    return problem(request, 501, found) if isinstance(found, str) else JSONResponse(found.model_dump(mode="json"))
 
 
-def _unknown(request: Request) -> UnknownAssets:
-    unknown: UnknownAssets = request.app.state.incoming.unknown
+def _unknown(request: Request) -> UnknownList:
+    unknown: UnknownList = request.app.state.incoming.unknown
     return unknown
 
 

@@ -12,6 +12,7 @@ from service.access.roles import Role
 from service.api import models
 from service.api.guard import Guarded, may_read, needs, public
 from service.api.problems import problem, responses
+from service.api.reading import in_thread
 from service.contract.base import iso_time
 
 router = APIRouter(tags=["operation"], route_class=Guarded)
@@ -38,17 +39,19 @@ async def healthz(request: Request) -> Any:
 async def readyz(request: Request) -> Any:
     """The service accepts and stores frames: connected, subscribed, storage and worker processes usable.
 
-    Assets that send nothing, or nothing usable, do not make it unready: they are listed.
+    Assets that send nothing, or nothing usable, do not make it unready: they are listed. Nor do partitions of a fleet
+    that nobody serves: other front ends would answer for them no better.
     """
     reason = request.app.state.not_ready()
     if reason:
         return problem(request, 503, reason)
     if not await may_read(request):
         return JSONResponse({"status": "ready"})
-    board = request.app.state.board
-    snapshots = [s for name in board.assets() if (s := board.get(name))]
-    stale = [{"asset": s.asset, "since": s.stale_text[1], "reason": s.stale_text[0]} for s in snapshots if s.stale_text]
-    return JSONResponse({"status": "ready", "stale": stale})
+    board, unserved = request.app.state.board, request.app.state.unserved
+    found = await in_thread(request, board.stale)
+    stale = [{"asset": asset, "since": since, "reason": reason} for asset, reason, since in found]
+    fleet = {} if unserved is None else {"unserved_partitions": list(unserved())}
+    return JSONResponse({"status": "ready", "stale": stale, **fleet})
 
 
 @router.get("/metrics", response_class=Response, responses=TEXT)

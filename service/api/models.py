@@ -194,6 +194,9 @@ class Readiness(AnswerModel):
 
     status: Literal["ready"]
     stale: list[StaleAsset] | None = Field(None, description="absent for who may not read the assets")
+    unserved_partitions: list[int] | None = Field(
+        None, description="of a fleet: partitions whose assets nobody processes at present; absent elsewhere"
+    )
 
 
 class Health(AnswerModel):

@@ -8,10 +8,10 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
 from service.access.roles import Role
-from service.api.assets import snapshot_of
 from service.api.guard import Guarded, needs
 from service.api.headers import DOCUMENT
 from service.api.problems import responses
+from service.api.reading import snapshot_of
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
 

@@ -14,14 +14,15 @@ from starlette.concurrency import run_in_threadpool
 from service.access.roles import Role
 from service.api.asset_life import answer_change, signed
 from service.api.asset_life_models import AssetChange
-from service.api.assets import ERRORS, snapshot_of
+from service.api.assets import ERRORS
 from service.api.audit import audited
 from service.api.guard import Guarded, needs
 from service.api.incoming import Reason
 from service.api.problems import problem, responses
+from service.api.reading import in_thread, shown_of
 from service.contract.base import AnswerModel, iso_time
 from service.files.rig_difference import differences
-from service.results.rig_proposals import ACCEPTED, REJECTED, Proposal, RigProposals
+from service.results.rig_proposals import ACCEPTED, REJECTED, Proposal, ProposalList
 
 router = APIRouter(prefix="/v1", tags=["rig files"], route_class=Guarded)
 
@@ -55,7 +56,7 @@ class RigDecision(Reason):
 @needs(Role.read)
 async def rig_proposals(request: Request) -> Any:
     """The rig files that came on the stream and wait for a person, of all assets."""
-    return JSONResponse([_shown(request, each) for each in _proposals(request).all()])
+    return await in_thread(request, lambda: JSONResponse([_shown(request, each) for each in _proposals(request).all()]))
 
 
 @router.post(
@@ -67,9 +68,9 @@ async def rig_proposals(request: Request) -> Any:
 @needs(Role.administer)
 async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any:
     """Accepts the proposed rig file, or rejects it; one of other gears opens the question whose they are."""
-    snapshot_of(request, asset)
+    await shown_of(request, asset)
     proposals, queue = _proposals(request), request.app.state.changes
-    proposal = proposals.find(asset)
+    proposal = await in_thread(request, lambda: proposals.find(asset))
     if proposal is None or proposal.digest != given.digest:
         now = "no rig file is proposed" if proposal is None else f"another one is proposed now: {proposal.digest}"
         return problem(request, 409, f"{asset}: the rig file {given.digest} is not proposed; {now}")
@@ -77,9 +78,10 @@ async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any
     about: dict[str, Any] = {"digest": proposal.digest, **signed(request, given.by, given.note)}
     if kind == ACCEPTED:
         about["rig"] = dict(proposal.rig)
-    what = {"digest": proposal.digest, "differences": len(_differences(request, proposal))}
+    digest, found = proposal.digest, proposal
 
     def kept() -> int:
+        what = {"digest": digest, "differences": len(_differences(request, found))}
         submit = partial(queue.submit, asset, kind, about)
         number = audited(request, kind, asset, submit, note=given.note, what=what, queued="change")
         queue.asked.set()  # the transaction is committed now
@@ -88,8 +90,8 @@ async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any
     return await answer_change(request, await run_in_threadpool(kept))
 
 
-def _proposals(request: Request) -> RigProposals:
-    proposals: RigProposals = request.app.state.incoming.proposals
+def _proposals(request: Request) -> ProposalList:
+    proposals: ProposalList = request.app.state.incoming.proposals
     return proposals
 
 

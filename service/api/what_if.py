@@ -9,9 +9,9 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 
 from service.access.roles import Role
-from service.api.assets import snapshot_of
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
+from service.api.reading import snapshot_of
 from service.contract.what_if import WhatIf, WhatIfIn
 from service.errors import InputError
 from service.files.rig import checked_rig

@@ -44,6 +44,9 @@ def up(
     address: Annotated[str | None, typer.Option(help="HOST:PORT of a cluster of Ray to join.")] = None,
     http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080.")] = None,
     rig: Annotated[Path | None, typer.Option(help="Rig file of all assets that no other names.")] = None,
+    no_front: Annotated[
+        bool, typer.Option("--no-front", help="Serve no HTTP here: front ends run elsewhere (gear-twin fleet front).")
+    ] = False,
     data: Data = None,
     config: ConfigFile = None,
 ) -> None:
@@ -60,7 +63,23 @@ def up(
     with logging_by(settings):
         with progress_bar("tables") as bar:
             layout = prepared(settings, lambda done, of: bar(done / of, f"{done} of {of} partitions"))
-        run(settings, layout, announce=lambda line: print(line, flush=True))
+        run(settings, layout, front=not no_front, announce=lambda line: print(line, flush=True))
+
+
+@app.command()
+def front(
+    database: Database = None,
+    http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080.")] = None,
+    data: Data = None,
+    config: ConfigFile = None,
+) -> int:
+    """Serve REST and the page of the fleet from its database: one of any number of front ends."""
+    from service.fleet.front import serve_front
+    from service.logs import logging_by
+
+    settings = _settings(database=database, http=http, data=data, config=config)
+    with logging_by(settings):
+        return serve_front(settings)
 
 
 @app.command()

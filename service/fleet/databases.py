@@ -141,7 +141,6 @@ class Partitions:
         self.readers: Engine = engine(pool_size=FRONT_READERS, max_overflow=FRONT_READERS)
         self.writers: Engine = engine(pool_size=FRONT_WRITERS, max_overflow=FRONT_WRITERS)
         event.listen(self.writers, "connect", keep_commits)
-        self._opened: dict[int, Database] = {}
         self.count = partitions
 
     def backend(self, partition: int) -> SharedTables:

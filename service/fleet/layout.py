@@ -2,7 +2,7 @@
 
 | schema | holds |
 | --- | --- |
-| `fleet` | how many partitions there are, who serves each of them and with which fencing token, a row for each asset |
+| `fleet` | the number of partitions, who serves each and with which fencing token; a row an asset; the audit log |
 | `p000`, `p001`, … | the tables of one service (`service/results/schema.py`), with the assets of one partition |
 
 An asset belongs to the partition that its name hashes to. The number of partitions is fixed when the fleet is created.
@@ -12,7 +12,6 @@ inspection is found by its number alone.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -23,6 +22,7 @@ from sqlalchemy import BigInteger, Column, Connection, Index, Integer, LargeBina
 from sqlalchemy.dialects import postgresql
 
 from service.errors import StoreError
+from service.results.schema import AUDIT
 from service.stream.wire.topics import PREFIX
 
 SCHEMA = "fleet"
@@ -50,7 +50,7 @@ PARTITIONS = Table(
 ASSETS = Table(
     "assets",
     METADATA,
-    Column("asset", Text, primary_key=True),
+    Column("asset", Text(collation="C"), primary_key=True),  # ordered as everywhere: by its code points
     Column("partition", Integer, nullable=False),
     Column("area", Text, nullable=False, server_default=""),  # the part of the plant: the name up to its last separator
     Column("severity", Integer, nullable=False, server_default="0"),  # of the status, the worst highest
@@ -58,11 +58,21 @@ ASSETS = Table(
     Column("version", BigInteger, nullable=False, server_default="0"),  # grows with each change
     Column("changed_ns", BigInteger, nullable=False, server_default="0"),
     Column("summary", postgresql.JSONB, nullable=False),  # the row of the list of assets
+    Column("words", Text, nullable=False, server_default=""),  # what a search of the list looks at
     Column("volatile", LargeBinary),  # what is shown and is not in the partition's tables (JSON)
     Index("assets_by_severity", sa.text("severity DESC"), "asset"),
     Index("assets_by_area", "area", sa.text("severity DESC"), "asset"),
     Index("assets_by_partition", "partition"),
 )
+REPORTED = Table(
+    "reported",
+    METADATA,
+    Column("partition", Integer, primary_key=True, autoincrement=False),
+    Column("kind", Text, primary_key=True),  # of what waits for people: see `reported`
+    Column("asset", Text, primary_key=True),
+    Column("data", LargeBinary, nullable=False),  # JSON
+)
+AUDIT_LOG = AUDIT.to_metadata(METADATA, schema=SCHEMA)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,15 +108,6 @@ def schema_of(partition: int) -> str:
 def prefix_of(partition: int, prefix: str = PREFIX) -> str:
     """The first part of the keys under which the assets of a partition publish."""
     return f"{SCHEMA}/{partition:03d}/{prefix}"
-
-
-def area_of(asset: str) -> str:
-    """The part of the plant that an asset's name states: all before its last `.`, or before the last `-` or `_`."""
-    for separators in (r"\.", r"[-_]"):
-        found = re.fullmatch(rf"(.+){separators}[^.]+?", asset)
-        if found:
-            return found[1]
-    return ""
 
 
 def create(engine: sa.Engine, partitions: int) -> Layout:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import Connection
 
 from service.alarms.keeper import AlarmKeeper
+from service.errors import StoreError
 from service.fleet.databases import url_of
 from service.runtime.worker import Kept
 
@@ -19,7 +21,8 @@ log = logging.getLogger(__name__)
 LOOK_EVERY = 5.0  # without a notification [s]
 PAUSE = 1.0  # after a connection was lost [s]
 STOP_WAIT = 3.0  # [s]
-DECISION, CHANGE, ALARM = "decision", "change", "alarm"
+DECISION, CHANGE, ALARM, ASSET, DISMISSED = "decision", "change", "alarm", "asset", "dismissed"
+CHANGED = "gear_twin_assets"  # the channel on which front ends listen for assets whose rows have changed
 
 
 def channel_of(partition: int) -> str:
@@ -35,15 +38,23 @@ def announce(db: Connection, partition: int, what: str, asset: str) -> None:
 class Listener(threading.Thread):
     """Wakes a partition's worker, until ended.
 
-    look  called after each notification: the worker looks at what waits
+    look     called after each notification: the worker looks at what waits
+    propose  makes a rig file that was offered for an asset a proposal
     """
 
     def __init__(
-        self, database: str, partition: int, kept: Kept, alarms: AlarmKeeper, look: Callable[[], None]
+        self,
+        database: str,
+        partition: int,
+        kept: Kept,
+        alarms: AlarmKeeper,
+        look: Callable[[], None],
+        propose: Callable[[str, Mapping[str, Any]], None],
     ) -> None:
         super().__init__(name="listener", daemon=True)
         self._url = url_of(database).set(drivername="postgresql").render_as_string(hide_password=False)
         self._partition, self._kept, self._alarms, self._look = partition, kept, alarms, look
+        self._propose = propose
         self._stopping = threading.Event()
 
     def run(self) -> None:
@@ -72,13 +83,48 @@ class Listener(threading.Thread):
         look_at = 0.0
         while not self._stopping.is_set():
             if time.monotonic() >= look_at:
-                self._kept.decisions.asked.set()
-                self._kept.changes.asked.set()
-                self._look()
+                self._look_at_all()
                 look_at = time.monotonic() + LOOK_EVERY
             for said in connection.notifies(timeout=0.5, stop_after=1):
-                what, _, asset = said.payload.partition(" ")
-                if what == ALARM:
-                    self._alarms.changed(asset)
-                (self._kept.decisions if what == DECISION else self._kept.changes).asked.set()
+                self._take_up(*said.payload.split(" ", 1))
                 self._look()
+
+    def _look_at_all(self) -> None:
+        """What notifications that were lost would have said."""
+        kept = self._kept
+        kept.decisions.asked.set()
+        kept.changes.asked.set()
+        try:
+            for asset in kept.store.assets():
+                self._show_new(asset)
+        except StoreError as error:
+            log.debug("the assets of partition %d are looked for later: %s", self._partition, error)
+        self._look()
+
+    def _take_up(self, what: str, asset: str) -> None:
+        """What a front end has written concerns an asset."""
+        kept = self._kept
+        try:
+            if what == ALARM:
+                last = kept.store.last_event_id(asset)
+                kept.board.update(asset, alarms=self._alarms.open(asset), last_event_id=last)
+                self._alarms.changed(asset)
+                self._alarms.waiting.set()
+            elif what == ASSET:
+                self._show_new(asset)
+            elif what == DISMISSED:
+                kept.unknown.dismiss(asset)
+            else:
+                (kept.decisions if what == DECISION else kept.changes).asked.set()
+        except StoreError as error:  # whoever keeps windows says it; the next look finds what is there
+            log.debug("what was announced of %s waits: %s", asset, error)
+
+    def _show_new(self, asset: str) -> None:
+        """An asset that a front end has created is one of the partition's from now on."""
+        kept = self._kept
+        if kept.board.get(asset) is None and asset in kept.store.assets():  # not one that has just been renamed
+            stored, last = kept.store.asset(asset), kept.store.last_event_id(asset)
+            adopted = kept.unknown.find(asset)
+            kept.board.update(asset, rig=stored.rig, last_event_id=last)
+            if stored.rig is None and adopted is not None and adopted.rig is not None:
+                self._propose(asset, adopted.rig)

@@ -19,6 +19,7 @@ from service.fleet.fence import Fence
 from service.fleet.heartbeat import Heartbeat
 from service.fleet.layout import Layout, prefix_of, schema_of
 from service.fleet.listener import Listener
+from service.fleet.reported import ReportWriter
 from service.fleet.rows import RowWriter
 from service.operation.health import Health
 from service.operation.timing import Timing
@@ -110,7 +111,8 @@ def serve_partition(
             webhooks,
             retention,
             RowWriter(store.database, board, partition),
-            Listener(database, partition, kept, begun.alarms, worker.look),
+            ReportWriter(store.database, partition, kept.unknown, begun.rigs.proposals),
+            Listener(database, partition, kept, begun.alarms, worker.look, begun.rigs.propose),
             Heartbeat(database, fence, figures, worker.not_ready),
         )
         worker.on_end = stop.set

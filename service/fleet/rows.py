@@ -9,17 +9,20 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import sqlalchemy as sa
+from sqlalchemy import Connection
 from sqlalchemy.dialects import postgresql
 
-from service.contract.finding import SEVERITY
 from service.errors import StoreError
 from service.fleet.fence import Fenced
-from service.fleet.layout import ASSETS, area_of
+from service.fleet.layout import ASSETS
+from service.fleet.listener import CHANGED
 from service.json_text import plain
+from service.results.asset_list import area_of, severity_of, words_of
 from service.results.board import Board, Snapshot, Stale
 from service.results.json_columns import dump, load
 from service.results.store import Tables
@@ -32,13 +35,18 @@ BATCH = 100  # rows of one transaction
 PAUSE = 1.0  # after a failure [s]
 STOP_WAIT = 3.0  # [s]
 
+_WRITTEN = ("area", "severity", "level", "changed_ns", "summary", "words", "volatile")
 _ROW = postgresql.insert(ASSETS)
 _PUT = _ROW.on_conflict_do_update(
     index_elements=[ASSETS.c.asset],
-    set_={name: _ROW.excluded[name] for name in ("area", "severity", "level", "changed_ns", "summary", "volatile")}
+    set_={
+        name: _ROW.excluded[name]
+        for name in ("area", "severity", "level", "changed_ns", "summary", "words", "volatile")
+    }
     | {"version": ASSETS.c.version + 1},
     where=ASSETS.c.partition == _ROW.excluded.partition,
 )
+_SAY = sa.text("SELECT pg_notify(:channel, asset) FROM unnest(CAST(:assets AS text[])) AS asset")
 
 
 class RowWriter(threading.Thread):
@@ -97,13 +105,25 @@ class RowWriter(threading.Thread):
             gone = [name for name in present if name not in shown]
             with self._database.transaction() as db:
                 if shown:
-                    db.execute(_PUT, [row_of(snapshot, self._partition) for snapshot in shown.values()])
+                    put(db, [row_of(snapshot, self._partition) for snapshot in shown.values()])
                 if gone:
                     own = ASSETS.c.partition == self._partition
                     db.execute(sa.delete(ASSETS).where(own, ASSETS.c.asset.in_(gone)))
+                    say(db, gone)
             self._written.update({name: _shown(snapshot) for name, snapshot in shown.items()})
             for name in gone:
                 self._written.pop(name, None)
+
+
+def put(db: Connection, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Writes rows, in place of earlier ones of the same partition, and says so to the front ends."""
+    db.execute(_PUT, list(rows))
+    say(db, [row["asset"] for row in rows])
+
+
+def say(db: Connection, assets: Sequence[str]) -> None:
+    """Says to the front ends, with the present transaction, that the rows of assets are others now."""
+    db.execute(_SAY, {"channel": CHANGED, "assets": list(assets)})
 
 
 def row_of(snapshot: Snapshot, partition: int) -> dict[str, Any]:
@@ -114,11 +134,12 @@ def row_of(snapshot: Snapshot, partition: int) -> dict[str, Any]:
         "asset": snapshot.asset,
         "partition": partition,
         "area": area_of(snapshot.asset),
-        "severity": SEVERITY.index(level),
+        "severity": severity_of(level),
         "level": level,
         "version": 1,
         "changed_ns": time.time_ns(),
         "summary": summary,
+        "words": words_of(summary),
         "volatile": dump(
             {
                 "quality": snapshot.quality,

@@ -36,6 +36,7 @@ RUNNING = "fleet.json"  # in the fleet's folder: what `fleet drain`, `scale` and
 PARTITIONS = 8  # of a new fleet where nobody says
 LOOK_EVERY = 1.0  # [s]
 ALARM_AFTER = 20.0  # time without a worker after which a partition is an alarm [s]
+FRONT_WAIT = 10.0  # for the end of the front end [s]
 SPREAD_AFTER = 10.0  # time after a change of the nodes in which the engine has placed what it can [s]
 
 
@@ -223,9 +224,19 @@ def until_told() -> Iterator[threading.Event]:
 
 
 def up(
-    settings: Settings, layout: Layout, *, twin_from: str | None = None, announce: Callable[[str], None] = print
+    settings: Settings,
+    layout: Layout,
+    *,
+    front: bool = True,
+    twin_from: str | None = None,
+    announce: Callable[[str], None] = print,
 ) -> None:
-    """Runs the fleet until it is told to end."""
+    """Runs the fleet until it is told to end.
+
+    front      whether a front end is served from this process, too
+    twin_from  module and name of the twin, `module:name`; None for the twin itself
+    announce   called with a line when the fleet has been started, and one when HTTP is served
+    """
     with until_told() as stop, ExitStack() as stack:
         if not settings.connect:
             stack.enter_context(open_session(settings.listen, links=settings.zenoh_links))
@@ -233,6 +244,8 @@ def up(
         fleet = Fleet(settings, layout, twin_from=twin_from)
         stack.callback(fleet.end)
         fleet.start()
+        if front:
+            stack.enter_context(_front(settings, announce, stop))
         announce(f"fleet of {layout.partitions} partitions at {fleet.address}")
         away: str | None = None
         while not stop.wait(LOOK_EVERY):
@@ -244,6 +257,33 @@ def up(
                 if away is None:
                     log.error("%s: the partitions wait for it", error)
                 away = str(error)
+
+
+@contextmanager
+def _front(settings: Settings, announce: Callable[[str], None], stop: threading.Event) -> Iterator[None]:
+    """A front end in a thread of its own, until `stop` is set."""
+    from service.fleet.front import serve_front
+    from service.runtime import SERVES
+
+    failed: list[Exception] = []
+
+    def serve() -> None:
+        try:
+            serve_front(settings, announce=lambda address: announce(f"{SERVES} {address}"), stop=stop)
+        except Exception as error:
+            failed.append(error)
+        finally:
+            stop.set()
+
+    thread = threading.Thread(target=serve, name="front end", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join(FRONT_WAIT)
+    if failed:
+        raise failed[0]
 
 
 def _reached(endpoint: str) -> str:

@@ -22,6 +22,7 @@ SIGNALS = "raw signals"
 RAW_RECORDINGS = "raw recordings"
 WEBHOOKS = "webhooks"
 RETENTION = "retention"
+FLEET = "fleet"
 
 LOOPS = {
     HTTP: "answers requests, and tells systemd that the service is alive",
@@ -31,6 +32,7 @@ LOOPS = {
     RAW_RECORDINGS: "the thread that keeps all frames as MCAP recordings, where a folder is set",
     WEBHOOKS: "the thread that sends messages about alarms",
     RETENTION: "the thread that deletes what is older than it is kept",
+    FLEET: "the thread of a front end of a fleet that learns which assets have changed and which partitions are served",
 }
 """Every loop, and what it does."""
 

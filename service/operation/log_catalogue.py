@@ -357,6 +357,30 @@ LINES: tuple[Line, ...] = (
     ),
     Line("service.bridges.kept", "%s cannot be read and is begun again: %s", "As above, after a damage.", _NONE),
     Line(
+        "service.fleet.reported",
+        "what waits for people in partition %d is written later: %s",
+        "Unknown assets and proposed rig files are shown late, as the database cannot be used.",
+        _STORAGE,
+    ),
+    Line(
+        "service.fleet.listener",
+        "what was announced of %s waits: %s",
+        "What a front end has written is taken up later, as the database cannot be used.",
+        _STORAGE,
+    ),
+    Line(
+        "service.fleet.listener",
+        "the assets of partition %d are looked for later: %s",
+        "As above, of assets that were created at a front end.",
+        _STORAGE,
+    ),
+    Line(
+        "service.fleet.front_watch",
+        "the notifications of the fleet: %s",
+        "The connection on which a front end learns of changes was lost; `/readyz` answers 503 until it is made again.",
+        _STORAGE,
+    ),
+    Line(
         "warnings",
         "…: … (…, line …)",
         "A warning of a library.",

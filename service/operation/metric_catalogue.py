@@ -441,6 +441,19 @@ OF_CONNECTIONS = (
     ),
 )
 
+FLEET = "of a front end of a fleet"
+OF_FLEETS = (
+    _gauge("fleet_partitions", "partitions of the fleet", only=FLEET),
+    _gauge(
+        "fleet_partitions_served",
+        "partitions that a worker serves at present; other figures of processing are those of these workers together",
+        "Below `fleet_partitions` for more than a minute: `/readyz` names the partitions, and the log of the node that "
+        "should serve them says why.",
+        only=FLEET,
+    ),
+    _gauge("fleet_assets", "assets of the fleet by the level of their status", "", "level", only=FLEET),
+)
+
 GROUPS: dict[str, tuple[MetricEntry, ...]] = {
     "Machines": OF_ASSETS,
     "Streams": OF_STREAMS,
@@ -448,5 +461,6 @@ GROUPS: dict[str, tuple[MetricEntry, ...]] = {
     "Storage": OF_STORAGE,
     "HTTP, access and log": OF_HTTP,
     "Connections to other systems": OF_CONNECTIONS,
+    "Fleets": OF_FLEETS,
 }
 METRICS: dict[str, MetricEntry] = {entry.name: entry for group in GROUPS.values() for entry in group}

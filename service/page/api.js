@@ -27,11 +27,18 @@ async function answerOf(path, given) {
     throw new Problem(answer.status, `The service gave no readable answer (status ${answer.status}).`);
   }
   if (!answer.ok) throw new Problem(answer.status, body?.detail ?? `The service answered with status ${answer.status}.`, body);
-  return { status: answer.status, body };
+  const next = answer.headers.get("Link")?.match(/<([^>]+)>; rel="next"/)?.[1] ?? null;
+  return { status: answer.status, body, next };
 }
 
 export async function get(path, { signal } = {}) {
   return (await answerOf(path, { signal, headers: { Accept: "application/json" } })).body;
+}
+
+// A page of a list, and the address of the next one; null at the end.
+export async function getPage(path, { signal } = {}) {
+  const { body, next } = await answerOf(path, { signal, headers: { Accept: "application/json" } });
+  return { list: body, next };
 }
 
 // Sends JSON; the answer's status and body.

@@ -153,7 +153,7 @@ class AlarmStore:
     def open(self, asset: str | None = None) -> tuple[Mapping[str, Any], ...]:
         """Open alarms of one asset, or of all, most urgent first."""
         rows = self._database.rows(_OPEN) if asset is None else self._database.rows(_OPEN_OF, {"of": asset})
-        return tuple(by_urgency(_readable(rows)))
+        return tuple(by_urgency(readable(rows)))
 
     def listed(
         self, asset: str | None = None, *, closed: bool = False, after: int = 0, limit: int = 1000
@@ -170,14 +170,14 @@ class AlarmStore:
         if asset is not None:
             query = query.where(ALARMS.c.asset == asset)
         rows = self._database.rows(query)
-        return tuple({**alarm, "history": self.history(alarm["id"])} for alarm in by_urgency(_readable(rows)))
+        return tuple({**alarm, "history": self.history(alarm["id"])} for alarm in by_urgency(readable(rows)))
 
     def alarm(self, asset: str, number: int) -> Mapping[str, Any] | None:
         """One alarm with its history; None where there is none."""
         rows = self._database.rows(
             select(ALARMS.c.asset, ALARMS.c.id, ALARMS.c.record).where(ALARMS.c.asset == asset, ALARMS.c.id == number)
         )
-        found = _readable(rows)
+        found = readable(rows)
         return {**found[0], "history": self.history(number)} if found else None
 
     def history(self, number: int) -> list[Any]:
@@ -233,7 +233,8 @@ def _read(asset: str, number: int, record: bytes) -> dict[str, Any] | None:
     return None if found is None else {**found, "asset": asset}
 
 
-def _readable(rows: Iterable[Any]) -> list[dict[str, Any]]:
+def readable(rows: Iterable[Any]) -> list[dict[str, Any]]:
+    """Alarms of rows with asset, id and record; what is damaged is left out."""
     return [alarm for row in rows if (alarm := _read(*row)) is not None]
 
 

@@ -24,20 +24,25 @@ SUFFIX = ".baseline"
 class BaselineStore:
     """The baselines of all assets."""
 
-    def __init__(self, database: Tables, folder: Path) -> None:
+    def __init__(self, database: Tables, folder: Path, *, clears: bool = True) -> None:
+        """clears  whether files that are no asset's baseline are deleted now"""
         self._database, self._folder = database, Path(folder)
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            known = {name for (name,) in database.rows(select(BASELINES.c.file))}
-            for (given,) in database.rows(select(CHANGES.c.given).where(CHANGES.c.done == 0)):
-                known.add(
-                    (salvage(given, "a change that waits") or {}).get("file")
-                )  # of a change that was submitted before the service ended
-            for path in self._folder.iterdir():
-                if path.name not in known:
-                    path.unlink(missing_ok=True)  # of a baseline that was replaced, or never came into use
+            if clears:
+                self._clear()
         except OSError as error:
             raise StoreError(f"{self._folder} cannot hold baselines: {error.strerror or error}") from error
+
+    def _clear(self) -> None:
+        """Deletes the files of baselines that were replaced, or never came into use."""
+        known = {name for (name,) in self._database.rows(select(BASELINES.c.file))}
+        for (given,) in self._database.rows(select(CHANGES.c.given).where(CHANGES.c.done == 0)):
+            # of a change that was submitted before the service ended
+            known.add((salvage(given, "a change that waits") or {}).get("file"))
+        for path in self._folder.iterdir():
+            if path.name not in known:
+                path.unlink(missing_ok=True)
 
     def transaction(self) -> AbstractContextManager[Connection]:
         """A transaction that other stores of the same database take part in."""

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 from service.contract.alarms import added_of, counted
 from service.contract.answer import NO_WHOLE_WINDOW, assemble, health_of
@@ -20,6 +20,7 @@ from service.contract.overview import overview
 from service.contract.question import asked
 from service.contract.status import none_yet, not_stored
 from service.results.asset_changes import AssetChanges
+from service.results.asset_list import Choice, Page, areas_of, page_of
 from service.results.change_signal import ChangeSignal
 from service.results.sparkline import REFUSED, Sparkline
 from service.results.store import FaultTotals, ResultStore, StoredAsset, StoredWindow, faults_of
@@ -97,6 +98,27 @@ class Snapshot:
             sparkline=self.sparkline.with_record(window.record),
         )
 
+    def with_whole(self) -> Snapshot:
+        """The snapshot with the contract's section 4 made of the rest."""
+        whole = assemble(
+            self.asset,
+            self.records,
+            self.report,
+            self.quality,
+            windows_total=self.windows_total,
+            stale=self.stale_text,
+            added=(*added_of(self.alarms), *not_stored(self.unstored)),
+            question=self.question,
+            epoch=self.epoch,
+            retired=self.retired,
+        )
+        reason, since = self.unstored or (None, None)
+        whole |= {
+            "alarms": counted(self.alarms),
+            "storage": None if self.unstored is None else {"reason": reason, "since": since},
+        }
+        return replace(self, whole=whole)
+
     def health(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """`status` and `data` as they are shown with this snapshot's records, report, alarms and open question."""
         added = (*added_of(self.alarms), *not_stored(self.unstored), *asked(self.question))
@@ -140,8 +162,51 @@ class Snapshot:
         return {**self.quality, "totals": totals}
 
 
+class Shown(Protocol):
+    """What is shown of all assets, as REST reads it: of this process, or of a database that others write to.
+
+    closed     whether the service goes down
+    in_memory  whether reading waits for nothing
+    """
+
+    closed: bool
+
+    @property
+    def in_memory(self) -> bool: ...
+
+    def assets(self) -> tuple[str, ...]: ...
+
+    def get(self, asset: str) -> Snapshot | None: ...
+
+    def summaries(self) -> list[Mapping[str, Any]]:
+        """The list of assets, by name."""
+        ...
+
+    def page(self, choice: Choice) -> Page:
+        """A page of the list, the most severe first."""
+        ...
+
+    def areas(self) -> list[dict[str, Any]]:
+        """The areas with their numbers of assets."""
+        ...
+
+    def stale(self) -> list[tuple[str, str, str]]:
+        """Assets whose figures are out of date: name, why, since when (ISO 8601)."""
+        ...
+
+    def update(self, asset: str, **changes: Any) -> Snapshot:
+        """Shows what has just been committed of an asset; the snapshot afterwards."""
+        ...
+
+    def changes(self, asset: str | None = None) -> AbstractContextManager[asyncio.Event]: ...
+
+    def close(self) -> None: ...
+
+
 class Board:
     """The snapshots of all assets, and who waits for them to change."""
+
+    in_memory = True
 
     def __init__(self) -> None:
         self._snapshots: dict[str, Snapshot] = {}
@@ -169,6 +234,22 @@ class Board:
     def get(self, asset: str) -> Snapshot | None:
         return self._snapshots.get(asset)
 
+    def summaries(self) -> list[Mapping[str, Any]]:
+        """The list of assets, by name."""
+        return [snapshot.summary() for _, snapshot in sorted(self._snapshots.items())]
+
+    def page(self, choice: Choice) -> Page:
+        """A page of the list, the most severe first."""
+        return page_of(self.summaries(), choice)
+
+    def areas(self) -> list[dict[str, Any]]:
+        """The areas with their numbers of assets."""
+        return areas_of(self.summaries())
+
+    def stale(self) -> list[tuple[str, str, str]]:
+        """Assets whose figures are out of date: name, why, since when (ISO 8601)."""
+        return [(name, *text) for name, shown in sorted(self._snapshots.items()) if (text := shown.stale_text)]
+
     # -- publishing ----------------------------------------------------------------------------------
 
     def add_window(self, asset: str, window: StoredWindow, **changes: Any) -> Snapshot:
@@ -185,16 +266,16 @@ class Board:
             snapshot = self._snapshots.pop(asset, None)
             self._put(replace(snapshot or Snapshot(asset=name), asset=name))
             self._note(asset, name)
-        self._signal.wake()
+        self._signal.wake(asset, name)
 
     def close(self) -> None:
         """Ends every wait: the service goes down."""
         self.closed = True
         self._signal.wake()
 
-    def changes(self) -> AbstractContextManager[asyncio.Event]:
-        """An event of the running loop that is set at each change; the reader clears it."""
-        return self._signal.listening()
+    def changes(self, asset: str | None = None) -> AbstractContextManager[asyncio.Event]:
+        """An event of the running loop that is set at each change, or at those of one asset; the reader clears it."""
+        return self._signal.listening(asset)
 
     @contextmanager
     def follow(self) -> Iterator[AssetChanges]:
@@ -219,29 +300,11 @@ class Board:
         with self._lock:
             snapshot = self._put(change(self._snapshots.get(asset) or Snapshot(asset=asset)))
             self._note(asset)
-        self._signal.wake()
+        self._signal.wake(asset)
         return snapshot
 
     def _put(self, snapshot: Snapshot) -> Snapshot:
-        whole = assemble(
-            snapshot.asset,
-            snapshot.records,
-            snapshot.report,
-            snapshot.quality,
-            windows_total=snapshot.windows_total,
-            stale=snapshot.stale_text,
-            added=(*added_of(snapshot.alarms), *not_stored(snapshot.unstored)),
-            question=snapshot.question,
-            epoch=snapshot.epoch,
-            retired=snapshot.retired,
-        )
-        reason, since = snapshot.unstored or (None, None)
-        whole |= {
-            "alarms": counted(snapshot.alarms),
-            "storage": None if snapshot.unstored is None else {"reason": reason, "since": since},
-        }
-        snapshot = replace(snapshot, whole=whole)
-        self._snapshots[snapshot.asset] = snapshot
+        snapshot = self._snapshots[snapshot.asset] = snapshot.with_whole()
         return snapshot
 
 

@@ -6,24 +6,22 @@ await queue.wait(id, seconds) → change      once it has been carried out or re
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from collections.abc import Mapping
 from typing import Any
 
-from starlette.concurrency import run_in_threadpool
-
 from service.results.asset_life import AssetLife, StoredChange
-from service.results.change_signal import ChangeSignal
+from service.results.change_signal import DoneSignal
 
 
 class ChangeQueue:
-    """Where changes are submitted, and waited for."""
+    """Where changes are submitted, and waited for.
 
-    def __init__(self, life: AssetLife) -> None:
-        self.life = life
-        self._signal = ChangeSignal()
-        self._closed = False
+    look_every  how often who waits looks [s], where another process carries them out
+    """
+
+    def __init__(self, life: AssetLife, look_every: float | None = None) -> None:
+        self.life, self._signal = life, DoneSignal(look_every)
         self.asked = threading.Event()
         if life.pending_changes():
             self.asked.set()
@@ -36,22 +34,8 @@ class ChangeQueue:
             self.asked.set()
 
     async def wait(self, number: int, seconds: float) -> StoredChange | None:
-        """The change once it is done; None after so many seconds, or where the service ends before.
-
-        No thread is held meanwhile.
-        """
-        with self._signal.listening() as changed:
-            try:
-                async with asyncio.timeout(seconds):
-                    while not self._closed:
-                        changed.clear()  # before reading: what is done while reading sets it again
-                        change = await run_in_threadpool(self.life.change, number)
-                        if change.done:
-                            return change
-                        await changed.wait()
-            except TimeoutError:
-                pass
-        return None
+        """The change once it is done; None after so many seconds, or where the service ends before."""
+        return await self._signal.done(self.life.change, number, seconds)
 
     def pending(self) -> tuple[StoredChange, ...]:
         """What waits, oldest first; for the worker."""
@@ -64,5 +48,4 @@ class ChangeQueue:
 
     def close(self) -> None:
         """Releases waiting callers: the service ends, and what is kept is left to its next start."""
-        self._closed = True
-        self._signal.wake()
+        self._signal.close()

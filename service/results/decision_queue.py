@@ -10,26 +10,22 @@ the next start, and none twice.
 
 from __future__ import annotations
 
-import asyncio
 import threading
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import Any
 
-from starlette.concurrency import run_in_threadpool
-
-from service.results.change_signal import ChangeSignal
+from service.results.change_signal import DoneSignal
 from service.results.store import ResultStore, StoredDecision, StoredInspection
-
-W = TypeVar("W", StoredDecision, StoredInspection)
 
 
 class DecisionQueue:
-    """Where decisions are submitted, and waited for."""
+    """Where decisions are submitted, and waited for.
 
-    def __init__(self, store: ResultStore) -> None:
-        self._store = store
-        self._signal = ChangeSignal()
-        self._closed = False
+    look_every  how often who waits looks [s], where another process carries them out
+    """
+
+    def __init__(self, store: ResultStore, look_every: float | None = None) -> None:
+        self._store, self._signal = store, DoneSignal(look_every)
         self.asked = threading.Event()
         if store.pending_decisions() or store.pending_inspections():
             self.asked.set()
@@ -49,29 +45,12 @@ class DecisionQueue:
             self.asked.set()
 
     async def wait(self, number: int, seconds: float) -> StoredDecision | None:
-        """The decision once it is done; None after so many seconds, or where the service ends before.
-
-        No thread is held meanwhile.
-        """
-        return await self._done(self._store.decision, number, seconds)
+        """The decision once it is done; None after so many seconds, or where the service ends before."""
+        return await self._signal.done(self._store.decision, number, seconds)
 
     async def wait_for_inspection(self, number: int, seconds: float) -> StoredInspection | None:
         """The inspection once it is done; None as in `wait`."""
-        return await self._done(self._store.inspection, number, seconds)
-
-    async def _done(self, read: Callable[[int], W], number: int, seconds: float) -> W | None:
-        with self._signal.listening() as changed:
-            try:
-                async with asyncio.timeout(seconds):
-                    while not self._closed:
-                        changed.clear()  # before reading: what is done while reading sets it again
-                        waiting = await run_in_threadpool(read, number)
-                        if waiting.done:
-                            return waiting
-                        await changed.wait()
-            except TimeoutError:
-                pass
-        return None
+        return await self._signal.done(self._store.inspection, number, seconds)
 
     def pending(self) -> tuple[StoredDecision, ...]:
         """What waits, oldest first; for the worker."""
@@ -88,5 +67,4 @@ class DecisionQueue:
 
     def close(self) -> None:
         """Releases waiting callers: the service ends, and what is kept is left to its next start."""
-        self._closed = True
-        self._signal.wake()
+        self._signal.close()

@@ -23,7 +23,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from service.errors import InputError
-from service.results.signal_store import folder_of
+from service.results.signal_reading import folder_of
 from service.stream.frames import NS, Frame
 from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter

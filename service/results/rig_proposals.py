@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from service.files.rig_difference import digest_of
 
@@ -29,6 +29,14 @@ class Proposal:
     rig: Mapping[str, Any]
     digest: str
     received_ns: int  # Unix time [ns]
+
+
+class ProposalList(Protocol):
+    """The proposals as people see them."""
+
+    def find(self, asset: str) -> Proposal | None: ...
+
+    def all(self) -> list[Proposal]: ...
 
 
 class RigProposals:

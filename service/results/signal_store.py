@@ -9,21 +9,18 @@ are given up. The results of every window stay in the database.
 
 from __future__ import annotations
 
-import re
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 
-from service.errors import NotKept, StoreError
+from service.errors import StoreError
+from service.results.signal_reading import KeptFile, KeptSignals, entry_of, folder_of
 from service.results.signal_thinning import KeptWindow, given_up
-from service.results.window_file import SUFFIX, UNFINISHED, read_window, write_window
+from service.results.window_file import SUFFIX, UNFINISHED, write_window
 from twin.windows import Window
 
-MARKS = {"k": {}, "f": {"found": True}, "x": {"refused": True}}
-NAME = re.compile(r"(\d+)_(-?\d+)_([^_]+)_([kfx])\.npz")
-MOST_NAMED = 12  # numbers that a message lists
 
-
-class SignalStore:
+class SignalStore(KeptSignals):
     """Raw windows of all assets under one directory. Safe to use from several threads of one process."""
 
     def __init__(self, folder: Path, limit: int) -> None:
@@ -66,7 +63,7 @@ class SignalStore:
         else:
             size = file.stat().st_size
             file.replace(path)
-        kept = _entry(path, size)
+        kept = entry_of(path, size)
         assert kept is not None
         with self._lock:
             of_asset = self._kept.setdefault(asset, {})
@@ -88,37 +85,10 @@ class SignalStore:
                 self._kept.pop(asset, None)
                 self._kept[name] = _opened(new)
 
-    def kept(self, asset: str) -> tuple[KeptWindow, ...]:
-        """What is kept of an asset, by number."""
+    def files(self, asset: str) -> Mapping[int, KeptFile]:
+        """What is kept of an asset, with the files."""
         with self._lock:
-            return tuple(w for _, (w, _) in sorted(self._kept.get(asset, {}).items()))
-
-    def indices(self, asset: str) -> tuple[int, ...]:
-        """Indices of the windows that are kept, rising."""
-        return tuple(w.number for w in self.kept(asset))
-
-    def window(self, asset: str, index: int) -> Window:
-        """One window as it was processed; NotKept, which says what is kept, where it is not there."""
-        with self._lock:
-            found = self._kept.get(asset, {}).get(index)
-        if found is None:
-            raise NotKept(f"the raw signals of window {index} of {asset} are not kept; {self._listed(asset)}")
-        try:
-            return read_window(found[1])
-        except FileNotFoundError:
-            raise NotKept(f"the raw signals of window {index} of {asset} have been deleted") from None
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise NotKept(
-                f"the raw signals of window {index} of {asset} cannot be read: {found[1].name} is damaged "
-                f"({type(error).__name__}: {error})"
-            ) from error
-
-    def _listed(self, asset: str) -> str:
-        indices = self.indices(asset)
-        if not indices:
-            return "none of this asset's windows are kept"
-        shown = ", ".join(map(str, indices[-MOST_NAMED:]))
-        return f"kept are {'…, ' if len(indices) > MOST_NAMED else ''}{shown}"
+            return dict(self._kept.get(asset, {}))
 
 
 def _opened(folder: Path) -> dict[int, tuple[KeptWindow, Path]]:
@@ -128,33 +98,16 @@ def _opened(folder: Path) -> dict[int, tuple[KeptWindow, Path]]:
         if path.suffix == UNFINISHED:
             path.unlink(missing_ok=True)
             continue
-        entry = _entry(path, path.stat().st_size)
+        entry = entry_of(path, path.stat().st_size)
         if entry is None:
             continue
         other = found.get(entry.number)
         if other is not None:
             older, path = sorted((other[1], path), key=lambda p: p.stat().st_mtime_ns)
             older.unlink()
-            entry = _entry(path, path.stat().st_size) or entry
+            entry = entry_of(path, path.stat().st_size) or entry
         found[entry.number] = entry, path
     return found
-
-
-def _entry(path: Path, size: int) -> KeptWindow | None:
-    """What a file's name says; None where it is not a window's."""
-    read = NAME.fullmatch(path.name)
-    if read is None:
-        return None
-    try:
-        turns = None if read[3] == "none" else float(read[3])
-    except ValueError:
-        return None
-    return KeptWindow(number=int(read[1]), start_ns=int(read[2]), revolutions=turns, bytes=size, **MARKS[read[4]])
-
-
-def folder_of(asset: str) -> str:
-    """The asset's name, but for the two that a file system keeps for itself; `~` is not allowed in a name."""
-    return f"~{asset}" if asset in (".", "..") else asset
 
 
 def _asset_of(folder: str) -> str:

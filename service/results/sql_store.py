@@ -40,6 +40,10 @@ COUNTS = ("windows", "updates", "received_ns", "epoch")  # numbers of an asset, 
 _PRESENT = select(*(ASSETS.c[n] for n in COUNTS), ASSETS.c.seal).where(ASSETS.c.asset == NAMED)
 _ALL_ASSETS = select(*(ASSETS.c[n] for n in ("asset", *JSON_PARTS, *COUNTS, "seal"))).order_by(ASSETS.c.asset)
 _ASSET = _ALL_ASSETS.where(ASSETS.c.asset == NAMED)
+_SHOWN_ASSET = select(
+    *(ASSETS.c[n] for n in ("asset", *JSON_PARTS, *COUNTS, "seal") if n != "state"),
+    ASSETS.c.state.is_not(None).label("has_state"),
+).where(ASSETS.c.asset == NAMED)
 _ALL_TOTALS = select(FAULT_TOTALS)
 _TOTALS = _ALL_TOTALS.where(FAULT_TOTALS.c.asset == NAMED)
 _PRESENT_EPOCH = select(ASSETS.c.epoch).where(ASSETS.c.asset == NAMED)
@@ -131,11 +135,12 @@ def _is_sealed(row: Any) -> bool:
 class SqlStore:
     """A `ResultStore` in a database. Safe to use from several threads of one process."""
 
-    def __init__(self, where: Path | str | Backend, *, claimed: bool = False) -> None:
-        """where    file of an SQLite database, the URL of a PostgreSQL database, or how another one is connected to
+    def __init__(self, where: Path | str | Backend | Database, *, claimed: bool = False) -> None:
+        """where    an open database; or one to be opened: the file of an SQLite database, the URL of a PostgreSQL
+                 database, or how another one is connected to
         claimed  whether no other service may write to it meanwhile
         """
-        self.database = database = Database(where, claimed=claimed)
+        self.database = database = where if isinstance(where, Database) else Database(where, claimed=claimed)
         self._transaction, self._rows = database.transaction, database.rows
         self._damaged: dict[str, str] = {}  # assets whose windows cannot go on, and why
         self._insert_asset = database.insert(ASSETS).on_conflict_do_nothing()
@@ -300,6 +305,16 @@ class SqlStore:
         return self._stored(
             rows[0]._mapping, fault_totals.totals_by_asset(self._rows(_TOTALS, {"of": asset})).get(asset, {})
         )
+
+    def shown_asset(self, asset: str) -> StoredAsset:
+        """As `asset`, for whoever shows it: what the twin remembers stays in the database, unread and unchecked."""
+        rows = self._rows(_SHOWN_ASSET, {"of": asset})
+        if not rows:
+            return StoredAsset(asset=asset)
+        row = dict(rows[0]._mapping)
+        has_state = row.pop("has_state")
+        totals = fault_totals.totals_by_asset(self._rows(_TOTALS, {"of": asset})).get(asset, {})
+        return replace(self._stored({**row, "state": None}, totals), unread_state=has_state)
 
     def all_assets(self) -> tuple[StoredAsset, ...]:
         """What is committed of every asset, by name; what their twins remember is checked and left unread."""

@@ -16,7 +16,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +40,25 @@ class Unknown:
     rig: Mapping[str, Any] | None = None  # the newest rig file that was offered for it, which can be used
     rig_bytes: int = 0  # what its text takes
     seen: float = 0.0  # when it was received last, on the monotonic clock [s]
+
+
+class UnknownList(Protocol):
+    """The unknown assets as people see them."""
+
+    @property
+    def asks(self) -> bool: ...
+
+    @property
+    def frames(self) -> int: ...
+
+    @property
+    def forgotten(self) -> int: ...
+
+    def listed(self) -> list[Unknown]: ...
+
+    def find(self, asset: str) -> Unknown | None: ...
+
+    def dismiss(self, asset: str) -> None: ...
 
 
 class UnknownAssets:

@@ -9,7 +9,7 @@ from service.errors import InputError, NotKept
 from service.files.baseline import learned_from, read_baseline, save
 from service.files.rig import checked_rig
 from service.results.asset_life import AssetLife
-from service.results.signal_store import SignalStore
+from service.results.signal_reading import KeptSignals
 from service.results.store import ResultStore
 from twin.baseline.learned import Baseline
 from twin.baseline.validity import identity_of
@@ -23,7 +23,7 @@ def learn_from_windows(
     asset: str,
     indices: Sequence[int],
     store: ResultStore,
-    signals: SignalStore,
+    signals: KeptSignals,
     life: AssetLife,
     before: Path | None = None,
 ) -> Baseline:

@@ -128,7 +128,8 @@ class HttpServer(uvicorn.Server):
 @contextmanager
 def listening_at(host: str, port: int, gate: Gate | None = None) -> Iterator[GatedSocket]:
     """A bound socket; InputError where the address cannot be had. Port 0 takes any that is free."""
-    listening = GatedSocket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listening = GatedSocket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)  # asyncio sends at once where it says so
     listening.gate = gate
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -11,8 +11,8 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from service.results.board import Board
-from service.results.signal_store import SignalStore
+from service.results.board import Shown
+from service.results.signal_reading import KeptSignals
 from service.results.signal_thinning import KeptWindow
 from service.results.store import ResultStore
 from service.signals.subject import Modelling, Subject
@@ -51,7 +51,7 @@ class Recent(Generic[T]):
 class Library:
     """Views of all assets' windows."""
 
-    def __init__(self, signals: SignalStore, store: ResultStore, board: Board) -> None:
+    def __init__(self, signals: KeptSignals, store: ResultStore, board: Shown) -> None:
         self._signals, self._store, self._board = signals, store, board
         self._lock = threading.RLock()
         self._windows: Recent[Subject] = Recent(SUBJECTS)

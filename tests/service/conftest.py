@@ -57,8 +57,41 @@ def new_files_are_made(monkeypatch):
 
 
 @pytest.fixture
-def store(tmp_path):
+def store(request, tmp_path):
+    """A store of one service; that of a front end in modules that say OVER_FLEET."""
+    if getattr(request.module, "OVER_FLEET", False):
+        yield request.getfixturevalue("fleet_store")
+        return
     with SqlStore(tmp_path / "twin.sqlite") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="session")
+def made_fleet(postgresql_server):
+    """The name of a database with a fleet whose partitions have their tables, to be copied."""
+    from fleets import PARTITIONS
+
+    from service.fleet.databases import engine_of, made
+    from service.fleet.layout import create
+
+    with postgresql_server.new_database() as url:
+        engine = engine_of(url)
+        create(engine, PARTITIONS)
+        engine.dispose()
+        for partition in range(PARTITIONS):
+            made(url, partition, PARTITIONS)
+        yield url.rpartition("/")[2]
+
+
+@pytest.fixture
+def fleet_store(postgresql_server, made_fleet):
+    """The store of a front end, over the tables of three partitions."""
+    from fleets import PARTITIONS
+
+    from service.fleet.front_store import FleetStore
+    from service.fleet.layout import Layout
+
+    with postgresql_server.new_database(template=made_fleet) as url, FleetStore(url, Layout(PARTITIONS)) as opened:
         yield opened
 
 
@@ -79,6 +112,20 @@ def empty_postgresql(postgresql_server):
     """The URL of a database of PostgreSQL in which there is nothing."""
     with postgresql_server.new_database() as url:
         yield url
+
+
+@pytest.fixture
+def fleet(empty_postgresql):
+    """The URL of the database of a fleet of three partitions."""
+    from fleets import PARTITIONS
+
+    from service.fleet.databases import engine_of
+    from service.fleet.layout import create
+
+    engine = engine_of(empty_postgresql)
+    create(engine, PARTITIONS)
+    yield empty_postgresql
+    engine.dispose()
 
 
 @pytest.fixture(scope="session")
@@ -110,8 +157,15 @@ def each_store(where):
 
 
 @pytest.fixture
-def board():
-    shown = Board()
+def board(request, store, monkeypatch):
+    """A board of one service; that of a front end in modules that say OVER_FLEET."""
+    if getattr(request.module, "OVER_FLEET", False):
+        from fleets import WrittenBoard, as_a_front_end
+
+        shown = WrittenBoard(store)
+        as_a_front_end(monkeypatch, store)
+    else:
+        shown = Board()
     yield shown
     shown.close()
 

@@ -14,7 +14,7 @@ PARTS = (
     "changes", "epochs", "baseline",
 )  # fmt: skip
 OPERATIONS = [
-    *(("GET", route) for route in ("/v1/assets", "/v1/alarms", ASSET, "/healthz", "/readyz", "/metrics")),
+    *(("GET", route) for route in ("/v1/assets", "/v1/areas", "/v1/alarms", ASSET, "/healthz", "/readyz", "/metrics")),
     *(("GET", f"{ASSET}/{part}") for part in PARTS),
     ("POST", f"{ASSET}/inspections"),
     ("POST", f"{ASSET}/effects/{{name}}"),

@@ -4,37 +4,23 @@ from __future__ import annotations
 
 import signal
 import time
-from contextlib import contextmanager
 
 import pytest
 import service_fakes as fakes
-import sqlalchemy as sa
 from fleet_partition import PartitionProcess
-from service_streams import free_port, wait_until, write_recording
+from fleets import routed, row, taken, windows, worker
+from service_streams import wait_until, write_recording
 
 from service.errors import StorageUnavailable, StoreError
-from service.fleet.databases import Partitions, engine_of, made, partition_backend
-from service.fleet.fence import Fence, Fenced
-from service.fleet.layout import ASSETS, Layout, area_of, create, layout_of, partition_of, prefix_of
+from service.fleet.databases import Partitions, engine_of, made
+from service.fleet.fence import Fenced
+from service.fleet.layout import Layout, create, layout_of, partition_of, prefix_of
 from service.fleet.partition import FENCED
 from service.json_text import plain
+from service.results.asset_list import area_of
 from service.results.sql_store import SqlStore
 from service.runtime.assess import assess
 from service.runtime.replay import replay
-from service.transport.zenoh_session import open_session
-
-
-@pytest.fixture
-def fleet(empty_postgresql):
-    """The URL of the database of a fleet of three partitions."""
-    engine = engine_of(empty_postgresql)
-    create(engine, 3)
-    yield empty_postgresql
-    engine.dispose()
-
-
-def taken(database, partition=0, **given):
-    return SqlStore(partition_backend(database, Fence(partition=partition, **given), 3), claimed=True)
 
 
 def test_an_asset_belongs_to_the_same_partition_everywhere():
@@ -112,19 +98,6 @@ def test_front_ends_read_and_add_to_the_tables_of_any_partition(fleet):
         shared.close()
 
 
-@contextmanager
-def routed():
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with open_session([endpoint]):
-        yield endpoint
-
-
-def row(database, asset="unsw"):
-    engine = engine_of(database, poolclass=sa.NullPool)
-    with engine.connect() as db:
-        return db.execute(sa.select(ASSETS).where(ASSETS.c.asset == asset)).mappings().first()
-
-
 @pytest.fixture
 def work(tmp_path, fleet):
     """A partition's process, a recording, and what a plain loop makes of it."""
@@ -132,22 +105,8 @@ def work(tmp_path, fleet):
 
     recording = write_recording(tmp_path / "campaign.mcap", 6)
     assessed = plain(assess(recording, twin=fake_twin.TWIN))
-    partition = partition_of("unsw", 3)
-    with routed() as endpoint:
-        process = PartitionProcess(tmp_path / "partition", fleet, endpoint, partition=partition, partitions=3)
-        try:
-            yield process.start(), recording, assessed, endpoint, prefix_of(partition)
-        finally:
-            process.end()
-            print(process.err.read_text())
-
-
-def windows(database, partition):
-    shared = Partitions(database, 3)
-    with SqlStore(shared.backend(partition)) as store:
-        found = [plain(w.record) for w in store.windows("unsw")]
-    shared.close()
-    return found
+    with routed() as endpoint, worker(tmp_path / "partition", fleet, endpoint) as process:
+        yield process, recording, assessed, endpoint, prefix_of(process.partition)
 
 
 def test_a_partition_is_served_as_by_the_plain_loop(work, fleet):

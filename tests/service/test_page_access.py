@@ -157,7 +157,7 @@ def test_no_machine_yet_says_how_to_begin(open_page):
 def test_connection_that_is_lost_is_said_and_found_again(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page("/", allowed="")
-    page.route("**/v1/assets", lambda route: route.abort())
+    page.route("**/v1/assets?*", lambda route: route.abort())
     page.wait_for_selector("#link[data-state=lost]")
-    page.unroute("**/v1/assets")
+    page.unroute("**/v1/assets?*")
     page.wait_for_selector("#link[data-state=live]")

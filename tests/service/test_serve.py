@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -20,6 +21,7 @@ from service.errors import InputError
 from service.json_text import plain
 from service.runtime import pump
 from service.runtime.assess import assess
+from service.runtime.http_server import listening_at
 from service.runtime.replay import replay, shuffled, twice
 from service.runtime.serve import run
 from service.settings import Settings
@@ -276,3 +278,8 @@ def test_fault_of_the_program_costs_its_window_and_ends_nothing_else(tmp_path, r
         serving.join(15)
     assert [w["quality"] for w in windows].count("refused") == 1
     assert "internal error: ZeroDivisionError: a defect" in windows[2]["reason"]
+
+
+def test_answers_are_sent_at_once():
+    with listening_at("127.0.0.1", 0) as listening:
+        assert listening.proto == socket.IPPROTO_TCP  # else asyncio leaves each answer to wait for 40 ms

@@ -1,19 +1,15 @@
-// All machines, the most severe first: state, what to do, data, depth, life, course, last seen.
+// All machines, the most severe first, by pages: state, what to do, data, depth, life, course, last seen.
 
-import { newestOf } from "../api.js";
+import { getPage, newestOf } from "../api.js";
 import { element, keepingFocus, svg } from "../dom.js";
 import { KIND_WORDS, LEVELS, ago, dateTime, duration, fixed, instant, levelWord, number, range, sentence } from "../format.js";
 import { dataBadge, levelBadge } from "../parts/health.js";
 import { incoming } from "../parts/incoming.js";
 
 const EVERY_MS = 3000; // how often the list is asked for; what has not changed is not sent again
-
-const severity = (asset) => LEVELS.indexOf(asset.status?.level) + 1 || LEVELS.length + 1;
-
-function inOrder(assets) {
-  return [...assets].sort((a, b) => severity(a) - severity(b)
-    || (b.alarms?.unacknowledged ?? 0) - (a.alarms?.unacknowledged ?? 0) || a.asset.localeCompare(b.asset));
-}
+const TYPING_MS = 200; // pause after which what was typed is searched for
+const PAGE = 50; // machines of one page
+const ATTENTION = LEVELS.slice(0, 3);
 
 // The course of one quantity as a small line.
 export function sparkline(course) {
@@ -75,12 +71,25 @@ function row(asset) {
 
 const HEADS = ["Machine", "State and what to do", "Data", "Wear depth", "Remaining life", "Course", "Last seen", "Answers from"];
 
-function counts(assets) {
-  const parts = LEVELS.map((level) => [level, assets.filter((a) => a.status?.level === level).length]).filter(([, n]) => n);
-  const open = assets.reduce((n, a) => n + (a.alarms?.active ?? 0), 0);
+function counts(areas) {
+  const parts = LEVELS.map((level) => [level, areas.reduce((n, a) => n + (a.levels[level] ?? 0), 0)]).filter(([, n]) => n);
+  const open = areas.reduce((n, a) => n + a.alarms, 0);
   const alarms = element("a", { href: "#/alarms", dataset: { key: "all-alarms" } }, `Alarms: ${open} active`);
-  return element("p", { className: "counts", role: "status" }, alarms, " · ", ...parts.flatMap(([level, n], i) => [i ? ", " : "",
-    element("span", { className: `count-${level}` }, `${n} ${levelWord(level).toLowerCase()}`)]));
+  return element("p", { className: "counts", role: "status" }, alarms, " · ", ...levelCounts(parts));
+}
+
+const levelCounts = (parts) => parts.flatMap(([level, n], i) => [i ? ", " : "",
+  element("span", { className: `count-${level}` }, `${n} ${levelWord(level).toLowerCase()}`)]);
+
+// The parts of the plant; pressing one narrows the list to it, pressing it again shows all.
+function areaList(areas, filter, choose) {
+  return areas.map(({ area, assets, levels }) => {
+    const bad = ATTENTION.filter((level) => levels[level]).map((level) => [level, levels[level]]);
+    return element("li", {}, element("button", { type: "button", className: "area", "aria-pressed": String(filter.area === area),
+      dataset: { key: `area ${area}` }, onclick: () => choose(filter.area === area ? null : area) },
+    element("span", { className: "area-name" }, area || "no area"), " ", small(`${assets}`),
+    ...(bad.length ? [element("span", { className: "area-levels" }, ...levelCounts(bad))] : [])));
+  });
 }
 
 function empty() {
@@ -95,72 +104,103 @@ function empty() {
       element("li", {}, "or publish live frames under the keys of the interface (", element("a", { href: "/docs" }, "REST and streams"), ").")));
 }
 
-// The machines that the search and the choice of state let through.
-function chosen(assets, { text, level, retired }) {
-  const words = text.toLowerCase().split(/\s+/).filter(Boolean);
-  return assets.filter((a) => (retired || !a.retired) && (!level || (level === "attention" ? severity(a) <= 3 : a.status?.level === level))
-    && words.every((w) => JSON.stringify([a.asset, a.status, a.rig, KIND_WORDS[a.kind]]).toLowerCase().includes(w)));
+// The address of the first page of what is chosen.
+function addressOf({ text, level, area, retired }) {
+  const given = new URLSearchParams({ limit: PAGE });
+  if (text.trim()) given.set("search", text.trim().slice(0, 200));
+  if (area !== null) given.set("area", area);
+  for (const one of level === "attention" ? ATTENTION : [level].filter(Boolean)) given.append("level", one);
+  if (!retired) given.set("retired", "false");
+  return `/v1/assets?${given}`;
 }
 
-function filters(filter, draw) {
+function filters(filter, chosen) {
+  let typing = 0;
   const search = element("input", { type: "search", placeholder: "Search name, reason, kind", "aria-label": "Search machines",
-    value: filter.text, oninput: (e) => { filter.text = e.target.value; draw(); } });
-  const level = element("select", { "aria-label": "Which states", onchange: (e) => { filter.level = e.target.value; draw(); } },
+    value: filter.text, oninput: (e) => { filter.text = e.target.value; clearTimeout(typing); typing = setTimeout(chosen, TYPING_MS); } });
+  const level = element("select", { "aria-label": "Which states", onchange: (e) => { filter.level = e.target.value; chosen(); } },
     new Option("all states", ""), new Option("needs attention", "attention"), ...LEVELS.map((l) => new Option(levelWord(l).toLowerCase(), l)));
-  const retired = element("label", {}, element("input", { type: "checkbox", onchange: (e) => { filter.retired = e.target.checked; draw(); } }),
+  const retired = element("label", {}, element("input", { type: "checkbox", onchange: (e) => { filter.retired = e.target.checked; chosen(); } }),
     " retired machines too");
   return element("form", { className: "filters", role: "search", onsubmit: (e) => e.preventDefault() }, search, level, retired);
 }
 
 export async function show(root, { signal, get, connected }) {
-  const newest = newestOf(() => get("/v1/assets", { signal }));
-  let assets = await newest();
+  const filter = { text: "", level: "", area: null, retired: false };
+  let pages = [addressOf(filter)]; // the addresses of the pages up to the one that is shown
+  const newest = newestOf(async () => {
+    const at = pages.at(-1);
+    const [page, areas] = await Promise.all([getPage(at, { signal }), get("/v1/areas", { signal })]);
+    return { at, page, areas };
+  });
+  let found = await newest();
   connected(true);
-  const filter = { text: "", level: "", retired: false };
   const summary = element("div");
   const body = element("tbody");
   const none = element("p", { className: "none", hidden: true }, "No machine matches.");
   const list = element("section", { className: "panel fleet" }, element("table", { className: "blocks" },
     element("caption", { className: "visually-hidden" }, "Machines, the most severe first"),
     element("thead", {}, element("tr", {}, ...HEADS.map((h) => element("th", { scope: "col" }, h)))), body), none);
-  const tools = filters(filter, () => draw());
+  const turn = (text, move) => element("button", { type: "button", onclick: async () => {
+    move();
+    [back.disabled, on.disabled] = [true, true];
+    await asked();
+    scrollTo(0, 0);
+  } }, text);
+  const back = turn("Previous machines", () => { pages.pop(); });
+  const on = turn("Next machines", () => { pages.push(found.page.next); });
+  const where = element("span", { role: "status" });
+  const pager = element("nav", { className: "pager", "aria-label": "Pages of machines" }, back, where, on);
+  const groups = element("ul", { className: "areas", "aria-label": "Parts of the plant" });
+  const chosen = () => { pages = [addressOf(filter)]; return asked(); };
+  const tools = filters(filter, chosen);
   const start = empty();
   const waiting = incoming({ get, signal, changed: () => renewed() });
-  root.append(start, summary, waiting.root, tools, list);
+  root.append(start, summary, waiting.root, tools, groups, list, pager);
   let drawn = "";
 
   function draw() {
-    const shown = inOrder(chosen(assets, filter));
-    const now = JSON.stringify([shown, Math.floor(Date.now() / 30_000)]); // "last seen" grows by itself
-    start.hidden = assets.length > 0 || !waiting.root.hidden;
-    tools.hidden = list.hidden = assets.length === 0;
-    tools.querySelector("label").hidden = !assets.some((a) => a.retired);
+    const { page, areas } = found;
+    const shown = page.list;
+    const any = areas.some((a) => a.assets + a.retired > 0);
+    start.hidden = any || !waiting.root.hidden;
+    tools.hidden = list.hidden = !any;
+    groups.hidden = areas.length < 2;
+    tools.querySelector("label").hidden = !areas.some((a) => a.retired);
+    pager.hidden = pages.length === 1 && page.next === null;
+    [back.disabled, on.disabled] = [pages.length === 1, page.next === null];
+    const now = JSON.stringify([shown, areas, filter.area, pages.length, page.next, Math.floor(Date.now() / 30_000)]); // "last seen" grows by itself
     if (now === drawn) return;
     drawn = now;
     keepingFocus(() => {
-      summary.replaceChildren(...(assets.length ? [counts(assets.filter((a) => !a.retired))] : []));
+      summary.replaceChildren(...(any ? [counts(areas.filter((a) => filter.area === null || a.area === filter.area))] : []));
+      groups.replaceChildren(...areaList(areas, filter, (area) => { filter.area = area; chosen(); }));
       body.replaceChildren(...shown.map(row));
       none.hidden = shown.length > 0;
+      const first = PAGE * (pages.length - 1) + 1;
+      where.textContent = shown.length ? `machines ${first} to ${first + shown.length - 1}` : "no more machines";
     });
     root.dataset.assets = String(shown.length);
   }
 
   async function renewed() {
-    const [found] = await Promise.all([newest(), waiting.refresh()]);
-    assets = found ?? assets;
+    const [answer] = await Promise.all([newest(), waiting.refresh()]);
+    if (answer?.at === pages.at(-1)) found = answer;
     connected(true);
     draw();
   }
 
-  await waiting.refresh();
-  draw();
-  const timer = setInterval(async () => {
-    if (document.hidden) return;
+  // What somebody has just asked for.
+  async function asked() {
     try {
       await renewed();
     } catch (error) {
       if (error.name !== "AbortError") connected(false, error.message);
     }
-  }, EVERY_MS);
+  }
+
+  await waiting.refresh();
+  draw();
+  const timer = setInterval(() => document.hidden || asked(), EVERY_MS);
   signal.addEventListener("abort", () => clearInterval(timer));
 }

@@ -1,0 +1,143 @@
+"""Results of all partitions as one `ResultStore`: each call goes to the partition of its asset, or of its number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import chain
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql
+
+from service.fleet.front_database import FleetDatabase
+from service.fleet.layout import ASSETS, Layout
+from service.fleet.listener import ASSET, DECISION, announce
+from service.fleet.places import Divided, Places
+from service.fleet.rows import row_of
+from service.results.board import Snapshot
+from service.results.sql_store import SqlStore
+from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow
+
+_NAMES = sa.select(ASSETS.c.asset).order_by(ASSETS.c.asset)
+_BEGIN = postgresql.insert(ASSETS).on_conflict_do_nothing()
+
+
+class FleetStore:
+    """The results of a fleet, for one front end. What it adds is announced to the worker of the partition."""
+
+    def __init__(self, database: str, layout: Layout) -> None:
+        self.fleet = FleetDatabase(database, layout.partitions)
+        self.database = self.fleet.shared
+        self.places = Places(self.fleet, layout)
+        self.stores: Divided[SqlStore] = Divided(self.fleet, self.places, lambda _, tables: SqlStore(tables))
+
+    def __enter__(self) -> FleetStore:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.fleet.close()
+
+    # -- writing -------------------------------------------------------------------------------------
+
+    def commit(self, asset: str, start_ns: int, **given: Any) -> StoredWindow | None:
+        return self.stores.of(asset).commit(asset, start_ns, **given)
+
+    def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]], window_ns: int | None = None) -> None:
+        """Takes in what happened; an asset that is new has a row among all from now on, and is announced."""
+        partition = self.places.partition_of(asset)
+        store = self.stores.at(partition)
+        with store.database.transaction() as db:
+            store.note(asset, events, window_ns)
+            if db.execute(_BEGIN, row_of(Snapshot(asset=asset).with_whole(), partition)).rowcount:
+                announce(db, partition, ASSET, asset)
+
+    def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:
+        self.stores.of(asset).keep_rig(asset, rig)
+
+    def keep(self, asset: str, **parts: Any) -> None:
+        self.stores.of(asset).keep(asset, **parts)
+
+    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
+        partition = self.places.partition_of(asset)
+        store = self.stores.at(partition)
+        with store.database.transaction() as db:
+            announce(db, partition, DECISION, asset)
+            return store.add_inspection(asset, inspection, answer)
+
+    def use_inspection(self, inspection: StoredInspection, **given: Any) -> bool:
+        return self.stores.of(inspection.asset).use_inspection(inspection, **given)
+
+    def refuse_inspection(self, inspection: StoredInspection, answer: Mapping[str, Any]) -> None:
+        self.stores.of(inspection.asset).refuse_inspection(inspection, answer)
+
+    def add_decision(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
+        partition = self.places.partition_of(asset)
+        store = self.stores.at(partition)
+        with store.database.transaction() as db:
+            announce(db, partition, DECISION, asset)
+            return store.add_decision(asset, name, verb, by, note)
+
+    def carry_out(self, decision: StoredDecision, **given: Any) -> bool:
+        return self.stores.of(decision.asset).carry_out(decision, **given)
+
+    def refuse(self, decision: StoredDecision, reason: str) -> None:
+        self.stores.of(decision.asset).refuse(decision, reason)
+
+    # -- reading -------------------------------------------------------------------------------------
+
+    def assets(self) -> tuple[str, ...]:
+        """The assets that have a row among all; a worker writes it with what it first shows of an asset."""
+        return tuple(name for (name,) in self.database.rows(_NAMES))
+
+    def asset(self, asset: str) -> StoredAsset:
+        return self.stores.of(asset).asset(asset)
+
+    def windows(
+        self, asset: str, after: int = -1, limit: int = 1000, every: int = 1, epoch: int | None = None
+    ) -> tuple[StoredWindow, ...]:
+        return self.stores.of(asset).windows(asset, after, limit, every, epoch)
+
+    def outline(self, asset: str, most: int, after: int = -1, epoch: int | None = None) -> tuple[StoredWindow, ...]:
+        return self.stores.of(asset).outline(asset, most, after, epoch)
+
+    def all_assets(self) -> tuple[StoredAsset, ...]:
+        return tuple(sorted(chain(*(s.all_assets() for s in self.stores.all())), key=lambda stored: stored.asset))
+
+    def next_indices(self) -> dict[str, int]:
+        return dict(chain(*(s.next_indices().items() for s in self.stores.all())))
+
+    def epochs(self, asset: str) -> tuple[Mapping[str, Any], ...]:
+        return self.stores.of(asset).epochs(asset)
+
+    def latest_windows(self, asset: str, limit: int) -> tuple[StoredWindow, ...]:
+        return self.stores.of(asset).latest_windows(asset, limit)
+
+    def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:
+        return self.stores.of(asset).events(asset, after, limit)
+
+    def last_event_id(self, asset: str) -> int:
+        return self.stores.of(asset).last_event_id(asset)
+
+    def last_event_ids(self) -> dict[str, int]:
+        return dict(chain(*(s.last_event_ids().items() for s in self.stores.all())))
+
+    def inspection(self, number: int) -> StoredInspection:
+        return self.stores.of_number(number).inspection(number)
+
+    def pending_inspections(self) -> tuple[StoredInspection, ...]:
+        return tuple(chain(*(s.pending_inspections() for s in self.stores.all())))
+
+    def inspections(self, asset: str, after: int = 0, limit: int = 1000) -> tuple[Mapping[str, Any], ...]:
+        return self.stores.of(asset).inspections(asset, after, limit)
+
+    def decision(self, number: int) -> StoredDecision:
+        return self.stores.of_number(number).decision(number)
+
+    def decisions(self, asset: str) -> tuple[StoredDecision, ...]:
+        return self.stores.of(asset).decisions(asset)
+
+    def decision_counts(self) -> dict[str, dict[str, int]]:
+        return dict(chain(*(s.decision_counts().items() for s in self.stores.all())))
+
+    def pending_decisions(self) -> tuple[StoredDecision, ...]:
+        return tuple(chain(*(s.pending_decisions() for s in self.stores.all())))

@@ -1,0 +1,88 @@
+"""Reading raw signals of windows that are kept as files: which there are, and each as it was processed."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from service.errors import NotKept
+from service.results.signal_thinning import KeptWindow
+from service.results.window_file import SUFFIX, read_window
+from twin.windows import Window
+
+MARKS = {"k": {}, "f": {"found": True}, "x": {"refused": True}}
+NAME = re.compile(r"(\d+)_(-?\d+)_([^_]+)_([kfx])\.npz")
+MOST_NAMED = 12  # numbers that a message lists
+
+KeptFile = tuple[KeptWindow, Path]
+
+
+class KeptSignals(ABC):
+    """Raw windows of all assets, for looking at."""
+
+    @abstractmethod
+    def files(self, asset: str) -> Mapping[int, KeptFile]:
+        """What is kept of an asset, with the files."""
+
+    def kept(self, asset: str) -> tuple[KeptWindow, ...]:
+        """What is kept of an asset, by number."""
+        return tuple(w for _, (w, _) in sorted(self.files(asset).items()))
+
+    def indices(self, asset: str) -> tuple[int, ...]:
+        """Indices of the windows that are kept, rising."""
+        return tuple(w.number for w in self.kept(asset))
+
+    def window(self, asset: str, index: int) -> Window:
+        """One window as it was processed; NotKept, which says what is kept, where it is not there."""
+        found = self.files(asset).get(index)
+        if found is None:
+            raise NotKept(f"the raw signals of window {index} of {asset} are not kept; {self._listed(asset)}")
+        try:
+            return read_window(found[1])
+        except FileNotFoundError:
+            raise NotKept(f"the raw signals of window {index} of {asset} have been deleted") from None
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise NotKept(
+                f"the raw signals of window {index} of {asset} cannot be read: {found[1].name} is damaged "
+                f"({type(error).__name__}: {error})"
+            ) from error
+
+    def _listed(self, asset: str) -> str:
+        indices = self.indices(asset)
+        if not indices:
+            return "none of this asset's windows are kept"
+        shown = ", ".join(map(str, indices[-MOST_NAMED:]))
+        return f"kept are {'…, ' if len(indices) > MOST_NAMED else ''}{shown}"
+
+
+def found_in(folder: Path) -> dict[int, KeptFile]:
+    """What the folder of an asset holds, of one number the latest; nothing where there is none."""
+    found: dict[int, tuple[int, KeptFile]] = {}
+    with suppress(FileNotFoundError):
+        for path in folder.glob(f"*{SUFFIX}"):
+            with suppress(FileNotFoundError):  # it has just been given up
+                stat = path.stat()
+                entry = entry_of(path, stat.st_size)
+                if entry is not None and (entry.number not in found or found[entry.number][0] < stat.st_mtime_ns):
+                    found[entry.number] = stat.st_mtime_ns, (entry, path)
+    return {number: kept for number, (_, kept) in found.items()}
+
+
+def entry_of(path: Path, size: int) -> KeptWindow | None:
+    """What a file's name says; None where it is not a window's."""
+    read = NAME.fullmatch(path.name)
+    if read is None:
+        return None
+    try:
+        turns = None if read[3] == "none" else float(read[3])
+    except ValueError:
+        return None
+    return KeptWindow(number=int(read[1]), start_ns=int(read[2]), revolutions=turns, bytes=size, **MARKS[read[4]])
+
+
+def folder_of(asset: str) -> str:
+    """The asset's name, but for the two that a file system keeps for itself; `~` is not allowed in a name."""
+    return f"~{asset}" if asset in (".", "..") else asset
