@@ -19,11 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 
-from service.errors import InputError, StorageUnavailable
+from service.errors import DeliveryError, InputError, StorageUnavailable
 from service.fleet.census import Census, census
-from service.fleet.cluster import LocalCluster, environment, joined
+from service.fleet.cluster import LocalCluster, Node, environment, joined, node_here
 from service.fleet.databases import engine_of, made, reached
 from service.fleet.layout import FACTS, Layout, create, layout_of
+from service.runtime.admission import demand_protected_links
 from service.settings import Settings
 from service.transport.zenoh_session import open_session
 
@@ -77,6 +78,8 @@ class Fleet:
         self._tables = engine_of(database_of(settings), pool_size=1, max_overflow=1)
         self._engine: Engine | None = None
         self.cluster: LocalCluster | None = None
+        self._node: Node | None = None  # of a plant's cluster, by which it is joined
+        self._opened = ExitStack()
         self._silent: set[int] = set()
         self._begun = time.monotonic()
         self._spread_at: float | None = None
@@ -90,12 +93,16 @@ class Fleet:
             self.cluster = LocalCluster(folder, settings.fleet_room or self._layout.partitions)
             os.environ.update(environment(folder))
             self.cluster.start(wanted_workers(self._tables) or settings.fleet_workers)
+        else:
+            self._node = self._opened.enter_context(node_here(folder, settings.fleet_address))
         self._join()
 
     def _join(self) -> None:
         """Joins the engine, and has an actor for each partition."""
         folder = self._settings.data
-        self._engine = joined(folder, self.address)(self._settings, self._layout, self._twin_from)
+        self._engine = joined(folder, self.address, alone=self.cluster is not None)(
+            self._settings, self._layout, self._twin_from
+        )
         self._engine.place()
         wanted = None if self.cluster is None else len(self.cluster.nodes)
         text = json.dumps({"pid": os.getpid(), "address": self.address, "workers": wanted})
@@ -113,7 +120,16 @@ class Fleet:
         return self._settings.fleet_address or (self.cluster.address if self.cluster else "auto")
 
     def look(self) -> None:
-        """One look at everything: nodes that ended, how many are wanted, partitions without a worker."""
+        """One look at everything: nodes that ended, how many are wanted, partitions without a worker.
+
+        Raises DeliveryError where the node has ended by which a plant's cluster was joined: whoever runs this starts it
+        again.
+        """
+        if self._node is not None and self._node.process.poll() is not None:
+            raise DeliveryError(
+                f"the node by which the engine at {self.address} was joined has ended: the engine was lost, or was "
+                "started anew; start gear-twin fleet up again"
+            )
         if self.cluster is not None:
             if self.cluster.lost:
                 self._begin_again()
@@ -143,6 +159,7 @@ class Fleet:
             (self._settings.data / RUNNING).unlink(missing_ok=True)
             if self.cluster is not None:
                 self.cluster.end()
+            self._opened.close()
             self._tables.dispose()
 
     def _begin_again(self) -> None:
@@ -239,6 +256,7 @@ def up(
     """
     with until_told() as stop, ExitStack() as stack:
         if not settings.connect:
+            demand_protected_links(settings)
             stack.enter_context(open_session(settings.listen, links=settings.zenoh_links))
             settings = settings.model_copy(update={"connect": [_reached(e) for e in settings.listen]})
         fleet = Fleet(settings, layout, twin_from=twin_from)
