@@ -50,7 +50,7 @@ QUIET = {
 
 A node that was only slow is replaced as well: its partitions are given to others, and it commits nothing more.
 """
-ALONE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}  # which binds every port to the loopback interface
+LOOPBACK_ONLY = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}  # which binds every port to the loopback interface
 AUTHENTICATION = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"}  # who sets one of them has said it
 
 
@@ -61,7 +61,7 @@ def environment(folder: Path) -> dict[str, str]:
         folder.mkdir(parents=True, exist_ok=True)
         with os.fdopen(os.open(token, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
             file.write(secrets.token_hex(32))
-    return QUIET | ALONE | _known_by(token)
+    return QUIET | LOOPBACK_ONLY | _known_by(token)
 
 
 def environment_to_join(folder: Path) -> dict[str, str]:
