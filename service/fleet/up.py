@@ -55,7 +55,7 @@ def prepared(settings: Settings, progress: Callable[[int, int], None] = lambda d
     database = database_of(settings)
     with reached(database):
         engine = engine_of(database, poolclass=sa.NullPool)
-        known = layout_of(engine)
+        known = layout_of(engine, older=True)
         wanted = settings.fleet_partitions or (known.partitions if known else PARTITIONS)
         layout = create(engine, wanted)
         for partition in layout.all:
@@ -80,6 +80,7 @@ class Fleet:
         self.cluster: LocalCluster | None = None
         self._node: Node | None = None  # of a plant's cluster, by which it is joined
         self._opened = ExitStack()
+        self._seen: set[str] | None = None  # nodes of a plant's cluster
         self._silent: set[int] = set()
         self._begun = time.monotonic()
         self._spread_at: float | None = None
@@ -142,6 +143,8 @@ class Fleet:
                 self._shrink(wanted)
             if changed:
                 self._spread_at = time.monotonic() + SPREAD_AFTER
+        elif self._nodes_have_come():
+            self._spread_at = time.monotonic() + SPREAD_AFTER
         found = census(self._tables, self._layout)
         if self._spread_at is not None and time.monotonic() >= self._spread_at and not found.silent:
             self._spread_at = None
@@ -161,6 +164,13 @@ class Fleet:
                 self.cluster.end()
             self._opened.close()
             self._tables.dispose()
+
+    def _nodes_have_come(self) -> bool:
+        """Whether a plant's cluster has nodes that were not there at the last look."""
+        nodes = {node.id for node in self.engine.nodes() if node.alive and node.room}
+        come = self._seen is not None and bool(nodes - self._seen)
+        self._seen = nodes
+        return come
 
     def _begin_again(self) -> None:
         """Starts the engine anew after its head was lost; the partitions go on from what is committed."""
