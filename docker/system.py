@@ -17,7 +17,9 @@ PACKAGES = (
     "libuuid1", "media-types", "python3", "python3-minimal", "python3.11", "python3.11-minimal",
     "zlib1g",
 )  # fmt: skip
-EXTRAS = {"fleet": ("bash",)}  # by which Ray starts its processes
+EXTRAS = {  # by which Ray starts its processes, and its operator waits for the head
+    "fleet": ("bash", "coreutils", "libacl1", "libattr1", "libgmp10", "libpcre2-8-0", "libselinux1"),
+}
 LEFT_OUT = ("/usr/share/doc/", "/usr/share/man/", "/usr/share/lintian/", "/usr/share/locale/", "/usr/share/info/")
 USER = "gear-twin:x:10001:10001::/data:/usr/sbin/nologin\n"
 GROUP = "gear-twin:x:10001:\n"

@@ -84,9 +84,13 @@ class PartitionTables(Postgresql):
     def claim(self) -> None:
         """Takes the partition from whoever has it."""
         engine = self._own(pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
-        with engine.begin() as db:
-            db.exec_driver_sql(f"CREATE SCHEMA IF NOT EXISTS {schema_of(self.fence.partition)}")
-            self.fence.take(db)
+        try:
+            with engine.begin() as db:
+                db.exec_driver_sql(f"CREATE SCHEMA IF NOT EXISTS {schema_of(self.fence.partition)}")
+                self.fence.take(db)
+        except BaseException:
+            engine.dispose()
+            raise
         self._claiming = engine
 
     def engines(self) -> tuple[Engine, Engine]:
