@@ -88,11 +88,11 @@ class Node:
     said: Path
 
     @classmethod
-    def started(cls, folder: Path, name: str, arguments: Sequence[str], told: Mapping[str, str], room: int = 0) -> Node:
+    def started(cls, folder: Path, name: str, arguments: Sequence[str], given: Mapping[str, str], room: int = 0) -> Node:
         """Begins to start a node; what it says is written to the folder.
 
-        told  of the environment, besides what this process has
-        room  partitions that it may serve
+        given  its environment, in addition to that of this process
+        room   partitions that it may serve
         """
         said = folder / f"ray-{name}.log"
         command = [
@@ -107,7 +107,7 @@ class Node:
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
-            env={**os.environ, **told},
+            env={**os.environ, **given},
             start_new_session=True,  # so that Ctrl-C reaches this process first
         )
         return cls(name, process, output, said)
