@@ -88,7 +88,9 @@ class Node:
     said: Path
 
     @classmethod
-    def started(cls, folder: Path, name: str, arguments: Sequence[str], given: Mapping[str, str], room: int = 0) -> Node:
+    def started(
+        cls, folder: Path, name: str, arguments: Sequence[str], given: Mapping[str, str], room: int = 0
+    ) -> Node:
         """Begins to start a node; what it says is written to the folder.
 
         given  its environment, in addition to that of this process
