@@ -132,6 +132,9 @@ def create(engine: sa.Engine, partitions: int) -> Layout:
         raise StoreError(f"partitions = {partitions} must be from 1 to {MOST_PARTITIONS}")
     with engine.begin() as db:
         db.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
+        encoding = db.exec_driver_sql("SHOW server_encoding").scalar_one()
+        if encoding != "UTF8":
+            raise StoreError(f"the database has the encoding {encoding}: a fleet needs one with ENCODING 'UTF8'")
         db.exec_driver_sql(f"CREATE SCHEMA IF NOT EXISTS {SCHEMA}")
         if not sa.inspect(db).has_table(FACTS.name, schema=SCHEMA):
             METADATA.create_all(db)

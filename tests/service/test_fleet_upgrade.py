@@ -167,3 +167,12 @@ def test_settings_of_another_release_get_the_defaults_of_what_it_did_not_know():
     found = of_this_release(settings)
     assert (found.prefix, found.fleet_partitions, found.idle_timeout) == ("plant/gearbox", 5, 3.0)
     assert not hasattr(found, "of_a_later_release")
+
+
+def test_a_database_that_cannot_hold_all_characters_is_refused(postgresql_server):
+    with postgresql_server.new_database(encoding="SQL_ASCII") as url:
+        engine = engine_of(url, poolclass=sa.NullPool)
+        with pytest.raises(StoreError, match="has the encoding SQL_ASCII: a fleet needs one with ENCODING 'UTF8'"):
+            create(engine, PARTITIONS)
+        assert "fleet" not in sa.inspect(engine).get_schema_names()
+        engine.dispose()
