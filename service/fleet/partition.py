@@ -17,7 +17,7 @@ from service.errors import StorageUnavailable
 from service.fleet.databases import partition_backend
 from service.fleet.fence import Fence
 from service.fleet.heartbeat import Heartbeat
-from service.fleet.layout import Layout, prefix_of, schema_of
+from service.fleet.layout import Layout, schema_of
 from service.fleet.listener import Listener
 from service.fleet.reported import ReportWriter
 from service.fleet.rows import RowWriter
@@ -55,7 +55,7 @@ def settings_of(settings: Settings, partition: int, layout: Layout) -> Settings:
     own = {asset for asset in (*settings.assets, *settings.asset_rigs) if layout.partition_of(asset) == partition}
     return settings.model_copy(
         update={
-            "prefix": prefix_of(partition, settings.prefix),
+            "prefix": layout.prefix_of(partition, settings.prefix),
             "data": settings.data / schema_of(partition),
             "raw_folder": settings.raw_folder and settings.raw_folder / schema_of(partition),
             "assets": [asset for asset in settings.assets if asset in own],

@@ -160,10 +160,6 @@ TWIN = Twin(
 
 
 if __name__ == "__main__":  # the service is not imported before: worker processes import this file
-    from service.__main__ import leave
-    from service.runtime import pump
-    from service.runtime.serve import run
-    from service.settings import Settings
+    from one_partition import serve
 
-    pump.JOINED = JOINED
-    leave(run(Settings(), twin=TWIN))
+    serve(TWIN, JOINED)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from forked_processes import ForkedProcess
+from one_partition import Fleets
 
 from service.runtime.demo import free_port as first_free
 from service.stream.frames import NS, EncoderFrame, SampleFrame
@@ -115,6 +116,7 @@ class Service:
     """A service process with the fake twin, and its addresses."""
 
     program = HERE / "fake_twin.py"
+    fleets: Fleets | None = None  # in place of `gear-twin serve` (see one_partition.py)
 
     def __init__(self, data: Path, slow: float = 0.0, **settings: str) -> None:
         self.http, self.endpoint = f"127.0.0.1:{free_port()}", f"tcp/127.0.0.1:{free_port()}"
@@ -128,6 +130,8 @@ class Service:
     def start(self) -> Service:
         environment = os.environ | {f"GEAR_TWIN_{k}": v for k, v in self.given.items()}
         environment |= {"PYTHONPATH": str(ROOT), "FAKE_TWIN_SECONDS": str(self.slow)}
+        if Service.fleets is not None:
+            environment |= Service.fleets.environment(self.given)
         with self.out.open("w") as out, self.err.open("w") as err:
             self.process = ForkedProcess(self.program, environment, out, err)
         wait_until(lambda: self.process.poll() is not None or self.get("/readyz") is not None)
