@@ -10,8 +10,8 @@ The numbers that a partition's tables give out differ from those of every other 
 inspection is found by its number alone.
 
 The keys of a partition's assets begin with `fleet/`, its number and the prefix: a worker subscribes to nothing else. A
-fleet of one partition has nothing to tell apart and uses the prefix as it is, so that what publishes to `serve` publishes
-to it as well.
+fleet of one partition has nothing to tell apart and uses the prefix as it is, so that what publishes to `serve`
+publishes to it as well.
 """
 
 from __future__ import annotations

@@ -22,6 +22,7 @@ from service.fleet.listener import Listener
 from service.fleet.reported import ReportWriter
 from service.fleet.rows import RowWriter
 from service.operation.health import Health
+from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
 from service.results.sql_store import SqlStore
 from service.runtime.begun import Begun
@@ -100,7 +101,8 @@ def serve_partition(
         writer = SignalWriter(begun.signals)
         raw = stack.enter_context(recording_raw(own, board, health, prefix=settings.prefix))
         worker = Worker(own, kept, begun.rigs, twin, open_transport or zenoh_of(own), writer, health, raw)
-        worker.arrived, worker.timed = timing.arrived, timing.computed
+        sent = stack.enter_context(sending_traces(own.otlp))
+        worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
         webhooks = WebhookSender(begun.alarms.store, begun.alarms.waiting)
         retention = RetentionJob(store, retention_of(own))
         figures = figures_of(

@@ -26,6 +26,7 @@ from service.results import database, migrate
 from service.results.board import Board
 from service.results.sql_store import SqlStore
 from service.runtime import delivery
+from tests.rules import FLEET
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -52,7 +53,7 @@ def publishers_look_often():
         yield
 
 
-@pytest.fixture(scope="session", autouse=one_partition.FLEET)
+@pytest.fixture(scope="session", autouse=bool(os.environ.get(FLEET)))
 def services_are_fleets(postgresql_server):
     """Every service of the tests is a fleet of one partition; only where this run is of fleets."""
     with one_partition.fleets(postgresql_server) as Service.fleets:

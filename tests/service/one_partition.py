@@ -7,7 +7,6 @@ belongs to its data folder as a file of SQLite would: who starts a service there
 from __future__ import annotations
 
 import os
-import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -15,9 +14,7 @@ from typing import Any, NoReturn
 
 from postgresql_server import PostgresqlServer
 
-CHOSEN = "GEAR_TWIN_TEST_FLEET"
 INSTEAD = "FLEET_OF_ONE"  # in the environment of a service: it is a fleet
-FLEET = bool(os.environ.get(CHOSEN))
 
 
 class Fleets:
@@ -28,14 +25,19 @@ class Fleets:
         self._made: str | None = None  # a database with a fleet of one partition, to be copied
         self._databases: dict[str, str] = {}
 
-    def environment(self, given: Mapping[str, str]) -> dict[str, str]:
-        """What makes a service with these settings a fleet; nothing for one that has a database of its own."""
+    def database(self, given: Mapping[str, str]) -> str | None:
+        """The URL of the fleet's database in place of a service with these settings; None where they name a database."""
         if "DATABASE" in given:
-            return {}
+            return None
         data = os.path.realpath(given["DATA"])
         if data not in self._databases:
             self._databases[data] = self._stack.enter_context(self._server.new_database(template=self._template()))
-        return {INSTEAD: "1", "GEAR_TWIN_DATABASE": self._databases[data]}
+        return self._databases[data]
+
+    def environment(self, given: Mapping[str, str]) -> dict[str, str]:
+        """What makes a service with these settings a fleet."""
+        database = self.database(given)
+        return {} if database is None else {INSTEAD: "1", "GEAR_TWIN_DATABASE": database}
 
     def _template(self) -> str:
         if self._made is None:
@@ -58,6 +60,18 @@ def fleets(server: PostgresqlServer) -> Iterator[Fleets]:
         yield Fleets(server, stack)
 
 
+def takes_frames(database: str) -> bool:
+    """Whether the worker of a fleet's one partition says that it takes frames."""
+    import sqlalchemy as sa
+
+    from service.fleet.census import census
+    from service.fleet.databases import engine_of
+    from service.fleet.layout import Layout
+
+    (row,) = census(engine_of(database, poolclass=sa.NullPool), Layout(1)).rows
+    return row["served"] and row["not_ready"] is None
+
+
 def serve(twin: Any, joined: float) -> NoReturn:
     """Serves by the environment with a twin until a signal ends it, and leaves.
 
@@ -69,27 +83,35 @@ def serve(twin: Any, joined: float) -> NoReturn:
     from service.settings import Settings
 
     pump.JOINED = joined
-    leave(served_as_a_fleet(Settings(), twin) if os.environ.get(INSTEAD) else run(Settings(), twin=twin))
+    if not os.environ.get(INSTEAD):
+        leave(run(Settings(), twin=twin))
+    from service.fleet.up import until_told
+
+    with until_told() as stop:
+        leave(served_as_a_fleet(Settings(), twin=twin, stop=stop))
 
 
-def served_as_a_fleet(settings: Any, twin: Any) -> int:
-    """`gear-twin fleet up` without its engine; the exit status."""
+def served_as_a_fleet(
+    settings: Any, *, twin: Any, stop: threading.Event, open_transport: Any = None, announce: Any = None
+) -> int:
+    """`gear-twin fleet up` without its engine, until `stop` is set; the exit status. Arguments as `serve.run` has."""
     from service.fleet.front import serve_front
     from service.fleet.layout import Layout
     from service.fleet.partition import serve_partition
-    from service.fleet.up import until_told
     from service.transport.zenoh_session import open_session
 
     failed: list[BaseException] = []
-    with until_told() as stop, ExitStack() as stack:
-        if not settings.connect:
+    at_work = threading.Event()
+    with ExitStack() as stack:
+        if open_transport is None and not settings.connect:
             stack.enter_context(open_session(settings.listen, links=settings.zenoh_links))
             settings = settings.model_copy(update={"connect": settings.listen})
-        at_work = threading.Event()
 
         def work() -> None:
             try:
-                serve_partition(settings, 0, Layout(1), stop, twin=twin, at_work=at_work.set)
+                serve_partition(
+                    settings, 0, Layout(1), stop, twin=twin, open_transport=open_transport, at_work=at_work.set
+                )
             except BaseException as error:
                 failed.append(error)
             finally:
@@ -99,11 +121,12 @@ def served_as_a_fleet(settings: Any, twin: Any) -> int:
         worker = threading.Thread(target=work, name="partition", daemon=True)
         worker.start()
         at_work.wait()
-        if not stop.is_set():
-            serve_front(settings, stop=stop)
-        stop.set()
-        worker.join(20)
+        try:
+            if not stop.is_set():
+                serve_front(settings, stop=stop, **({} if announce is None else {"announce": announce}))
+        finally:
+            stop.set()
+            worker.join(20)
     if failed:
-        print(f"{type(failed[0]).__name__}: {failed[0]}", file=sys.stderr)
-        return 1
+        raise failed[0]
     return 0

@@ -6,8 +6,8 @@ import json
 
 import pytest
 from memory_transport import MemoryNetwork
-from service_streams import wait_until, write_recording
-from test_asset_life import SqliteFile, change, revolutions, waiting
+from service_streams import SqliteFile, wait_until, write_recording
+from test_asset_life import change, revolutions, waiting
 from test_decisions import post
 from test_other_parts import serving
 from test_unknown_assets import FIRST, WINDOWS, Replaying, unknown_of

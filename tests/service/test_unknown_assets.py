@@ -15,8 +15,8 @@ import fake_twin
 import httpx
 import pytest
 from memory_transport import MemoryNetwork
-from service_streams import Service, wait_until, write_recording
-from test_asset_life import SqliteFile, revolutions
+from service_streams import Service, SqliteFile, wait_until, write_recording
+from test_asset_life import revolutions
 from test_decisions import post
 from test_other_parts import serving
 
@@ -27,8 +27,6 @@ from service.api import create_app
 from service.api.incoming import Incoming
 from service.cli import run
 from service.errors import DeliveryError
-from service.results.data_folder import DATABASE
-from service.results.sql_store import SqlStore
 from service.results.unknown_assets import ASKED_WITHIN, NEXT_QUESTION, UnknownAssets
 from service.runtime.replay import replay
 from service.settings import Settings
@@ -216,7 +214,7 @@ class Replaying:
 
 
 def tables(folder):
-    with SqlStore(folder / DATABASE) as store:
+    with Service(folder).store() as store:
         return store.assets()
 
 
@@ -243,7 +241,7 @@ def test_adopted_while_its_frames_come_nothing_is_lost(running, network, recordi
     windows = running.wait_for_windows(WINDOWS)
     assert revolutions(windows) == FIRST and all(w["quality"] == "good" for w in windows)
     assert unknown_of(running) == {} and running.get("/v1/assets/unsw/position")["accepting"] is True
-    with SqlStore(tmp_path / "data" / DATABASE) as store:
+    with running.store() as store:
         adopted = store.events("unsw", 0)[0].data
     assert (adopted["kind"], adopted["by"], adopted["note"]) == ("adopted", "Ann", "new press")
     assert [e["action"] for e in running.get("/v1/audit")] == ["asset adopted"]
