@@ -19,10 +19,8 @@ import pytest
 
 BESIDE = Path(__file__).resolve().parents[1].parent / "shared"
 NAMED_BY = {"containers": "GEAR_TWIN_TEST_COMPOSE", "prometheus": "GEAR_TWIN_TEST_PROMETHEUS"}
-SERVE_ONLY, FLEET = (
-    "serve_only",
-    "GEAR_TWIN_TEST_FLEET",
-)  # a mark, and what puts fleets of one partition in place of serve
+FLEET = "GEAR_TWIN_TEST_FLEET"  # puts fleets of one partition in place of `serve`
+SERVE_ONLY = "serve_only"  # mark of what is for `serve` alone
 CHOSEN = pytest.StashKey[int]()
 
 

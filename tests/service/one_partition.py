@@ -1,7 +1,7 @@
 """A fleet of one partition in place of `gear-twin serve`, in one process: router, worker of the partition, front end.
 
-With GEAR_TWIN_TEST_FLEET=1 every `Service` of the tests is such a fleet, over a database of PostgreSQL of its own, which
-belongs to its data folder as a file of SQLite would: who starts a service there again finds what is stored.
+With GEAR_TWIN_TEST_FLEET=1 every `Service` of the tests is such a fleet, over a database of PostgreSQL of its own. It
+belongs to the data folder as a file of SQLite would: who starts a service there again finds what is stored.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Fleets:
         self._databases: dict[str, str] = {}
 
     def database(self, given: Mapping[str, str]) -> str | None:
-        """The URL of the fleet's database in place of a service with these settings; None where they name a database."""
+        """The URL of the database of the fleet in place of a service; None for one whose settings name a database."""
         if "DATABASE" in given:
             return None
         data = os.path.realpath(given["DATA"])

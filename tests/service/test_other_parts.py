@@ -139,7 +139,7 @@ def imported(file: Path) -> set[str]:
     [
         ("zenoh", {"transport/zenoh.py", "transport/zenoh_session.py"}),
         ("sqlite3", {"results/archive.py", "results/migrate.py"}),
-        ("psycopg", set()),
+        ("psycopg", {"fleet/front_watch.py", "fleet/listener.py"}),
     ],
 )
 def test_one_file_alone_knows_the_network_and_one_the_database(package, homes):
@@ -149,7 +149,7 @@ def test_one_file_alone_knows_the_network_and_one_the_database(package, homes):
 
 def test_stores_alone_know_how_tables_are_asked():
     knowing = {f.relative_to(ROOT / "service").parts[0] for f in (ROOT / "service").rglob("*.py") if asks_tables(f)}
-    assert knowing == {"results"}
+    assert knowing == {"results", "fleet"}
 
 
 def asks_tables(file: Path) -> bool:

@@ -71,12 +71,12 @@ def _ignoring(call, *given):
 
 
 def not_ready(running):
-    return running.get("/healthz") is not None and running.get("/readyz") is None
+    return running.get("/healthz") is not None and not running.ready()
 
 
 def went_through_it(running, recording):
     """Nothing was lost, the cause and its end were said once each, and it is over."""
-    wait_until(lambda: running.get("/readyz") is not None)
+    wait_until(running.ready)
     assert running.wait_for_windows(WINDOWS) == plain(assess(recording, twin=fake_twin.TWIN))["windows"]
     assert "gear_twin_storage_unavailable 0.0" in running.text("/metrics")
     complained = running.said()[1]
@@ -154,7 +154,7 @@ def test_a_limit_on_the_size_of_files_is_waited_for_as_a_full_disk_is(tmp_path, 
         wait_until(lambda: not_ready(running))
         assert running.get("/healthz") is not None
         resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
-        wait_until(lambda: running.get("/readyz") is not None)
+        wait_until(running.ready)
         assert running.wait_for_windows(WINDOWS) == plain(assess(recording, twin=fake_twin.TWIN))["windows"]
     finally:
         running.end(signal.SIGKILL)
