@@ -8,13 +8,14 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.fleet.front_store import FleetStore
-from service.fleet.layout import REPORTED
+from service.fleet.layout import ASSETS, REPORTED
 from service.fleet.listener import DISMISSED, announce
 from service.fleet.reported import OFFERED, PROPOSAL, UNKNOWN, proposal_of, unknown_of
 from service.results.rig_proposals import Proposal
 from service.results.unknown_assets import Unknown
 
 _ROWS = sa.select(REPORTED.c.kind, REPORTED.c.asset, REPORTED.c.data).order_by(REPORTED.c.asset)
+_STILL_UNKNOWN = ~sa.exists().where(ASSETS.c.asset == REPORTED.c.asset)  # not adopted since the worker wrote it
 
 
 class FleetUnknown:
@@ -53,7 +54,7 @@ class FleetUnknown:
             announce(db, self._store.places.partition_of(asset), DISMISSED, asset)
 
     def _read(self, query: sa.Select) -> list[Unknown]:
-        rows = self._store.database.rows(query.where(REPORTED.c.kind.in_((UNKNOWN, OFFERED))))
+        rows = self._store.database.rows(query.where(REPORTED.c.kind.in_((UNKNOWN, OFFERED)), _STILL_UNKNOWN))
         offered = {asset: data for kind, asset, data in rows if kind == OFFERED}
         return [unknown_of(asset, data, offered.get(asset)) for kind, asset, data in rows if kind == UNKNOWN]
 

@@ -58,6 +58,7 @@ def begun(running, network, recording):
     """The asset adopted with its rig file, and its windows processed."""
     Replaying(network, recording, wait=0.5).end()
     network.on_rig("unsw", network.rigs["unsw"])
+    wait_until(lambda: unknown_of(running).get("unsw", {}).get("rig_digest"))
     digest = unknown_of(running)["unsw"]["rig_digest"]
     assert post(running, "/v1/unknown-assets/unsw/adopt", {"rig": digest})[0] == 201
     replay(recording, (), 0, publish_to=network.open_publisher)
@@ -113,7 +114,7 @@ def test_rig_files_that_are_offered_are_bounded_in_size_and_number(caplog):
 def test_an_asset_that_is_adopted_without_the_offered_rig_file_has_it_as_a_proposal(asking, network, recording, rig):
     Replaying(network, recording, wait=0.5).end()
     network.on_rig("unsw", rig)
-    assert unknown_of(asking)["unsw"]["rig_name"] == "unsw"
+    wait_until(lambda: unknown_of(asking).get("unsw", {}).get("rig_name") == "unsw")
     status, answer = post(asking, "/v1/unknown-assets/unsw/adopt", {"rig": "0" * 16})
     assert status == 409 and "is not offered for unsw" in answer["detail"]
     assert post(asking, "/v1/unknown-assets/unsw/adopt", {})[0] == 201

@@ -78,7 +78,7 @@ def went_through_it(running, recording):
     """Nothing was lost, the cause and its end were said once each, and it is over."""
     wait_until(running.ready)
     assert running.wait_for_windows(WINDOWS) == plain(assess(recording, twin=fake_twin.TWIN))["windows"]
-    assert "gear_twin_storage_unavailable 0.0" in running.text("/metrics")
+    wait_until(lambda: "gear_twin_storage_unavailable 0.0" in running.text("/metrics"))
     complained = running.said()[1]
     assert complained.count("it is tried again") == 1 and "Traceback" not in complained, complained
     assert complained.count("can be used again") == 1

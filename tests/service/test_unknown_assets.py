@@ -9,6 +9,7 @@ import logging
 import threading
 import time
 import tracemalloc
+from functools import partial
 from pathlib import Path
 
 import fake_twin
@@ -213,6 +214,21 @@ class Replaying:
         return self.failed
 
 
+def position(running, network, stream="unsw"):
+    """What is said of a stream: by REST, or where that does not know it, to a publisher."""
+    if Service.fleets is None:
+        return running.get(f"/v1/assets/{stream}/position")
+    answers = []
+    network.on_position(stream, answers.append)
+    wait_until(lambda: answers)
+    return json.loads(answers[0])
+
+
+def adopted_when_listed(running):
+    wait_until(lambda: "unsw" in unknown_of(running))
+    return post(running, "/v1/unknown-assets/unsw/adopt", {})
+
+
 def tables(folder):
     with Service(folder).store() as store:
         return store.assets()
@@ -225,11 +241,12 @@ def test_a_replay_into_a_service_that_asks_says_why_it_fails_and_leaves_nothing(
         error
     )
     assert any("is unknown to the service" in line for line in sent.lines)
+    wait_until(lambda: "unsw" in unknown_of(running))
     entry = unknown_of(running)["unsw"]
     assert entry["frames"] > 0 and "accel/y6" in entry["channels"]
     assert running.get("/v1/assets") == [] and tables(tmp_path / "data") == ()
-    position = running.get("/v1/assets/unsw/position")
-    assert position["accepting"] is False and "unknown to the service" in position["reason"]
+    said = position(running, network)
+    assert said["accepting"] is False and "unknown to the service" in said["reason"]
 
 
 def test_adopted_while_its_frames_come_nothing_is_lost(running, network, recording, tmp_path):
@@ -240,7 +257,7 @@ def test_adopted_while_its_frames_come_nothing_is_lost(running, network, recordi
     assert sent.end() is None
     windows = running.wait_for_windows(WINDOWS)
     assert revolutions(windows) == FIRST and all(w["quality"] == "good" for w in windows)
-    assert unknown_of(running) == {} and running.get("/v1/assets/unsw/position")["accepting"] is True
+    assert unknown_of(running) == {} and position(running, network)["accepting"] is True
     with running.store() as store:
         adopted = store.events("unsw", 0)[0].data
     assert (adopted["kind"], adopted["by"], adopted["note"]) == ("adopted", "Ann", "new press")
@@ -270,7 +287,7 @@ def test_renamed_assets_are_known_under_their_earlier_name(tmp_path, network, re
         assert revolutions(running.wait_for_windows(WINDOWS, "press-7")) == FIRST
     with serving(data, network, SqliteFile(data), **given) as running:
         assert [a["asset"] for a in running.get("/v1/assets")] == ["press-7"]
-        assert running.get("/v1/assets/unsw/position")["accepting"] is True
+        assert position(running, network)["accepting"] is True
 
 
 @pytest.mark.slow
@@ -320,7 +337,7 @@ def test_wherever_in_a_burst_an_asset_is_adopted_all_that_its_publisher_has_sent
     """Frames of the same burst that had been left out before would have been forgotten with those that were stored."""
     network, data = AdoptedAfter(frames), tmp_path / "data"
     with serving(data, network, SqliteFile(data), new_assets="ask") as running:
-        network.adopt = lambda: post(running, "/v1/unknown-assets/unsw/adopt", {})
+        network.adopt = partial(adopted_when_listed, running)
         replay(recording, (), 0, publish_to=network.open_publisher, wait=20.0)
         windows = running.wait_for_windows(WINDOWS)
         assert revolutions(windows) == FIRST and all(w["quality"] == "good" and not w["faults"] for w in windows)
@@ -333,7 +350,7 @@ def test_frames_from_the_middle_of_a_burst_make_no_window_of_their_own(tmp_path,
     monkeypatch.setattr(fake_twin, "JOINED", 3.0)  # as in the service: the publisher asks before it sends on
     network, data = AdoptedAfter(frames, silence=6.0), tmp_path / "data"
     with serving(data, network, SqliteFile(data), new_assets="ask") as running:
-        network.adopt = lambda: post(running, "/v1/unknown-assets/unsw/adopt", {})
+        network.adopt = partial(adopted_when_listed, running)
         replay(recording, (), 0, publish_to=network.open_publisher, wait=20.0)
         windows = running.wait_for_windows(WINDOWS)
         assert revolutions(windows) == FIRST and all(w["quality"] == "good" and not w["faults"] for w in windows)
@@ -350,7 +367,8 @@ def test_a_flood_of_names_leaves_no_rows_files_queues_or_log_lines(running, netw
             network.on_position(f"flood-{number}", answers.append)
             network.on_rig(f"flood-{number}", text)
     assert len(answers) == 1000 and not any(json.loads(a)["accepting"] for a in answers)
-    assert len(unknown_of(running)) == 100 and network.inbox.empty and running.get("/v1/assets") == []
+    wait_until(lambda: len(unknown_of(running)) == 100)
+    assert network.inbox.empty and running.get("/v1/assets") == []
     assert {path for path in (tmp_path / "data").rglob("*") if not path.name.endswith(("-wal", "-shm"))} == before
     assert len([r for r in caplog.records if "flood" in r.getMessage()]) == 1
     assert post(running, "/v1/assets", {"asset": "unsw"})[0] == 201  # one that is declared is not disturbed
