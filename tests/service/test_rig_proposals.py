@@ -121,6 +121,7 @@ def test_an_asset_that_is_adopted_without_the_offered_rig_file_has_it_as_a_propo
     replay(recording, (), 0, publish_to=network.open_publisher)
     asking.wait_for_windows(WINDOWS)
     assert asking.get(f"{UNSW}/rig")["status"] == "not available"
+    wait_until(lambda: proposed(asking))
     (proposal,) = proposed(asking)
     assert {d["key"]: d["proposed"] for d in proposal["differences"]}["gears.pinion.teeth"] == "19"
     assert decide(asking, "accept", proposal["digest"])[0] == 201

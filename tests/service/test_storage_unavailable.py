@@ -109,6 +109,7 @@ def test_a_full_disk_is_waited_for_and_nothing_is_lost(tmp_path, recording, begu
             running.end(signal.SIGKILL)
 
 
+@pytest.mark.serve_only("the results of a fleet are not on the disk of its data folder")
 @pytest.mark.slow
 def test_a_disk_that_becomes_read_only_is_waited_for(tmp_path, recording, begun):
     """As ext4 does after a fault of the disk; there it stays so until the service is started on a sound one."""

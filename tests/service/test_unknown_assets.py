@@ -9,14 +9,13 @@ import logging
 import threading
 import time
 import tracemalloc
-from functools import partial
 from pathlib import Path
 
 import fake_twin
 import httpx
 import pytest
 from memory_transport import MemoryNetwork
-from service_streams import Service, SqliteFile, wait_until, write_recording
+from service_streams import Service, SqliteFile, tables_of, wait_until, write_recording
 from test_asset_life import revolutions
 from test_decisions import post
 from test_other_parts import serving
@@ -28,6 +27,7 @@ from service.api import create_app
 from service.api.incoming import Incoming
 from service.cli import run
 from service.errors import DeliveryError
+from service.results.sql_store import SqlStore
 from service.results.unknown_assets import ASKED_WITHIN, NEXT_QUESTION, UnknownAssets
 from service.runtime.replay import replay
 from service.settings import Settings
@@ -224,14 +224,9 @@ def position(running, network, stream="unsw"):
     return json.loads(answers[0])
 
 
-def adopted_when_listed(running):
-    wait_until(lambda: "unsw" in unknown_of(running))
-    return post(running, "/v1/unknown-assets/unsw/adopt", {})
-
-
 def tables(folder):
     with Service(folder).store() as store:
-        return store.assets()
+        return SqlStore(tables_of(store)).assets()
 
 
 def test_a_replay_into_a_service_that_asks_says_why_it_fails_and_leaves_nothing(running, network, recording, tmp_path):
@@ -301,6 +296,7 @@ def test_in_a_service_that_adopts_the_first_frame_makes_an_asset(tmp_path, netwo
 @pytest.mark.slow
 def test_dismissed_on_the_command_line(running, network, recording, capsys):
     Replaying(network, recording, wait=1.0).end()
+    wait_until(lambda: unknown_of(running))
     url = f"http://{running.http}"
     assert run(["assets", "unknown", "--url", url]) == 0
     said = capsys.readouterr().out
@@ -330,6 +326,7 @@ class AdoptedAfter(MemoryNetwork):
             time.sleep(self.silence)
 
 
+@pytest.mark.serve_only("adopts between two frames; a front end lists an unknown asset within 2 s")
 @pytest.mark.parametrize(
     "frames", [9, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2, 31, 32, 33, 50, 64, 95, 96))]
 )
@@ -337,12 +334,13 @@ def test_wherever_in_a_burst_an_asset_is_adopted_all_that_its_publisher_has_sent
     """Frames of the same burst that had been left out before would have been forgotten with those that were stored."""
     network, data = AdoptedAfter(frames), tmp_path / "data"
     with serving(data, network, SqliteFile(data), new_assets="ask") as running:
-        network.adopt = partial(adopted_when_listed, running)
+        network.adopt = lambda: post(running, "/v1/unknown-assets/unsw/adopt", {})
         replay(recording, (), 0, publish_to=network.open_publisher, wait=20.0)
         windows = running.wait_for_windows(WINDOWS)
         assert revolutions(windows) == FIRST and all(w["quality"] == "good" and not w["faults"] for w in windows)
 
 
+@pytest.mark.serve_only("adopts between two frames; a front end lists an unknown asset within 2 s")
 @pytest.mark.slow
 @pytest.mark.parametrize("frames", [9, 50])
 def test_frames_from_the_middle_of_a_burst_make_no_window_of_their_own(tmp_path, recording, frames, monkeypatch):
@@ -350,7 +348,7 @@ def test_frames_from_the_middle_of_a_burst_make_no_window_of_their_own(tmp_path,
     monkeypatch.setattr(fake_twin, "JOINED", 3.0)  # as in the service: the publisher asks before it sends on
     network, data = AdoptedAfter(frames, silence=6.0), tmp_path / "data"
     with serving(data, network, SqliteFile(data), new_assets="ask") as running:
-        network.adopt = partial(adopted_when_listed, running)
+        network.adopt = lambda: post(running, "/v1/unknown-assets/unsw/adopt", {})
         replay(recording, (), 0, publish_to=network.open_publisher, wait=20.0)
         windows = running.wait_for_windows(WINDOWS)
         assert revolutions(windows) == FIRST and all(w["quality"] == "good" and not w["faults"] for w in windows)
