@@ -143,6 +143,7 @@ def test_a_disk_that_becomes_read_only_is_waited_for(tmp_path, recording, begun)
             running.end(signal.SIGKILL)
 
 
+@pytest.mark.serve_only("the limit would hold for the shared memory of the router in the same process, too")
 @pytest.mark.slow
 def test_a_limit_on_the_size_of_files_is_waited_for_as_a_full_disk_is(tmp_path, recording, begun):
     running = Service(tmp_path).start()
