@@ -135,7 +135,7 @@ def test_stream_is_held_up_by_slow_windows_without_a_loss_and_its_last_window_cl
         replay(short, [running.endpoint], 100.0)  # windows come while the first is in the twin
         wait_until(lambda: len(running.windows()) == 4, 20.0)
         assert [w["quality"] for w in running.windows()] == ["good"] * 4
-        assert 'gear_twin_frames_left_out_total{cause="no_room"} 0.0' in running.text("/metrics")
+        wait_until(lambda: 'gear_twin_frames_left_out_total{cause="no_room"} 0.0' in running.text("/metrics"))
 
 
 @pytest.mark.slow
