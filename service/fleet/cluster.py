@@ -41,7 +41,6 @@ QUIET = {
     "RAY_DEDUP_LOGS": "0",
     "RAY_raylet_start_wait_time_s": str(int(STARTED_WITHIN)),
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
-    "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # which also binds every port to the loopback interface
     "RAY_health_check_initial_delay_ms": "5000",
     "RAY_health_check_period_ms": "1000",
     "RAY_health_check_timeout_ms": "3000",
@@ -53,6 +52,10 @@ A node that was only slow is replaced as well: its partitions are given to other
 """
 
 
+LOOPBACK_ONLY = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
+"""Lets Ray keep the loopback address that it is given: see `loopback_node`."""
+
+
 def environment(folder: Path) -> dict[str, str]:
     """What Ray's programs are told of the cluster of a fleet's folder: who does not know its token is refused."""
     token = folder / TOKEN
@@ -60,7 +63,7 @@ def environment(folder: Path) -> dict[str, str]:
         folder.mkdir(parents=True, exist_ok=True)
         with os.fdopen(os.open(token, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
             file.write(secrets.token_hex(32))
-    return QUIET | {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(token.resolve())}
+    return QUIET | LOOPBACK_ONLY | {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(token.resolve())}
 
 
 @dataclass(slots=True, eq=False)
@@ -111,12 +114,10 @@ class LocalCluster:
 
     def scale(self, nodes: int) -> None:
         """Starts nodes until there are so many."""
-        begun = []
-        while len(self.nodes) < nodes:
+        while len(self.nodes) < nodes:  # one after the other: nodes that start at the same time wait for each other
             self._count += 1
-            begun.append(self._start(f"node-{self._count}", [f"--address={self.address}"], room=self.room))
-            self.nodes.append(begun[-1])
-        for node in begun:
+            node = self._start(f"node-{self._count}", [f"--address={self.address}"], room=self.room)
+            self.nodes.append(node)
             self._await(node)
 
     def look(self) -> list[str]:
@@ -144,7 +145,7 @@ class LocalCluster:
     def _start(self, name: str, arguments: list[str], room: int) -> Node:
         said = self.folder / f"ray-{name}.log"
         command = [
-            sys.executable, "-m", "ray.scripts.scripts", "start", *arguments, "--block", f"--node-name={name}",
+            sys.executable, "-m", "service.fleet.loopback_node", "start", *arguments, "--block", f"--node-name={name}",
             f"--node-ip-address={LOOPBACK}", "--disable-usage-stats", f"--object-store-memory={OBJECT_STORE}",
             "--num-cpus=0" if not room else f"--num-cpus={os.cpu_count() or 1}",
             f"--resources={json.dumps({ROOM: room} if room else {})}",
