@@ -1,8 +1,8 @@
 """`ray start` with all ports on the loopback interface, for head and nodes on one machine; run as a module.
 
-Ray replaces 127.0.0.1 by the address of another interface, unless it takes itself for a cluster of one machine alone; a
-second node is refused then. Both are decided by Ray's constants, which are set here for this process; the processes that
-it starts are told by their environment.
+Ray replaces 127.0.0.1 by the address of another interface, unless it takes itself for a cluster of one machine; another
+node is refused then. Both are decided by constants of Ray, which are set here for this process; the processes that it
+starts are told by their environment.
 """
 
 from __future__ import annotations
