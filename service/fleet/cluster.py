@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from hashlib import blake2b
@@ -35,6 +35,7 @@ TOKEN = "ray.token"  # file in the fleet's folder
 STARTED_WITHIN = 120.0  # a node of Ray [s]; half a minute where the machine is busy
 ENDED_WITHIN = 10.0  # before a node is killed [s]
 OBJECT_STORE = 80 * 2**20  # shared memory of a node [bytes]: nothing large travels through Ray
+NODE = "service.fleet.loopback_node"
 ROOM = "partition"  # the resource of which a node has one for each partition that it may serve
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -75,13 +76,18 @@ class Node:
     output: IO[bytes]
     said: Path
 
+    @property
+    def group(self) -> int:
+        """The number of its process group."""
+        return self.process.pid
+
     def end(self, *, at_once: bool = False) -> None:
         """Ends the node with all that runs on it."""
         if self.process.poll() is None and not at_once:
             self.process.send_signal(signal.SIGTERM)
             with suppress(subprocess.TimeoutExpired):
                 self.process.wait(ENDED_WITHIN)
-        _kill_group(self.process.pid)
+        _kill_group(self.group)
         self.process.wait()
         self.output.close()
 
@@ -131,6 +137,11 @@ class LocalCluster:
         return [node.name for node in dead]
 
     @property
+    def groups(self) -> list[int]:
+        """The process groups of head and nodes."""
+        return [node.group for node in (*self.nodes, *([] if self.head is None else [self.head]))]
+
+    @property
     def lost(self) -> bool:
         """Whether the head has ended, and with it the cluster: it knows where everything is, in its memory."""
         return self.head is not None and self.head.process.poll() is not None
@@ -145,7 +156,7 @@ class LocalCluster:
     def _start(self, name: str, arguments: list[str], room: int) -> Node:
         said = self.folder / f"ray-{name}.log"
         command = [
-            sys.executable, "-m", "service.fleet.loopback_node", "start", *arguments, "--block", f"--node-name={name}",
+            sys.executable, "-m", NODE, "start", *arguments, "--block", f"--node-name={name}",
             f"--node-ip-address={LOOPBACK}", "--disable-usage-stats", f"--object-store-memory={OBJECT_STORE}",
             "--num-cpus=0" if not room else f"--num-cpus={os.cpu_count() or 1}",
             f"--resources={json.dumps({ROOM: room} if room else {})}",
@@ -170,6 +181,20 @@ class LocalCluster:
                 node.end()
                 raise DeliveryError(f"{node.name} of the fleet did not start; {node.said} says why")
             time.sleep(0.1)
+
+
+def end_left(groups: Iterable[int]) -> int:
+    """Ends nodes that a killed `fleet up` has left behind, so that no partition is fought for; how many there were.
+
+    groups  numbers of their process groups; those that are other programs by now are left alone
+    """
+    found = 0
+    for group in groups:
+        shown = subprocess.run(["ps", "-o", "args=", "-p", str(group)], check=False, capture_output=True, text=True)
+        if NODE in shown.stdout:
+            _kill_group(group)
+            found += 1
+    return found
 
 
 def joined(folder: Path, address: str) -> type[Engine]:

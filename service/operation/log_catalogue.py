@@ -233,6 +233,12 @@ LINES: tuple[Line, ...] = (
     ),
     Line(
         "service.fleet.up",
+        "%d processes of an engine that an earlier fleet up has left behind were ended",
+        "That `fleet up` was killed; its partitions go on from what is committed.",
+        _NONE,
+    ),
+    Line(
+        "service.fleet.up",
         "%s: the partitions wait for it",
         "The database of the fleet is away; frames wait with their publishers and with the workers.",
         _STORAGE,
