@@ -1,4 +1,4 @@
-"""Puts Debian's Python and the libraries that it needs into a folder:   python3 system.py FOLDER BYTE-CODE
+"""Puts Debian's Python and the libraries that it needs into a folder:   python3 system.py FOLDER BYTE-CODE [EXTRA]
 
 The folder is to be the root of an image. The files are those of Debian's packages, and the byte code that the file
 BYTE-CODE names; the list of installed packages goes along, for scanners of known faults.
@@ -17,14 +17,17 @@ PACKAGES = (
     "libuuid1", "media-types", "python3", "python3-minimal", "python3.11", "python3.11-minimal",
     "zlib1g",
 )  # fmt: skip
+EXTRAS = {  # by which Ray starts its processes, and its operator waits for the head
+    "fleet": ("bash", "coreutils", "libacl1", "libattr1", "libgmp10", "libpcre2-8-0", "libselinux1"),
+}
 LEFT_OUT = ("/usr/share/doc/", "/usr/share/man/", "/usr/share/lintian/", "/usr/share/locale/", "/usr/share/info/")
 USER = "gear-twin:x:10001:10001::/data:/usr/sbin/nologin\n"
 GROUP = "gear-twin:x:10001:\n"
 
 
-def main(root: Path, byte_code: Path) -> None:
+def main(root: Path, byte_code: Path, extra: str = "") -> None:
     files: list[str] = []
-    for package in PACKAGES:
+    for package in (*PACKAGES, *EXTRAS.get(extra, ())):
         listed = subprocess.run(["dpkg", "-L", package], check=True, capture_output=True, text=True).stdout
         files += [name for name in listed.splitlines() if not name.startswith(LEFT_OUT)]
     files += byte_code.read_text().splitlines()
@@ -57,4 +60,4 @@ def main(root: Path, byte_code: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:])

@@ -6,6 +6,7 @@ ServiceError
 │   ├── InputErrors  several of them, a line each
 │   └── StoreError   a database, or a state in it, that cannot be used: which, and why
 │       ├── DamageError          something kept that is not what was written: which row
+│       ├── NewerTables          tables that a newer program wrote: this one changes nothing in them
 │       └── StorageUnavailable   storage that fails now and may work again later: full, read-only, locked, not connected
 ├── NotKept      raw signals that are not on disk, or not any more: which window, and which are
 └── DeliveryError    a stream that could not be delivered or joined in time
@@ -17,9 +18,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-StorageFault = Literal["no space", "read-only", "locked", "connection lost", "input or output", "damaged"]
+StorageFault = Literal[
+    "no space", "read-only", "locked", "connection lost", "input or output", "damaged", "another release"
+]
 """What keeps storage from being used: `locked` also where it did not answer in time, `damaged` where one asset's state
-has to be brought back from a backup before its windows can be kept."""
+has to be brought back from a backup before its windows can be kept, `another release` where tables of a fleet are still
+those of an earlier one."""
 
 
 class ServiceError(Exception):
@@ -48,6 +52,10 @@ class StoreError(InputError):
 
 class DamageError(StoreError):
     """Something kept is not what was written."""
+
+
+class NewerTables(StoreError):
+    """Tables that a newer program wrote: this one changes nothing in them."""
 
 
 class StorageUnavailable(StoreError):

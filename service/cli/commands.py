@@ -199,6 +199,9 @@ def replay(
         str | None, typer.Option(help="Publish under this asset's name in place of the recording's.")
     ] = None,
     prefix: Prefix = None,
+    recorded: Annotated[
+        str | None, typer.Option(metavar="PREFIX", help="First part of the recording's topics, where it is another.")
+    ] = None,
     config: ConfigFile = None,
     json: JsonFile = None,
 ) -> None:
@@ -222,6 +225,7 @@ def replay(
             progress=lambda share, frames: bar(share, f"{frames} frames"),
             on_fault=tell,
             asset=asset,
+            recorded=recorded,
             publish_to=partial(open_publisher, links=settings.zenoh_links),
         )
     seconds = time.monotonic() - begun

@@ -12,6 +12,7 @@ from importlib import import_module
 
 import ray
 
+from service.errors import NewerTables, StoreError
 from service.fleet.layout import Layout
 from service.fleet.partition import serve_partition
 from service.logs import logging_by
@@ -21,7 +22,14 @@ from service.settings import Settings
 log = logging.getLogger(__name__)
 
 FAILED = 70  # exit status of a process whose partition could not go on: EX_SOFTWARE
+NEWER_WAIT = 30.0  # before a partition with tables of a newer release is tried again, maybe on another node [s]
 END_WAIT = 20.0  # how long an end is waited for [s]
+
+
+def of_this_release(settings: Settings) -> Settings:
+    """Settings that another release may have handed over: what that did not know has its default."""
+    known = {name: value for name, value in vars(settings).items() if name in Settings.model_fields}
+    return Settings.model_construct(**known)
 
 
 class PartitionActor:
@@ -32,7 +40,7 @@ class PartitionActor:
         self._partition = partition
         self._stop = threading.Event()
         self._ended = False  # on demand
-        given = settings, partition, layout, twin_from
+        given = of_this_release(settings), partition, layout, twin_from
         self._thread = threading.Thread(target=self._serve, args=given, name="partition", daemon=True)
         self._thread.start()
 
@@ -53,6 +61,11 @@ class PartitionActor:
                 serve_partition(
                     settings, partition, layout, self._stop, node=context.get_node_id()[:12], twin=_twin(twin_from)
                 )
+            except StoreError as error:
+                newer = isinstance(error, NewerTables) or isinstance(error.__cause__, NewerTables)
+                log.error("partition %d cannot be served by this release: %s", partition, error, exc_info=not newer)
+                if newer:
+                    self._stop.wait(NEWER_WAIT)
             except BaseException:
                 log.exception("partition %d cannot go on: its process ends, and is started again", partition)
         if not self._ended:

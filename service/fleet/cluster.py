@@ -1,7 +1,7 @@
 """Ray on this machine alone: its head and so many nodes, as processes that end with the one that started them.
 
 A plant's own cluster is set up by its own means (`ray start`, the operator for Kubernetes); `gear-twin fleet up
---address` then only joins it.
+--address` then only joins it, by a node without room for partitions where its machine has none.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
@@ -51,20 +51,32 @@ QUIET = {
 
 A node that was only slow is replaced as well: its partitions are given to others, and it commits nothing more.
 """
-
-
-LOOPBACK_ONLY = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
-"""Lets Ray keep the loopback address that it is given: see `loopback_node`."""
+LOOPBACK_ONLY = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}  # Ray keeps the loopback address then: `loopback_node`
+AUTHENTICATION = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"}  # who sets one of them has said it
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """What Ray's programs are told of the cluster of a fleet's folder: who does not know its token is refused."""
+    """What Ray's programs are told of a cluster of this machine alone: who does not know its token is refused."""
     token = folder / TOKEN
     if not token.exists():
         folder.mkdir(parents=True, exist_ok=True)
         with os.fdopen(os.open(token, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
             file.write(secrets.token_hex(32))
-    return QUIET | LOOPBACK_ONLY | {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(token.resolve())}
+    return QUIET | LOOPBACK_ONLY | _known_by(token)
+
+
+def environment_to_join(folder: Path) -> dict[str, str]:
+    """What Ray's programs are told of a plant's cluster: nothing that its own environment says otherwise.
+
+    The token is that of the environment, or of the fleet's folder where there is one.
+    """
+    token = folder / TOKEN
+    known = _known_by(token) if token.exists() and not AUTHENTICATION & set(os.environ) else {}
+    return {name: value for name, value in QUIET.items() if name not in os.environ} | known
+
+
+def _known_by(token: Path) -> dict[str, str]:
+    return {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(token.resolve())}
 
 
 @dataclass(slots=True, eq=False)
@@ -80,6 +92,50 @@ class Node:
     def group(self) -> int:
         """The number of its process group."""
         return self.process.pid
+
+    @classmethod
+    def started(
+        cls,
+        folder: Path,
+        name: str,
+        arguments: Sequence[str],
+        given: Mapping[str, str],
+        *,
+        room: int = 0,
+        program: str = "ray.scripts.scripts",
+    ) -> Node:
+        """Begins to start a node; what it says is written to the folder.
+
+        given    its environment, in addition to that of this process
+        room     partitions that it may serve
+        program  the module that is Ray's own, or the one that keeps it on the loopback interface
+        """
+        said = folder / f"ray-{name}.log"
+        command = [
+            sys.executable, "-m", program, "start", *arguments, "--block", f"--node-name={name}",
+            "--disable-usage-stats", f"--object-store-memory={OBJECT_STORE}",
+            "--num-cpus=0" if not room else f"--num-cpus={os.cpu_count() or 1}",
+            f"--resources={json.dumps({ROOM: room} if room else {})}",
+        ]  # fmt: skip
+        output = said.open("wb")
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **given},
+            start_new_session=True,  # so that Ctrl-C reaches this process first
+        )
+        return cls(name, process, output, said)
+
+    def wait(self) -> None:
+        """Until the node is at work; DeliveryError where it does not start."""
+        end = time.monotonic() + STARTED_WITHIN
+        while b"Ray runtime started" not in self.said.read_bytes():
+            if self.process.poll() is not None or time.monotonic() > end:
+                self.end()
+                raise DeliveryError(f"{self.name} of the fleet did not start; {self.said} says why")
+            time.sleep(0.1)
 
     def end(self, *, at_once: bool = False) -> None:
         """Ends the node with all that runs on it."""
@@ -115,7 +171,7 @@ class LocalCluster:
         """Starts the head, and so many nodes."""
         self.port = self.port or _free_port()
         self.head = self._start("head", ["--head", f"--port={self.port}", "--include-dashboard=false"], room=0)
-        self._await(self.head)
+        self.head.wait()
         self.scale(nodes)
 
     def scale(self, nodes: int) -> None:
@@ -124,7 +180,7 @@ class LocalCluster:
             self._count += 1
             node = self._start(f"node-{self._count}", [f"--address={self.address}"], room=self.room)
             self.nodes.append(node)
-            self._await(node)
+            node.wait()
 
     def look(self) -> list[str]:
         """Replaces nodes that have ended; their names."""
@@ -154,33 +210,10 @@ class LocalCluster:
         self.nodes, self.head = [], None
 
     def _start(self, name: str, arguments: list[str], room: int) -> Node:
-        said = self.folder / f"ray-{name}.log"
-        command = [
-            sys.executable, "-m", NODE, "start", *arguments, "--block", f"--node-name={name}",
-            f"--node-ip-address={LOOPBACK}", "--disable-usage-stats", f"--object-store-memory={OBJECT_STORE}",
-            "--num-cpus=0" if not room else f"--num-cpus={os.cpu_count() or 1}",
-            f"--resources={json.dumps({ROOM: room} if room else {})}",
-        ]  # fmt: skip
+        given = [*arguments, f"--node-ip-address={LOOPBACK}"]
         if "--head" in arguments:
-            command.append(f"--temp-dir={_short(self.folder)}")
-        output = said.open("wb")
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            env=os.environ | environment(self.folder),
-            start_new_session=True,  # so that Ctrl-C reaches this process first
-        )
-        return Node(name, process, output, said)
-
-    def _await(self, node: Node) -> None:
-        end = time.monotonic() + STARTED_WITHIN
-        while b"Ray runtime started" not in node.said.read_bytes():
-            if node.process.poll() is not None or time.monotonic() > end:
-                node.end()
-                raise DeliveryError(f"{node.name} of the fleet did not start; {node.said} says why")
-            time.sleep(0.1)
+            given.append(f"--temp-dir={_short(self.folder)}")
+        return Node.started(self.folder, name, given, environment(self.folder), room=room, program=NODE)
 
 
 def end_left(groups: Iterable[int]) -> int:
@@ -197,14 +230,49 @@ def end_left(groups: Iterable[int]) -> int:
     return found
 
 
-def joined(folder: Path, address: str) -> type[Engine]:
+@contextmanager
+def node_here(folder: Path, address: str) -> Iterator[Node | None]:
+    """A node of a plant's cluster on this machine while inside: Ray is joined through a node of the same machine only.
+
+    It has no room for partitions. None where the machine has a node of the cluster already.
+    """
+    if _has_node(address):
+        yield None
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    name = f"fleet-{socket.gethostname()}-{os.getpid()}"
+    node = Node.started(folder, name, [f"--address={address}"], environment_to_join(folder))
+    try:
+        node.wait()
+        yield node
+    finally:
+        node.end()
+        node.said.unlink(missing_ok=True)
+
+
+def _has_node(address: str) -> bool:
+    """Whether a node of the cluster at an address runs on this machine."""
+    host, _, port = address.rpartition(":")
+    known = {address}
+    with suppress(OSError):
+        known.add(f"{socket.gethostbyname(host.strip('[]'))}:{port}")
+    wanted = {f"--gcs-address={each}".encode() for each in known}
+    for process in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):
+            words = process.read_bytes().split(b"\0")
+            if words[0].endswith(b"/raylet") and wanted & set(words):
+                return True
+    return False
+
+
+def joined(folder: Path, address: str, *, alone: bool) -> type[Engine]:
     """Connects this process to Ray at an address, with the token of the fleet's folder where there is one.
 
     Ray reads its environment when it is imported, and is not imported before.
+
+    alone  whether the cluster is of this machine alone, as `LocalCluster` starts it
     """
-    if (folder / TOKEN).exists():
-        os.environ.update(environment(folder))
-    os.environ.update({name: value for name, value in QUIET.items() if name not in os.environ})
+    os.environ.update(environment(folder) if alone else environment_to_join(folder))
     from service.fleet.engine import Engine, join
 
     join(address)

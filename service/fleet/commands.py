@@ -83,6 +83,22 @@ def front(
 
 
 @app.command()
+def router(
+    listen: Annotated[
+        list[str] | None, typer.Option(help="Endpoint, such as tcp/0.0.0.0:7447; default: tcp/127.0.0.1:7447.")
+    ] = None,
+    config: ConfigFile = None,
+) -> None:
+    """Route the frames of the fleet until Ctrl-C: between publishers and the workers of all machines."""
+    from service.fleet.router import route
+    from service.logs import logging_by
+
+    settings = _settings(listen=listen, config=config)
+    with logging_by(settings):
+        route(settings, announce=lambda line: print(line, flush=True))
+
+
+@app.command()
 def status(database: Database = None, config: ConfigFile = None, json: JsonFile = None) -> int:
     """Print which partitions are served, by which node, with how many assets; the exit status is 1 where one is not."""
     from service.fleet.show import print_status
@@ -121,17 +137,28 @@ def drain(
     config: ConfigFile = None,
 ) -> None:
     """Move a node's partitions to others, and place nothing there any more: before its machine is stopped."""
-    from service.fleet.cluster import joined
-    from service.fleet.engine import find_node
+    from contextlib import ExitStack
+
+    from service.fleet.cluster import joined, node_here
     from service.fleet.up import running
 
     settings = _settings(database=database, data=data, config=config)
     tables, layout = _tables(settings)
-    where = address or settings.fleet_address or running(settings.data)["address"]
-    engine = joined(settings.data, where)(settings, layout)
-    chosen = find_node(engine.nodes(), node)
-    moved = engine.drain(chosen, _census(settings).nodes, where)
-    _await_served(settings, moved)
+    where = address or settings.fleet_address
+    alone = False
+    if where is None:
+        found = running(settings.data)
+        where, alone = found["address"], found["workers"] is not None
+    with ExitStack() as stack:
+        if not alone:
+            stack.enter_context(node_here(settings.data, where))
+        engine = joined(settings.data, where, alone=alone)(settings, layout)
+        from service.fleet.engine import find_node  # loads Ray, which reads its environment then
+
+        chosen = find_node(engine.nodes(), node)
+        moved = engine.drain(chosen, _census(settings).nodes, where)
+        _await_served(settings, moved)
+        engine.leave()
     tables.dispose()
     numbers = ", ".join(map(str, moved)) or "none"
     print(f"{chosen.name} serves no partition any more; moved: {numbers}")

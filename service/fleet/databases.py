@@ -6,6 +6,7 @@ does on a database of its own.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,14 +19,18 @@ from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError
 
 from service.errors import StoreError
-from service.fleet.fence import ABANDONED, Fence, lock
-from service.fleet.layout import schema_of, separate_numbers
+from service.fleet.fence import ABANDONED, Fence, Fenced, lock
+from service.fleet.layout import expect_revision, schema_of, separate_numbers
+from service.fleet.releases import expect_tables
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
 from service.results.database import Database
+from service.results.migrate import VERSION_TABLE
 from service.results.storage_faults import storage_error
 
 READERS = 2  # connections of one worker that are kept for reading; as many more are opened when needed
 FRONT_READERS, FRONT_WRITERS = 8, 2  # connections of one front end
+AGAIN = 0.2  # after which a table that somebody else makes is looked for [s]
+_MAKING = 7_219_435  # the lock of whoever makes a partition's tables; other numbers are in `layout` and `front_kept`
 _ABANDONED = f"-c idle_in_transaction_session_timeout={ABANDONED}"
 
 
@@ -79,9 +84,13 @@ class PartitionTables(Postgresql):
     def claim(self) -> None:
         """Takes the partition from whoever has it."""
         engine = self._own(pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
-        with engine.begin() as db:
-            db.exec_driver_sql(f"CREATE SCHEMA IF NOT EXISTS {schema_of(self.fence.partition)}")
-            self.fence.take(db)
+        try:
+            with engine.begin() as db:
+                db.exec_driver_sql(f"CREATE SCHEMA IF NOT EXISTS {schema_of(self.fence.partition)}")
+                self.fence.take(db)
+        except BaseException:
+            engine.dispose()
+            raise
         self._claiming = engine
 
     def engines(self) -> tuple[Engine, Engine]:
@@ -129,7 +138,9 @@ class SharedTables(Postgresql):
         )
 
     def begun(self, db: Connection) -> None:
+        expect_revision(db)
         lock(db, self.partition)
+        expect_tables(db, self.partition)
 
 
 class Partitions:
@@ -160,6 +171,13 @@ def made(database: str, partition: int, partitions: int) -> None:
     """
     engine = engine_of(database, poolclass=sa.NullPool)
     with engine.connect() as db:
-        there = sa.inspect(db).has_table("assets", schema=schema_of(partition))
-    if not there:
-        Database(partition_backend(database, Fence(partition=partition), partitions), claimed=True).close()
+        db.exec_driver_sql(f"SELECT pg_advisory_lock({_MAKING})")  # until the connection is closed
+        db.commit()
+        while not sa.inspect(db).has_table(VERSION_TABLE, schema=schema_of(partition)):
+            db.commit()
+            try:
+                Database(partition_backend(database, Fence(partition=partition), partitions), claimed=True).close()
+            except StoreError as error:  # a worker has taken the partition meanwhile, and makes them
+                if not isinstance(error.__cause__, Fenced):
+                    raise
+                time.sleep(AGAIN)

@@ -21,7 +21,7 @@ import sqlalchemy as sa
 from sqlalchemy import Connection, bindparam
 
 from service.errors import StoreError
-from service.fleet.layout import PARTITIONS
+from service.fleet.layout import PARTITIONS, expect_revision
 
 ABANDONED = 15_000  # after which a session that stands still within a transaction is ended by the server [ms]
 _TAKE = (
@@ -64,7 +64,11 @@ class Fence:
         self.application = f"{named(self.partition)} {uuid.uuid4().hex[:12]}"
 
     def take(self, db: Connection) -> int:
-        """Takes the partition from whoever has it, within a transaction; the token."""
+        """Takes the partition from whoever has it, within a transaction; the token.
+
+        Raises NewerTables or StorageUnavailable where the fleet's tables are of another release.
+        """
+        expect_revision(db)
         db.execute(_END_OTHERS, {"named": f"{named(self.partition)} %", "own": self.application})
         given = {"of": self.partition, "by": self.worker, "at": self.node, "now": time.time_ns()}
         self.token = db.execute(_TAKE, given).scalar_one()

@@ -7,6 +7,7 @@ among the transactions of the partition's worker.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -19,11 +20,15 @@ import sqlalchemy as sa
 from sqlalchemy import Connection, Engine, Executable, MetaData, Select, Table
 from sqlalchemy.exc import SQLAlchemyError
 
+from service.errors import StorageUnavailable
 from service.fleet.databases import Partitions, SharedTables
-from service.fleet.layout import SCHEMA, schema_of
+from service.fleet.layout import PRESENT, SCHEMA, expect_revision, refuse_other_fleet, schema_of
+from service.fleet.releases import refuse_other, revisions
 from service.results.backends import Postgresql
 from service.results.database import Database
 from service.results.schema import METADATA
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -48,6 +53,9 @@ class FleetTables(Postgresql):
     readers: Engine
     writers: Engine
     upgrades: bool = False
+
+    def begun(self, db: Connection) -> None:
+        expect_revision(db)
 
     def engines(self) -> tuple[Engine, Engine]:
         here = {"schema_translate_map": {None: SCHEMA}}
@@ -133,11 +141,13 @@ class FleetDatabase:
     def __init__(self, database: str, partitions: int) -> None:
         self._partitions, self._present = Partitions(database, partitions), Present()
         self._opened: dict[int, SchemaDatabase] = {}
+        self._other: dict[int, StorageUnavailable] = {}  # by partition: why its tables cannot be used now
         self._lock = threading.Lock()
         own = self._partitions
         tables = FleetTables(own.backend(0).url, readers=own.readers, writers=own.writers)
         try:
             self.shared = SchemaDatabase(tables, SCHEMA, self._present)
+            self.look()
         except BaseException:
             self.close()
             raise
@@ -146,6 +156,30 @@ class FleetDatabase:
     def count(self) -> int:
         """How many partitions there are."""
         return self._partitions.count
+
+    @property
+    def usable(self) -> list[int]:
+        """The partitions whose tables are of this release."""
+        return [number for number in range(self.count) if number not in self._other]
+
+    def look(self) -> None:
+        """Which partitions have tables of another release: what is asked of them is refused with the reason."""
+        refuse_other_fleet(self.shared.rows(PRESENT)[0][0])
+        found = {}
+        for number, revision in self.shared.rows(revisions(self.count)):
+            try:
+                refuse_other(number, revision)
+            except StorageUnavailable as error:
+                found[number] = error
+                if number not in self._other:
+                    log.warning("%s; its assets are answered for later", error)
+        self._other = found
+
+    def expect(self, number: int) -> None:
+        """StorageUnavailable where the tables of a partition are of another release."""
+        error = self._other.get(number)
+        if error is not None:
+            raise StorageUnavailable(str(error), reason=error.reason)
 
     def partition(self, number: int) -> SchemaDatabase:
         """The tables of one partition."""
@@ -157,11 +191,13 @@ class FleetDatabase:
             return found
 
     def rows_of_all(self, table: Table, query: Callable[[Table], Select], first: int | None = None) -> list[Any]:
-        """The rows that a query of one table answers for every partition, in one query.
+        """The rows that a query of one table answers for every partition that can be used, in one query.
 
         first  so many with the lowest `id`; None for all
         """
-        found = sa.union_all(*(query(tables_of(number)[table.name]) for number in range(self.count)))
+        if not self.usable:
+            return []
+        found = sa.union_all(*(query(tables_of(number)[table.name]) for number in self.usable))
         if first is None:
             return self.shared.rows(found)
         chosen = found.subquery("chosen")

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 
-from service.errors import StoreError
+from service.errors import NewerTables, StoreError
 from service.fleet.databases import url_of
 from service.fleet.front_board import FleetBoard
 from service.fleet.front_database import FleetDatabase
@@ -83,7 +83,8 @@ class FrontWatch(threading.Thread):
         return together([partition.figures for partition in self._partitions if partition.served])
 
     def look(self) -> None:
-        """Reads who serves the partitions."""
+        """Reads who serves the partitions, and whether their tables are of this release."""
+        self._fleet.look()
         rows = self._fleet.shared.rows(_PARTITIONS)
         self._partitions = [
             Partition(number, silent is not None and silent / NS < SILENT, figures or {})
@@ -102,6 +103,9 @@ class FrontWatch(threading.Thread):
                     self._board.changed()
                     self._changed()
                     self._follow(connection)
+            except NewerTables as error:
+                self._reason = str(error)
+                self._stopping.wait(PAUSE)
             except (psycopg.Error, StoreError) as error:
                 self._reason = f"the fleet's database cannot be used now: {str(error).strip().splitlines()[0]}"
                 log.debug("the notifications of the fleet: %s", error)

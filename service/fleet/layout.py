@@ -8,11 +8,15 @@
 An asset belongs to the partition that its name hashes to. The number of partitions is fixed when the fleet is created.
 The numbers that a partition's tables give out differ from those of every other partition, so that a decision or an
 inspection is found by its number alone.
+
+The tables of a partition are brought to a newer release by the first worker of that release which takes it. Those of
+`fleet` are brought there by `create`, that is by `gear-twin fleet up`; older workers and front ends write nothing from
+then on, newer ones wait until then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Any
@@ -21,15 +25,16 @@ import sqlalchemy as sa
 from sqlalchemy import BigInteger, Column, Connection, Index, Integer, LargeBinary, MetaData, Table, Text
 from sqlalchemy.dialects import postgresql
 
-from service.errors import StoreError
+from service.errors import NewerTables, StorageUnavailable, StoreError
 from service.results.schema import AUDIT
 from service.stream.wire.topics import PREFIX
 
 SCHEMA = "fleet"
-REVISION = 1  # of the tables below
 MOST_PARTITIONS = 1000
 ASSETS_A_PARTITION = 600  # beyond it, Zenoh's recovery of what publishers keep takes longer than a restart
 _LOCK = 7_219_433  # of whoever makes the tables; other numbers are in `claims` and `migrate`
+
+REVISION = "revision"  # the fact that says how far the tables below are
 
 SERVER_NOW = sa.cast(sa.func.extract("epoch", sa.func.clock_timestamp()) * 1_000_000_000, BigInteger)
 """Unix time by the server's clock [ns], the same for all machines."""
@@ -73,6 +78,14 @@ REPORTED = Table(
     Column("data", LargeBinary, nullable=False),  # JSON
 )
 AUDIT_LOG = AUDIT.to_metadata(METADATA, schema=SCHEMA)
+PRESENT = sa.select(sa.cast(FACTS.c.value, Integer)).where(FACTS.c.name == REVISION)  # revision of the tables
+_HELD, _SHARED = PRESENT.with_for_update(), PRESENT.with_for_update(read=True)
+
+STEPS: tuple[Callable[[Connection], object], ...] = ()
+"""What brings the tables of `fleet` to the next revision: the first from revision 1 to 2, and so on.
+
+A step changes tables as they were then, by statements of its own, since the tables above are the newest.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +124,7 @@ def prefix_of(partition: int, prefix: str = PREFIX) -> str:
 
 
 def create(engine: sa.Engine, partitions: int) -> Layout:
-    """Makes the tables of all, or finds them; the layout.
+    """Makes the tables of all, or finds them and brings them to this release; the layout.
 
     Raises StoreError where the fleet was created with another number of partitions, or by a newer program.
     """
@@ -120,29 +133,66 @@ def create(engine: sa.Engine, partitions: int) -> Layout:
     with engine.begin() as db:
         db.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
         db.exec_driver_sql(f"CREATE SCHEMA IF NOT EXISTS {SCHEMA}")
-        METADATA.create_all(db)
-        facts = _facts(db)
-        if not facts:
+        if not sa.inspect(db).has_table(FACTS.name, schema=SCHEMA):
+            METADATA.create_all(db)
             db.execute(sa.insert(FACTS), [{"name": "partitions", "value": str(partitions)}])
-            db.execute(sa.insert(FACTS), [{"name": "revision", "value": str(REVISION)}])
+            db.execute(sa.insert(FACTS), [{"name": REVISION, "value": str(revision())}])
             db.execute(sa.insert(PARTITIONS), [{"number": number} for number in range(partitions)])
             return Layout(partitions)
-        layout = _layout(facts)
+        facts = _facts(db)
+        present = int(facts[REVISION])
+        _refuse_newer(present)
+        layout = Layout(int(facts["partitions"]))
         if layout.partitions != partitions:
             raise StoreError(
                 f"partitions = {partitions}: this fleet was created with {layout.partitions}, and the number stays, "
                 "because the assets are divided by it; leave the setting out, or set it to that number"
             )
+        if present < revision():
+            _upgrade(db, present)
         return layout
 
 
-def layout_of(engine: sa.Engine) -> Layout | None:
-    """The layout of a fleet; None where the database holds none."""
+def revision() -> int:
+    """The revision of the tables of `fleet` that this program knows."""
+    return 1 + len(STEPS)
+
+
+def _upgrade(db: Connection, present: int) -> None:
+    """Brings the tables of `fleet` to this program's revision, and takes all partitions from older workers."""
+    db.execute(_HELD)
+    db.execute(sa.text(f"UPDATE {SCHEMA}.{PARTITIONS.name} SET token = token + 1"))  # no column that a step adds
+    for step in STEPS[present - 1 :]:
+        step(db)
+    db.execute(sa.update(FACTS).where(FACTS.c.name == REVISION).values(value=str(revision())))
+
+
+def expect_revision(db: Connection) -> None:
+    """At the begin of a transaction that writes: the tables of `fleet` are, and stay until its end, of this revision.
+
+    Raises NewerTables where a newer program has upgraded them, StorageUnavailable where they are yet to be upgraded.
+    """
+    found = db.execute(_SHARED).scalar()
+    if found is None:
+        raise StoreError("the database holds no fleet")
+    refuse_other_fleet(found)
+
+
+def layout_of(engine: sa.Engine, *, older: bool = False) -> Layout | None:
+    """The layout of a fleet; None where the database holds none.
+
+    Raises NewerTables where its tables are of a newer program, StorageUnavailable where they are of an older one.
+
+    older  whether tables of an older program will do, since they are going to be upgraded
+    """
     with engine.connect() as db:
         if not sa.inspect(db).has_table(FACTS.name, schema=SCHEMA):
             return None
         facts = _facts(db)
-    return _layout(facts) if facts else None
+    if not facts:
+        return None
+    (_refuse_newer if older else refuse_other_fleet)(int(facts[REVISION]))
+    return Layout(int(facts["partitions"]))
 
 
 def separate_numbers(db: Connection, partition: int, partitions: int) -> None:
@@ -166,10 +216,20 @@ def _facts(db: Connection) -> dict[str, str]:
     return {name: value for name, value in db.execute(sa.select(FACTS.c.name, FACTS.c.value))}
 
 
-def _layout(facts: dict[str, str]) -> Layout:
-    if int(facts["revision"]) > REVISION:
-        raise StoreError(
-            f"the fleet's tables have revision {facts['revision']}, this program knows up to {REVISION}: they were "
-            "written by a newer gear-twin"
+def _refuse_newer(present: int) -> None:
+    if present > revision():
+        raise NewerTables(
+            f"the fleet's tables have revision {present}, this program knows up to {revision()}: they were written "
+            "by a newer gear-twin, and this one writes nothing; install that release here, too"
         )
-    return Layout(int(facts["partitions"]))
+
+
+def refuse_other_fleet(present: int) -> None:
+    """NewerTables or StorageUnavailable where the tables of `fleet` have another revision than this program's."""
+    _refuse_newer(present)
+    if present < revision():
+        raise StorageUnavailable(
+            f"the fleet's tables have revision {present}, this program needs {revision()}: gear-twin fleet up of this "
+            "release brings them there",
+            reason="another release",
+        )

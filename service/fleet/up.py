@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 
-from service.errors import InputError, StorageUnavailable
+from service.errors import DeliveryError, InputError, StorageUnavailable
 from service.fleet.census import Census, census
-from service.fleet.cluster import LocalCluster, end_left, environment, joined
+from service.fleet.cluster import LocalCluster, Node, end_left, environment, joined, node_here
 from service.fleet.databases import engine_of, made, reached
 from service.fleet.layout import FACTS, Layout, create, layout_of
 from service.results.data_folder import only_service_of
+from service.runtime.admission import demand_protected_links
 from service.settings import Settings
 from service.transport.zenoh_session import open_session
 
@@ -55,7 +56,7 @@ def prepared(settings: Settings, progress: Callable[[int, int], None] = lambda d
     database = database_of(settings)
     with reached(database):
         engine = engine_of(database, poolclass=sa.NullPool)
-        known = layout_of(engine)
+        known = layout_of(engine, older=True)
         wanted = settings.fleet_partitions or (known.partitions if known else PARTITIONS)
         layout = create(engine, wanted)
         for partition in layout.all:
@@ -78,6 +79,9 @@ class Fleet:
         self._tables = engine_of(database_of(settings), pool_size=1, max_overflow=1)
         self._engine: Engine | None = None
         self.cluster: LocalCluster | None = None
+        self._node: Node | None = None  # of a plant's cluster, by which it is joined
+        self._opened = ExitStack()
+        self._seen: set[str] | None = None  # nodes of a plant's cluster
         self._silent: set[int] = set()
         self._begun = time.monotonic()
         self._spread_at: float | None = None
@@ -94,12 +98,16 @@ class Fleet:
             self.cluster = LocalCluster(folder, settings.fleet_room or self._layout.partitions)
             os.environ.update(environment(folder))
             self.cluster.start(wanted_workers(self._tables) or settings.fleet_workers)
+        else:
+            self._node = self._opened.enter_context(node_here(folder, settings.fleet_address))
         self._join()
 
     def _join(self) -> None:
         """Joins the engine, and has an actor for each partition."""
         folder = self._settings.data
-        self._engine = joined(folder, self.address)(self._settings, self._layout, self._twin_from)
+        self._engine = joined(folder, self.address, alone=self.cluster is not None)(
+            self._settings, self._layout, self._twin_from
+        )
         self._engine.place()
         self._write()
 
@@ -125,7 +133,16 @@ class Fleet:
         return self._settings.fleet_address or (self.cluster.address if self.cluster else "auto")
 
     def look(self) -> None:
-        """One look at everything: nodes that ended, how many are wanted, partitions without a worker."""
+        """One look at everything: nodes that ended, how many are wanted, partitions without a worker.
+
+        Raises DeliveryError where the node has ended by which a plant's cluster was joined: whoever runs this starts it
+        again.
+        """
+        if self._node is not None and self._node.process.poll() is not None:
+            raise DeliveryError(
+                f"the node by which the engine at {self.address} was joined has ended: the engine was lost, or was "
+                "started anew; start gear-twin fleet up again"
+            )
         if self.cluster is not None:
             if self.cluster.lost:
                 self._begin_again()
@@ -139,6 +156,8 @@ class Fleet:
             self._write()
             if changed:
                 self._spread_at = time.monotonic() + SPREAD_AFTER
+        elif self._nodes_have_come():
+            self._spread_at = time.monotonic() + SPREAD_AFTER
         found = census(self._tables, self._layout)
         if self._spread_at is not None and time.monotonic() >= self._spread_at and not found.silent:
             self._spread_at = None
@@ -156,7 +175,15 @@ class Fleet:
             (self._settings.data / RUNNING).unlink(missing_ok=True)
             if self.cluster is not None:
                 self.cluster.end()
+            self._opened.close()
             self._tables.dispose()
+
+    def _nodes_have_come(self) -> bool:
+        """Whether a plant's cluster has nodes that were not there at the last look."""
+        nodes = {node.id for node in self.engine.nodes() if node.alive and node.room}
+        come = self._seen is not None and bool(nodes - self._seen)
+        self._seen = nodes
+        return come
 
     def _begin_again(self) -> None:
         """Starts the engine anew after its head was lost; the partitions go on from what is committed."""
@@ -260,6 +287,7 @@ def up(
     with until_told() as stop, ExitStack() as stack:
         stack.enter_context(only_service_of(settings.data))
         if not settings.connect:
+            demand_protected_links(settings)
             stack.enter_context(open_session(settings.listen, links=settings.zenoh_links))
             settings = settings.model_copy(update={"connect": [_reached(e) for e in settings.listen]})
         fleet = Fleet(settings, layout, twin_from=twin_from)

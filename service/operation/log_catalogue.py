@@ -188,6 +188,18 @@ LINES: tuple[Line, ...] = (
         "Where it does not end by itself: the database, the folder of the fleet, then report it.",
     ),
     Line(
+        "service.fleet.actor",
+        "partition %d cannot be served by this release: %s",
+        "Its tables, or those of the fleet, were upgraded by a newer release, or cannot be used; nothing is written.",
+        "Upgrade the node, or drain it; where the database is damaged, restore a backup.",
+    ),
+    Line(
+        "service.fleet.front_database",
+        "%s; its assets are answered for later",
+        "A front end has met a partition with tables of another release, and answers 503 for its assets.",
+        "None, where its worker is being upgraded; else upgrade the front end.",
+    ),
+    Line(
         "service.fleet.cluster",
         "%s of the fleet has ended, and is replaced",
         "A node of Ray on this machine was killed or had no memory; its partitions go on elsewhere.",
@@ -224,7 +236,12 @@ LINES: tuple[Line, ...] = (
         "It was suspended, cut off or slow, and another worker took its partition; it can commit nothing more.",
         "Look for a machine that hangs or swaps, or a network that was cut.",
     ),
-    Line("service.fleet.partition", "%s: it is waited for", "The database is away at the start of a worker.", _STORAGE),
+    Line(
+        "service.fleet.partition",
+        "%s: it is waited for",
+        "The database is away at the start of a worker, or not upgraded yet.",
+        _STORAGE,
+    ),
     Line(
         "service.fleet.rows",
         "the rows of partition %d wait: %s",

@@ -15,7 +15,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import Connection
 
-from service.errors import StoreError
+from service.errors import NewerTables, StoreError
 from service.results.backends import Backend
 from service.results.migrations.release_scripts import SCRIPTS
 from service.results.schema import REVISION
@@ -64,7 +64,7 @@ def present(db: Connection, backend: Backend) -> str | None:
     if backend.path is not None:
         version = db.exec_driver_sql("PRAGMA user_version").scalar_one()
     if version > user_version(REVISION) or (stamped or "") > REVISION:
-        raise StoreError(
+        raise NewerTables(
             f"{backend.name} has schema version {max(version, user_version(stamped or RELEASE))}, this program knows "
             f"up to {user_version(REVISION)}: it was written by a newer gear-twin"
         )

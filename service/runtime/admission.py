@@ -34,11 +34,11 @@ def access_of(settings: Settings) -> Access:
             f"(gear-twin keys add --name NAME --role administer --data {settings.data}), name an issuer of tokens "
             '([oidc] issuer), listen at 127.0.0.1, or permit everybody to read ([access] anonymous = "read")'
         )
-    _demand_protected_links(settings)
+    demand_protected_links(settings)
     return access
 
 
-def _demand_protected_links(settings: Settings) -> None:
+def demand_protected_links(settings: Settings) -> None:
     """InputError where everybody could publish to the embedded router without that being meant."""
     if settings.connect or settings.zenoh_open or settings.zenoh_links.admits_known_clients_only:
         return

@@ -93,8 +93,8 @@ def opened(
 
 
 def is_away(error: BaseException) -> bool:
-    """Whether the database's server does not answer now."""
-    return isinstance(error, StorageUnavailable) and error.reason == "connection lost"
+    """Whether the database's server does not answer now, or its tables are yet to be brought to this release."""
+    return isinstance(error, StorageUnavailable) and error.reason in ("connection lost", "another release")
 
 
 def _saying(reason: str, limits: Limits) -> ASGIApp:

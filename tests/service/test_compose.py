@@ -2,6 +2,7 @@
 
 Needs an engine and the images, so it runs only where the command is named:
     docker compose -f docker/compose.yml build
+    GEAR_TWIN_POSTGRES_PASSWORD=- GEAR_TWIN_FLEET_TOKEN=- docker compose -f docker/compose.fleet.yml build
     GEAR_TWIN_TEST_COMPOSE='docker compose' .venv/bin/python -m pytest -m slow tests/service/test_compose.py
 """
 
@@ -18,15 +19,23 @@ from pathlib import Path
 import pytest
 from service_streams import free_port
 
+from service.fleet.layout import partition_of, prefix_of
+
 ROOT = Path(__file__).parents[2]
 COMPOSE = shlex.split(os.environ.get("GEAR_TWIN_TEST_COMPOSE", ""))
 PROJECT = "gear-twin-test"
 READY, REPLAYED = 60.0, 300.0  # [s]
+STARTED, RECOVERED = 240.0, 120.0  # a fleet, and its partitions after a node was lost [s]
 ASK = """
 import sys, urllib.request
-for path in sys.argv[1:]:
-    print(urllib.request.urlopen(f"http://gear-twin:8000{path}", timeout=10).read().decode())
+for path in sys.argv[2:]:
+    print(urllib.request.urlopen(f"http://{sys.argv[1]}:8000{path}", timeout=10).read().decode())
 """
+
+ASSET = "unsw-short"  # of the bundled recording
+WINDOWS = 8  # in it
+OTHER = "gb-14"  # in the same partition
+PARTITIONS = 8  # of docker/compose.fleet.yml
 
 pytestmark = [
     pytest.mark.slow,
@@ -38,13 +47,15 @@ pytestmark = [
 class Stack:
     """The services of the compose file, under a name and ports of their own."""
 
+    file, serves, image = "compose.yml", "gear-twin", "gear-twin"
+
     def __init__(self, *profiles: str, **environment: str) -> None:
         self.engine = "podman" if "podman" in COMPOSE[0] else "docker"
         self.port = free_port()
         self.environment = os.environ | environment | {
             "GEAR_TWIN_HTTP_PORT": str(self.port), "GEAR_TWIN_ZENOH_PORT": str(free_port()), "GEAR_TWIN_SPEED": "0",
         }  # fmt: skip
-        self.command = [*COMPOSE, "-f", str(ROOT / "docker/compose.yml"), "-p", PROJECT]
+        self.command = [*COMPOSE, "-f", str(ROOT / "docker" / self.file), "-p", PROJECT]
         self.profiles = [word for profile in profiles for word in ("--profile", profile)]
 
     def __enter__(self) -> Stack:
@@ -74,10 +85,14 @@ class Stack:
 
     def container(self, service: str) -> str:
         """The name of a service's container."""
+        (name,) = self.containers(service)
+        return name
+
+    def containers(self, service: str) -> list[str]:
+        """The names of a service's containers."""
         labels = [f"--filter=label=com.docker.compose.{key}={value}" for key, value in
                   (("project", PROJECT), ("service", service))]  # fmt: skip
-        (name,) = self.call("ps", "--all", *labels, "--format", "{{.Names}}").split()
-        return name
+        return self.call("ps", "--all", *labels, "--format", "{{.Names}}").split()
 
     def ready(self) -> dict:
         """What the service's readiness says, as soon as it is ready."""
@@ -87,7 +102,7 @@ class Stack:
                 with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/readyz", timeout=5) as answer:
                     return json.load(answer)
             except OSError as error:
-                assert time.monotonic() < until, f"not ready: {error}; {self.logs('gear-twin')}"
+                assert time.monotonic() < until, f"not ready: {error}; {self.logs(self.serves)}"
                 time.sleep(0.3)
 
     def logs(self, service: str) -> str:
@@ -111,7 +126,8 @@ class Stack:
     def ask(self, *paths: str) -> list:
         """What the service answers to another container of its network."""
         said = self.call(
-            "run", "--rm", "--network", f"{PROJECT}_default", "--entrypoint", "python3", "gear-twin", "-c", ASK, *paths
+            "run", "--rm", "--network", f"{PROJECT}_default", "--entrypoint", "python3", self.image, "-c", ASK,
+            self.serves, *paths,
         )  # fmt: skip
         return [json.loads(line) for line in said.splitlines()]
 
@@ -121,6 +137,59 @@ class Stack:
         names = [each["asset"] for each in listed]
         parts = ("wear", "rul", "windows?limit=1000", "effects")
         return {name: self.ask(*(f"/v1/assets/{name}/{part}" for part in parts)) for name in names}
+
+
+class FleetStack(Stack):
+    """The services of a fleet's compose file."""
+
+    file, serves, image = "compose.fleet.yml", "front", "gear-twin-fleet"
+
+    def __init__(self, *profiles: str, **environment: str) -> None:
+        secrets = {"GEAR_TWIN_POSTGRES_PASSWORD": "only-for-this-test", "GEAR_TWIN_FLEET_TOKEN": 32 * "ab"}
+        super().__init__(*profiles, **secrets, **environment)
+
+    def served(self, seconds: float) -> None:
+        """Waits until all partitions are served."""
+        until = time.monotonic() + seconds
+        while any(self.unserved()) or not self.started():
+            assert time.monotonic() < until, self.logs("fleet")
+            time.sleep(1)
+
+    def started(self) -> bool:
+        return all(row["served"] for row in self.partitions())
+
+    def unserved(self) -> list[int]:
+        return self.ready()["unserved_partitions"]
+
+    def partitions(self) -> list[dict]:
+        """What `fleet status` says of each partition."""
+        said = self.call(
+            "exec", self.container("fleet"), "gear-twin", "fleet", "status", "--json", "-", check=False
+        )  # fmt: skip
+        return json.loads(said)["partitions"] if said.strip() else [{"served": False}]
+
+    def replay_as(self, asset: str, partition: int) -> None:
+        """The bundled recording is published as that of another machine."""
+        recording = ROOT / "recordings" / "short-campaign.mcap"
+        self.call(
+            "run", "--rm", "--network", f"{PROJECT}_default", "-v", f"{recording}:/recording.mcap:ro", self.image,
+            "replay", "/recording.mcap", "--connect", "tcp/router:7447", "--prefix", prefix_of(partition),
+            "--recorded", "gearbox", "--asset", asset, "--speed", "0",
+        )  # fmt: skip
+
+    def assessed(self, asset: str) -> dict[str, list]:
+        """The answers as soon as all windows of the recording have been assessed."""
+        until = time.monotonic() + REPLAYED
+        while {each["asset"]: each["windows"] for each in self.ask("/v1/assets")[0]}.get(asset) != WINDOWS:
+            assert time.monotonic() < until, self.logs("front")
+            time.sleep(2)
+        return settled(self)
+
+    def host_of(self, partition: int) -> str:
+        """The container that serves a partition."""
+        host = self.partitions()[partition]["worker"].partition(":")[0]
+        return next(name for name in self.containers("node") if host == self.call(
+            "inspect", "--format", "{{.Config.Hostname}}", name).strip())  # fmt: skip
 
 
 def settled(stack: Stack) -> dict[str, list]:
@@ -193,3 +262,34 @@ def test_prometheus_scrapes_the_service():
                 break
             assert time.monotonic() < until, said
             time.sleep(2)
+
+
+def test_a_fleet_goes_on_when_a_node_is_killed_and_keeps_all_windows():
+    partition = partition_of(ASSET, PARTITIONS)
+    assert partition == partition_of(OTHER, PARTITIONS)
+    assert f"GEAR_TWIN_KEY:-{prefix_of(partition)}}}" in (ROOT / "docker" / FleetStack.file).read_text(encoding="utf-8")
+    with FleetStack() as stack:
+        stack.served(STARTED)
+        assert len(stack.containers("node")) == 2
+        stack.compose("--profile", "replay", "up", "-d", "--no-build", "replay")
+        assert stack.ended("replay") == 0, stack.logs("replay")
+        before = stack.assessed(ASSET)
+        victim = stack.host_of(partition)
+        stack.call("kill", "--signal", "KILL", victim)
+        begun = time.monotonic()
+        while partition not in stack.unserved():
+            assert time.monotonic() - begun < RECOVERED
+            time.sleep(0.5)
+        stack.served(RECOVERED)
+        print(f"served again {time.monotonic() - begun:.0f} s after a node was killed")
+        assert stack.host_of(partition) != victim
+        assert stack.answers() == before
+        stack.replay_as(OTHER, partition)
+        after = stack.assessed(OTHER)
+        assert after[ASSET] == before[ASSET] and len(after[OTHER][2]) == len(before[ASSET][2])
+        stack.compose("up", "-d", "--no-build", "--no-recreate", "node")  # the node that was killed is there again ...
+        until = time.monotonic() + RECOVERED
+        while len({row["node"] for row in stack.partitions()}) < 2:  # ... and has its share of the partitions
+            assert time.monotonic() < until, stack.logs("fleet")
+            time.sleep(2)
+        stack.served(RECOVERED)

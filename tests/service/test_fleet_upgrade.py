@@ -1,0 +1,169 @@
+"""A fleet is brought to a newer release: its tables in one transaction, the partitions by whoever takes them."""
+
+from __future__ import annotations
+
+import threading
+
+import httpx
+import pytest
+import service_fakes as fakes
+import sqlalchemy as sa
+from fleets import PARTITIONS, front, routed, taken, windows, worker
+from service_streams import wait_until
+
+from service.errors import NewerTables, StorageUnavailable, StoreError
+from service.fleet import layout
+from service.fleet.databases import Partitions, engine_of, made, partition_backend
+from service.fleet.fence import Fence, Fenced
+from service.fleet.front_store import FleetStore
+from service.fleet.layout import Layout, create, layout_of, partition_of
+from service.results import migrate
+from service.results.schema import REVISION
+from service.results.sql_store import SqlStore
+from service.settings import Settings
+
+OWN = partition_of("unsw", PARTITIONS)
+EARLIER = f"{int(REVISION) - 1:04d}"
+
+
+def add_a_column(db):
+    db.exec_driver_sql("ALTER TABLE fleet.partitions ADD COLUMN site text")
+
+
+def fail(db):
+    db.exec_driver_sql("ALTER TABLE fleet.partitions ADD COLUMN lost text")
+    raise RuntimeError("on the way")
+
+
+@pytest.fixture
+def tables(fleet):
+    engine = engine_of(fleet, poolclass=sa.NullPool)
+    for partition in range(PARTITIONS):
+        made(fleet, partition, PARTITIONS)
+    yield engine
+    engine.dispose()
+
+
+def columns(engine):
+    return {column["name"] for column in sa.inspect(engine).get_columns("partitions", schema="fleet")}
+
+
+def revision_of(engine, partition):
+    with engine.connect() as db:
+        return db.exec_driver_sql(f"SELECT version_num FROM p{partition:03d}.alembic_version").scalar_one()
+
+
+def downgrade(fleet, partition):
+    migrate.downgrade(partition_backend(fleet, Fence(partition=partition), PARTITIONS), EARLIER)
+
+
+def test_the_tables_of_all_are_upgraded_whole_or_not_at_all(monkeypatch, fleet, tables):
+    monkeypatch.setattr(layout, "STEPS", (add_a_column, fail))
+    with pytest.raises(RuntimeError, match="on the way"):
+        create(tables, PARTITIONS)
+    assert not columns(tables) & {"site", "lost"}
+    with pytest.raises(
+        StorageUnavailable, match="revision 1, this program needs 3: gear-twin fleet up of this release"
+    ):
+        layout_of(tables)
+    monkeypatch.setattr(layout, "STEPS", (add_a_column,))
+    with pytest.raises(StoreError, match="this fleet was created with 3"):
+        create(tables, 4)
+    assert "site" not in columns(tables)
+    assert create(tables, PARTITIONS) == create(tables, PARTITIONS) == layout_of(tables) == Layout(PARTITIONS)
+    assert "site" in columns(tables)
+
+
+def test_who_is_older_writes_nothing_once_the_tables_are_upgraded(monkeypatch, fleet, tables):
+    with taken(fleet, OWN) as old, FleetStore(fleet, Layout(PARTITIONS)) as old_front:
+        fakes.take(old, None, "unsw", 0, 100.0)
+        monkeypatch.setattr(layout, "STEPS", (add_a_column,))
+        create(tables, PARTITIONS)
+        monkeypatch.setattr(layout, "STEPS", ())
+        with pytest.raises(Fenced):
+            fakes.take(old, None, "unsw", 1, 200.0)
+        with pytest.raises(NewerTables, match="revision 2, this program knows up to 1: they were written by a newer"):
+            old_front.add_decision("unsw", "crack", "confirm")
+        with pytest.raises(NewerTables), old_front.database.transaction():
+            pass
+        with pytest.raises(NewerTables):
+            old_front.fleet.look()
+        with pytest.raises(StoreError, match="written by a newer gear-twin") as found:
+            taken(fleet, OWN)
+        assert isinstance(found.value.__cause__, NewerTables)
+        with pytest.raises(NewerTables, match="install that release here, too"):
+            layout_of(tables)
+        with pytest.raises(NewerTables):
+            create(tables, PARTITIONS)
+    monkeypatch.setattr(layout, "STEPS", (add_a_column,))
+    assert len(windows(fleet, OWN)) == 1
+
+
+def test_a_newer_worker_waits_until_the_tables_are_upgraded(monkeypatch, fleet, tables, tmp_path):
+    from service.fleet.partition import _begun
+
+    monkeypatch.setattr(layout, "STEPS", (add_a_column,))
+    begun, stop = threading.Event(), threading.Event()
+
+    def serve():
+        with _begun(Settings(data=tmp_path), lambda: taken(fleet, OWN), stop) as found:
+            if found is not None:
+                begun.set()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        assert not begun.wait(1.0)
+        create(tables, PARTITIONS)
+        assert begun.wait(20)
+    finally:
+        stop.set()
+        thread.join(20)
+
+
+def test_a_partition_is_upgraded_by_the_worker_that_takes_it_and_keeps_its_windows(tmp_path, fleet, tables):
+    with taken(fleet, OWN) as store:
+        for index in range(3):
+            fakes.take(store, None, "unsw", index, 100.0 * (index + 1))
+    kept = windows(fleet, OWN)
+    with FleetStore(fleet, Layout(PARTITIONS)) as store:
+        store.note("unsw", [("added", {})])
+        other = next(name for n in range(99) if partition_of(name := f"gb-{n}", PARTITIONS) != OWN)
+        store.note(other, [("added", {})])
+    downgrade(fleet, OWN)
+    assert revision_of(tables, OWN) == EARLIER
+    with front(fleet, tmp_path / "front", anonymous="read") as address, httpx.Client(base_url=address) as ask:
+        refused = ask.get("/v1/assets/unsw/windows")
+        assert refused.status_code == 503
+        assert f"the tables of partition {OWN} have revision {EARLIER}, this program needs" in refused.text
+        assert ask.get(f"/v1/assets/{other}/windows").status_code == 200
+        assert {each["asset"] for each in ask.get("/v1/assets").json()} == {"unsw", other}
+        with routed() as endpoint, worker(tmp_path / "worker", fleet, endpoint):
+            assert revision_of(tables, OWN) == REVISION
+            wait_until(lambda: ask.get("/v1/assets/unsw/windows").status_code == 200)
+    assert windows(fleet, OWN) == kept and len(kept) == 3
+
+
+def test_a_front_end_leaves_a_partition_of_a_newer_release_alone(fleet, tables):
+    shared = Partitions(fleet, PARTITIONS)
+    with SqlStore(shared.backend(OWN)) as store, FleetStore(fleet, Layout(PARTITIONS)) as front_end:
+        with tables.begin() as db:
+            db.exec_driver_sql(f"UPDATE p{OWN:03d}.alembic_version SET version_num = '9999'")
+        with pytest.raises(StorageUnavailable, match="written by a newer gear-twin; install it here, too"):
+            store.add_decision("unsw", "crack", "confirm")
+        front_end.fleet.look()
+        assert OWN not in front_end.fleet.usable and len(front_end.fleet.usable) == PARTITIONS - 1
+        with pytest.raises(StorageUnavailable, match="revision 9999"):
+            front_end.decisions("unsw")
+    shared.close()
+
+
+def test_settings_of_another_release_get_the_defaults_of_what_it_did_not_know():
+    from service.fleet.actor import of_this_release
+
+    settings = Settings(prefix="plant/gearbox", fleet_partitions=5)
+    del vars(settings)["idle_timeout"]
+    vars(settings)["of_a_later_release"] = 1
+    found = of_this_release(settings)
+    assert (found.prefix, found.fleet_partitions, found.idle_timeout) == ("plant/gearbox", 5, 3.0)
+    assert not hasattr(found, "of_a_later_release")
