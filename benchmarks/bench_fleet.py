@@ -7,6 +7,9 @@ a store and with SQLite; `gear-twin serve` over SQLite; and `gear-twin fleet` ov
 Service and fleet are given theirs by the same publishers through the same router. One asset of each partition has
 passed the whole campaign before, so that all curves are at hand. Ray's processes, the database's server, and
 publishers with the router are counted apart. Processor times are of whole trees of processes.
+
+What is spent while nothing comes is measured as well, and is a matter of time, not of windows: what a window costs is
+given for a machine all of whose cores are used, with its share of that.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +36,7 @@ from benchmarks.fleet_plant import (
     Plant,
     campaign,
     ended,
+    group_of,
     many,
     memory_by,
     names_of,
@@ -132,6 +137,10 @@ class _Service:
         """Processor time by group of processes."""
         return spent_by(self.pid, _group)
 
+    def await_windows(self, count: int) -> None:
+        """Until so many windows are committed."""
+        wait_until(lambda: self.windows() >= count, SETTLED_WITHIN, f"{count} windows of the service")
+
     def windows(self) -> int:
         """How many are committed."""
         import sqlite3
@@ -142,6 +151,10 @@ class _Service:
             return int(db.execute("SELECT count(*) FROM windows").fetchone()[0])
         finally:
             db.close()
+
+
+def _router(process: Any, top: int) -> str:
+    return "router"
 
 
 def _group(process: Any, top: int) -> str:
@@ -168,6 +181,14 @@ def _since(now: Mapping[str, float], before: Mapping[str, float]) -> Counter[str
     return Counter({name: value - before.get(name, 0.0) for name, value in now.items()})
 
 
+@dataclass(slots=True)
+class Spending:
+    """What a system has spent over the rounds that are measured [s]."""
+
+    spent: Counter[str] = field(default_factory=Counter)  # processor time by group of processes
+    seconds: float = 0.0  # by the wall clock
+
+
 class Run:
     """All systems side by side, and what each has spent."""
 
@@ -185,13 +206,12 @@ class Run:
             )
         self.windows = rounds * assets * PARTITIONS * WINDOWS
         self.loop: dict[str, float] = {}
-        self.service: Counter[str] = Counter()
-        self.fleet: Counter[str] = Counter()
+        self.service = Spending()
+        self.fleet = Spending()
         self.idle: dict[str, float] = {}  # of a second
         self.memory: dict[str, tuple[int, int, int]] = {}
         self.service_memory: dict[str, tuple[int, int, int]] = {}
         self.started: dict[str, float] = {}
-        self.rate = 0.0  # windows a second of the fleet
 
     def loops(self) -> None:
         """The plain loop, without and with a store."""
@@ -214,57 +234,138 @@ class Run:
             service.await_start()
             plant = stack.enter_context(Plant(self.folder / "fleet", url, endpoint, PARTITIONS, NODES))
             self.started = plant.started
+
+            def fleet_spent() -> dict[str, float]:
+                used = dict(plant.spent().groups)
+                return {**used, "fleet computing": used.pop("computing", 0.0), "server": server()}
+
+            def idle() -> dict[str, float]:
+                return fleet_spent() | service.spent()
+
             count = 0
             for number, recordings in enumerate(self.recordings):
                 count += WINDOWS * PARTITIONS * (1 if number == 0 else self._assets)
-                with self._counted(self.service, number, service.spent, router_pid) as used:
+                with self._counted(self.service if number else Spending(), service.spent, router_pid) as used:
                     used["publishers"] = _publish(recordings, endpoint, lambda p: PREFIX, self.folder)
-                    wait_until(lambda c=count: service.windows() >= c, SETTLED_WITHIN, "the service's windows")
-
-                def fleet_spent() -> dict[str, float]:
-                    return {**plant.spent().groups, "server": server()}
-
-                begun = time.monotonic()
-                with self._counted(self.fleet, number, fleet_spent, router_pid) as used:
+                    service.await_windows(count)
+                with self._counted(self.fleet if number else Spending(), fleet_spent, router_pid) as used:
                     used["publishers"] = _publish(recordings, endpoint, prefix_of, self.folder)
                     plant.await_windows(count)
-                    taken = time.monotonic() - begun
-                self.rate = PARTITIONS * self._assets * WINDOWS / taken
-            before = fleet_spent() | {"service": service.spent()["service"]}
+            before = idle()
             time.sleep(IDLE)
-            now = fleet_spent() | {"service": service.spent()["service"]}
-            self.idle = {name: value / IDLE for name, value in _since(now, before).items()}
-            from benchmarks.fleet_plant import group_of
-
+            self.idle = {name: value / IDLE for name, value in _since(idle(), before).items()}
             self.memory = memory_by(plant.pid, group_of)
             self.service_memory = memory_by(service.pid, _group)
 
     @contextmanager
     def _counted(
-        self, into: Counter[str], number: int, spent: Callable[[], dict[str, float]], router_pid: int
+        self, into: Spending, spent: Callable[[], dict[str, float]], router_pid: int
     ) -> Iterator[dict[str, float]]:
-        """Counts what is spent inside, but in the round that warms up."""
+        """Counts what is spent inside."""
         own = {"publishers": 0.0}
-        before, before_router = spent(), spent_by(router_pid, lambda process, top: "router")
+        before, before_router, begun = spent(), spent_by(router_pid, _router), time.monotonic()
         yield own
         time.sleep(SETTLE)
-        used = _since(spent(), before) + _since(spent_by(router_pid, lambda p, top: "router"), before_router)
-        if number:
-            for name, value in (*used.items(), *own.items()):
-                into[name] += value
+        used = _since(spent(), before) + _since(spent_by(router_pid, _router), before_router)
+        into.seconds += time.monotonic() - begun
+        for name, value in (*used.items(), *own.items()):
+            into.spent[name] += value
+
+    # -- what follows from it ------------------------------------------------------------------------
+
+    def of_a_window(self, system: Spending) -> dict[str, float]:
+        """Processor time of one window by group, without what is spent while nothing comes [s]."""
+        return {
+            name: (value - self.idle.get(name, 0.0) * system.seconds) / self.windows
+            for name, value in system.spent.items()
+        }
+
+    def at_full_use(self, system: Spending, groups: tuple[str, ...]) -> float:
+        """Processor time of one window on a machine that does nothing else, with its share of what is constant [s]."""
+        marginal = sum(self.of_a_window(system)[name] for name in groups)
+        constant = sum(self.idle.get(name, 0.0) for name in groups)
+        cores = os.cpu_count() or 1
+        return cores * marginal / (cores - constant)
+
+
+SERVICE_GROUPS = ("service", "computing")
+ENGINE_GROUPS = ("up", "head", "node")
+FLEET_GROUPS = ("partition", "fleet computing", *ENGINE_GROUPS)
+
+
+def figures(run: Run) -> list[Figure]:
+    """All figures of a run."""
+    ms, cores = 1e3, os.cpu_count() or 1
+    service, fleet = (run.of_a_window(each) for each in (run.service, run.fleet))
+    loops = {name: ms * taken / run.windows for name, taken in run.loop.items()}
+    one, all_ = run.at_full_use(run.service, SERVICE_GROUPS), run.at_full_use(run.fleet, FLEET_GROUPS)
+    raw = [sum(s.spent[g] for g in gs) for s, gs in ((run.service, SERVICE_GROUPS), (run.fleet, FLEET_GROUPS))]
+    rates = [run.windows / each.seconds for each in (run.service, run.fleet)]
+    engine = sum(run.idle[name] for name in ENGINE_GROUPS)
+    out = [
+        Figure(what="plain loop in one process, no store", value=loops["no store"], unit="ms", note="a window"),
+        Figure(what="plain loop in one process, SQLite", value=loops["SQLite"], unit="ms"),
+        Figure(
+            what="gear-twin serve, SQLite", value=ms * one, unit="ms",
+            note=f"{ms * service['service']:.1f} serving and {ms * service['computing']:.1f} computing",
+        ),
+        Figure(
+            what="gear-twin fleet", value=ms * all_, unit="ms",
+            note=f"{ms * fleet['partition']:.1f} partitions and {ms * fleet['fleet computing']:.1f} computing; "
+            f"the rest is constant, at {cores / all_:.0f} windows/s on {cores} cores",
+        ),
+        Figure(
+            what="fleet over serve, workers and engine", value=all_ / one - 1, unit="", aim=AIM, limit=LIMIT,
+            note=f"{raw[1] / raw[0] - 1:.2f} at the {rates[1]:.1f} and {rates[0]:.1f} windows/s of this run",
+        ),
+        Figure(what="fleet over the plain loop with SQLite", value=ms * all_ / loops["SQLite"] - 1, unit=""),
+        Figure(what="  serve over the same", value=ms * one / loops["SQLite"] - 1, unit=""),
+        Figure(what="PostgreSQL's server", value=ms * fleet["server"], unit="ms", note="a window"),
+        Figure(
+            what="publishers and router, of the fleet", value=ms * (fleet["publishers"] + fleet["router"]), unit="ms",
+            note=f"{ms * (service['publishers'] + service['router']):.1f} of the service",
+        ),
+        Figure(
+            what="engine, while nothing comes", value=ms * engine, unit="ms/s",
+            note=", ".join(f"{name} {ms * run.idle[name]:.1f}" for name in ENGINE_GROUPS),
+        ),
+        Figure(
+            what="a partition, while nothing comes", value=ms * run.idle["partition"] / PARTITIONS, unit="ms/s",
+            note=f"{ms * run.idle['service']:.1f} of the service; server {ms * run.idle['server'] / PARTITIONS:.1f}",
+        ),
+    ]  # fmt: skip
+    for what, groups, by in (
+        ("memory of a partition with what computes for it", ("partition", "computing"), PARTITIONS),
+        ("memory of the engine's head", ("head",), 1),
+        ("memory of a node", ("node",), NODES),
+        ("memory of fleet up", ("up",), 1),
+    ):
+        count, uss, shared = (sum(run.memory[g][k] for g in groups) / by for k in range(3))
+        note = f"PSS; {uss / 2**20:.0f} its own (USS), {count:.0f} processes"
+        out.append(Figure(what=what, value=shared / 2**20, unit="MB", note=note))
+    pss = sum(each[2] for each in run.service_memory.values()) / 2**20
+    out.append(Figure(what="memory of the service with what computes for it", value=pss, unit="MB", note="PSS"))
+    before = 0.0
+    for name, at in run.started.items():
+        out.append(
+            Figure(what=f"start-up: {name}", value=at, unit="s", by_the_clock=True, note=f"{at - before:.1f} of it")
+        )
+        before = at
+    return out
 
 
 def main(assets: int = 3, rounds: int = 2) -> list[Figure]:
     """Prints all figures; answers them."""
-    load = os.getloadavg()[0]
+    before = os.getloadavg()[0]
     with tempfile.TemporaryDirectory(prefix="gear-twin-bench-") as made:
         run = Run(Path(made), assets, rounds)
         run.all()
-    for name in ("loop", "service", "fleet", "idle", "memory", "service_memory", "started", "rate", "windows"):
-        print(name, getattr(run, name))
-    ms = 1e3 / run.windows
-    print({k: ms * v for k, v in run.loop.items()}, {k: ms * v for k, v in run.service.items()}, {k: ms * v for k, v in run.fleet.items()}, load)
-    return []
+    found = figures(run)
+    what = f"a fleet: {run.windows} windows, load {before:.1f} to {os.getloadavg()[0]:.1f}"
+    print(f"{what:<58}{'found':>10} {'':<7}{'aim':>10} {'ratio':>7}")
+    for figure in found:
+        print(figure.line, flush=True)
+    return found
 
 
 if __name__ == "__main__":
@@ -272,4 +373,4 @@ if __name__ == "__main__":
     parser.add_argument("--assets", type=int, default=3, help="assets of each partition in a round")
     parser.add_argument("--rounds", type=int, default=2, help="rounds that are measured")
     chosen = parser.parse_args()
-    main(chosen.assets, chosen.rounds)
+    sys.exit(any(figure.missed for figure in main(chosen.assets, chosen.rounds)))

@@ -17,6 +17,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -138,15 +139,18 @@ def tree(pid: int) -> list[psutil.Process]:
 
 
 def group_of(process: psutil.Process, top: int) -> str:
-    """What a process of a fleet is: `up`, the engine, a partition, or what computes for one."""
+    """What a process of a fleet is: `up`, the engine's head or a node of it, a partition, or what computes for one."""
     if process.pid == top:
         return "up"
     for ancestor in (process, *process.parents()):
-        if "PartitionActor" in " ".join(ancestor.cmdline()):
+        words = " ".join(ancestor.cmdline())
+        if "PartitionActor" in words:
             return "partition" if ancestor.pid == process.pid else "computing"
-        if ancestor.pid == top:
+        if "--node-name=head" in words:
+            return "head"
+        if "--node-name=node" in words or ancestor.pid == top:
             break
-    return "engine"
+    return "node"
 
 
 def spent_by(pid: int, group: Callable[[psutil.Process, int], str]) -> dict[str, float]:
@@ -243,6 +247,10 @@ def postgresql(*, durable: bool = False) -> Iterator[tuple[str, Callable[[], flo
         yield url, lambda: spent_by(pid, lambda process, top: "server")["server"], data
 
 
+def _either(process: subprocess.Popen[bytes], ready: Callable[[], bool]) -> bool:
+    return process.poll() is not None or ready()
+
+
 class Plant:
     """A fleet that runs, with router and database.
 
@@ -277,7 +285,7 @@ class Plant:
         }
         try:
             for name, ready in reached.items():
-                wait_until(lambda ready=ready: process.poll() is not None or ready(), STARTED_WITHIN, name)
+                wait_until(partial(_either, process, ready), STARTED_WITHIN, name)
                 if process.poll() is not None:
                     raise RuntimeError(f"the fleet has ended: {said.read_text()}")
                 self.started[name] = time.monotonic() - begun
