@@ -21,7 +21,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -177,15 +176,15 @@ def _publish(recordings: Mapping[int, Path], endpoint: str, prefix: Callable[[in
     return used
 
 
-def _since(now: Mapping[str, float], before: Mapping[str, float]) -> Counter[str]:
-    return Counter({name: value - before.get(name, 0.0) for name, value in now.items()})
+def _since(now: Mapping[str, float], before: Mapping[str, float]) -> dict[str, float]:
+    return {name: value - before.get(name, 0.0) for name, value in now.items()}
 
 
 @dataclass(slots=True)
 class Spending:
     """What a system has spent over the rounds that are measured [s]."""
 
-    spent: Counter[str] = field(default_factory=Counter)  # processor time by group of processes
+    spent: dict[str, float] = field(default_factory=dict)  # processor time by group of processes
     seconds: float = 0.0  # by the wall clock
 
 
@@ -237,7 +236,7 @@ class Run:
 
             def fleet_spent() -> dict[str, float]:
                 used = dict(plant.spent().groups)
-                return {**used, "fleet computing": used.pop("computing", 0.0), "server": server()}
+                return {**used, "fleet computing": used.pop("computing", 0.0), "server": server(), **plant.written()}
 
             def idle() -> dict[str, float]:
                 return fleet_spent() | service.spent()
@@ -266,10 +265,10 @@ class Run:
         before, before_router, begun = spent(), spent_by(router_pid, _router), time.monotonic()
         yield own
         time.sleep(SETTLE)
-        used = _since(spent(), before) + _since(spent_by(router_pid, _router), before_router)
+        used = _since(spent(), before) | _since(spent_by(router_pid, _router), before_router)
         into.seconds += time.monotonic() - begun
         for name, value in (*used.items(), *own.items()):
-            into.spent[name] += value
+            into.spent[name] = into.spent.get(name, 0.0) + value
 
     # -- what follows from it ------------------------------------------------------------------------
 
@@ -320,7 +319,11 @@ def figures(run: Run) -> list[Figure]:
         ),
         Figure(what="fleet over the plain loop with SQLite", value=ms * all_ / loops["SQLite"] - 1, unit=""),
         Figure(what="  serve over the same", value=ms * one / loops["SQLite"] - 1, unit=""),
-        Figure(what="PostgreSQL's server", value=ms * fleet["server"], unit="ms", note="a window"),
+        Figure(
+            what="PostgreSQL's server", value=ms * fleet["server"], unit="ms",
+            note=f"a window; {fleet['transactions']:.1f} transactions, {fleet['log'] / 1024:.0f} kB of its log, "
+            f"{fleet['size'] / 1024:.0f} kB of tables",
+        ),
         Figure(
             what="publishers and router, of the fleet", value=ms * (fleet["publishers"] + fleet["router"]), unit="ms",
             note=f"{ms * (service['publishers'] + service['router']):.1f} of the service",
@@ -340,17 +343,17 @@ def figures(run: Run) -> list[Figure]:
         ("memory of a node", ("node",), NODES),
         ("memory of fleet up", ("up",), 1),
     ):
-        count, uss, shared = (sum(run.memory[g][k] for g in groups) / by for k in range(3))
-        note = f"PSS; {uss / 2**20:.0f} its own (USS), {count:.0f} processes"
+        processes, uss, shared = (sum(run.memory[name][k] for name in groups) / by for k in range(3))
+        note = f"PSS; {uss / 2**20:.0f} its own (USS), {processes:.0f} processes"
         out.append(Figure(what=what, value=shared / 2**20, unit="MB", note=note))
-    pss = sum(each[2] for each in run.service_memory.values()) / 2**20
-    out.append(Figure(what="memory of the service with what computes for it", value=pss, unit="MB", note="PSS"))
-    before = 0.0
+    whole = sum(each[2] for each in run.service_memory.values()) / 2**20
+    out.append(Figure(what="memory of the service with what computes for it", value=whole, unit="MB", note="PSS"))
+    earlier = 0.0
     for name, at in run.started.items():
         out.append(
-            Figure(what=f"start-up: {name}", value=at, unit="s", by_the_clock=True, note=f"{at - before:.1f} of it")
+            Figure(what=f"start-up: {name}", value=at, unit="s", by_the_clock=True, note=f"{at - earlier:.1f} of it")
         )
-        before = at
+        earlier = at
     return out
 
 

@@ -1,8 +1,8 @@
 """A model of a fleet: windows of many assets through partitions on nodes, event by event.
 
 Each partition has a thread that receives and commits, and one process that computes. What either does next is the
-oldest thing that waits for it, and needs a core of its node for as long as it computes; it holds none while it waits for
-the database. A node that is lost takes what is under way with it: the windows wait, the partition begins on another node
+oldest thing that waits for it. It needs a core of its node for as long as it computes, and none while it waits for the
+database. A node that is lost takes what is under way with it: the windows wait, the partition begins on another node
 once the loss is known, and the first window of each asset there finds nothing at hand.
 """
 

@@ -67,6 +67,7 @@ EVERY = 90.0  # revolutions between two windows
 SETTLED_WITHIN = 600.0  # a stretch's windows [s]
 STARTED_WITHIN = 240.0  # a fleet [s]
 LOOK_EVERY = 0.1  # [s]
+ASK_EVERY = 1.0  # of the database, whose processor time is measured [s]
 
 
 def campaign() -> Path:
@@ -106,13 +107,13 @@ def names_of(partition: int, partitions: int, count: int, begin: str) -> list[st
     return found
 
 
-def wait_until(reached: Callable[[], bool], seconds: float, what: str) -> None:
+def wait_until(reached: Callable[[], bool], seconds: float, what: str, every: float = LOOK_EVERY) -> None:
     """Returns as soon as something is so; RuntimeError where it takes longer."""
     end = time.monotonic() + seconds
     while not reached():
         if time.monotonic() > end:
             raise RuntimeError(f"{what}: not within {seconds:g} s")
-        time.sleep(LOOK_EVERY)
+        time.sleep(every)
 
 
 # -- processes -----------------------------------------------------------------------------------------
@@ -238,9 +239,8 @@ def postgresql(*, durable: bool = False) -> Iterator[tuple[str, Callable[[], flo
     sys.path.insert(0, str(TESTS))
     import postgresql_server
 
-    if durable:
-        kept = ("max_connections=120", "listen_addresses=127.0.0.1")
-        postgresql_server.SETTINGS = kept
+    kept = ("max_connections=120", "listen_addresses=127.0.0.1", "track_commit_timestamp=on")
+    postgresql_server.SETTINGS = kept if durable else (*postgresql_server.SETTINGS, *kept)
     with postgresql_server.PostgresqlServer() as server, server.new_database() as url:
         data = Path(server.folder) / "data"
         pid = int((data / "postmaster.pid").read_text().split()[0])
@@ -270,6 +270,7 @@ class Plant:
             "FLEET_PARTITIONS": str(partitions), "FLEET_WORKERS": str(nodes), "TRACE": "false", "IDLE_TIMEOUT": "2",
         } | settings  # fmt: skip
         self._process: subprocess.Popen[bytes] | None = None
+        self._asked = 0  # questions of this program's own
         self.started: dict[str, float] = {}  # what had been reached, after how long [s]
 
     def __enter__(self) -> Plant:
@@ -314,6 +315,7 @@ class Plant:
 
     def windows(self) -> int:
         """How many are committed."""
+        self._asked += 1
         parts = " UNION ALL ".join(f"SELECT count(*) AS n FROM {schema_of(p)}.windows" for p in self.layout.all)
         with self.tables.connect() as db:
             return int(db.exec_driver_sql(f"SELECT sum(n) FROM ({parts}) AS each").scalar_one())
@@ -330,4 +332,14 @@ class Plant:
 
     def await_windows(self, count: int) -> None:
         """Until so many windows are committed."""
-        wait_until(lambda: self.windows() >= count, SETTLED_WITHIN, f"{count} windows")
+        wait_until(lambda: self.windows() >= count, SETTLED_WITHIN, f"{count} windows", ASK_EVERY)
+
+    def written(self) -> dict[str, float]:
+        """What the database has carried out: transactions of the fleet, bytes of its log, and bytes of its tables."""
+        self._asked += 1
+        with self.tables.connect() as db:
+            done, log, size = db.exec_driver_sql(
+                "SELECT xact_commit, pg_current_wal_lsn() - '0/0', pg_database_size(current_database()) "
+                "FROM pg_stat_database WHERE datname = current_database()"
+            ).one()
+        return {"transactions": float(done) - self._asked, "log": float(log), "size": float(size)}
