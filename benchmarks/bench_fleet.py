@@ -118,8 +118,8 @@ class _Service:
         self._said = folder / "serve.txt"
         self._process = program(
             "-m", "service", "serve", said=self._said, DATA=str(folder / "data"), CONNECT=json.dumps([endpoint]),
-            HTTP=f"127.0.0.1:{free_port(range(22000, 23000))}", NEW_ASSETS="adopt", TRACE="false", WORKERS="1",
-            IDLE_TIMEOUT="2",
+            HTTP=f"127.0.0.1:{free_port(range(22000, 23000))}", NEW_ASSETS="adopt", TRACE="false",
+            WORKERS=str(PARTITIONS), IDLE_TIMEOUT="2",
         )  # fmt: skip
 
     def await_start(self) -> None:
