@@ -27,7 +27,7 @@ from benchmarks.trace_campaigns.generate import FOLDER, RIG
 from recordings.generator.deliver import simulate_file
 from service.fleet.census import Census, census
 from service.fleet.databases import engine_of
-from service.fleet.layout import Layout, partition_of, prefix_of, schema_of
+from service.fleet.layout import Layout, partition_of, schema_of
 from service.runtime.demo import free_port
 from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
@@ -323,7 +323,7 @@ class Plant:
     def publish(self, recordings: Mapping[int, Path], speed: float = 0.0, most: float = 1e9) -> None:
         """Replays a recording to each partition until all is stored."""
         running = [
-            publisher(path, self.endpoint, prefix_of(p), self.folder / f"publisher-{p}.txt", speed, most)
+            publisher(path, self.endpoint, self.layout.prefix_of(p), self.folder / f"publisher-{p}.txt", speed, most)
             for p, path in recordings.items()
         ]
         for process in running:

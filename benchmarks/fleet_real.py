@@ -29,7 +29,7 @@ from benchmarks.fleet_plant import (
     tree,
     wait_until,
 )
-from service.fleet.layout import partition_of, prefix_of, schema_of
+from service.fleet.layout import partition_of, schema_of
 from service.stream.frames import NS
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode
@@ -152,9 +152,8 @@ class RealFleet:
         said = {p: self._folder / f"publisher{self._runs}-{p}.txt" for p in paths}
         stretched = slower()
         spent, written, begun = self.plant.spent(), self.plant.written(), time.monotonic()
-        running = [
-            program("-c", PUBLISHER, str(paths[p]), self.plant.endpoint, prefix_of(p), said=said[p]) for p in paths
-        ]
+        where, keys = self.plant.endpoint, self.plant.layout.prefix_of
+        running = [program("-c", PUBLISHER, str(path), where, keys(p), said=said[p]) for p, path in paths.items()]
         lost_at = None
         if load.lose_at is not None:
             time.sleep(load.lose_at)

@@ -54,6 +54,9 @@ def database_of(settings: Settings) -> str:
 def prepared(settings: Settings, progress: Callable[[int, int], None] = lambda done, of: None) -> Layout:
     """The tables of the fleet and of all its partitions, made where they are not there."""
     database = database_of(settings)
+    for bridge in ("mqtt", "opcua"):
+        if getattr(settings, bridge) is not None:
+            raise InputError(f"setting {bridge}: a fleet has no bridges to other networks; gear-twin serve has them")
     with reached(database):
         engine = engine_of(database, poolclass=sa.NullPool)
         known = layout_of(engine, older=True)

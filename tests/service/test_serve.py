@@ -213,14 +213,14 @@ def test_service_waits_for_an_external_router_and_says_so(tmp_path):
     starting = threading.Thread(target=running.start, daemon=True)
     starting.start()
     wait_until(lambda: running.get("/healthz") is not None)
-    assert running.get("/readyz") is None
+    assert not running.ready()
     with open_session(listen=[endpoint]):
-        wait_until(lambda: running.get("/readyz") is not None)
+        wait_until(lambda: running.ready())
         starting.join(5)
-    wait_until(lambda: running.get("/readyz") is None)  # the router is gone, and the service is alive
+    wait_until(lambda: not running.ready())  # the router is gone, and the service is alive
     assert running.get("/healthz") == {"status": "ok"} and "gear_twin_network_connected 0.0" in running.text("/metrics")
     with open_session(listen=[endpoint]):
-        wait_until(lambda: running.get("/readyz") is not None)
+        wait_until(lambda: running.ready())
         assert running.end()[0] == 0
 
 
@@ -231,6 +231,7 @@ def test_service_that_waits_for_a_router_still_ends_on_a_signal(tmp_path):
     assert running.end()[0] == 0
 
 
+@pytest.mark.serve_only("a fleet's worker takes its partition from whoever has it, whatever its folder")
 def test_taken_address_and_taken_data_directory_are_one_clear_line(tmp_path):
     with service(tmp_path / "a") as running:
         taken = Settings(http=running.http, listen=["tcp/127.0.0.1:0"], data=tmp_path / "b")
