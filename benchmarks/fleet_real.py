@@ -6,9 +6,11 @@ is the database's own account (`track_commit_timestamp`).
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -29,7 +31,7 @@ from benchmarks.fleet_plant import (
     tree,
     wait_until,
 )
-from service.fleet.layout import partition_of, schema_of
+from service.fleet.layout import partition_of, prefix_of, schema_of
 from service.stream.frames import NS
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode
@@ -38,20 +40,22 @@ STEP = 0.02  # of the twin [s]
 PARTITIONS, NODES = 4, 2
 IDLE_TIMEOUT = 0.7  # [s]
 COMMITS = 100  # that are timed
-SPUN = 0.5  # processor time that is timed by the wall clock [s]
+SPUN, SPIN_EVERY = 0.05, 2.0  # processor time that is timed by the wall clock, and how often [s]
 BEGIN_NS = 1_700_000_000 * NS
 APART_NS = 86_400 * NS  # between the windows of two runs
 
 PUBLISHER = """
-import sys, time
+import json, sys, time
 from service.runtime.replay import replay
-begun = []
-def progress(share, settled):
-    if not begun:
-        begun.append(time.time())
-        print(begun[0], flush=True)
-path, endpoint, prefix = sys.argv[1:]
-replay(path, [endpoint], 1.0, prefix=prefix, recorded="gearbox", wait=300.0, progress=progress)
+sent = {}
+def noted(frames):
+    for frame in frames:
+        yield frame
+        sent.setdefault(frame.channel.asset, {})[frame.log_time_ns] = time.time()
+path, endpoint, prefix, out = sys.argv[1:]
+replay(path, [endpoint], 1.0, prefix=prefix, recorded="gearbox", wait=300.0, disturb=noted)
+with open(out, "w") as file:
+    json.dump(sent, file)
 """
 
 
@@ -83,12 +87,28 @@ class Found:
     drained: float = 0.0  # after a loss, until nothing waits that came before it was served [s]
 
 
-def slower() -> float:
-    """How many times longer processor time takes by the wall clock, on a machine that others use as well."""
-    begun, processor = time.monotonic(), time.process_time()
-    while time.process_time() - processor < SPUN:
-        sum(range(10_000))
-    return max(1.0, (time.monotonic() - begun) / SPUN)
+class Slower(threading.Thread):
+    """How many times longer processor time takes by the wall clock: others use the machine as well."""
+
+    def __init__(self) -> None:
+        super().__init__(name="slower", daemon=True)
+        self._stopping, self._wall, self._processor = threading.Event(), 0.0, 0.0
+        self.start()
+
+    def run(self) -> None:
+        """Spins now and then."""
+        while not self._stopping.wait(SPIN_EVERY):
+            begun, processor = time.monotonic(), time.thread_time()
+            while time.thread_time() - processor < SPUN:
+                sum(range(1000))
+            self._wall += time.monotonic() - begun
+            self._processor += time.thread_time() - processor
+
+    def end(self) -> float:
+        """Ends the thread; the mean ratio."""
+        self._stopping.set()
+        self.join()
+        return max(1.0, self._wall / self._processor) if self._processor else 1.0
 
 
 @contextmanager
@@ -148,12 +168,18 @@ class RealFleet:
         self._runs += 1
         start_ns = BEGIN_NS + self._runs * APART_NS
         paths = {p: self._folder / f"run{self._runs}-{p}.mcap" for p in range(PARTITIONS)}
-        first_ns = {p: self._write(path, load, p, start_ns) for p, path in paths.items()}
+        for p, path in paths.items():
+            self._write(path, load, p, start_ns)
         said = {p: self._folder / f"publisher{self._runs}-{p}.txt" for p in paths}
-        stretched = slower()
+        sent = {p: self._folder / f"sent{self._runs}-{p}.json" for p in paths}
+        watch = Slower()
         spent, written, begun = self.plant.spent(), self.plant.written(), time.monotonic()
-        where, keys = self.plant.endpoint, self.plant.layout.prefix_of
-        running = [program("-c", PUBLISHER, str(path), where, keys(p), said=said[p]) for p, path in paths.items()]
+        running = [
+            program(
+                "-c", PUBLISHER, str(paths[p]), self.plant.endpoint, prefix_of(p), str(sent[p]), said=said[p]
+            )
+            for p in paths
+        ]  # fmt: skip
         lost_at = None
         if load.lose_at is not None:
             time.sleep(load.lose_at)
@@ -168,8 +194,7 @@ class RealFleet:
         self.plant.await_windows(self._windows)
         seconds = time.monotonic() - begun
         used, wrote = self.plant.spent(), self.plant.written()
-        sent = {p: (float(path.read_text().split()[0]), first_ns[p]) for p, path in said.items()}
-        ended, committed = self._times(start_ns, sent)
+        ended, committed = self._times(start_ns, {p: json.loads(path.read_text()) for p, path in sent.items()})
         before = np.ones(ended.size, bool) if lost_at is None else committed < lost_at
         given = {}
         if lost_at is not None:
@@ -177,11 +202,11 @@ class RealFleet:
             given = {"served": served, "drained": float(np.max(committed[late])) - lost_at}
         return Found(
             lags=(committed - ended)[before], windows=load.assets * load.windows, seconds=seconds,
-            spent=used.since(spent), written=_since(wrote, written), slower=(stretched + slower()) / 2, **given,
+            spent=used.since(spent), written=_since(wrote, written), slower=watch.end(), **given,
         )  # fmt: skip
 
-    def _write(self, path: Path, load: Load, partition: int, start_ns: int) -> int:
-        """The recording of a partition's assets, in the order of time; when its first frame ends."""
+    def _write(self, path: Path, load: Load, partition: int, start_ns: int) -> None:
+        """The recording of a partition's assets, in the order of time."""
         sys.path.insert(0, str(TESTS))
         from service_streams import FRAME_S, RIG, WINDOW_S, _frames
 
@@ -203,22 +228,25 @@ class RealFleet:
                 begin = start_ns + round(at * NS)
                 for frame in _frames(asset, begin, number, 10 + window % 50, rng, window):
                     writer.write(frame.channel, begin + round(FRAME_S * NS), encode(frame))
-        return start_ns + round((due[0][0] + FRAME_S) * NS)
 
-    def _times(self, start_ns: int, sent: dict[int, tuple[float, int]]) -> tuple[Array, Array]:
-        """When each window of a run ended, and when its results were committed, by the wall clock [s]."""
-        from service_streams import WINDOW_S
+    def _times(self, start_ns: int, sent: dict[int, dict[str, dict[str, float]]]) -> tuple[Array, Array]:
+        """When the last frame of each window was sent, and when its results were committed, by the wall clock [s].
+
+        sent  by partition, asset, and the end of a frame by the recording's clock
+        """
+        from service_streams import FRAME_S, WINDOW_S
 
         ended, committed = [], []
         with self.plant.tables.connect() as db:
-            for partition, (begun, first_ns) in sent.items():
+            for partition, assets in sent.items():
                 rows = db.exec_driver_sql(
-                    "SELECT start_ns, extract(epoch FROM pg_xact_commit_timestamp(xmin)) "
+                    "SELECT asset, start_ns, extract(epoch FROM pg_xact_commit_timestamp(xmin)) "
                     f"FROM {schema_of(partition)}.windows "
                     f"WHERE start_ns BETWEEN {start_ns} AND {start_ns + APART_NS // 2}"
                 )
-                for start, at in rows:
-                    ended.append(begun + (start - first_ns) / NS + WINDOW_S)
+                for asset, start, at in rows:
+                    until = start + round((WINDOW_S + FRAME_S / 2) * NS)
+                    ended.append(max(when for end, when in assets[asset].items() if start < int(end) <= until))
                     committed.append(float(at))
         return np.array(ended), np.array(committed)
 

@@ -4,7 +4,8 @@
 
 `--real` runs a fleet with the tests' twin, which sleeps 20 ms a window, at 200 and 500 assets on this machine, kills
 one of its two nodes in each run, and prints what the model predicts beside what is measured. The model is given what a
-run of 50 assets costs a window, what a transaction takes, and how long a worker that is killed takes to be replaced.
+run of 50 assets costs a window, what a transaction takes, how long a killed worker takes to be replaced, and how
+many times longer processor time took by the wall clock meanwhile, because others use the machine.
 
 `--sizes` measures the steps of the twin itself, cold and warm, with and without tracing, and what a window costs in a
 fleet (`bench_fleet`), and prints what the model makes of it for fleets of many sizes: placement, lag of results behind
@@ -27,13 +28,13 @@ import numpy as np
 from benchmarks.bench_fleet import ENGINE_GROUPS, PARTITIONS, Run
 from benchmarks.fleet_model import Array, Costs, Model, Plan, Result
 from benchmarks.fleet_plant import campaign
-from benchmarks.fleet_real import IDLE_TIMEOUT, NODES, STEP, Found, Load, fleet, slower
+from benchmarks.fleet_real import IDLE_TIMEOUT, NODES, STEP, Found, Load, Slower, fleet
 from benchmarks.fleet_real import PARTITIONS as REAL_PARTITIONS
 
 CALIBRATION = Load(assets=50, period=10.0, windows=3)
 REAL = (
-    Load(assets=200, period=20.0, windows=4, lose_at=50.0),
-    Load(assets=500, period=45.0, windows=3, lose_at=90.0),
+    Load(assets=200, period=30.0, windows=3, lose_at=60.0),
+    Load(assets=500, period=75.0, windows=2, lose_at=100.0),
 )
 IDLE = 15.0  # that is measured without frames [s]
 TICK = 0.1  # between two looks of the receiving thread whether a window has closed [s]
@@ -141,38 +142,40 @@ def met(found: Found, model: Result, per_window: dict[str, float], idle: dict[st
 
 
 def real() -> None:
-    """The model beside real runs."""
-    with tempfile.TemporaryDirectory(prefix="gear-twin-bench-") as made, fleet(Path(made)) as running:
-        idle, idle_written = running.idle(IDLE)
-        calibrated = running.run(CALIBRATION)
-        database = running.commit()
-        restart, restart_processor = running.restart()
-        quiet = slower()
-        a_window = {
-            name: (calibrated.written[name] - idle_written[name] * calibrated.seconds) / calibrated.windows
-            for name in idle_written
-        }
-        own = (calibrated.spent["partition"] - idle["partition"] * calibrated.seconds) / calibrated.windows
-        print(
-            f"measured at {CALIBRATION.assets} assets: {1e3 * own:.1f} ms a window in the partition, "
-            f"{a_window['transactions']:.1f} transactions and {a_window['log'] / 1024:.1f} kB of log a window; "
-            f"{idle_written['transactions']:.1f} transactions/s without frames; a transaction {1e3 * database:.1f} ms; "
-            f"a killed worker replaced in {restart:.1f} s ({restart_processor:.1f} s of processor); load "
-            f"{os.getloadavg()[0]:.1f}"
-        )
-        for load in REAL:
-            stretched = slower()
-            costs = Costs(
-                receive=own / 2 * stretched, commit=own / 2 * stretched, warm=np.zeros(1), cold=np.zeros(1),
-                sleep=STEP, database=database, close=IDLE_TIMEOUT + TICK / 2, detect=DETECT,
-                restart=restart_processor * stretched,
-                restart_wait=max(restart - restart_processor * quiet, 0.0),
-            )  # fmt: skip
-            plan = Plan(
-                assets=load.assets, period=load.period, partitions=REAL_PARTITIONS, nodes=NODES,
-                cores=os.cpu_count() or 1, seconds=load.seconds, lose_at=load.lose_at, lose=1,
-            )  # fmt: skip
-            met(running.run(load), Model(plan, costs).run(), a_window, idle_written, load)
+    """The model beside real runs, each with a fleet of its own."""
+    for load in REAL:
+        with tempfile.TemporaryDirectory(prefix="gear-twin-bench-") as made, fleet(Path(made)) as running:
+            idle, idle_written = running.idle(IDLE)
+            calibrated = running.run(CALIBRATION)
+            database = running.commit()
+            watch = Slower()
+            restart, processor = running.restart()
+            restart_wait = max(restart - processor * watch.end(), 0.0)
+            a_window = {
+                name: (calibrated.written[name] - idle_written[name] * calibrated.seconds) / calibrated.windows
+                for name in idle_written
+            }
+            own = (calibrated.spent["partition"] - idle["partition"] * calibrated.seconds) / calibrated.windows
+            print(
+                f"\nmeasured at {CALIBRATION.assets} assets: {1e3 * own:.1f} ms a window in the partition, "
+                f"{a_window['transactions']:.1f} transactions and {a_window['log'] / 1024:.1f} kB of log a window; "
+                f"{idle_written['transactions']:.1f} transactions/s without frames; one takes {1e3 * database:.1f} ms; "
+                f"a killed worker replaced in {restart:.1f} s ({processor:.1f} s of processor); load "
+                f"{os.getloadavg()[0]:.1f}",
+                flush=True,
+            )
+            found = running.run(load)
+        slow = found.slower
+        costs = Costs(
+            receive=own / 2 * slow, commit=own / 2 * slow, warm=np.zeros(1), cold=np.zeros(1), sleep=STEP,
+            database=database, close=IDLE_TIMEOUT + TICK / 2, detect=DETECT, restart=processor * slow,
+            restart_wait=restart_wait,
+        )  # fmt: skip
+        plan = Plan(
+            assets=load.assets, period=load.period, partitions=REAL_PARTITIONS, nodes=NODES,
+            cores=os.cpu_count() or 1, seconds=load.seconds, lose_at=load.lose_at, lose=1,
+        )  # fmt: skip
+        met(found, Model(plan, costs).run(), a_window, idle_written, load)
 
 
 # -- sizes ---------------------------------------------------------------------------------------------
