@@ -36,6 +36,7 @@ from benchmarks.fleet_plant import (
     campaign,
     ended,
     group_of,
+    killed,
     many,
     memory_by,
     names_of,
@@ -46,7 +47,7 @@ from benchmarks.fleet_plant import (
     spent_by,
     wait_until,
 )
-from service.fleet.layout import Layout
+from service.fleet.layout import prefix_of
 from service.runtime.demo import free_port
 from service.stream.wire.topics import PREFIX
 
@@ -162,17 +163,18 @@ def _group(process: Any, top: int) -> str:
 
 def _publish(recordings: Mapping[int, Path], endpoint: str, prefix: Callable[[int], str], folder: Path) -> float:
     """Publishes until all is stored; the processor time of the publishers [s]."""
-    running = [
-        publisher(path, endpoint, prefix(partition), folder / f"publisher-{partition}.txt")
-        for partition, path in recordings.items()
-    ]
     used = 0.0
-    for process in running:
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        if process.returncode:
-            raise RuntimeError(f"a publisher failed: see {folder}")
-        used += usage.ru_utime + usage.ru_stime
+    with ExitStack() as stack:
+        running = []
+        for partition, path in recordings.items():
+            running.append(publisher(path, endpoint, prefix(partition), folder / f"publisher-{partition}.txt"))
+            stack.callback(killed, running[-1])
+        for process in running:
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+            if process.returncode:
+                raise RuntimeError(f"a publisher failed: see {folder}")
+            used += usage.ru_utime + usage.ru_stime
     return used
 
 
@@ -248,7 +250,7 @@ class Run:
                     used["publishers"] = _publish(recordings, endpoint, lambda p: PREFIX, self.folder)
                     service.await_windows(count)
                 with self._counted(self.fleet if number else Spending(), fleet_spent, router_pid) as used:
-                    used["publishers"] = _publish(recordings, endpoint, Layout(PARTITIONS).prefix_of, self.folder)
+                    used["publishers"] = _publish(recordings, endpoint, prefix_of, self.folder)
                     plant.await_windows(count)
             before = idle()
             time.sleep(IDLE)

@@ -195,6 +195,13 @@ def ended(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
+def killed(process: subprocess.Popen[bytes]) -> None:
+    """Ends a program at once, where it has not ended."""
+    if process.poll() is None:
+        process.kill()
+        process.wait()
+
+
 ROUTER = """
 import sys, time
 from service.transport.zenoh_session import open_session
@@ -319,16 +326,6 @@ class Plant:
         parts = " UNION ALL ".join(f"SELECT count(*) AS n FROM {schema_of(p)}.windows" for p in self.layout.all)
         with self.tables.connect() as db:
             return int(db.exec_driver_sql(f"SELECT sum(n) FROM ({parts}) AS each").scalar_one())
-
-    def publish(self, recordings: Mapping[int, Path], speed: float = 0.0, most: float = 1e9) -> None:
-        """Replays a recording to each partition until all is stored."""
-        running = [
-            publisher(path, self.endpoint, self.layout.prefix_of(p), self.folder / f"publisher-{p}.txt", speed, most)
-            for p, path in recordings.items()
-        ]
-        for process in running:
-            if process.wait(SETTLED_WITHIN):
-                raise RuntimeError(f"a publisher failed: see {self.folder}")
 
     def await_windows(self, count: int) -> None:
         """Until so many windows are committed."""

@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from benchmarks.fleet_plant import (
     SETTLED_WITHIN,
     TESTS,
     Plant,
+    killed,
     postgresql,
     program,
     router,
@@ -174,35 +175,35 @@ class RealFleet:
         sent = {p: self._folder / f"sent{self._runs}-{p}.json" for p in paths}
         watch = Slower()
         spent, written, begun = self.plant.spent(), self.plant.written(), time.monotonic()
-        running = [
-            program(
-                "-c", PUBLISHER, str(paths[p]), self.plant.endpoint, prefix_of(p), str(sent[p]), said=said[p]
-            )
-            for p in paths
-        ]  # fmt: skip
         lost_at = None
-        if load.lose_at is not None:
-            time.sleep(load.lose_at)
-            tokens = [row["token"] for row in self.plant.census().rows]
-            lost_at = time.time()
-            gone = self._kill_node()
-            served = self._served(gone, tokens) - lost_at
-        for process in running:
-            if process.wait(SETTLED_WITHIN):
-                raise RuntimeError(f"a publisher failed: see {self._folder}")
+        with ExitStack() as stack:
+            running = []
+            for p, path in paths.items():
+                given = ("-c", PUBLISHER, str(path), self.plant.endpoint, prefix_of(p), str(sent[p]))
+                running.append(program(*given, said=said[p]))
+                stack.callback(killed, running[-1])
+            if load.lose_at is not None:
+                time.sleep(load.lose_at)
+                tokens = [row["token"] for row in self.plant.census().rows]
+                lost_at = time.time()
+                gone = self._kill_node()
+                served = self._served(gone, tokens) - lost_at
+            for process in running:
+                if process.wait(SETTLED_WITHIN):
+                    raise RuntimeError(f"a publisher failed: see {self._folder}")
         self._windows += load.assets * load.windows
         self.plant.await_windows(self._windows)
         seconds = time.monotonic() - begun
         used, wrote = self.plant.spent(), self.plant.written()
         ended, committed = self._times(start_ns, {p: json.loads(path.read_text()) for p, path in sent.items()})
         before = np.ones(ended.size, bool) if lost_at is None else committed < lost_at
-        given = {}
+        recovery = {}
         if lost_at is not None:
             late = ended < lost_at + served
-            given = {"served": served, "drained": float(np.max(committed[late])) - lost_at}
+            recovery = {"served": served, "drained": float(np.max(committed[late])) - lost_at}
         return Found(
             lags=(committed - ended)[before], windows=load.assets * load.windows, seconds=seconds,
-            spent=used.since(spent), written=_since(wrote, written), slower=watch.end(), **given,
+            spent=used.since(spent), written=_since(wrote, written), slower=watch.end(), **recovery,
         )  # fmt: skip
 
     def _write(self, path: Path, load: Load, partition: int, start_ns: int) -> None:
