@@ -47,7 +47,7 @@ from benchmarks.fleet_plant import (
     spent_by,
     wait_until,
 )
-from service.fleet.layout import prefix_of
+from service.fleet.layout import Layout
 from service.runtime.demo import free_port
 from service.stream.wire.topics import PREFIX
 
@@ -250,7 +250,7 @@ class Run:
                     used["publishers"] = _publish(recordings, endpoint, lambda p: PREFIX, self.folder)
                     service.await_windows(count)
                 with self._counted(self.fleet if number else Spending(), fleet_spent, router_pid) as used:
-                    used["publishers"] = _publish(recordings, endpoint, prefix_of, self.folder)
+                    used["publishers"] = _publish(recordings, endpoint, Layout(PARTITIONS).prefix_of, self.folder)
                     plant.await_windows(count)
             before = idle()
             time.sleep(IDLE)

@@ -32,7 +32,7 @@ from benchmarks.fleet_plant import (
     tree,
     wait_until,
 )
-from service.fleet.layout import partition_of, prefix_of, schema_of
+from service.fleet.layout import partition_of, schema_of
 from service.stream.frames import NS
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode
@@ -179,7 +179,7 @@ class RealFleet:
         with ExitStack() as stack:
             running = []
             for p, path in paths.items():
-                given = ("-c", PUBLISHER, str(path), self.plant.endpoint, prefix_of(p), str(sent[p]))
+                given = ("-c", PUBLISHER, str(path), self.plant.endpoint, self.plant.layout.prefix_of(p), str(sent[p]))
                 running.append(program(*given, said=said[p]))
                 stack.callback(killed, running[-1])
             if load.lose_at is not None:
