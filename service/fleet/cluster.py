@@ -36,6 +36,10 @@ STARTED_WITHIN = 120.0  # a node of Ray [s]; half a minute where the machine is 
 ENDED_WITHIN = 10.0  # before a node is killed [s]
 OBJECT_STORE = 80 * 2**20  # shared memory of a node [bytes]: nothing large travels through Ray
 NODE = "service.fleet.loopback_node"
+AGENT_PORTS = (
+    "--dashboard-agent-grpc-port", "--dashboard-agent-listen-port", "--metrics-export-port", "--runtime-env-agent-port",
+)  # fmt: skip
+"""Of the programs that Ray starts on each node: it gives up a node on which they have not chosen ports within 15 s."""
 ROOM = "partition"  # the resource of which a node has one for each partition that it may serve
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -210,7 +214,7 @@ class LocalCluster:
         self.nodes, self.head = [], None
 
     def _start(self, name: str, arguments: list[str], room: int) -> Node:
-        given = [*arguments, f"--node-ip-address={LOOPBACK}"]
+        given = [*arguments, f"--node-ip-address={LOOPBACK}", *(f"{port}={_free_port()}" for port in AGENT_PORTS)]
         if "--head" in arguments:
             given.append(f"--temp-dir={_short(self.folder)}")
         return Node.started(self.folder, name, given, environment(self.folder), room=room, program=NODE)

@@ -149,7 +149,11 @@ class Fleet:
         if self.cluster is not None:
             if self.cluster.lost:
                 self._begin_again()
-            changed = bool(self.cluster.look())
+            try:
+                changed = bool(self.cluster.look())
+            except DeliveryError as error:
+                log.error("%s: it is tried again", error)
+                return
             wanted = wanted_workers(self._tables)
             if wanted is not None and wanted > len(self.cluster.nodes):
                 self.cluster.scale(wanted)

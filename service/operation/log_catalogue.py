@@ -256,6 +256,12 @@ LINES: tuple[Line, ...] = (
     ),
     Line(
         "service.fleet.up",
+        "%s: it is tried again",
+        "A node of Ray that replaces one on this machine has not started; the other nodes go on.",
+        "Look at the file that it names, and for lack of memory.",
+    ),
+    Line(
+        "service.fleet.up",
         "%s: the partitions wait for it",
         "The database of the fleet is away; frames wait with their publishers and with the workers.",
         _STORAGE,
