@@ -3,7 +3,7 @@
     python -m benchmarks [--quick]
 
 Ends with a non-zero status where a figure is beyond its limit (twice its aim where none is stated): that is no noise.
-`--quick` leaves the hour-long recording at six minutes, and tracing and many machines out.
+`--quick` leaves the hour-long recording at six minutes, and tracing, many machines and a fleet out.
 """
 
 from __future__ import annotations
@@ -11,7 +11,15 @@ from __future__ import annotations
 import argparse
 import sys
 
-from benchmarks import bench_dynamics, bench_ingest, bench_pipeline, bench_running, bench_store, bench_tracing
+from benchmarks import (
+    bench_dynamics,
+    bench_fleet,
+    bench_ingest,
+    bench_pipeline,
+    bench_running,
+    bench_store,
+    bench_tracing,
+)
 
 
 def main() -> int:
@@ -19,7 +27,7 @@ def main() -> int:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="a long recording of six minutes; no tracing, one machine",
+        help="a long recording of six minutes; no tracing, one machine, no fleet",
     )
     chosen = parser.parse_args()
     bench_dynamics.main()
@@ -34,6 +42,8 @@ def main() -> int:
         figures += bench_tracing.main()
         print()
         figures += bench_running.main()
+        print()
+        figures += bench_fleet.main()
     missed = [figure for figure in figures if figure.missed]
     for figure in missed:
         print(f"beyond its limit: {figure.what} {figure.value:.3g} {figure.unit}, aim {figure.aim:g}", file=sys.stderr)

@@ -13,6 +13,7 @@ from tests.rules import (  # noqa: F401 - the rules of a run, as hooks
     pytest_make_collect_report,
     pytest_runtest_makereport,
     pytest_runtest_protocol,
+    pytest_runtest_setup,
     pytest_terminal_summary,
     pytest_xdist_node_collection_finished,
     shared_folder,

@@ -2,7 +2,8 @@
 
 Where `CI` is set a skipped test is a failure: nothing is left out unseen. Three things may be missing there: the
 reference data beside the project, for tests marked `shared`, a container engine, for those marked `containers`, and
-Prometheus, for those marked `prometheus`.
+Prometheus, for those marked `prometheus`. With GEAR_TWIN_TEST_FLEET every service of the tests is a fleet of one
+partition; then tests marked `serve_only` are skipped, each with its reason.
 Longer proofs (`slow`) come last, and none begins after GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how
 many.
 """
@@ -18,6 +19,8 @@ import pytest
 
 BESIDE = Path(__file__).resolve().parents[1].parent / "shared"
 NAMED_BY = {"containers": "GEAR_TWIN_TEST_COMPOSE", "prometheus": "GEAR_TWIN_TEST_PROMETHEUS"}
+FLEET = "GEAR_TWIN_TEST_FLEET"  # puts fleets of one partition in place of `serve`
+SERVE_ONLY = "serve_only"  # mark of what is for `serve` alone
 CHOSEN = pytest.StashKey[int]()
 
 
@@ -33,6 +36,8 @@ def shared_is_here() -> bool:
 def may_be_skipped(marks: set[str], environment: Mapping[str, str], shared_here: bool) -> bool:
     """Whether a test with these marks may be skipped."""
     if any(mark in marks and not environment.get(variable) for mark, variable in NAMED_BY.items()):
+        return True
+    if SERVE_ONLY in marks and environment.get(FLEET):
         return True
     return not environment.get("CI") or ("shared" in marks and not shared_here)
 
@@ -54,6 +59,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if "shared" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.shared)
     items.sort(key=lambda item: (item.get_closest_marker("slow") is not None, item.path.parent.name != "validation"))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skips what is for `serve` alone where fleets are in its place."""
+    mark = item.get_closest_marker(SERVE_ONLY)
+    if mark is not None and os.environ.get(FLEET):
+        pytest.skip(*mark.args)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from hashlib import blake2b
@@ -35,6 +35,11 @@ TOKEN = "ray.token"  # file in the fleet's folder
 STARTED_WITHIN = 120.0  # a node of Ray [s]; half a minute where the machine is busy
 ENDED_WITHIN = 10.0  # before a node is killed [s]
 OBJECT_STORE = 80 * 2**20  # shared memory of a node [bytes]: nothing large travels through Ray
+NODE = "service.fleet.loopback_node"
+AGENT_PORTS = (
+    "--dashboard-agent-grpc-port", "--dashboard-agent-listen-port", "--metrics-export-port", "--runtime-env-agent-port",
+)  # fmt: skip
+"""Of the programs that Ray starts on each node: it gives up a node on which they have not chosen ports within 15 s."""
 ROOM = "partition"  # the resource of which a node has one for each partition that it may serve
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -50,7 +55,7 @@ QUIET = {
 
 A node that was only slow is replaced as well: its partitions are given to others, and it commits nothing more.
 """
-LOOPBACK_ONLY = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}  # which binds every port to the loopback interface
+LOOPBACK_ONLY = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}  # Ray keeps the loopback address then: `loopback_node`
 AUTHENTICATION = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"}  # who sets one of them has said it
 
 
@@ -87,18 +92,31 @@ class Node:
     output: IO[bytes]
     said: Path
 
+    @property
+    def group(self) -> int:
+        """The number of its process group."""
+        return self.process.pid
+
     @classmethod
     def started(
-        cls, folder: Path, name: str, arguments: Sequence[str], given: Mapping[str, str], room: int = 0
+        cls,
+        folder: Path,
+        name: str,
+        arguments: Sequence[str],
+        given: Mapping[str, str],
+        *,
+        room: int = 0,
+        program: str = "ray.scripts.scripts",
     ) -> Node:
         """Begins to start a node; what it says is written to the folder.
 
-        given  its environment, in addition to that of this process
-        room   partitions that it may serve
+        given    its environment, in addition to that of this process
+        room     partitions that it may serve
+        program  the module that is Ray's own, or the one that keeps it on the loopback interface
         """
         said = folder / f"ray-{name}.log"
         command = [
-            sys.executable, "-m", "ray.scripts.scripts", "start", *arguments, "--block", f"--node-name={name}",
+            sys.executable, "-m", program, "start", *arguments, "--block", f"--node-name={name}",
             "--disable-usage-stats", f"--object-store-memory={OBJECT_STORE}",
             "--num-cpus=0" if not room else f"--num-cpus={os.cpu_count() or 1}",
             f"--resources={json.dumps({ROOM: room} if room else {})}",
@@ -129,7 +147,7 @@ class Node:
             self.process.send_signal(signal.SIGTERM)
             with suppress(subprocess.TimeoutExpired):
                 self.process.wait(ENDED_WITHIN)
-        _kill_group(self.process.pid)
+        _kill_group(self.group)
         self.process.wait()
         self.output.close()
 
@@ -162,12 +180,10 @@ class LocalCluster:
 
     def scale(self, nodes: int) -> None:
         """Starts nodes until there are so many."""
-        begun = []
-        while len(self.nodes) < nodes:
+        while len(self.nodes) < nodes:  # one after the other: nodes that start at the same time wait for each other
             self._count += 1
-            begun.append(self._start(f"node-{self._count}", [f"--address={self.address}"], room=self.room))
-            self.nodes.append(begun[-1])
-        for node in begun:
+            node = self._start(f"node-{self._count}", [f"--address={self.address}"], room=self.room)
+            self.nodes.append(node)
             node.wait()
 
     def look(self) -> list[str]:
@@ -179,6 +195,11 @@ class LocalCluster:
             self.nodes.remove(node)
         self.scale(len(self.nodes) + len(dead))
         return [node.name for node in dead]
+
+    @property
+    def groups(self) -> list[int]:
+        """The process groups of head and nodes."""
+        return [node.group for node in (*self.nodes, *([] if self.head is None else [self.head]))]
 
     @property
     def lost(self) -> bool:
@@ -193,10 +214,24 @@ class LocalCluster:
         self.nodes, self.head = [], None
 
     def _start(self, name: str, arguments: list[str], room: int) -> Node:
-        given = [*arguments, f"--node-ip-address={LOOPBACK}"]
+        given = [*arguments, f"--node-ip-address={LOOPBACK}", *(f"{port}={_free_port()}" for port in AGENT_PORTS)]
         if "--head" in arguments:
             given.append(f"--temp-dir={_short(self.folder)}")
-        return Node.started(self.folder, name, given, environment(self.folder), room)
+        return Node.started(self.folder, name, given, environment(self.folder), room=room, program=NODE)
+
+
+def end_left(groups: Iterable[int]) -> int:
+    """Ends nodes that a killed `fleet up` has left behind, so that no partition is fought for; how many there were.
+
+    groups  numbers of their process groups; those that are other programs by now are left alone
+    """
+    found = 0
+    for group in groups:
+        shown = subprocess.run(["ps", "-o", "args=", "-p", str(group)], check=False, capture_output=True, text=True)
+        if NODE in shown.stdout:
+            _kill_group(group)
+            found += 1
+    return found
 
 
 @contextmanager

@@ -118,14 +118,14 @@ def key(
 ) -> None:
     """Print the first part of the keys under which an asset publishes: what `replay --prefix` takes."""
     from service.errors import InputError
-    from service.fleet.layout import prefix_of
     from service.fleet.lookup import partition_in_use
     from service.stream.wire.topics import NAME
 
     if not NAME.fullmatch(asset):
         raise InputError(f"ASSET = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
     settings = _settings(database=database, config=config)
-    print(prefix_of(partition_in_use(*_tables(settings), asset), settings.prefix))
+    tables, layout = _tables(settings)
+    print(layout.prefix_of(partition_in_use(tables, layout, asset), settings.prefix))
 
 
 @app.command()

@@ -10,7 +10,6 @@ import math
 import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +17,7 @@ from typing import Any
 import ray
 from ray.actor import ActorHandle
 from ray.exceptions import GetTimeoutError, RayError
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from service.errors import DeliveryError, InputError
 from service.fleet.actor import END_WAIT, PartitionActor
@@ -29,7 +29,6 @@ log = logging.getLogger(__name__)
 
 CORES = 0.001  # of a core that the placement counts for a partition: room is counted in partitions
 ASK_WAIT = 2.0  # for an actor's answer [s]
-MOVES = 5  # attempts to spread partitions evenly
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,28 +104,40 @@ class Engine:
             self.move(partition)
         return here
 
-    def spread(self, served: Mapping[int, str]) -> list[int]:
-        """Partitions that are to be moved so that no node serves more than its share."""
-        nodes = [node for node in self.nodes() if node.alive and node.room]
-        if not nodes:
-            return []
-        share = math.ceil(self._layout.partitions / len(nodes))
-        counts: Counter[str] = Counter()
-        moved = []
-        for partition, on in sorted(served.items()):
-            counts[on] += 1
-            if counts[on] > share:
-                moved.append(partition)
-        return moved
+    def spread(self, served: Mapping[int, str]) -> list[tuple[int, str]]:
+        """Partitions that are to be moved so that no node serves more than its share, each with the node that has room.
 
-    def move(self, partition: int) -> None:
-        """Ends the work on a partition in good order; the engine starts it again, where there is room."""
+        served  the node's number by partition, as the partitions say it
+        """
+        nodes = [node for node in self.nodes() if node.alive and node.room]
+        here = {node.id: sorted(p for p, on in served.items() if on and node.id.startswith(on)) for node in nodes}
+        share = math.ceil(self._layout.partitions / max(len(nodes), 1))
+        surplus = [partition for own in here.values() for partition in own[share:]]
+        moves = []
+        for partition in surplus:
+            least = min(here, key=lambda id: len(here[id]))
+            here[least].append(partition)
+            moves.append((partition, least))
+        return moves
+
+    def move(self, partition: int, to: str | None = None) -> None:
+        """Ends the work on a partition in good order; it goes on where there is room.
+
+        to  number of the node that is preferred
+        """
         actor = self._actor(partition)
         try:
             ray.get(actor.end.remote(), timeout=END_WAIT + ASK_WAIT)
         except (RayError, GetTimeoutError) as error:
             log.warning("partition %d did not end in good order: %s", partition, str(error).split("\n")[0])
-        ray.kill(actor, no_restart=False)
+        if to is None:
+            ray.kill(actor, no_restart=False)
+            return
+        ray.kill(actor)
+        end = time.monotonic() + END_WAIT
+        while self._find(partition) is not None and time.monotonic() < end:
+            time.sleep(0.05)
+        self._actor(partition, NodeAffinitySchedulingStrategy(to, soft=True))
 
     def end(self) -> None:
         """Ends all partitions, in good order."""
@@ -146,7 +157,7 @@ class Engine:
         except ValueError:
             return None
 
-    def _actor(self, partition: int) -> Any:
+    def _actor(self, partition: int, strategy: Any = "SPREAD") -> Any:
         options: dict[str, Any] = {
             "name": _name(partition),
             "namespace": NAMESPACE,
@@ -156,7 +167,7 @@ class Engine:
             "max_concurrency": 4,
             "num_cpus": CORES,
             "resources": {ROOM: 1},
-            "scheduling_strategy": "SPREAD",
+            "scheduling_strategy": strategy,
         }
         remote = ray.remote(PartitionActor).options(**options)
         return remote.remote(self._settings, partition, self._layout, self._twin_from)

@@ -25,7 +25,7 @@ from service.fleet.front_incoming import FleetProposals, FleetUnknown
 from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetLife, FleetSignals, baselines_of
 from service.fleet.front_store import FleetStore
 from service.fleet.front_watch import FrontWatch
-from service.fleet.layout import Layout, layout_of, prefix_of, schema_of
+from service.fleet.layout import Layout, layout_of, schema_of
 from service.operation.health import FLEET, Health
 from service.operation.systemd import READY, STOPPING, notify
 from service.results.change_queue import ChangeQueue
@@ -151,7 +151,7 @@ def _incoming_of(settings: Settings, own: FrontEnd) -> Incoming:
     """What the workers have written of the network's side. What a worker proposes, it proposes itself."""
 
     def position(asset: str) -> str:
-        key = f"{prefix_of(own.store.places.partition_of(asset), settings.prefix)}/{asset}/twin/position"
+        key = f"{own.layout.prefix_of(own.store.places.partition_of(asset), settings.prefix)}/{asset}/twin/position"
         return f"a front end does not know how far a stream is stored; the worker answers it on Zenoh, at {key}"
 
     asks = settings.rule_of_new_assets[0] == "ask"

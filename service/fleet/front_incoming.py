@@ -7,14 +7,16 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from service.fleet.front_kept import FleetLife
 from service.fleet.front_store import FleetStore
-from service.fleet.layout import REPORTED
+from service.fleet.layout import ASSETS, REPORTED
 from service.fleet.listener import DISMISSED, announce
 from service.fleet.reported import OFFERED, PROPOSAL, UNKNOWN, proposal_of, unknown_of
-from service.results.rig_proposals import Proposal
+from service.results.rig_proposals import ACCEPTED, REJECTED, Proposal
 from service.results.unknown_assets import Unknown
 
 _ROWS = sa.select(REPORTED.c.kind, REPORTED.c.asset, REPORTED.c.data).order_by(REPORTED.c.asset)
+_STILL_UNKNOWN = ~sa.exists().where(ASSETS.c.asset == REPORTED.c.asset)  # not adopted since the worker wrote it
 
 
 class FleetUnknown:
@@ -53,16 +55,16 @@ class FleetUnknown:
             announce(db, self._store.places.partition_of(asset), DISMISSED, asset)
 
     def _read(self, query: sa.Select) -> list[Unknown]:
-        rows = self._store.database.rows(query.where(REPORTED.c.kind.in_((UNKNOWN, OFFERED))))
+        rows = self._store.database.rows(query.where(REPORTED.c.kind.in_((UNKNOWN, OFFERED)), _STILL_UNKNOWN))
         offered = {asset: data for kind, asset, data in rows if kind == OFFERED}
         return [unknown_of(asset, data, offered.get(asset)) for kind, asset, data in rows if kind == UNKNOWN]
 
 
 class FleetProposals:
-    """The proposed rig files of all partitions."""
+    """The proposed rig files of all partitions, without those that were decided on since their worker wrote them."""
 
     def __init__(self, store: FleetStore) -> None:
-        self._store = store
+        self._store, self._life = store, FleetLife(store)
 
     def all(self) -> list[Proposal]:
         """The proposals of all assets."""
@@ -74,4 +76,11 @@ class FleetProposals:
 
     def _read(self, query: sa.Select) -> list[Proposal]:
         rows = self._store.database.rows(query.where(REPORTED.c.kind == PROPOSAL))
-        return [proposal_of(data) for _, _, data in rows]
+        return [proposal for proposal in (proposal_of(data) for _, _, data in rows) if not self._decided(proposal)]
+
+    def _decided(self, proposal: Proposal) -> bool:
+        return any(
+            change.done and change.refused is None and change.received_ns >= proposal.received_ns
+            for change in self._life.changes(proposal.asset)
+            if change.kind in (ACCEPTED, REJECTED) and change.given["digest"] == proposal.digest
+        )

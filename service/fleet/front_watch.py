@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -78,7 +79,7 @@ class FrontWatch(threading.Thread):
             found["fleet_assets"] = {}
         return found | self.of_workers()
 
-    def of_workers(self) -> dict[str, float]:
+    def of_workers(self) -> dict[str, Any]:
         """What the workers say of themselves, together."""
         return together([partition.figures for partition in self._partitions if partition.served])
 
@@ -130,13 +131,18 @@ class FrontWatch(threading.Thread):
                 self._changed()
 
 
-def together(figures: list[Mapping[str, Any]]) -> dict[str, float]:
+def together(figures: list[Mapping[str, Any]]) -> dict[str, Any]:
     """The figures of several workers as one: their sum, or the smallest or greatest where a sum has no meaning."""
     values: dict[str, list[float]] = {}
+    labelled: dict[str, Counter[str]] = {}
     for each in figures:
         for name, value in each.items():
             entry = METRICS.get(name)
-            if entry is not None and not entry.labels and entry.type != "histogram" and isinstance(value, int | float):
+            if entry is None or entry.type == "histogram":
+                continue
+            if isinstance(value, Mapping):
+                labelled.setdefault(name, Counter()).update(value)
+            elif not entry.labels and isinstance(value, int | float):
                 values.setdefault(name, []).append(float(value))
     how = {**dict.fromkeys(LEAST, min), **dict.fromkeys(GREATEST, max)}
-    return {name: how.get(name, sum)(found) for name, found in values.items()}
+    return {name: how.get(name, sum)(found) for name, found in values.items()} | labelled

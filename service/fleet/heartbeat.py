@@ -15,6 +15,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from service.fleet.databases import engine_of
 from service.fleet.fence import Fence
 from service.fleet.layout import PARTITIONS, SERVER_NOW
+from service.operation.metric_catalogue import METRICS
 
 log = logging.getLogger(__name__)
 
@@ -93,11 +94,16 @@ class Heartbeat(threading.Thread):
             self._fence.lost()
 
 
-def _numbers(figures: Mapping[str, Any]) -> dict[str, float]:
-    """The figures that are numbers; of those that each asset has, the sum."""
-    out = {}
+def _numbers(figures: Mapping[str, Any]) -> dict[str, float | dict[str, float]]:
+    """The figures that are numbers; those of each cause or the like by their label, of those of each asset the sum."""
+    out: dict[str, float | dict[str, float]] = {}
     for name, value in figures.items():
-        parts = list(value.values()) if isinstance(value, Mapping) else [value]
-        if all(isinstance(part, int | float) for part in parts):
-            out[name] = float(sum(parts))
+        parts = dict(value) if isinstance(value, Mapping) else {"": value}
+        if not all(isinstance(part, int | float) for part in parts.values()):
+            continue
+        labels = METRICS[name].labels if name in METRICS else ()
+        by_label = isinstance(value, Mapping) and len(labels) == 1 and labels != ("asset",)
+        out[name] = (
+            {str(label): float(part) for label, part in parts.items()} if by_label else float(sum(parts.values()))
+        )
     return out

@@ -12,6 +12,10 @@ inspection is found by its number alone.
 The tables of a partition are brought to a newer release by the first worker of that release which takes it. Those of
 `fleet` are brought there by `create`, that is by `gear-twin fleet up`; older workers and front ends write nothing from
 then on, newer ones wait until then.
+
+The keys of a partition's assets begin with `fleet/`, its number and the prefix: a worker subscribes to nothing else. A
+fleet of one partition has nothing to tell apart and uses the prefix as it is, so that what publishes to `serve`
+publishes to it as well.
 """
 
 from __future__ import annotations
@@ -102,6 +106,10 @@ class Layout:
         """The partition whose tables have given out a number."""
         return (number - 1) % self.partitions
 
+    def prefix_of(self, partition: int, prefix: str = PREFIX) -> str:
+        """The first part of the keys under which the assets of a partition publish."""
+        return prefix if self.partitions == 1 else f"{SCHEMA}/{partition:03d}/{prefix}"
+
     @property
     def all(self) -> range:
         return range(self.partitions)
@@ -116,11 +124,6 @@ def partition_of(asset: str, partitions: int) -> int:
 def schema_of(partition: int) -> str:
     """The database schema of a partition."""
     return f"p{partition:03d}"
-
-
-def prefix_of(partition: int, prefix: str = PREFIX) -> str:
-    """The first part of the keys under which the assets of a partition publish."""
-    return f"{SCHEMA}/{partition:03d}/{prefix}"
 
 
 def create(engine: sa.Engine, partitions: int) -> Layout:

@@ -17,11 +17,12 @@ from service.errors import StorageUnavailable
 from service.fleet.databases import partition_backend
 from service.fleet.fence import Fence
 from service.fleet.heartbeat import Heartbeat
-from service.fleet.layout import Layout, prefix_of, schema_of
+from service.fleet.layout import Layout, schema_of
 from service.fleet.listener import Listener
 from service.fleet.reported import ReportWriter
 from service.fleet.rows import RowWriter
 from service.operation.health import Health
+from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
 from service.results.sql_store import SqlStore
 from service.runtime.begun import Begun
@@ -55,7 +56,7 @@ def settings_of(settings: Settings, partition: int, layout: Layout) -> Settings:
     own = {asset for asset in (*settings.assets, *settings.asset_rigs) if layout.partition_of(asset) == partition}
     return settings.model_copy(
         update={
-            "prefix": prefix_of(partition, settings.prefix),
+            "prefix": layout.prefix_of(partition, settings.prefix),
             "data": settings.data / schema_of(partition),
             "raw_folder": settings.raw_folder and settings.raw_folder / schema_of(partition),
             "assets": [asset for asset in settings.assets if asset in own],
@@ -100,7 +101,8 @@ def serve_partition(
         writer = SignalWriter(begun.signals)
         raw = stack.enter_context(recording_raw(own, board, health, prefix=settings.prefix))
         worker = Worker(own, kept, begun.rigs, twin, open_transport or zenoh_of(own), writer, health, raw)
-        worker.arrived, worker.timed = timing.arrived, timing.computed
+        sent = stack.enter_context(sending_traces(own.otlp))
+        worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
         webhooks = WebhookSender(begun.alarms.store, begun.alarms.waiting)
         retention = RetentionJob(store, retention_of(own))
         figures = figures_of(

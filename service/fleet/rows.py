@@ -1,7 +1,7 @@
 """A row for each asset in what all partitions share: what lists show of it, and what is in no table of its partition.
 
-The rows follow the board: the latest state counts, and nothing is queued. Of a change that only says when frames came
-last, a row is written now and then.
+The rows follow the board: the latest state counts, and nothing is queued. A change is written at once, those that
+follow it closely together. Of a change that only says when frames came last, a row is written now and then.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from service.results.store import Tables
 log = logging.getLogger(__name__)
 
 LOOK_EVERY = 0.5  # whether the thread is to end [s]
+GATHER = 0.25  # after a write, so that the changes of several assets make one transaction [s]
 FRESH_EVERY = 10.0  # between two rows of an asset that differ only in when frames came last [s]
 BATCH = 100  # rows of one transaction
 PAUSE = 1.0  # after a failure [s]
@@ -75,6 +76,8 @@ class RowWriter(threading.Thread):
                     log.debug("the rows of partition %d wait: %s", self._partition, error)
                     self._stopping.wait(PAUSE)
                 else:
+                    if waiting:
+                        self._stopping.wait(GATHER)
                     waiting = {}
 
     def end(self) -> None:

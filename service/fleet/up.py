@@ -21,9 +21,10 @@ import sqlalchemy as sa
 
 from service.errors import DeliveryError, InputError, StorageUnavailable
 from service.fleet.census import Census, census
-from service.fleet.cluster import LocalCluster, Node, environment, joined, node_here
+from service.fleet.cluster import LocalCluster, Node, end_left, environment, joined, node_here
 from service.fleet.databases import engine_of, made, reached
 from service.fleet.layout import FACTS, Layout, create, layout_of
+from service.results.data_folder import only_service_of
 from service.runtime.admission import demand_protected_links
 from service.settings import Settings
 from service.transport.zenoh_session import open_session
@@ -53,6 +54,9 @@ def database_of(settings: Settings) -> str:
 def prepared(settings: Settings, progress: Callable[[int, int], None] = lambda done, of: None) -> Layout:
     """The tables of the fleet and of all its partitions, made where they are not there."""
     database = database_of(settings)
+    for bridge in ("mqtt", "opcua"):
+        if getattr(settings, bridge) is not None:
+            raise InputError(f"setting {bridge}: a fleet has no bridges to other networks; gear-twin serve has them")
     with reached(database):
         engine = engine_of(database, poolclass=sa.NullPool)
         known = layout_of(engine, older=True)
@@ -84,12 +88,15 @@ class Fleet:
         self._silent: set[int] = set()
         self._begun = time.monotonic()
         self._spread_at: float | None = None
+        self._told_where = ""
 
     def start(self) -> None:
         """Starts or joins the engine, and has an actor for each partition."""
         settings = self._settings
         folder = settings.data
         folder.mkdir(parents=True, exist_ok=True)
+        if left := end_left(_written(folder).get("groups", ())):
+            log.warning("%d processes of an engine that an earlier fleet up has left behind were ended", left)
         if settings.fleet_address is None:
             self.cluster = LocalCluster(folder, settings.fleet_room or self._layout.partitions)
             os.environ.update(environment(folder))
@@ -105,9 +112,17 @@ class Fleet:
             self._settings, self._layout, self._twin_from
         )
         self._engine.place()
-        wanted = None if self.cluster is None else len(self.cluster.nodes)
-        text = json.dumps({"pid": os.getpid(), "address": self.address, "workers": wanted})
-        (folder / RUNNING).write_text(text + "\n", encoding="utf-8")
+        self._write()
+
+    def _write(self) -> None:
+        """Writes where the fleet is found, and what would be left of it if this process were killed."""
+        found: dict[str, Any] = {"pid": os.getpid(), "address": self.address, "workers": None}
+        if self.cluster is not None:
+            found |= {"workers": len(self.cluster.nodes), "groups": self.cluster.groups}
+        text = json.dumps(found) + "\n"
+        if text != self._told_where:
+            self._told_where = text
+            (self._settings.data / RUNNING).write_text(text, encoding="utf-8")
 
     @property
     def engine(self) -> Engine:
@@ -134,13 +149,18 @@ class Fleet:
         if self.cluster is not None:
             if self.cluster.lost:
                 self._begin_again()
-            changed = bool(self.cluster.look())
+            try:
+                changed = bool(self.cluster.look())
+            except DeliveryError as error:
+                log.error("%s: it is tried again", error)
+                return
             wanted = wanted_workers(self._tables)
             if wanted is not None and wanted > len(self.cluster.nodes):
                 self.cluster.scale(wanted)
                 changed = True
             if wanted is not None and wanted < len(self.cluster.nodes):
                 self._shrink(wanted)
+            self._write()
             if changed:
                 self._spread_at = time.monotonic() + SPREAD_AFTER
         elif self._nodes_have_come():
@@ -148,8 +168,8 @@ class Fleet:
         found = census(self._tables, self._layout)
         if self._spread_at is not None and time.monotonic() >= self._spread_at and not found.silent:
             self._spread_at = None
-            for partition in self.engine.spread(found.nodes):
-                self.engine.move(partition)
+            for partition, node in self.engine.spread(found.nodes):
+                self.engine.move(partition, node)
         self._say(found)
 
     def end(self) -> None:
@@ -230,12 +250,19 @@ def want_workers(tables: sa.Engine, workers: int) -> None:
 
 def running(folder: Path) -> dict[str, Any]:
     """What `fleet up` has written of the fleet that runs; InputError where none does."""
+    found = _written(folder)
+    if not found:
+        raise InputError(
+            f"no fleet runs with the folder {folder}: there is no {RUNNING} in it; gear-twin fleet up starts one"
+        )
+    return found
+
+
+def _written(folder: Path) -> dict[str, Any]:
     try:
         return json.loads((folder / RUNNING).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise InputError(
-            f"no fleet runs with the folder {folder}: there is no {RUNNING} in it; gear-twin fleet up starts one"
-        ) from None
+        return {}
 
 
 @contextmanager
@@ -265,6 +292,7 @@ def up(
     announce   called with a line when the fleet has been started, and one when HTTP is served
     """
     with until_told() as stop, ExitStack() as stack:
+        stack.enter_context(only_service_of(settings.data))
         if not settings.connect:
             demand_protected_links(settings)
             stack.enter_context(open_session(settings.listen, links=settings.zenoh_links))

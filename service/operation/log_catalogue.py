@@ -250,6 +250,18 @@ LINES: tuple[Line, ...] = (
     ),
     Line(
         "service.fleet.up",
+        "%d processes of an engine that an earlier fleet up has left behind were ended",
+        "That `fleet up` was killed; its partitions go on from what is committed.",
+        _NONE,
+    ),
+    Line(
+        "service.fleet.up",
+        "%s: it is tried again",
+        "A node of Ray that replaces one on this machine has not started; the other nodes go on.",
+        "Look at the file that it names, and for lack of memory.",
+    ),
+    Line(
+        "service.fleet.up",
         "%s: the partitions wait for it",
         "The database of the fleet is away; frames wait with their publishers and with the workers.",
         _STORAGE,

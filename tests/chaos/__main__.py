@@ -7,6 +7,7 @@
     python -m tests.chaos guided      malformed input found by coverage (seconds; needs atheris)
     python -m tests.chaos kills       kills of the service while windows are received and processed
     python -m tests.chaos schedules   processes killed, stopped and stalled, disks full, databases locked
+    python -m tests.chaos fleet       workers, nodes, head, database and router of a fleet killed, workers suspended
 
 Prints what became of them as JSON, and ends with 1 where something must not have happened.
 """
@@ -23,7 +24,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))  # the fakes of the service's tests
 
-from tests.chaos import api, guided, kills, schedules
+from tests.chaos import api, fleet, guided, kills, schedules
 from tests.chaos.files import attack
 from tests.chaos.frames import Attack
 
@@ -35,6 +36,7 @@ COUNTS = {
     "guided": 600,
     "kills": 300,
     "schedules": 300,
+    "fleet": 50,
 }
 
 
@@ -50,6 +52,7 @@ def main() -> int:
         "--only", nargs="*", default=[], help="kinds of faults of schedules, or targets of guided; default: all"
     )
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--assets", type=int, default=200, help="of the fleet")
     chosen = parser.parse_args()
     count = chosen.count or COUNTS[chosen.kind]
     with tempfile.TemporaryDirectory() as folder:
@@ -57,6 +60,10 @@ def main() -> int:
             return _frames(chosen.seed, count, Path(folder))
         if chosen.kind == "kills":
             outcome = kills.attack(count, chosen.seed, Path(folder), _say)
+            held = not outcome.faults
+        elif chosen.kind == "fleet":
+            kinds = tuple(chosen.only) or fleet.KINDS
+            outcome = fleet.attack(count, chosen.seed, Path(folder), _say, kinds=kinds, assets=chosen.assets)
             held = not outcome.faults
         elif chosen.kind == "http":
             outcome = api.attack(count, chosen.seed, Path(folder), _say)

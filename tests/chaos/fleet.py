@@ -31,7 +31,7 @@ from service_streams import FRAME_S, PAUSE_S, PER_REV, RIG, ROOT, WINDOW_S, _fra
 from service.files.rig import checked_rig
 from service.fleet.census import Census, census
 from service.fleet.databases import Partitions, engine_of
-from service.fleet.layout import Layout, partition_of, prefix_of
+from service.fleet.layout import Layout, partition_of
 from service.json_text import plain
 from service.results.sql_store import SqlStore
 from service.runtime.pipeline import Pipeline
@@ -258,7 +258,7 @@ class _Publisher:
             self._process.communicate()
 
     def _begin(self) -> subprocess.Popen:
-        prefix = prefix_of(self._partition)
+        prefix = self._plant.layout.prefix_of(self._partition)
         code = (
             "import sys; from service.runtime.replay import replay\n"
             f"print(replay({str(self._path)!r}, [{self._plant.endpoint!r}], 8.0, max_pause=2.0, prefix={prefix!r}, "

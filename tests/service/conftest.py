@@ -11,12 +11,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from unittest.mock import patch
 
+import one_partition
 import pytest
 import service_fakes as fakes
 import uvicorn
 from browsers import under_policy
 from postgresql_server import PostgresqlServer
 from postgresql_server import programs as postgresql_server_programs
+from service_streams import Service
 
 from service.api import create_app
 from service.api.limits import Limits
@@ -24,6 +26,7 @@ from service.results import database, migrate
 from service.results.board import Board
 from service.results.sql_store import SqlStore
 from service.runtime import delivery
+from tests.rules import FLEET
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -48,6 +51,14 @@ def publishers_look_often():
     """A replay learns within 0.2 s that all is stored, not within 1 s."""
     with patch.object(delivery, "_ASK_AGAIN", (0.05, 0.2)):
         yield
+
+
+@pytest.fixture(scope="session", autouse=bool(os.environ.get(FLEET)))
+def services_are_fleets(postgresql_server):
+    """Every service of the tests is a fleet of one partition; only where this run is of fleets."""
+    with one_partition.fleets(postgresql_server) as Service.fleets:
+        yield
+    Service.fleets = None
 
 
 @pytest.fixture

@@ -11,7 +11,9 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from service.contract.answer import NO_WINDOW
 from service.contract.estimate import Estimate
+from service.contract.status import none_yet
 from service.runtime.twin_port import Twin
 from twin.errors import NotAvailable
 from twin.fallen_count import CountFellError
@@ -91,7 +93,7 @@ def step(rig, state, window, options):
         wear = rul = {"status": "not available", "reason": "the rig file does not give gears.module"}
     report = {"wear": wear, "rul": rul, "residual": {"rms_error_percent": float("inf")}, "effects": []}
     events = (("window", record), ("rul", rul))
-    report["effects"] = effects(state.decided)
+    report["effects"], report["status"] = effects(state.decided), none_yet(NO_WINDOW)
     state = replace(state, windows_seen=seen, total=total, last=revolutions, fallen=None)
     return state, Estimate(record=record, report=report, events=events)
 
@@ -160,10 +162,6 @@ TWIN = Twin(
 
 
 if __name__ == "__main__":  # the service is not imported before: worker processes import this file
-    from service.__main__ import leave
-    from service.runtime import pump
-    from service.runtime.serve import run
-    from service.settings import Settings
+    from one_partition import serve
 
-    pump.JOINED = JOINED
-    leave(run(Settings(), twin=TWIN))
+    serve(TWIN, JOINED)

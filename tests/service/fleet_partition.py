@@ -11,6 +11,8 @@ import fake_twin
 from forked_processes import ForkedProcess
 from service_streams import ROOT, wait_until
 
+from service.fleet.layout import Layout
+
 HERE = Path(__file__).parent
 
 
@@ -24,6 +26,7 @@ class PartitionProcess:
             "WORKERS": "0", "NEW_ASSETS": "adopt",
         } | settings  # fmt: skip
         self.partition, self.partitions, self.folder = partition, partitions, folder
+        self.prefix = Layout(partitions).prefix_of(partition)
         self.process, self.count = None, 0
 
     def start(self) -> PartitionProcess:
@@ -44,7 +47,6 @@ class PartitionProcess:
 
 
 if __name__ == "__main__":
-    from service.fleet.layout import Layout
     from service.fleet.partition import serve_partition
     from service.runtime import pump
     from service.settings import Settings

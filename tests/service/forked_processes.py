@@ -37,6 +37,8 @@ LOADED = (
     "service.cli",
     "service.runtime.assess",
 )
+if os.environ.get("GEAR_TWIN_TEST_FLEET"):
+    LOADED += ("service.fleet.front", "service.fleet.partition", "psycopg", "sqlalchemy.dialects.postgresql.psycopg")
 NO_INPUT = os.open(os.devnull, os.O_RDONLY)
 NUMBER = struct.Struct("i")  # a process's number, and then how it has ended
 _lock = threading.Lock()

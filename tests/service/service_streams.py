@@ -10,12 +10,18 @@ import signal
 import time
 import urllib.error
 import urllib.request
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import numpy as np
 from forked_processes import ForkedProcess
+from one_partition import Fleets, takes_frames
 
+from service.fleet.front_store import FleetStore
+from service.fleet.layout import Layout, schema_of
+from service.results.data_folder import DATABASE
+from service.results.sql_store import SqlStore
+from service.results.store import ResultStore, Tables
 from service.runtime.demo import free_port as first_free
 from service.stream.frames import NS, EncoderFrame, SampleFrame
 from service.stream.sources.mcap_write import RecordingWriter
@@ -115,6 +121,7 @@ class Service:
     """A service process with the fake twin, and its addresses."""
 
     program = HERE / "fake_twin.py"
+    fleets: Fleets | None = None  # in place of `gear-twin serve` (see one_partition.py)
 
     def __init__(self, data: Path, slow: float = 0.0, **settings: str) -> None:
         self.http, self.endpoint = f"127.0.0.1:{free_port()}", f"tcp/127.0.0.1:{free_port()}"
@@ -128,6 +135,8 @@ class Service:
     def start(self) -> Service:
         environment = os.environ | {f"GEAR_TWIN_{k}": v for k, v in self.given.items()}
         environment |= {"PYTHONPATH": str(ROOT), "FAKE_TWIN_SECONDS": str(self.slow)}
+        if Service.fleets is not None:
+            environment |= Service.fleets.environment(self.given)
         with self.out.open("w") as out, self.err.open("w") as err:
             self.process = ForkedProcess(self.program, environment, out, err)
         wait_until(lambda: self.process.poll() is not None or self.get("/readyz") is not None)
@@ -143,6 +152,22 @@ class Service:
     def said(self) -> tuple[str, str]:
         """What the process has said so far, to output and error."""
         return self.out.read_text(), self.err.read_text()
+
+    @property
+    def folder(self) -> Path:
+        """Where the files of its assets are."""
+        fleet = Service.fleets is not None and Service.fleets.database(self.given)
+        return Path(self.given["DATA"], schema_of(0) if fleet else "")
+
+    def store(self) -> AbstractContextManager[ResultStore]:
+        """What it has stored, for who looks at it from outside, or writes to it."""
+        fleet = None if Service.fleets is None else Service.fleets.database(self.given)
+        return SqlStore(self.folder / DATABASE) if fleet is None else FleetStore(fleet, Layout(1))
+
+    def ready(self) -> bool:
+        """Whether it says that it takes frames, now."""
+        fleet = None if Service.fleets is None else Service.fleets.database(self.given)
+        return self.get("/readyz") is not None and (fleet is None or takes_frames(fleet))
 
     def get(self, path: str):
         """The JSON at a path; None where it is not answered."""
@@ -166,6 +191,21 @@ class Service:
     def wait_for_windows(self, count: int, asset: str = "unsw") -> list[dict]:
         wait_until(lambda: len(self.windows(asset)) >= count)
         return self.windows(asset)
+
+
+class SqliteFile:
+    """The store of a data folder, for a service in this process, which opens it at each start."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def open(self) -> SqlStore:
+        return SqlStore(self.path / DATABASE)
+
+
+def tables_of(store: ResultStore) -> Tables:
+    """The tables of assets in what a service has stored."""
+    return store.fleet.partition(0) if isinstance(store, FleetStore) else store.database
 
 
 @contextmanager

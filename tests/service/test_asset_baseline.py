@@ -9,7 +9,8 @@ from functools import lru_cache
 
 import pytest
 from memory_transport import MemoryNetwork
-from test_asset_life import SqliteFile
+from service_streams import Service, SqliteFile, tables_of
+from sqlalchemy import update
 from test_baselines import recording
 from test_decisions import post
 from test_other_parts import serving
@@ -19,9 +20,9 @@ from service.errors import InputError
 from service.files.baseline import learned, read_baseline, save
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
-from service.results.data_folder import BASELINES, DATABASE, SIGNALS
+from service.results.data_folder import BASELINES, SIGNALS
+from service.results.schema import ASSETS
 from service.results.signal_store import SignalStore
-from service.results.sql_store import SqlStore
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.baseline_learning import learn_from_windows
 from service.runtime.twin_port import gear_twin
@@ -51,8 +52,9 @@ def bench(load, seed):
 def with_windows(folder, grades=SOUND):
     """A data directory with sound windows of a healthy machine whose signals are kept."""
     folder.mkdir(exist_ok=True)
-    signals = SignalStore(folder / SIGNALS, 10**9)
-    with SqlStore(folder / DATABASE) as store:
+    kept = Service(folder)
+    signals = SignalStore(kept.folder / SIGNALS, 10**9)
+    with kept.store() as store:
         store.keep_rig("bench", RIG)
         for i, (load, grade) in enumerate(zip(LOADS, grades, strict=True)):
             window = replace(bench(load, i), start_time_ns=START_NS + i * HOUR_NS)
@@ -61,8 +63,8 @@ def with_windows(folder, grades=SOUND):
                 "bench", window.start_time_ns, record={"index": i, "quality": grade, "start_time": ""}, state={},
                 report=None, assembly={}, quality={}, received_ns=1,
             )  # fmt: skip
-    with SqlStore(folder / DATABASE) as store, store.database.transaction() as db:
-        db.exec_driver_sql("UPDATE assets SET state = NULL, assembly = NULL")  # no twin has a state of these windows
+        with tables_of(store).transaction() as db:
+            db.execute(update(ASSETS).values(state=None, assembly=None))  # no twin has a state of these windows
     return folder
 
 
@@ -110,9 +112,9 @@ def test_windows_that_cannot_be_learned_from_are_named(running, windows, text):
 
 def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
     data = with_windows(tmp_path / "data")
-    signals = SignalStore(data / SIGNALS, 10**9)
-    with SqlStore(data / DATABASE) as store:
-        life = AssetLife(store.database)
+    signals = SignalStore(Service(data).folder / SIGNALS, 10**9)
+    with Service(data).store() as store:
+        life = AssetLife(tables_of(store))
         made = life.add_change("bench", "sensor_moved", {"sensor": "a"})
         life.change_done(made, {"from_window": 2})
         with pytest.raises(InputError, match=r"window 1 was measured before the change 'sensor_moved'.*from 2 on"):
@@ -122,9 +124,9 @@ def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
 
 def test_nothing_is_added_to_a_baseline_that_a_change_has_ended(tmp_path):
     data = with_windows(tmp_path / "data")
-    signals, file = SignalStore(data / SIGNALS, 10**9), tmp_path / "first.baseline"
-    with SqlStore(data / DATABASE) as store:
-        life = AssetLife(store.database)
+    signals, file = SignalStore(Service(data).folder / SIGNALS, 10**9), tmp_path / "first.baseline"
+    with Service(data).store() as store:
+        life = AssetLife(tables_of(store))
         first = learn_from_windows("bench", [0, 1, 2], store, signals, life)
         save(first, file)
         again = learn_from_windows("bench", [2, 3], store, signals, life, file)
@@ -157,7 +159,7 @@ def test_a_baseline_of_other_gears_is_refused_and_one_of_these_is_taken(running,
         run(["assets", "baseline", "bench", *map(str, own), "--by", "me", "--service", f"http://{running.http}"]) == 0
     )
     assert running.get(f"{BENCH}/baseline")["by"] == "me"
-    assert len(list((running.out.parent / BASELINES).iterdir())) == 1  # what was refused is gone
+    assert len(list((running.folder / BASELINES).iterdir())) == 1  # what was refused is gone
 
 
 def test_the_command_learns_from_windows_and_says_what_it_suffices_for(running, capsys):

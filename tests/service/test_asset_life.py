@@ -8,15 +8,14 @@ import signal
 import pytest
 from memory_store import MemoryStore
 from memory_transport import MemoryNetwork
-from service_streams import RIG, Service, wait_until, write_recording
+from service_streams import RIG, Service, SqliteFile, tables_of, wait_until, write_recording
 from test_decisions import post
 from test_other_parts import serving
 
 from service.cli import run
 from service.errors import DeliveryError, InputError
 from service.results.asset_life import AssetLife
-from service.results.data_folder import DATABASE, WAITING
-from service.results.sql_store import SqlStore
+from service.results.data_folder import WAITING
 from service.runtime.replay import replay
 
 WINDOWS = 4
@@ -33,16 +32,6 @@ def first(tmp_path_factory):
 def second(tmp_path_factory):
     """Another machine, or new gears, under the same name: recorded a day later, its revolutions begin again."""
     return write_recording(tmp_path_factory.mktemp("second") / "second.mcap", WINDOWS, later=LATER, seed=8)
-
-
-class SqliteFile:
-    """A store that `serving` opens again at each start."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def open(self):
-        return SqlStore(self.path / DATABASE)
 
 
 @pytest.fixture
@@ -83,7 +72,7 @@ def revolutions(windows):
 
 
 def events(running, asset="unsw"):
-    with SqlStore(running.out.parent / DATABASE) as store:
+    with running.store() as store:
         return [(e.kind, e.data) for e in store.events(asset, 0, 10_000)]
 
 
@@ -256,8 +245,8 @@ def test_a_kill_while_windows_wait_and_while_they_are_processed_loses_and_double
         assert waiting(running) >= 2
         replay(second, [running.endpoint], 0)  # what was committed before the kill is known, what was not comes again
         wait_until(lambda: waiting(running) == WINDOWS)
-        with SqlStore(tmp_path / DATABASE) as store:
-            AssetLife(store.database, tmp_path / WAITING).add_change("unsw", "gears_replaced", {"by": "me"})
+        with running.store() as store:
+            AssetLife(tables_of(store)).add_change("unsw", "gears_replaced", {"by": "me"})
         running.end(signal.SIGKILL)  # before the change was carried out
         running.start()
         wait_until(lambda: running.get(f"{UNSW}/windows?epoch=1"))
@@ -267,7 +256,7 @@ def test_a_kill_while_windows_wait_and_while_they_are_processed_loses_and_double
         assert revolutions(running.windows()) == FIRST
         assert len(running.get(f"{UNSW}/windows?epoch=0")) == WINDOWS
         assert running.get(UNSW)["epoch"] == 1  # carried out once
-        wait_until(lambda: not list((tmp_path / WAITING).iterdir()))
+        wait_until(lambda: not list((running.folder / WAITING).iterdir()))
     finally:
         running.end(signal.SIGKILL)
 

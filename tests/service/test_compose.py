@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 from service_streams import free_port
 
-from service.fleet.layout import partition_of, prefix_of
+from service.fleet.layout import Layout, partition_of
 
 ROOT = Path(__file__).parents[2]
 COMPOSE = shlex.split(os.environ.get("GEAR_TWIN_TEST_COMPOSE", ""))
@@ -139,6 +139,11 @@ class Stack:
         return {name: self.ask(*(f"/v1/assets/{name}/{part}" for part in parts)) for name in names}
 
 
+def keys_of(partition: int) -> str:
+    """The first part of the keys of a partition of the containers' fleet."""
+    return Layout(PARTITIONS).prefix_of(partition)
+
+
 class FleetStack(Stack):
     """The services of a fleet's compose file."""
 
@@ -173,7 +178,7 @@ class FleetStack(Stack):
         recording = ROOT / "recordings" / "short-campaign.mcap"
         self.call(
             "run", "--rm", "--network", f"{PROJECT}_default", "-v", f"{recording}:/recording.mcap:ro", self.image,
-            "replay", "/recording.mcap", "--connect", "tcp/router:7447", "--prefix", prefix_of(partition),
+            "replay", "/recording.mcap", "--connect", "tcp/router:7447", "--prefix", keys_of(partition),
             "--recorded", "gearbox", "--asset", asset, "--speed", "0",
         )  # fmt: skip
 
@@ -267,7 +272,8 @@ def test_prometheus_scrapes_the_service():
 def test_a_fleet_goes_on_when_a_node_is_killed_and_keeps_all_windows():
     partition = partition_of(ASSET, PARTITIONS)
     assert partition == partition_of(OTHER, PARTITIONS)
-    assert f"GEAR_TWIN_KEY:-{prefix_of(partition)}}}" in (ROOT / "docker" / FleetStack.file).read_text(encoding="utf-8")
+    text = (ROOT / "docker" / FleetStack.file).read_text(encoding="utf-8")
+    assert f"GEAR_TWIN_KEY:-{keys_of(partition)}}}" in text
     with FleetStack() as stack:
         stack.served(STARTED)
         assert len(stack.containers("node")) == 2

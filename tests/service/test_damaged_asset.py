@@ -10,6 +10,7 @@ from service.cli import run
 from service.results.data_folder import DATABASE, WAITING
 
 
+@pytest.mark.serve_only("damages the file of SQLite")
 @pytest.mark.slow
 def test_a_damaged_asset_holds_up_no_other_and_its_windows_stay_within_bounds(tmp_path):
     data = tmp_path / "data"

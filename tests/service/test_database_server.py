@@ -82,6 +82,7 @@ def reason_of(running):
         return "not listening"
 
 
+@pytest.mark.serve_only("of a service that has a database of PostgreSQL to itself")
 @pytest.mark.slow
 def test_a_server_that_is_away_at_the_start_and_later_is_waited_for(postgresql, postgresql_server, tmp_path):
     recording = write_recording(tmp_path / "day.mcap", windows=2)
@@ -111,6 +112,7 @@ def test_a_server_that_is_away_at_the_start_and_later_is_waited_for(postgresql, 
     assert running.end()[0] == 0
 
 
+@pytest.mark.serve_only("of a service that has a database of PostgreSQL to itself")
 @pytest.mark.slow
 def test_a_service_that_waits_for_its_database_ends_on_a_signal(postgresql, postgresql_server, tmp_path):
     postgresql_server.stop()

@@ -74,7 +74,7 @@ def test_decision_is_done_when_it_is_answered_and_its_event_follows(tmp_path, re
         assert [d["decision"] for d in running.get("/v1/assets/unsw/decisions")] == ["pin"]
         post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "reject"})
         assert running.get("/v1/assets/unsw/effects") == []
-    with SqlStore(tmp_path / "gear-twin.sqlite") as store:
+    with running.store() as store:
         told = [
             (e.data["action"], e.data.get("by"), e.data.get("note"))
             for e in store.events("unsw", 0)
@@ -106,14 +106,14 @@ def test_decision_that_was_kept_before_a_kill_is_carried_out_once_by_the_next_st
         replay(recording, [running.endpoint], 0)
         running.wait_for_windows(WINDOWS)
         running.end(signal.SIGKILL)
-        with SqlStore(tmp_path / "gear-twin.sqlite") as store:
+        with running.store() as store:
             number = DecisionQueue(store).submit("unsw", "misalignment", "pin")
         for _ in range(2):
             running.start()
             wait_until(lambda: counted(running) > 0.5)
             assert counted(running) == pytest.approx(1)
             running.end(signal.SIGKILL)
-        with SqlStore(tmp_path / "gear-twin.sqlite") as store:
+        with running.store() as store:
             assert store.decision(number).done and not store.pending_decisions()
     finally:
         running.end(signal.SIGKILL)

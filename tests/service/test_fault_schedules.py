@@ -12,6 +12,7 @@ from tests.chaos.schedules import KINDS, Run, draw
 SEED = 20_261_122
 
 
+@pytest.mark.serve_only("faults in the files of `serve`; schedules of fleets are in tests/chaos/fleet.py")
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [2, 3])
 def test_after_faults_the_windows_are_those_of_the_undisturbed_run(number, tmp_path):

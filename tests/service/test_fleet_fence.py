@@ -14,7 +14,7 @@ from service_streams import wait_until, write_recording
 from service.errors import StorageUnavailable, StoreError
 from service.fleet.databases import Partitions, engine_of, made
 from service.fleet.fence import Fenced
-from service.fleet.layout import Layout, create, layout_of, partition_of, prefix_of
+from service.fleet.layout import Layout, create, layout_of, partition_of
 from service.fleet.partition import FENCED
 from service.json_text import plain
 from service.results.asset_list import area_of
@@ -106,7 +106,7 @@ def work(tmp_path, fleet):
     recording = write_recording(tmp_path / "campaign.mcap", 6)
     assessed = plain(assess(recording, twin=fake_twin.TWIN))
     with routed() as endpoint, worker(tmp_path / "partition", fleet, endpoint) as process:
-        yield process, recording, assessed, endpoint, prefix_of(process.partition)
+        yield process, recording, assessed, endpoint, process.prefix
 
 
 def test_a_partition_is_served_as_by_the_plain_loop(work, fleet):

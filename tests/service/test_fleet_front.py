@@ -13,7 +13,7 @@ from fleets import front, routed, row, worker
 from service_streams import service, wait_until, write_recording
 
 from service.errors import StoreError
-from service.fleet.layout import partition_of, prefix_of, schema_of
+from service.fleet.layout import partition_of, schema_of
 from service.runtime.replay import replay
 
 UNSW = "/v1/assets/unsw"
@@ -45,7 +45,7 @@ def at_work(tmp_path, fleet, **settings):
 
 def replayed(process, fleet):
     """The worker has taken all windows of the recording."""
-    replay(process.recording, [process.endpoint], 0, prefix=prefix_of(process.partition), recorded="gearbox")
+    replay(process.recording, [process.endpoint], 0, prefix=process.prefix, recorded="gearbox")
     wait_until(lambda: row(fleet) is not None and row(fleet)["summary"]["windows"] == WINDOWS)
 
 

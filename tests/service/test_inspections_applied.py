@@ -11,7 +11,6 @@ from test_decisions import post
 
 from service.contract.inspections import BY_LEVEL, outcome_of
 from service.results.decision_queue import DecisionQueue
-from service.results.sql_store import SqlStore
 from service.runtime.replay import replay
 
 WINDOWS = 3
@@ -47,7 +46,7 @@ def test_answer_says_what_the_inspection_changed_and_the_state_shows_it(tmp_path
         assert running.get(PATH) == [answer]
         status, wrong = post(running, PATH, {**GIVEN, "max_depth_um": 600.0})
         assert wrong["contradiction"] == "The inspection contradicts."
-    with SqlStore(tmp_path / "gear-twin.sqlite") as store:
+    with running.store() as store:
         assert [e.kind for e in store.events("unsw", 0)].count("rul") == WINDOWS + 2
 
 
@@ -68,14 +67,14 @@ def test_inspection_that_was_kept_before_a_kill_is_used_once_by_the_next_start(t
         replay(recording, [running.endpoint], 0)
         running.wait_for_windows(WINDOWS)
         running.end(signal.SIGKILL)
-        with SqlStore(tmp_path / "gear-twin.sqlite") as store:
+        with running.store() as store:
             number = DecisionQueue(store).submit_inspection("unsw", GIVEN, {"twin": {}})
         for _ in range(2):
             running.start()
             wait_until(lambda: used(running) > 0.5)
             assert used(running) == 1.0
             running.end(signal.SIGKILL)
-        with SqlStore(tmp_path / "gear-twin.sqlite") as store:
+        with running.store() as store:
             assert store.inspection(number).done and not store.pending_inspections()
             assert store.inspection(number).answer["applied"] is True
     finally:

@@ -10,7 +10,7 @@ import threading
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from unittest.mock import patch
 
@@ -18,7 +18,9 @@ import fake_twin
 import pytest
 from memory_store import MemoryStore
 from memory_transport import MemoryNetwork
-from service_streams import Service, wait_until, write_recording
+from one_partition import served_as_a_fleet
+from pydantic import SecretStr
+from service_streams import Service, SqliteFile, wait_until, write_recording
 from test_decisions import post
 
 from service.json_text import plain
@@ -41,18 +43,18 @@ def recording(tmp_path_factory):
 def serving(data, network, store, **given):
     """The service in a thread of this process; a reader of its REST."""
     addresses, stop, failed = [], threading.Event(), []
+    settings = Settings(http="127.0.0.1:0", data=data, idle_timeout=0.7, **given)
+    with_all = {"twin": fake_twin.TWIN, "open_transport": network.open, "announce": addresses.append, "stop": stop}
+    if Service.fleets is not None and isinstance(store, SqliteFile):
+        database = Service.fleets.database({"DATA": str(data)})
+        serve_it = partial(served_as_a_fleet, settings.model_copy(update={"database": SecretStr(database)}))
+    else:
+        serve_it = partial(run, settings, open_store=store.open)
 
     def serve():
         try:
             with patch.object(pump, "JOINED", fake_twin.JOINED):
-                run(
-                    Settings(http="127.0.0.1:0", data=data, idle_timeout=0.7, **given),
-                    twin=fake_twin.TWIN,
-                    open_transport=network.open,
-                    open_store=store.open,
-                    announce=addresses.append,
-                    stop=stop,
-                )
+                serve_it(**with_all)
         except Exception as error:
             failed.append(error)
 
@@ -137,7 +139,7 @@ def imported(file: Path) -> set[str]:
     [
         ("zenoh", {"transport/zenoh.py", "transport/zenoh_session.py"}),
         ("sqlite3", {"results/archive.py", "results/migrate.py"}),
-        ("psycopg", set()),
+        ("psycopg", {"fleet/front_watch.py", "fleet/listener.py"}),
     ],
 )
 def test_one_file_alone_knows_the_network_and_one_the_database(package, homes):
@@ -147,7 +149,7 @@ def test_one_file_alone_knows_the_network_and_one_the_database(package, homes):
 
 def test_stores_alone_know_how_tables_are_asked():
     knowing = {f.relative_to(ROOT / "service").parts[0] for f in (ROOT / "service").rglob("*.py") if asks_tables(f)}
-    assert knowing == {"results"}
+    assert knowing == {"results", "fleet"}
 
 
 def asks_tables(file: Path) -> bool:

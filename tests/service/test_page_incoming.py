@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from browsers import under_policy
 from memory_transport import MemoryNetwork
-from service_streams import wait_until
-from test_asset_life import SqliteFile
+from service_streams import SqliteFile, wait_until
 from test_other_parts import serving
 from test_rig_proposals import OTHER_LIFE, proposed, recording, rig  # noqa: F401
 from test_unknown_assets import FIRST, WINDOWS, Replaying, revolutions, unknown_of

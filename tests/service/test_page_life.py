@@ -6,9 +6,9 @@ import pytest
 import service_fakes as fakes
 from browsers import under_policy
 from memory_transport import MemoryNetwork
-from service_streams import wait_until
+from service_streams import SqliteFile, wait_until
 from test_asset_baseline import with_windows
-from test_asset_life import FIRST, WINDOWS, SqliteFile, asked, first, revolutions, second, waiting  # noqa: F401
+from test_asset_life import FIRST, WINDOWS, asked, first, revolutions, second, waiting  # noqa: F401
 from test_other_parts import serving as served
 
 from service.runtime.questions import count_fell

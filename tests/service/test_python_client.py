@@ -14,9 +14,9 @@ import pytest
 import service_fakes as fakes
 from memory_transport import MemoryNetwork
 from nbclient import NotebookClient
+from service_streams import SqliteFile
 from test_alarms import NEAR, WORN
 from test_asset_baseline import with_windows
-from test_asset_life import SqliteFile
 from test_health import report_of
 from test_other_parts import serving
 from test_what_if_answers import ASSET, assess_into

@@ -6,8 +6,8 @@ import json
 
 import pytest
 from memory_transport import MemoryNetwork
-from service_streams import wait_until, write_recording
-from test_asset_life import SqliteFile, change, revolutions, waiting
+from service_streams import SqliteFile, wait_until, write_recording
+from test_asset_life import change, revolutions, waiting
 from test_decisions import post
 from test_other_parts import serving
 from test_unknown_assets import FIRST, WINDOWS, Replaying, unknown_of
@@ -58,6 +58,7 @@ def begun(running, network, recording):
     """The asset adopted with its rig file, and its windows processed."""
     Replaying(network, recording, wait=0.5).end()
     network.on_rig("unsw", network.rigs["unsw"])
+    wait_until(lambda: unknown_of(running).get("unsw", {}).get("rig_digest"))
     digest = unknown_of(running)["unsw"]["rig_digest"]
     assert post(running, "/v1/unknown-assets/unsw/adopt", {"rig": digest})[0] == 201
     replay(recording, (), 0, publish_to=network.open_publisher)
@@ -113,13 +114,14 @@ def test_rig_files_that_are_offered_are_bounded_in_size_and_number(caplog):
 def test_an_asset_that_is_adopted_without_the_offered_rig_file_has_it_as_a_proposal(asking, network, recording, rig):
     Replaying(network, recording, wait=0.5).end()
     network.on_rig("unsw", rig)
-    assert unknown_of(asking)["unsw"]["rig_name"] == "unsw"
+    wait_until(lambda: unknown_of(asking).get("unsw", {}).get("rig_name") == "unsw")
     status, answer = post(asking, "/v1/unknown-assets/unsw/adopt", {"rig": "0" * 16})
     assert status == 409 and "is not offered for unsw" in answer["detail"]
     assert post(asking, "/v1/unknown-assets/unsw/adopt", {})[0] == 201
     replay(recording, (), 0, publish_to=network.open_publisher)
     asking.wait_for_windows(WINDOWS)
     assert asking.get(f"{UNSW}/rig")["status"] == "not available"
+    wait_until(lambda: proposed(asking))
     (proposal,) = proposed(asking)
     assert {d["key"]: d["proposed"] for d in proposal["differences"]}["gears.pinion.teeth"] == "19"
     assert decide(asking, "accept", proposal["digest"])[0] == 201

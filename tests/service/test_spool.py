@@ -10,14 +10,13 @@ from functools import partial
 import fake_twin
 import pytest
 from memory_transport import MemoryNetwork
-from service_streams import Service, wait_until, write_recording
+from service_streams import Service, SqliteFile, tables_of, wait_until, write_recording
 from test_decisions import post
 from test_other_parts import serving
 
 from service.json_text import plain
 from service.results.asset_life import AssetLife
-from service.results.data_folder import DATABASE, SIGNALS, WAITING
-from service.results.sql_store import SqlStore
+from service.results.data_folder import SIGNALS, WAITING
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 
@@ -29,20 +28,10 @@ def recording(tmp_path_factory):
     return write_recording(tmp_path_factory.mktemp("recording") / "short.mcap", WINDOWS)
 
 
-class SqliteFile:
-    """A store that `serving` opens again at each start."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def open(self):
-        return SqlStore(self.path / DATABASE)
-
-
-def waiting(data):
+def waiting(running):
     """The windows that wait by the database, of a service that has ended."""
-    with SqlStore(data / DATABASE) as store:
-        return AssetLife(store.database, data / WAITING).waiting("unsw")
+    with running.store() as store:
+        return AssetLife(tables_of(store), running.folder / WAITING).waiting("unsw")
 
 
 def test_windows_that_had_closed_are_processed_after_a_kill_without_being_sent_again(tmp_path, recording):
@@ -50,19 +39,19 @@ def test_windows_that_had_closed_are_processed_after_a_kill_without_being_sent_a
     running = Service(tmp_path, slow=30.0).start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((tmp_path / WAITING).glob("*.npz"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS)
         running.end(signal.SIGKILL)
-        assert [w.start_ns for w in waiting(tmp_path)] == sorted(w.start_ns for w in waiting(tmp_path))
+        assert [w.start_ns for w in waiting(running)] == sorted(w.start_ns for w in waiting(running))
         running.slow = 0.0
         running.start()
         assert running.wait_for_windows(WINDOWS) == plain(assess(recording, twin=fake_twin.TWIN))["windows"]
-        wait_until(lambda: not list((tmp_path / WAITING).iterdir()))
+        wait_until(lambda: not list((running.folder / WAITING).iterdir()))
         replay(recording, [running.endpoint], 0)  # all of it is known
         time.sleep(1.0)
         assert len(running.windows()) == WINDOWS
     finally:
         running.end(signal.SIGKILL)
-    assert waiting(tmp_path) == ()
+    assert waiting(running) == ()
 
 
 @pytest.mark.slow
@@ -70,9 +59,9 @@ def test_a_window_whose_file_is_damaged_is_refused_and_counted_and_the_others_go
     running = Service(tmp_path, slow=30.0).start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((tmp_path / WAITING).glob("*.npz"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS)
         running.end(signal.SIGKILL)
-        cut, gone = sorted((tmp_path / WAITING).glob("*.npz"))[1:3]
+        cut, gone = sorted((running.folder / WAITING).glob("*.npz"))[1:3]
         cut.write_bytes(cut.read_bytes()[:500])
         gone.unlink()
         running.slow = 0.0
@@ -100,7 +89,7 @@ def test_an_asset_that_takes_long_holds_up_no_other_and_none_of_its_decisions(tm
     )  # fmt: skip
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
         replay(slow, (), 0, publish_to=network.open_publisher)
-        wait_until(lambda: len(list((tmp_path / WAITING).glob("*.npz"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS)
         began = time.monotonic()
         replay(write_recording(tmp_path / "b.mcap", WINDOWS), (), 0, publish_to=network.open_publisher)
         assert len(running.wait_for_windows(WINDOWS)) == WINDOWS
@@ -115,11 +104,11 @@ def test_raw_signals_are_written_once_the_file_that_waited_becomes_the_one_that_
     running = Service(tmp_path, slow=1.0).start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((tmp_path / WAITING).glob("*.npz"))) >= 3)
-        waited = {f.stat().st_ino for f in (tmp_path / WAITING).glob("*.npz")}
+        wait_until(lambda: len(list((running.folder / WAITING).glob("*.npz"))) >= 3)
+        waited = {f.stat().st_ino for f in (running.folder / WAITING).glob("*.npz")}
         running.wait_for_windows(WINDOWS)
-        wait_until(lambda: len(list((tmp_path / SIGNALS / "unsw").iterdir())) == WINDOWS)
-        assert waited <= {f.stat().st_ino for f in (tmp_path / SIGNALS / "unsw").iterdir()}
+        wait_until(lambda: len(list((running.folder / SIGNALS / "unsw").iterdir())) == WINDOWS)
+        assert waited <= {f.stat().st_ino for f in (running.folder / SIGNALS / "unsw").iterdir()}
         assert running.get("/v1/assets/unsw/windows/4/signals/waveform") is not None
     finally:
         running.end(signal.SIGKILL)

@@ -71,14 +71,14 @@ def _ignoring(call, *given):
 
 
 def not_ready(running):
-    return running.get("/healthz") is not None and running.get("/readyz") is None
+    return running.get("/healthz") is not None and not running.ready()
 
 
 def went_through_it(running, recording):
     """Nothing was lost, the cause and its end were said once each, and it is over."""
-    wait_until(lambda: running.get("/readyz") is not None)
+    wait_until(running.ready)
     assert running.wait_for_windows(WINDOWS) == plain(assess(recording, twin=fake_twin.TWIN))["windows"]
-    assert "gear_twin_storage_unavailable 0.0" in running.text("/metrics")
+    wait_until(lambda: "gear_twin_storage_unavailable 0.0" in running.text("/metrics"))
     complained = running.said()[1]
     assert complained.count("it is tried again") == 1 and "Traceback" not in complained, complained
     assert complained.count("can be used again") == 1
@@ -109,6 +109,7 @@ def test_a_full_disk_is_waited_for_and_nothing_is_lost(tmp_path, recording, begu
             running.end(signal.SIGKILL)
 
 
+@pytest.mark.serve_only("the results of a fleet are not on the disk of its data folder")
 @pytest.mark.slow
 def test_a_disk_that_becomes_read_only_is_waited_for(tmp_path, recording, begun):
     """As ext4 does after a fault of the disk; there it stays so until the service is started on a sound one."""
@@ -142,6 +143,7 @@ def test_a_disk_that_becomes_read_only_is_waited_for(tmp_path, recording, begun)
             running.end(signal.SIGKILL)
 
 
+@pytest.mark.serve_only("the limit would hold for the shared memory of the router in the same process, too")
 @pytest.mark.slow
 def test_a_limit_on_the_size_of_files_is_waited_for_as_a_full_disk_is(tmp_path, recording, begun):
     running = Service(tmp_path).start()
@@ -154,7 +156,7 @@ def test_a_limit_on_the_size_of_files_is_waited_for_as_a_full_disk_is(tmp_path, 
         wait_until(lambda: not_ready(running))
         assert running.get("/healthz") is not None
         resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
-        wait_until(lambda: running.get("/readyz") is not None)
+        wait_until(running.ready)
         assert running.wait_for_windows(WINDOWS) == plain(assess(recording, twin=fake_twin.TWIN))["windows"]
     finally:
         running.end(signal.SIGKILL)

@@ -349,9 +349,9 @@ def test_a_service_ends_in_time_whatever_its_workers_do_and_goes_on_with_their_w
     running = Workers(tmp_path / "data", WORKERS="1").start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((tmp_path / "data" / WAITING).glob("*.npz"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS)
         wait_until(mark.exists)
-        assert "gear_twin_workers_busy 1.0" in running.text("/metrics")
+        wait_until(lambda: "gear_twin_workers_busy 1.0" in running.text("/metrics"))
         started = children(running.process.pid)
         began = time.monotonic()
         for pid in started if how == signal.SIGINT else ():  # a terminal sends it to all
@@ -359,7 +359,7 @@ def test_a_service_ends_in_time_whatever_its_workers_do_and_goes_on_with_their_w
         status, _, complained = running.end(how)
         assert (status, complained) == (0, "") and time.monotonic() - began < 10
         wait_until(lambda: not alive(started), 10.0)
-        assert len(list((tmp_path / "data" / WAITING).glob("*.npz"))) == WINDOWS
+        assert len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS
     finally:
         running.end(signal.SIGKILL)
 
@@ -386,7 +386,7 @@ def test_a_service_whose_fork_server_is_stopped_answers_and_goes_on_by_itself(tm
             waits.append(time.monotonic() - began)
         assert max(waits) < 2.0
         assert len(running.wait_for_windows(WINDOWS + 2)) == WINDOWS + 2
-        assert "gear_twin_worker_servers_replaced_total 1.0" in running.text("/metrics")
+        wait_until(lambda: "gear_twin_worker_servers_replaced_total 1.0" in running.text("/metrics"))
     finally:
         _, _, complained = running.end(signal.SIGTERM)
     assert "does not answer, and is replaced" in complained
@@ -404,8 +404,8 @@ def test_a_window_that_ends_its_worker_is_refused_and_the_others_are_not(tmp_pat
         assert [w["quality"] for w in windows] == ["refused"] * 2
         assert all(w["reason"] == "internal error: ended its worker process, 2 times" for w in windows)
         assert [w["quality"] for w in running.wait_for_windows(WINDOWS, "other")] == ["good"] * WINDOWS
-        assert "gear_twin_program_faults_total 2.0" in running.text("/metrics")
-        wait_until(lambda: len(list((tmp_path / "data" / SIGNALS / "unsw").iterdir())) == 2)  # to be looked into
+        wait_until(lambda: "gear_twin_program_faults_total 2.0" in running.text("/metrics"))
+        wait_until(lambda: len(list((running.folder / SIGNALS / "unsw").iterdir())) == 2)  # to be looked into
     finally:
         running.end(signal.SIGKILL)
 

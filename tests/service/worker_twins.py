@@ -78,11 +78,6 @@ def make(options):
 
 if __name__ == "__main__":
     import worker_twins
+    from one_partition import serve
 
-    from service.__main__ import leave
-    from service.runtime import pump
-    from service.runtime.serve import run
-    from service.settings import Settings
-
-    pump.JOINED = fake_twin.JOINED
-    leave(run(Settings(), twin=worker_twins.make(None)))
+    serve(worker_twins.make(None), fake_twin.JOINED)

@@ -37,6 +37,7 @@ LOADED_WHERE_SET = {
     "service/fleet/engine.py": "fleet",
     "service/fleet/assess_task.py": "fleet",
     "service/fleet/batch.py": "fleet",
+    "service/fleet/loopback_node.py": "fleet",
     "service/fleet/object_store.py": "fleet",
     "service/fleet/raw_segments.py": "fleet",
     "service/fleet/ray_tasks.py": "fleet",

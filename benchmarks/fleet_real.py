@@ -1,0 +1,292 @@
+"""A real fleet under a stated load, for comparison with the model: the tests' twin, which sleeps for a stated time.
+
+Windows of an asset come at a stated period, those of different assets one after the other. When results are committed
+is the database's own account (`track_commit_timestamp`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+from benchmarks.fleet_model import Array
+from benchmarks.fleet_plant import (
+    SETTLED_WITHIN,
+    TESTS,
+    Plant,
+    killed,
+    postgresql,
+    program,
+    router,
+    tree,
+    wait_until,
+)
+from service.fleet.layout import partition_of, schema_of
+from service.stream.frames import NS
+from service.stream.sources.mcap_write import RecordingWriter
+from service.stream.wire.codec import encode
+
+STEP = 0.02  # of the twin [s]
+PARTITIONS, NODES = 4, 2
+IDLE_TIMEOUT = 0.7  # [s]
+COMMITS = 100  # that are timed
+SPUN, SPIN_EVERY = 0.05, 2.0  # processor time that is timed by the wall clock, and how often [s]
+BEGIN_NS = 1_700_000_000 * NS
+APART_NS = 86_400 * NS  # between the windows of two runs
+
+PUBLISHER = """
+import json, sys, time
+from service.runtime.replay import replay
+sent = {}
+def noted(frames):
+    for frame in frames:
+        yield frame
+        sent.setdefault(frame.channel.asset, {})[frame.log_time_ns] = time.time()
+path, endpoint, prefix, out = sys.argv[1:]
+replay(path, [endpoint], 1.0, prefix=prefix, recorded="gearbox", wait=300.0, disturb=noted)
+with open(out, "w") as file:
+    json.dump(sent, file)
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """What is asked of the fleet."""
+
+    assets: int
+    period: float  # [s]
+    windows: int  # of each asset
+    lose_at: float | None = None  # when a node is killed [s]
+
+    @property
+    def seconds(self) -> float:
+        return self.period * self.windows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """What a run has shown."""
+
+    lags: Array  # of results behind windows, before any loss [s]
+    windows: int
+    seconds: float
+    spent: dict[str, float]  # processor time by group [s]
+    written: dict[str, float]  # by the database: transactions, bytes of its log
+    slower: float  # than a processor of its own
+    served: float = 0.0  # after a loss, until the last partition is served [s]
+    drained: float = 0.0  # after a loss, until nothing waits that came before it was served [s]
+
+
+class Slower(threading.Thread):
+    """How many times longer processor time takes by the wall clock: others use the machine as well."""
+
+    def __init__(self) -> None:
+        super().__init__(name="slower", daemon=True)
+        self._stopping, self._wall, self._processor = threading.Event(), 0.0, 0.0
+        self.start()
+
+    def run(self) -> None:
+        """Spins now and then."""
+        while not self._stopping.wait(SPIN_EVERY):
+            begun, processor = time.monotonic(), time.thread_time()
+            while time.thread_time() - processor < SPUN:
+                sum(range(1000))
+            self._wall += time.monotonic() - begun
+            self._processor += time.thread_time() - processor
+
+    def end(self) -> float:
+        """Ends the thread; the mean ratio."""
+        self._stopping.set()
+        self.join()
+        return max(1.0, self._wall / self._processor) if self._processor else 1.0
+
+
+@contextmanager
+def fleet(folder: Path, step: float = STEP) -> Iterator[RealFleet]:
+    """A fleet with its database, whose commits reach the disk."""
+    os.environ["FAKE_TWIN_SECONDS"] = str(step)
+    with (
+        router(folder) as (endpoint, _),
+        postgresql(durable=True) as (url, _, _),
+        Plant(
+            folder / "fleet", url, endpoint, PARTITIONS, NODES, fake=True, WORKERS="0", IDLE_TIMEOUT=str(IDLE_TIMEOUT)
+        ) as plant,
+    ):
+        yield RealFleet(plant, folder)
+
+
+class RealFleet:
+    """A fleet that runs, and loads one after the other."""
+
+    def __init__(self, plant: Plant, folder: Path) -> None:
+        self.plant, self._folder, self._runs, self._windows = plant, folder, 0, 0
+
+    def idle(self, seconds: float) -> tuple[dict[str, float], dict[str, float]]:
+        """Processor times and what is written in a second without frames."""
+        spent, written = self.plant.spent(), self.plant.written()
+        time.sleep(seconds)
+        return (
+            {name: value / seconds for name, value in self.plant.spent().since(spent).items()},
+            {name: value / seconds for name, value in _since(self.plant.written(), written).items()},
+        )
+
+    def restart(self) -> tuple[float, float]:
+        """Kills the worker of a partition: time until another one has it, and the processor time that this took [s]."""
+        rows = self.plant.census().rows
+        tokens = [row["token"] for row in rows]
+        begun = time.time()
+        psutil.Process(_process_of(rows[0]["worker"])).kill()
+        seconds = self._served({0}, tokens) - begun
+        times = psutil.Process(_process_of(self.plant.census().rows[0]["worker"])).cpu_times()
+        return seconds, times.user + times.system
+
+    def commit(self) -> float:
+        """What the least transaction that writes takes, by the wall clock, the median [s]."""
+        taken = []
+        with self.plant.tables.connect() as db:
+            db.exec_driver_sql("CREATE TABLE IF NOT EXISTS timed (number bigint)")
+            db.commit()
+            for number in range(COMMITS):
+                begun = time.monotonic()
+                db.exec_driver_sql(f"INSERT INTO timed VALUES ({number})")
+                db.commit()
+                taken.append(time.monotonic() - begun)
+        return float(np.median(taken))
+
+    def run(self, load: Load) -> Found:
+        """Puts a load on the fleet until all its windows are committed."""
+        self._runs += 1
+        start_ns = BEGIN_NS + self._runs * APART_NS
+        paths = {p: self._folder / f"run{self._runs}-{p}.mcap" for p in range(PARTITIONS)}
+        for p, path in paths.items():
+            self._write(path, load, p, start_ns)
+        said = {p: self._folder / f"publisher{self._runs}-{p}.txt" for p in paths}
+        sent = {p: self._folder / f"sent{self._runs}-{p}.json" for p in paths}
+        watch = Slower()
+        spent, written, begun = self.plant.spent(), self.plant.written(), time.monotonic()
+        lost_at = None
+        with ExitStack() as stack:
+            running = []
+            for p, path in paths.items():
+                given = ("-c", PUBLISHER, str(path), self.plant.endpoint, self.plant.layout.prefix_of(p), str(sent[p]))
+                running.append(program(*given, said=said[p]))
+                stack.callback(killed, running[-1])
+            if load.lose_at is not None:
+                time.sleep(load.lose_at)
+                tokens = [row["token"] for row in self.plant.census().rows]
+                lost_at = time.time()
+                gone = self._kill_node()
+                served = self._served(gone, tokens) - lost_at
+            for process in running:
+                if process.wait(SETTLED_WITHIN):
+                    raise RuntimeError(f"a publisher failed: see {self._folder}")
+        self._windows += load.assets * load.windows
+        self.plant.await_windows(self._windows)
+        seconds = time.monotonic() - begun
+        used, wrote = self.plant.spent(), self.plant.written()
+        ended, committed = self._times(start_ns, {p: json.loads(path.read_text()) for p, path in sent.items()})
+        before = np.ones(ended.size, bool) if lost_at is None else committed < lost_at
+        recovery = {}
+        if lost_at is not None:
+            late = ended < lost_at + served
+            recovery = {"served": served, "drained": float(np.max(committed[late])) - lost_at}
+        return Found(
+            lags=(committed - ended)[before], windows=load.assets * load.windows, seconds=seconds,
+            spent=used.since(spent), written=_since(wrote, written), slower=watch.end(), **recovery,
+        )  # fmt: skip
+
+    def _write(self, path: Path, load: Load, partition: int, start_ns: int) -> None:
+        """The recording of a partition's assets, in the order of time."""
+        sys.path.insert(0, str(TESTS))
+        from service_streams import FRAME_S, RIG, WINDOW_S, _frames
+
+        text = RIG.read_bytes()
+        for stated in (b"pinion_edges_per_rev = 1024", b"gear_edges_per_rev = 2048"):
+            text = text.replace(stated, stated.partition(b"=")[0] + b"= 64")
+        frames = round(WINDOW_S / FRAME_S)
+        due = []
+        for number in range(load.assets):
+            asset = f"run{self._runs}-{number}"
+            if partition_of(asset, PARTITIONS) == partition:
+                for window in range(load.windows):
+                    at = load.period * (window + number / load.assets)
+                    due += [(at + f * FRAME_S, asset, window, window * frames + f) for f in range(frames)]
+        due.sort()
+        rng = np.random.default_rng(partition)
+        with RecordingWriter(path, rig_text=text) as writer:
+            for at, asset, window, number in due:
+                begin = start_ns + round(at * NS)
+                for frame in _frames(asset, begin, number, 10 + window % 50, rng, window):
+                    writer.write(frame.channel, begin + round(FRAME_S * NS), encode(frame))
+
+    def _times(self, start_ns: int, sent: dict[int, dict[str, dict[str, float]]]) -> tuple[Array, Array]:
+        """When the last frame of each window was sent, and when its results were committed, by the wall clock [s].
+
+        sent  by partition, asset, and the end of a frame by the recording's clock
+        """
+        from service_streams import FRAME_S, WINDOW_S
+
+        ended, committed = [], []
+        with self.plant.tables.connect() as db:
+            for partition, assets in sent.items():
+                rows = db.exec_driver_sql(
+                    "SELECT asset, start_ns, extract(epoch FROM pg_xact_commit_timestamp(xmin)) "
+                    f"FROM {schema_of(partition)}.windows "
+                    f"WHERE start_ns BETWEEN {start_ns} AND {start_ns + APART_NS // 2}"
+                )
+                for asset, start, at in rows:
+                    until = start + round((WINDOW_S + FRAME_S / 2) * NS)
+                    ended.append(max(when for end, when in assets[asset].items() if start < int(end) <= until))
+                    committed.append(float(at))
+        return np.array(ended), np.array(committed)
+
+    def _kill_node(self) -> set[int]:
+        """Kills a node with all that runs on it; the partitions that it served."""
+        nodes = self.plant.census().nodes
+        lost: list[psutil.Process] = []
+        for process in tree(self.plant.pid):
+            with suppress(psutil.Error):
+                if any(word.startswith("--node-name=node-") for word in process.cmdline()) and not lost:
+                    lost = [process, *process.children(recursive=True)]
+        pids = {process.pid for process in lost}
+        rows = self.plant.census().rows
+        gone = {row["partition"] for row in rows if _process_of(row["worker"]) in pids}
+        assert gone, f"no partition was on the node that was killed: {nodes}"
+        for process in lost:
+            with suppress(psutil.Error):
+                process.send_signal(signal.SIGKILL)
+        return gone
+
+    def _served(self, gone: set[int], tokens: list[int]) -> float:
+        """When the last of some partitions has been taken by another worker, by the wall clock [s]."""
+        import sqlalchemy as sa
+
+        from service.fleet.layout import PARTITIONS as ROWS
+
+        def taken() -> list[int]:
+            with self.plant.tables.connect() as db:
+                found = db.execute(sa.select(ROWS.c.number, ROWS.c.token, ROWS.c.taken_ns, ROWS.c.seen_ns)).all()
+            return [row.taken_ns for row in found if row.number in gone and row.token > tokens[row.number]]
+
+        wait_until(lambda: len(taken()) == len(gone), SETTLED_WITHIN, "the partitions of the node")
+        return max(taken()) / NS
+
+
+def _process_of(worker: str | None) -> int:
+    """The number of a worker's process, by what the partition's row says."""
+    return int((worker or ":0").rpartition(":")[2])
+
+
+def _since(now: dict[str, float], before: dict[str, float]) -> dict[str, float]:
+    return {name: value - before[name] for name, value in now.items()}
