@@ -227,10 +227,10 @@ def end_left(groups: Iterable[int]) -> int:
     """
     found = 0
     for group in groups:
-        shown = subprocess.run(["ps", "-o", "args=", "-p", str(group)], check=False, capture_output=True, text=True)
-        if NODE in shown.stdout:
-            _kill_group(group)
-            found += 1
+        with suppress(OSError):
+            if NODE.encode() in Path(f"/proc/{group}/cmdline").read_bytes():
+                _kill_group(group)
+                found += 1
     return found
 
 

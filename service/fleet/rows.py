@@ -16,6 +16,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import Connection
 from sqlalchemy.dialects import postgresql
+from sqlalchemy.exc import SQLAlchemyError
 
 from service.errors import StoreError
 from service.fleet.fence import Fenced
@@ -72,7 +73,10 @@ class RowWriter(threading.Thread):
                     self._write(waiting)
                 except Fenced:
                     return
-                except StoreError as error:  # whoever keeps windows says it; the rows are written afterwards
+                except (
+                    StoreError,
+                    SQLAlchemyError,
+                ) as error:  # whoever keeps windows says it; the rows are written afterwards
                     log.debug("the rows of partition %d wait: %s", self._partition, error)
                     self._stopping.wait(PAUSE)
                 else:
