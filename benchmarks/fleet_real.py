@@ -9,10 +9,11 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,17 +47,23 @@ BEGIN_NS = 1_700_000_000 * NS
 APART_NS = 86_400 * NS  # between the windows of two runs
 
 PUBLISHER = """
-import json, sys, time
-from service.runtime.replay import replay
-sent = {}
-def noted(frames):
-    for frame in frames:
-        yield frame
-        sent.setdefault(frame.channel.asset, {})[frame.log_time_ns] = time.time()
+import json, os, sys, time
+from service.runtime.replay import paced
+from service.stream.sources.mcap import Recording
+from service.transport.zenoh import open_publisher
 path, endpoint, prefix, out = sys.argv[1:]
-replay(path, [endpoint], 1.0, prefix=prefix, recorded="gearbox", wait=300.0, disturb=noted)
-with open(out, "w") as file:
-    json.dump(sent, file)
+sent = {}
+with Recording(path, "gearbox") as recording, open_publisher([endpoint], prefix, 60.0) as publisher:
+    for name in recording.assets:
+        publisher.offer_rig(name, recording.rig_text)
+    publisher.declare(sorted(set(recording.channels.values())))
+    for frame in paced(recording.messages(), 1.0):
+        publisher.publish(frame)
+        sent.setdefault(frame.channel.asset, {})[frame.log_time_ns] = time.time()
+    with open(out + ".part", "w") as file:
+        json.dump(sent, file)
+    os.rename(out + ".part", out)
+    time.sleep(1e6)  # what it keeps can be asked for
 """
 
 
@@ -188,11 +195,9 @@ class RealFleet:
                 lost_at = time.time()
                 gone = self._kill_node()
                 served = self._served(gone, tokens) - lost_at
-            for process in running:
-                if process.wait(SETTLED_WITHIN):
-                    raise RuntimeError(f"a publisher failed: see {self._folder}")
-        self._windows += load.assets * load.windows
-        self.plant.await_windows(self._windows)
+            wait_until(lambda: _all_sent(running, sent.values()), SETTLED_WITHIN, "the publishers")
+            self._windows += load.assets * load.windows
+            self.plant.await_windows(self._windows)
         seconds = time.monotonic() - begun
         used, wrote = self.plant.spent(), self.plant.written()
         ended, committed = self._times(start_ns, {p: json.loads(path.read_text()) for p, path in sent.items()})
@@ -233,6 +238,8 @@ class RealFleet:
     def _times(self, start_ns: int, sent: dict[int, dict[str, dict[str, float]]]) -> tuple[Array, Array]:
         """When the last frame of each window was sent, and when its results were committed, by the wall clock [s].
 
+        Without the first window of each asset, which is held open for channels that nobody knows of.
+
         sent  by partition, asset, and the end of a frame by the recording's clock
         """
         from service_streams import FRAME_S, WINDOW_S
@@ -243,7 +250,7 @@ class RealFleet:
                 rows = db.exec_driver_sql(
                     "SELECT asset, start_ns, extract(epoch FROM pg_xact_commit_timestamp(xmin)) "
                     f"FROM {schema_of(partition)}.windows "
-                    f"WHERE start_ns BETWEEN {start_ns} AND {start_ns + APART_NS // 2}"
+                    f"WHERE number > 0 AND start_ns BETWEEN {start_ns} AND {start_ns + APART_NS // 2}"
                 )
                 for asset, start, at in rows:
                     until = start + round((WINDOW_S + FRAME_S / 2) * NS)
@@ -281,6 +288,12 @@ class RealFleet:
 
         wait_until(lambda: len(taken()) == len(gone), SETTLED_WITHIN, "the partitions of the node")
         return max(taken()) / NS
+
+
+def _all_sent(publishers: Iterable[subprocess.Popen[bytes]], files: Iterable[Path]) -> bool:
+    if any(process.poll() is not None for process in publishers):
+        raise RuntimeError("a publisher has ended")
+    return all(path.exists() for path in files)
 
 
 def _process_of(worker: str | None) -> int:

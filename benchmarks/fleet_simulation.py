@@ -33,8 +33,8 @@ from benchmarks.fleet_real import PARTITIONS as REAL_PARTITIONS
 
 CALIBRATION = Load(assets=50, period=10.0, windows=3)
 REAL = (
-    Load(assets=200, period=30.0, windows=3, lose_at=60.0),
-    Load(assets=500, period=75.0, windows=2, lose_at=100.0),
+    Load(assets=200, period=25.0, windows=4, lose_at=65.0),
+    Load(assets=500, period=60.0, windows=3, lose_at=130.0),
 )
 IDLE = 15.0  # that is measured without frames [s]
 TICK = 0.1  # between two looks of the receiving thread whether a window has closed [s]

@@ -39,7 +39,7 @@ NODE = "service.fleet.loopback_node"
 AGENT_PORTS = (
     "--dashboard-agent-grpc-port", "--dashboard-agent-listen-port", "--metrics-export-port", "--runtime-env-agent-port",
 )  # fmt: skip
-"""Of the programs that Ray starts on each node: it gives up a node on which they have not chosen ports within 15 s."""
+"""Of the programs that Ray starts on each node: see `loopback_node`."""
 ROOM = "partition"  # the resource of which a node has one for each partition that it may serve
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
