@@ -218,7 +218,8 @@ def test_service_waits_for_an_external_router_and_says_so(tmp_path):
         wait_until(lambda: running.ready())
         starting.join(5)
     wait_until(lambda: not running.ready())  # the router is gone, and the service is alive
-    assert running.get("/healthz") == {"status": "ok"} and "gear_twin_network_connected 0.0" in running.text("/metrics")
+    assert running.get("/healthz") == {"status": "ok"}
+    wait_until(lambda: "gear_twin_network_connected 0.0" in running.text("/metrics"))
     with open_session(listen=[endpoint]):
         wait_until(lambda: running.ready())
         assert running.end()[0] == 0
