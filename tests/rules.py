@@ -1,8 +1,9 @@
 """Rules of a test run on the build machine.
 
-Where `CI` is set a skipped test is a failure: nothing is left out unseen. Three things may be missing there: the
-reference data beside the project, for tests marked `shared`, a container engine, for those marked `containers`, and
-Prometheus, for those marked `prometheus`. With GEAR_TWIN_TEST_FLEET every service of the tests is a fleet of one
+Where `CI` is set a skipped test is a failure: nothing is left out unseen. Four things may be missing there: the
+reference data beside the project, for tests marked `shared`, a container engine, for those marked `containers`,
+Prometheus, for those marked `prometheus`, and cores that nothing else uses, for those marked `engine`, which start several
+nodes of Ray. With GEAR_TWIN_TEST_FLEET every service of the tests is a fleet of one
 partition; then tests marked `serve_only` are skipped, each with its reason.
 Longer proofs (`slow`) come last, and none begins after GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how
 many.
@@ -18,7 +19,11 @@ from pathlib import Path
 import pytest
 
 BESIDE = Path(__file__).resolve().parents[1].parent / "shared"
-NAMED_BY = {"containers": "GEAR_TWIN_TEST_COMPOSE", "prometheus": "GEAR_TWIN_TEST_PROMETHEUS"}
+NAMED_BY = {
+    "containers": "GEAR_TWIN_TEST_COMPOSE",
+    "prometheus": "GEAR_TWIN_TEST_PROMETHEUS",
+    "engine": "GEAR_TWIN_TEST_ENGINE",
+}
 FLEET = "GEAR_TWIN_TEST_FLEET"  # puts fleets of one partition in place of `serve`
 SERVE_ONLY = "serve_only"  # mark of what is for `serve` alone
 CHOSEN = pytest.StashKey[int]()

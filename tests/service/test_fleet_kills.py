@@ -13,9 +13,8 @@ from service.cli import run
 from tests.chaos import fleet
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
-engine = pytest.mark.skipif(
-    "GEAR_TWIN_TEST_ENGINE" not in os.environ,
-    reason="GEAR_TWIN_TEST_ENGINE is not set: several nodes of Ray on one machine need cores that nothing else uses",
+without_cores = pytest.mark.skipif(
+    not os.environ.get("GEAR_TWIN_TEST_ENGINE"), reason="GEAR_TWIN_TEST_ENGINE is not set: see the marker `engine`"
 )
 
 
@@ -28,7 +27,8 @@ def environment():
     os.environ.update(before)
 
 
-@engine
+@pytest.mark.engine
+@without_cores
 def test_nothing_is_lost_or_counted_twice_whatever_is_killed(tmp_path):
     kinds = ("worker", "node", "database", "router", "suspended")
     outcome = fleet.attack(4, 11, tmp_path, print, assets=12, partitions=3, kinds=kinds)
@@ -47,7 +47,8 @@ def nodes(capsys, database):
     return [] if ended else sorted({row["node"] for row in found["partitions"]})
 
 
-@engine
+@pytest.mark.engine
+@without_cores
 def test_a_fleet_is_started_scaled_drained_and_ended_by_its_commands(tmp_path, empty_postgresql, capsys):
     ports = {"LISTEN": json.dumps([f"tcp/127.0.0.1:{free_port()}"]), "HTTP": f"127.0.0.1:{free_port()}"}
     running = FleetProcess(tmp_path, empty_postgresql, FLEET_PARTITIONS="3", **ports).start()
