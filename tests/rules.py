@@ -2,8 +2,8 @@
 
 Where `CI` is set a skipped test is a failure: nothing is left out unseen. Four things may be missing there: the
 reference data beside the project, for tests marked `shared`, a container engine, for those marked `containers`,
-Prometheus, for those marked `prometheus`, and cores that nothing else uses, for those marked `engine`, which start several
-nodes of Ray. With GEAR_TWIN_TEST_FLEET every service of the tests is a fleet of one
+Prometheus, for those marked `prometheus`, and cores that nothing else uses, for those marked `engine`, which start
+several nodes of Ray. With GEAR_TWIN_TEST_FLEET every service of the tests is a fleet of one
 partition; then tests marked `serve_only` are skipped, each with its reason.
 Longer proofs (`slow`) come last, and none begins after GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how
 many.
