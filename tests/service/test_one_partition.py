@@ -22,6 +22,10 @@ AGAIN = (
 )  # fmt: skip
 
 
+@pytest.mark.engine
+@pytest.mark.skipif(
+    not os.environ.get("GEAR_TWIN_TEST_ENGINE"), reason="GEAR_TWIN_TEST_ENGINE is not set: see the marker `engine`"
+)
 @pytest.mark.serve_only("runs tests with a fleet itself")
 @pytest.mark.slow
 @pytest.mark.timeout(900)
