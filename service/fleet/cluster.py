@@ -21,12 +21,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
 from service.errors import DeliveryError
-
-if TYPE_CHECKING:
-    from service.fleet.engine import Engine
 
 log = logging.getLogger(__name__)
 
@@ -267,20 +264,6 @@ def _has_node(address: str) -> bool:
             if words[0].endswith(b"/raylet") and wanted & set(words):
                 return True
     return False
-
-
-def joined(folder: Path, address: str, *, alone: bool) -> type[Engine]:
-    """Connects this process to Ray at an address, with the token of the fleet's folder where there is one.
-
-    Ray reads its environment when it is imported, and is not imported before.
-
-    alone  whether the cluster is of this machine alone, as `LocalCluster` starts it
-    """
-    os.environ.update(environment(folder) if alone else environment_to_join(folder))
-    from service.fleet.engine import Engine, join
-
-    join(address)
-    return Engine
 
 
 NAMESPACE = "gear-twin"  # of the actors' names

@@ -139,7 +139,8 @@ def drain(
     """Move a node's partitions to others, and place nothing there any more: before its machine is stopped."""
     from contextlib import ExitStack
 
-    from service.fleet.cluster import joined, node_here
+    from service.fleet.cluster import node_here
+    from service.fleet.joining import joined
     from service.fleet.up import running
 
     settings = _settings(database=database, data=data, config=config)

@@ -21,8 +21,9 @@ import sqlalchemy as sa
 
 from service.errors import DeliveryError, InputError, StorageUnavailable
 from service.fleet.census import Census, census
-from service.fleet.cluster import LocalCluster, Node, end_left, environment, joined, node_here
+from service.fleet.cluster import LocalCluster, Node, end_left, environment, node_here
 from service.fleet.databases import engine_of, made, reached
+from service.fleet.joining import joined
 from service.fleet.layout import FACTS, Layout, create, layout_of
 from service.results.data_folder import only_service_of
 from service.runtime.admission import demand_protected_links

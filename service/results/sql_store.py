@@ -21,6 +21,7 @@ from service.contract.version_1 import current_record, current_report
 from service.errors import DamageError, StorageUnavailable
 from service.json_text import plain
 from service.results import fault_totals
+from service.results.asset_counts import COUNTS, sealed
 from service.results.backends import Backend
 from service.results.database import Database
 from service.results.every_asset import LAST_EVENTS, NEXT_INDICES
@@ -34,8 +35,6 @@ from service.results.store import Event, FaultTotals, StoredAsset, StoredDecisio
 VITAL = {"state", "assembly", "quality", "counts"}  # without which an asset cannot go on
 JSON_PARTS = ("rig", "state", "report", "assembly", "quality", "question", "retired")  # columns of an asset
 NAMED: BindParameter[str] = bindparam("of")  # the asset that a statement is about
-
-COUNTS = ("windows", "updates", "received_ns", "epoch")  # numbers of an asset, which its seal is made of
 
 _PRESENT = select(*(ASSETS.c[n] for n in COUNTS), ASSETS.c.seal).where(ASSETS.c.asset == NAMED)
 _ALL_ASSETS = select(*(ASSETS.c[n] for n in ("asset", *JSON_PARTS, *COUNTS, "seal"))).order_by(ASSETS.c.asset)
@@ -120,18 +119,6 @@ def _notable(record: Mapping[str, Any], events: Iterable[tuple[str, Any]], first
     return NOTABLE if found or record.get("updated") or record.get("quality") == "refused" else 0
 
 
-def _sealed(counts: Mapping[str, Any]) -> dict[str, Any]:
-    """The numbers of an asset with their seal."""
-    return {**counts, "seal": seal(*(counts[name] for name in COUNTS))}
-
-
-def _is_sealed(row: Any) -> bool:
-    """Whether the numbers of an asset are those that were written; a new asset has no seal and nothing to count."""
-    if row["seal"] is None:
-        return not any(row[name] for name in COUNTS)
-    return row["seal"] == _sealed({name: row[name] for name in COUNTS})["seal"]
-
-
 class SqlStore:
     """A `ResultStore` in a database. Safe to use from several threads of one process."""
 
@@ -196,7 +183,7 @@ class SqlStore:
             counts["windows"] += 1
             counts["updates"] += bool(record.get("updated"))
             counts["received_ns"] = received_ns
-            self._keep(db, asset, parts, _sealed(counts))
+            self._keep(db, asset, parts, sealed(counts))
             if faults := fault_totals.fault_rows(asset, record):
                 db.execute(self._add_faults, faults)
             if extremes := rows_of(asset, epoch, number, record):
@@ -228,7 +215,7 @@ class SqlStore:
                 counts = self._counts(db, asset)
                 if begun > counts["epoch"]:
                     db.execute(_KEEP_LAST, {"of": asset})
-                    others |= _sealed({**counts, "epoch": begun, "windows": 0, "updates": 0})
+                    others |= sealed({**counts, "epoch": begun, "windows": 0, "updates": 0})
             self._keep(db, asset, parts, others)
 
     def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
@@ -311,10 +298,9 @@ class SqlStore:
         rows = self._rows(_SHOWN_ASSET, {"of": asset})
         if not rows:
             return StoredAsset(asset=asset)
-        row = dict(rows[0]._mapping)
-        has_state = row.pop("has_state")
+        row = {**rows[0]._mapping, "state": None}
         totals = fault_totals.totals_by_asset(self._rows(_TOTALS, {"of": asset})).get(asset, {})
-        return replace(self._stored({**row, "state": None}, totals), unread_state=has_state)
+        return replace(self._stored(row, totals), unread_state=row["has_state"])
 
     def all_assets(self) -> tuple[StoredAsset, ...]:
         """What is committed of every asset, by name; what their twins remember is checked and left unread."""
@@ -331,7 +317,7 @@ class SqlStore:
             parts[name] = salvage(row[name], f"{name} of {asset}", load_text if name == "state" else load)
             if parts[name] is None and row[name] is not None:
                 damaged.append(name)
-        if not _is_sealed(row):
+        if not is_sealed(row):
             damaged.append("counts")
             say_damage(DamageError(f"the counts of {asset} are damaged"))
         if VITAL & set(damaged):
@@ -433,10 +419,10 @@ class SqlStore:
     def _windows(self, query: Select, values: Mapping[str, Any]) -> tuple[StoredWindow, ...]:
         """The windows that a query answers; one that is damaged is left out."""
         windows = []
-        for start_ns, number, epoch, sealed, record, shown in self._rows(query, values):
+        for start_ns, number, epoch, mark, record, shown in self._rows(query, values):
             try:
                 what = f"window {number} of {values['of']}"
-                if sealed != seal(start_ns, number, epoch):
+                if mark != seal(start_ns, number, epoch):
                     raise DamageError(f"{what} is damaged (its numbers are not those that were written)")
                 kept, figures_ = load_text(record, what), load_text(shown, what)
                 assert kept is not None and figures_ is not None  # the columns are never empty
@@ -476,7 +462,7 @@ class SqlStore:
         if found is None:
             self._ensure(db, asset)
             found = db.execute(_PRESENT, {"of": asset}).one()
-        if not _is_sealed(found._mapping):
+        if not is_sealed(found._mapping):
             self._damaged[asset] = f"the counts of {asset} cannot be read from the database any more"
             self._refuse_damaged(asset)
         return {name: found._mapping[name] for name in COUNTS}
