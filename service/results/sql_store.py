@@ -21,7 +21,7 @@ from service.contract.version_1 import current_record, current_report
 from service.errors import DamageError, StorageUnavailable
 from service.json_text import plain
 from service.results import fault_totals
-from service.results.asset_counts import COUNTS, sealed
+from service.results.asset_counts import COUNTS, is_sealed, sealed
 from service.results.backends import Backend
 from service.results.database import Database
 from service.results.every_asset import LAST_EVENTS, NEXT_INDICES
