@@ -220,9 +220,11 @@ def test_a_dismissed_asset_is_listed_no_more(tmp_path, fleet):
 
 def test_events_come_as_they_happen(tmp_path, ask):
     kinds = []
+    listening = threading.Event()
 
     def listen():
         with httpx.stream("GET", f"{ask.base_url}{UNSW}/events", timeout=60) as answer:
+            listening.set()
             for line in answer.iter_lines():
                 if line.startswith("event: "):
                     kinds.append(line.removeprefix("event: "))
@@ -232,6 +234,7 @@ def test_events_come_as_they_happen(tmp_path, ask):
 
     thread = threading.Thread(target=listen)
     thread.start()
+    assert listening.wait(30)
     ask.post(f"{UNSW}/changes", json={"kind": "oil_changed"})
     thread.join(30)
     assert kinds[-1] == "oil_changed"

@@ -18,7 +18,7 @@ from test_health import get
 from service.api.collector import AssetCollector, registry
 from service.errors import StorageUnavailable
 from service.files.rig import load_rig
-from service.operation.metric_catalogue import METRICS, OTHERS
+from service.operation.metric_catalogue import FLEET, METRICS, OTHERS
 from service.operation.timing import Timing
 from service.runtime.computing import Ask, Call, WindowToUse, carry_out
 from service.runtime.replay import replay
@@ -52,12 +52,14 @@ def test_service_that_has_run_exports_all_of_the_catalogue_and_nothing_else(tmp_
     recording = write_recording(tmp_path / "short.mcap", 4)
     given = {"MQTT": "mqtt://127.0.0.1:1", "MQTT_INPUTS": str(inputs), "OPCUA": opcua}
     given |= {"RAW_FOLDER": str(tmp_path / "raw"), "RAW_SPARE_GB": "0"}
+    given |= {"RAW_URL": (tmp_path / "segments").as_uri()}
+    catalogue = [entry for entry in METRICS.values() if entry.only != FLEET]
     with service(tmp_path / "data", **given) as running:
         replay(recording, [running.endpoint], 0)
         wait_until(lambda: len(running.windows()) == 4, 20.0)
         exported = families(running.text("/metrics"))
-    assert {name: kind for name, (kind, _) in exported.items()} == {e.shown: e.type for e in METRICS.values()}
-    for entry in METRICS.values():
+    assert {name: kind for name, (kind, _) in exported.items()} == {e.shown: e.type for e in catalogue}
+    for entry in catalogue:
         for labels in exported[entry.shown][1]:
             assert set(labels) - {"le"} == set(entry.labels), entry.name
     (lag,) = [labels for labels in exported["gear_twin_lag_seconds"][1] if labels]

@@ -106,4 +106,4 @@ def test_a_retired_machine_is_not_shown_as_one_that_runs(open_page, store, board
     )
     page.goto(f"{page.url.partition('#')[0]}#/")
     page.get_by_label("retired machines too").check()
-    assert "retired" in page.locator("[data-asset=retired] .badge").all_inner_texts()
+    page.wait_for_selector("[data-asset=retired] .badge:text-is('retired')")
