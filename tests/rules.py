@@ -1,10 +1,10 @@
 """Rules of a test run on the build machine.
 
-Where `CI` is set a skipped test is a failure: nothing is left out unseen. Four things may be missing there: the
+Where `CI` is set a skipped test is a failure: nothing is left out unseen. Five things may be missing there: the
 reference data beside the project, for tests marked `shared`, a container engine, for those marked `containers`,
-Prometheus, for those marked `prometheus`, and cores that nothing else uses, for those marked `engine`, which start
-several nodes of Ray. With GEAR_TWIN_TEST_FLEET every service of the tests is a fleet of one
-partition; then tests marked `serve_only` are skipped, each with its reason.
+Prometheus, for those marked `prometheus`, an S3 server, for those marked `s3`, and cores that nothing else uses, for
+those marked `engine`, which start several nodes of Ray. With GEAR_TWIN_TEST_FLEET every service of the tests is a fleet
+of one partition; then tests marked `serve_only` are skipped, each with its reason.
 Longer proofs (`slow`) come last, and none begins after GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how
 many.
 """
@@ -22,6 +22,7 @@ BESIDE = Path(__file__).resolve().parents[1].parent / "shared"
 NAMED_BY = {
     "containers": "GEAR_TWIN_TEST_COMPOSE",
     "prometheus": "GEAR_TWIN_TEST_PROMETHEUS",
+    "s3": "GEAR_TWIN_TEST_S3",
     "engine": "GEAR_TWIN_TEST_ENGINE",
 }
 FLEET = "GEAR_TWIN_TEST_FLEET"  # puts fleets of one partition in place of `serve`

@@ -11,12 +11,12 @@ from service.configuration.tables import Table
 
 BROKER = r"^mqtts?://(\[[0-9A-Fa-f:.]+\]|[^:/@\s]+)(:\d{1,5})?/?$"
 OPC_TCP = r"^opc\.tcp://(\[[0-9A-Fa-f:.]+\]|[^:/@\s]+):\d{1,5}(/[A-Za-z0-9_.\-/]*)?$"
-STORE = r"^(s3a?|gs|az|abfss?|file)://\S+$"
+STORE = r"^((s3a?|gs|az)://[^/@:\s?#]+|abfss?://[^/:\s?#]+|file://[^/@:\s?#]*)(/[^\s?#]*)?$"
 TOPIC = r"^[A-Za-z0-9_.\-]+(/[A-Za-z0-9_.\-]+)*$"
 
 # what a setting with a pattern must be like
 READ = {
-    "raw_url": "must be the URL of an object store, such as s3://bucket/raw",
+    "raw_url": "must be the URL of an object store, such as s3://bucket/raw, without credentials",
     "otlp": "must be http(s)://HOST:PORT, such as http://127.0.0.1:4318",
     "opcua": "must be opc.tcp://HOST:PORT, such as opc.tcp://127.0.0.1:4840/gear-twin",
     "mqtt": "must be mqtt://HOST[:PORT] or mqtts://HOST[:PORT], without user and password",
@@ -138,7 +138,8 @@ class Raw(Table):
         default=None,
         pattern=STORE,
         description="object store that completed recordings are moved to; until then they are in the folder, by "
-        "default `raw` in the data directory. What is kept is then kept there. Needs gear-twin[fleet]",
+        "default `raw` in the data directory. What is kept is then kept there. Its endpoint and credentials are read "
+        "from the environment (AWS_ENDPOINT_URL, AWS_ACCESS_KEY_ID, …). Needs gear-twin[fleet]",
         examples=["s3://bucket/raw"],
     )
     raw_spool_gb: float = Field(

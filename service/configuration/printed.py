@@ -16,6 +16,7 @@ from service.settings import Settings
 
 MASK = "**********"
 _CREDENTIALS = re.compile(r"(?<=://)[^/@\s]*:[^/@\s]*(?=@)")
+_IN_A_QUERY = re.compile(r"(?<=[?&])(\w*(?:sig|secret|token|password|key)\w*=)[^&#\s]*", re.IGNORECASE)
 WIDTH = 110
 
 
@@ -74,7 +75,7 @@ def shown(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: shown(each) for key, each in value.items()}
     if isinstance(value, str):
-        return _CREDENTIALS.sub(MASK, value)
+        return _IN_A_QUERY.sub(rf"\1{MASK}", _CREDENTIALS.sub(MASK, value))
     return value if value is None or isinstance(value, (bool, int, float)) else str(value)
 
 

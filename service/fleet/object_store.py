@@ -1,7 +1,7 @@
 """Objects in a store that a URL names: S3, Google Cloud Storage, Azure, or a folder.
 
 Credentials, region and endpoint come from the environment, by the names that the tools of each store use
-(`AWS_ACCESS_KEY_ID`, `AWS_REGION`, `AWS_ENDPOINT_URL` and so on).
+(`AWS_ACCESS_KEY_ID`, `AWS_REGION`, `AWS_ENDPOINT_URL` and so on); they are never part of the URL.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from service.errors import StoreError
+from service.fleet.store_faults import is_of_bucket, refusal, said
 
 SCHEMES = ("s3", "s3a", "gs", "az", "abfs", "abfss", "file")
 ANSWER_WAIT, CONNECT_WAIT, RETRY_WAIT = 60.0, 5.0, 20.0  # of one request, and of all its attempts together [s]
@@ -48,7 +49,7 @@ class ObjectStore:
 
     def __init__(self, where: str | Path, *, make: bool = False) -> None:
         """make  whether a folder that is not there is made"""
-        self.where = str(where).rstrip("/") if is_url(str(where)) else str(Path(where).absolute())
+        self.where = _without_slash(str(where)) if is_url(str(where)) else str(Path(where).absolute())
         folder = self._folder()
         with self._faults():
             if folder is None:
@@ -80,7 +81,9 @@ class ObjectStore:
         with self._faults():
             try:
                 return bytes(self._store.get(name).bytes())
-            except FileNotFoundError:
+            except FileNotFoundError as error:
+                if is_of_bucket(error):
+                    raise
                 return None
 
     def read_to(self, path: Path, name: str, tag: str | None = None) -> None:
@@ -98,7 +101,9 @@ class ObjectStore:
                         file.write(piece)
             except PreconditionError:
                 raise StoreError(f"{self.where}/{name} has changed since it was listed") from None
-            except FileNotFoundError:
+            except FileNotFoundError as error:
+                if is_of_bucket(error):
+                    raise
                 raise StoreError(f"{self.where}/{name} has been deleted since it was listed") from None
 
     def put_once(self, name: str, data: bytes) -> bool:
@@ -138,6 +143,8 @@ class ObjectStore:
             named = ", ".join(f"{scheme}://" for scheme in SCHEMES)
             raise StoreError(f"{self.where}: must be a folder, or a URL that begins with one of {named}")
         if parts.scheme != "file":
+            if (reason := refusal(self.where, os.environ)) is not None:
+                raise StoreError(reason)
             return None
         if parts.netloc not in ("", "localhost"):
             raise StoreError(f"{self.where}: must be file:///FOLDER, with three slashes")
@@ -163,8 +170,11 @@ class ObjectStore:
         try:
             yield
         except (BaseError, OSError) as error:
-            said = str(error).strip().partition("\n")[0]
-            raise StoreError(f"{self.where}: cannot be used: {said or type(error).__name__}") from error
+            raise StoreError(said(self.where, error)) from error
+        except BaseException as error:
+            if type(error).__name__ != "PanicException":  # of the library, which is no Exception
+                raise
+            raise StoreError(said(self.where, error)) from None
 
 
 def _remote(url: str) -> Any:
@@ -174,6 +184,12 @@ def _remote(url: str) -> Any:
     # an endpoint of http:// is one that its owner named in the environment
     retry = {"max_retries": RETRIES, "retry_timeout": timedelta(seconds=RETRY_WAIT)}
     return from_url(url, client_options={**wait, "allow_http": True}, retry_config=retry)  # type: ignore[call-overload]
+
+
+def _without_slash(url: str) -> str:
+    """A URL whose path does not end with a slash."""
+    scheme, _, rest = url.partition("://")
+    return f"{scheme}://{rest.rstrip('/')}"
 
 
 def _entry(about: Any) -> Entry:

@@ -247,6 +247,8 @@ def test_linear_algebra_runs_on_one_thread_unless_the_environment_says_otherwise
         ({"shared"}, {"CI": "true"}, True, False),
         ({"containers"}, {"CI": "true"}, True, True),
         ({"prometheus"}, {"CI": "true"}, True, True),
+        ({"s3"}, {"CI": "true"}, True, True),
+        ({"s3"}, {"CI": "true", "GEAR_TWIN_TEST_S3": "/opt/weed"}, True, False),
         ({"prometheus"}, {"CI": "true", "GEAR_TWIN_TEST_PROMETHEUS": "/opt/prometheus"}, True, False),
         ({"containers"}, {"CI": "true", "GEAR_TWIN_TEST_COMPOSE": "docker compose"}, True, False),
     ],
