@@ -20,7 +20,8 @@ from sqlalchemy.exc import DBAPIError
 
 from service.errors import StoreError
 from service.fleet.fence import ABANDONED, Fence, Fenced, lock
-from service.fleet.layout import expect_revision, schema_of, separate_numbers
+from service.fleet.layout import Layout, expect_revision, schema_of, separate_numbers
+from service.fleet.naming import claim, renamed
 from service.fleet.releases import expect_tables
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
 from service.results.database import Database
@@ -105,6 +106,12 @@ class PartitionTables(Postgresql):
 
     def begun(self, db: Connection) -> None:
         self.fence.check(db)
+
+    def added(self, db: Connection, asset: str) -> None:
+        claim(db, asset, self.fence.partition, Layout(self.partitions))
+
+    def renamed(self, db: Connection, asset: str, name: str) -> None:
+        renamed(db, asset, name, self.fence.partition, Layout(self.partitions))
 
     def _own(self, **pool: Any) -> Engine:
         return self.engine(STATEMENT_WAIT, self.fence.application, **pool)

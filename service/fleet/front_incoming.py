@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from service.fleet.front_kept import FleetLife
 from service.fleet.front_store import FleetStore
 from service.fleet.layout import ASSETS, REPORTED
-from service.fleet.listener import DISMISSED, announce
+from service.fleet.notices import DISMISSED, announce
 from service.fleet.reported import OFFERED, PROPOSAL, UNKNOWN, proposal_of, unknown_of
 from service.results.rig_proposals import ACCEPTED, REJECTED, Proposal
 from service.results.unknown_assets import Unknown

@@ -17,7 +17,7 @@ from service.alarms.memory import Memory
 from service.contract.alarms import by_urgency
 from service.fleet.front_store import FleetStore
 from service.fleet.layout import schema_of
-from service.fleet.listener import ALARM, CHANGE, announce
+from service.fleet.notices import ALARM, CHANGE, announce
 from service.fleet.places import Divided
 from service.results.alarm_store import AlarmStore, readable
 from service.results.asset_life import AssetLife, StoredChange

@@ -7,19 +7,16 @@ from itertools import chain
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy.dialects import postgresql
 
 from service.fleet.front_database import FleetDatabase
 from service.fleet.layout import ASSETS, Layout
-from service.fleet.listener import ASSET, DECISION, announce
+from service.fleet.naming import claim
+from service.fleet.notices import ASSET, DECISION, announce
 from service.fleet.places import Divided, Places
-from service.fleet.rows import row_of
-from service.results.board import Snapshot
 from service.results.sql_store import SqlStore
 from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow
 
 _NAMES = sa.select(ASSETS.c.asset).order_by(ASSETS.c.asset)
-_BEGIN = postgresql.insert(ASSETS).on_conflict_do_nothing()
 
 
 class FleetStore:
@@ -28,7 +25,7 @@ class FleetStore:
     def __init__(self, database: str, layout: Layout) -> None:
         self.fleet = FleetDatabase(database, layout.partitions)
         self.database = self.fleet.shared
-        self.places = Places(self.fleet, layout)
+        self.places, self._layout = Places(self.fleet, layout), layout
         self.stores: Divided[SqlStore] = Divided(self.fleet, self.places, lambda _, tables: SqlStore(tables))
 
     def __enter__(self) -> FleetStore:
@@ -48,7 +45,7 @@ class FleetStore:
         store = self.stores.at(partition)
         with store.database.transaction() as db:
             store.note(asset, events, window_ns)
-            if db.execute(_BEGIN, row_of(Snapshot(asset=asset).with_whole(), partition)).rowcount:
+            if claim(db, asset, partition, self._layout):
                 announce(db, partition, ASSET, asset)
 
     def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:

@@ -17,7 +17,7 @@ from service.fleet.front_board import FleetBoard
 from service.fleet.front_database import FleetDatabase
 from service.fleet.heartbeat import SILENT
 from service.fleet.layout import PARTITIONS, SERVER_NOW
-from service.fleet.listener import CHANGED
+from service.fleet.notices import CHANGED
 from service.operation.metric_catalogue import METRICS
 
 log = logging.getLogger(__name__)

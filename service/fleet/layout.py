@@ -2,10 +2,11 @@
 
 | schema | holds |
 | --- | --- |
-| `fleet` | the number of partitions, who serves each and with which fencing token; a row an asset; the audit log |
+| `fleet` | the number of partitions, who serves each and with which fencing token; an asset a row; names; audit log |
 | `p000`, `p001`, … | the tables of one service (`service/results/schema.py`), with the assets of one partition |
 
-An asset belongs to the partition that its name hashes to. The number of partitions is fixed when the fleet is created.
+An asset belongs to the partition that its name hashes to when it begins, and stays there under any other name
+(`naming.py`). The number of partitions is fixed when the fleet is created.
 The numbers that a partition's tables give out differ from those of every other partition, so that a decision or an
 inspection is found by its number alone.
 
@@ -73,6 +74,12 @@ ASSETS = Table(
     Index("assets_by_area", "area", sa.text("severity DESC"), "asset"),
     Index("assets_by_partition", "partition"),
 )
+NAMES = Table(  # of assets that are not in the partition of their hash, and those that assets had before
+    "names",
+    METADATA,
+    Column("name", Text, primary_key=True),
+    Column("partition", Integer, nullable=False),
+)
 REPORTED = Table(
     "reported",
     METADATA,
@@ -85,7 +92,23 @@ AUDIT_LOG = AUDIT.to_metadata(METADATA, schema=SCHEMA)
 PRESENT = sa.select(sa.cast(FACTS.c.value, Integer)).where(FACTS.c.name == REVISION)  # revision of the tables
 _HELD, _SHARED = PRESENT.with_for_update(), PRESENT.with_for_update(read=True)
 
-STEPS: tuple[Callable[[Connection], object], ...] = ()
+
+def _names(db: Connection) -> None:
+    """To revision 2: the names of assets that are not where they hash to, and those that assets had before."""
+    db.exec_driver_sql(f"CREATE TABLE {SCHEMA}.names (name text PRIMARY KEY, partition integer NOT NULL)")
+    count = int(db.exec_driver_sql(f"SELECT value FROM {SCHEMA}.facts WHERE name = 'partitions'").scalar_one())
+    rows = db.exec_driver_sql(f"SELECT asset, partition FROM {SCHEMA}.assets")
+    found: dict[str, int] = {name: number for name, number in rows if number != partition_of(name, count)}
+    for partition in range(count):
+        if sa.inspect(db).has_table("routes", schema=schema_of(partition)):
+            streams = db.exec_driver_sql(f"SELECT stream FROM {schema_of(partition)}.routes").scalars()
+            found |= dict.fromkeys(streams, partition)
+    for name, partition in found.items():
+        given = {"name": name, "partition": partition}
+        db.execute(sa.text(f"INSERT INTO {SCHEMA}.names (name, partition) VALUES (:name, :partition)"), given)
+
+
+STEPS: tuple[Callable[[Connection], object], ...] = (_names,)
 """What brings the tables of `fleet` to the next revision: the first from revision 1 to 2, and so on.
 
 A step changes tables as they were then, by statements of its own, since the tables above are the newest.

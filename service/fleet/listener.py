@@ -8,12 +8,11 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import sqlalchemy as sa
-from sqlalchemy import Connection
-
 from service.alarms.keeper import AlarmKeeper
 from service.errors import StoreError
 from service.fleet.databases import url_of
+from service.fleet.naming import Names
+from service.fleet.notices import ALARM, ASSET, DECISION, DISMISSED, NAMED, channel_of
 from service.runtime.worker import Kept
 
 log = logging.getLogger(__name__)
@@ -21,18 +20,6 @@ log = logging.getLogger(__name__)
 LOOK_EVERY = 5.0  # without a notification [s]
 PAUSE = 1.0  # after a connection was lost [s]
 STOP_WAIT = 3.0  # [s]
-DECISION, CHANGE, ALARM, ASSET, DISMISSED = "decision", "change", "alarm", "asset", "dismissed"
-CHANGED = "gear_twin_assets"  # the channel on which front ends listen for assets whose rows have changed
-
-
-def channel_of(partition: int) -> str:
-    """The channel on which a partition's worker listens."""
-    return f"gear_twin_{partition:03d}"
-
-
-def announce(db: Connection, partition: int, what: str, asset: str) -> None:
-    """Says, with the present transaction, that something waits for a partition's worker."""
-    db.execute(sa.text("SELECT pg_notify(:on, :said)"), {"on": channel_of(partition), "said": f"{what} {asset}"})
 
 
 class Listener(threading.Thread):
@@ -40,6 +27,7 @@ class Listener(threading.Thread):
 
     look     called after each notification: the worker looks at what waits
     propose  makes a rig file that was offered for an asset a proposal
+    names    that belong to the partition: read again when one has been given
     """
 
     def __init__(
@@ -50,11 +38,12 @@ class Listener(threading.Thread):
         alarms: AlarmKeeper,
         look: Callable[[], None],
         propose: Callable[[str, Mapping[str, Any]], None],
+        names: Names,
     ) -> None:
         super().__init__(name="listener", daemon=True)
         self._url = url_of(database).set(drivername="postgresql").render_as_string(hide_password=False)
         self._partition, self._kept, self._alarms, self._look = partition, kept, alarms, look
-        self._propose = propose
+        self._propose, self._names, self._names_given = propose, names, True
         self._stopping = threading.Event()
 
     def run(self) -> None:
@@ -81,6 +70,7 @@ class Listener(threading.Thread):
 
         assert isinstance(connection, Session)
         look_at = 0.0
+        self._names_given = True
         while not self._stopping.is_set():
             if time.monotonic() >= look_at:
                 self._look_at_all()
@@ -95,6 +85,7 @@ class Listener(threading.Thread):
         kept.decisions.asked.set()
         kept.changes.asked.set()
         try:
+            self._read_names()
             for asset in kept.store.assets():
                 self._show_new(asset)
         except StoreError as error:
@@ -114,10 +105,18 @@ class Listener(threading.Thread):
                 self._show_new(asset)
             elif what == DISMISSED:
                 kept.unknown.dismiss(asset)
+            elif what == NAMED:
+                self._names_given = True
+                self._read_names()
             else:
                 (kept.decisions if what == DECISION else kept.changes).asked.set()
         except StoreError as error:  # whoever keeps windows says it; the next look finds what is there
             log.debug("what was announced of %s waits: %s", asset, error)
+
+    def _read_names(self) -> None:
+        if self._names_given:
+            self._names.read(self._kept.store.database)
+            self._names_given = False
 
     def _show_new(self, asset: str) -> None:
         """An asset that a front end has created is one of the partition's from now on."""

@@ -19,13 +19,14 @@ from service.fleet.fence import Fence
 from service.fleet.heartbeat import Heartbeat
 from service.fleet.layout import Layout, schema_of
 from service.fleet.listener import Listener
+from service.fleet.naming import Names
 from service.fleet.reported import ReportWriter
 from service.fleet.rows import RowWriter
 from service.operation.health import Health
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
 from service.results.sql_store import SqlStore
-from service.runtime.begun import Begun
+from service.runtime.begun import Begun, OpenStore
 from service.runtime.raw_recorder import recording_raw
 from service.runtime.retention_job import RetentionJob, retention_of
 from service.runtime.rigs import GivenRigs
@@ -52,15 +53,12 @@ def leave_at_once() -> None:
 
 
 def settings_of(settings: Settings, partition: int, layout: Layout) -> Settings:
-    """The settings of one partition: its keys, its folder, its own assets, and one process that computes."""
-    own = {asset for asset in (*settings.assets, *settings.asset_rigs) if layout.partition_of(asset) == partition}
+    """The settings of one partition: its keys, its folder, and one process that computes."""
     return settings.model_copy(
         update={
             "prefix": layout.prefix_of(partition, settings.prefix),
             "data": settings.data / schema_of(partition),
             "raw_folder": settings.raw_folder and settings.raw_folder / schema_of(partition),
-            "assets": [asset for asset in settings.assets if asset in own],
-            "asset_rigs": {asset: rig for asset, rig in settings.asset_rigs.items() if asset in own},
             "new_assets": settings.rule_of_new_assets[0],
             "workers": 1 if settings.workers is None else settings.workers,
         }
@@ -90,9 +88,16 @@ def serve_partition(
     own = settings_of(settings, partition, layout)
     own.data.mkdir(parents=True, exist_ok=True)
     fence = Fence(partition=partition, node=node, lost=lost)
-    open_store = partial(SqlStore, partition_backend(database, fence, layout.partitions), claimed=True)
+    names = Names(layout, partition, settings.prefix)
+
+    @contextmanager
+    def open_store() -> Iterator[SqlStore]:
+        with SqlStore(partition_backend(database, fence, layout.partitions), claimed=True) as store:
+            names.read(store.database)
+            yield store
+
     twin = twin or twin_of(own)
-    with _begun(own, open_store, stop) as begun, ExitStack() as stack:
+    with _begun(own, open_store, stop, names.refusal) as begun, ExitStack() as stack:
         if begun is None:
             return
         store, board, kept = begun.store, begun.board, begun.kept
@@ -114,7 +119,7 @@ def serve_partition(
             retention,
             RowWriter(store.database, board, partition),
             ReportWriter(store.database, partition, kept.unknown, begun.rigs.proposals),
-            Listener(database, partition, kept, begun.alarms, worker.look, begun.rigs.propose),
+            Listener(database, partition, kept, begun.alarms, worker.look, begun.rigs.propose, names),
             Heartbeat(database, fence, figures, worker.not_ready),
         )
         worker.on_end = stop.set
@@ -132,13 +137,21 @@ def serve_partition(
 
 
 @contextmanager
-def _begun(settings: Settings, open_store: Callable[[], SqlStore], stop: threading.Event) -> Iterator[Begun | None]:
-    """What the partition begins with, as soon as the database answers; None where it is stopped before that."""
+def _begun(
+    settings: Settings,
+    open_store: OpenStore,
+    stop: threading.Event,
+    elsewhere: Callable[[str], str | None] = lambda asset: None,
+) -> Iterator[Begun | None]:
+    """What the partition begins with, as soon as the database answers; None where it is stopped before that.
+
+    elsewhere  why an asset is not of this partition, or None
+    """
     given = GivenRigs.read(settings.rig, settings.asset_rigs)
     pause = FIRST_PAUSE
     while True:
         try:
-            begun = Begun.of(settings, given, open_store)
+            begun = Begun.of(settings, given, open_store, elsewhere)
             break
         except StorageUnavailable as error:
             if not is_away(error) and error.reason != "locked":

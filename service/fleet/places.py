@@ -6,18 +6,15 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from typing import Generic, TypeVar
 
-import sqlalchemy as sa
-
 from service.fleet.front_database import FleetDatabase, SchemaDatabase
-from service.fleet.layout import ASSETS, Layout
+from service.fleet.layout import Layout
+from service.fleet.naming import PLACE
 
 T = TypeVar("T")
 
-_PLACE = sa.select(ASSETS.c.partition).where(ASSETS.c.asset == sa.bindparam("of"))
-
 
 class Places:
-    """The partition of each asset: where its row says it is, as a renamed asset stays; else where its name belongs."""
+    """The partition of each asset: where it is, or was under an earlier name; else where its name hashes to."""
 
     def __init__(self, database: FleetDatabase, layout: Layout) -> None:
         self._database, self._layout = database, layout
@@ -28,7 +25,7 @@ class Places:
         found = self._known.get(asset)
         if found is not None:
             return found
-        rows = self._database.shared.rows(_PLACE, {"of": asset})
+        rows = self._database.shared.rows(PLACE, {"of": asset})
         if not rows:
             return self._layout.partition_of(asset)
         self.note(asset, rows[0][0])

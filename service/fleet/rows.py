@@ -21,11 +21,12 @@ from sqlalchemy.exc import SQLAlchemyError
 from service.errors import StoreError
 from service.fleet.fence import Fenced
 from service.fleet.layout import ASSETS
-from service.fleet.listener import CHANGED
+from service.fleet.notices import CHANGED
 from service.json_text import plain
 from service.results.asset_list import area_of, severity_of, words_of
 from service.results.board import Board, Snapshot, Stale
 from service.results.json_columns import dump, load
+from service.results.schema import ASSETS as OWN
 from service.results.store import Tables
 
 log = logging.getLogger(__name__)
@@ -61,6 +62,7 @@ class RowWriter(threading.Thread):
         self._written: dict[str, tuple[Any, ...]] = {}  # by asset: what the row shows, apart from when frames came
         self._later: dict[str, None] = {}  # assets whose rows can wait
         self._fresh_at = 0.0
+        self._swept = False
 
     def run(self) -> None:
         """Works until ended."""
@@ -70,6 +72,7 @@ class RowWriter(threading.Thread):
                 waiting.update(dict.fromkeys(changes.take(LOOK_EVERY)))
                 waiting = self._due(waiting)
                 try:
+                    self._sweep()
                     self._write(waiting)
                 except Fenced:
                     return
@@ -103,6 +106,18 @@ class RowWriter(threading.Thread):
             self._fresh_at = time.monotonic() + FRESH_EVERY
             due, self._later = due | self._later, {}
         return due
+
+    def _sweep(self) -> None:
+        """Once, at the start: deletes rows of assets that had other names when an earlier worker ended."""
+        if self._swept:
+            return
+        there = sa.exists().where(OWN.c.asset == ASSETS.c.asset)
+        gone = sa.delete(ASSETS).where(
+            ASSETS.c.partition == self._partition, ASSETS.c.asset.not_in(self._board.assets()), ~there
+        )
+        with self._database.transaction() as db:
+            say(db, list(db.execute(gone.returning(ASSETS.c.asset)).scalars()))
+        self._swept = True
 
     def _write(self, assets: dict[str, None]) -> None:
         names = list(assets)

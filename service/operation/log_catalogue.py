@@ -145,6 +145,12 @@ LINES: tuple[Line, ...] = (
         "Adopt it, dismiss it, or stop the publisher.",
     ),
     Line(
+        "service.results.unknown_assets",
+        "frames are left out: %s",
+        "They were published under the keys of another partition of the fleet than their asset's.",
+        "Publish them under the keys that the line names.",
+    ),
+    Line(
         "service.runtime.begun",
         "new assets: %s%s",
         "Whether assets that nobody has declared are adopted or asked for, and why.",

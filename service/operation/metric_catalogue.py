@@ -204,7 +204,10 @@ OF_STREAMS = (
         "assets that are not known and wait to be adopted",
         "Adopt or dismiss them: `gear-twin assets unknown`, or the page.",
     ),
-    _counter("unknown_asset_frames", "frames of such assets, which were left out"),
+    _counter(
+        "unknown_asset_frames",
+        "frames of such assets, and of those of another partition of the fleet, which were left out",
+    ),
     _counter("unknown_assets_forgotten", "entries of the list that ended without a decision, or had no room"),
     _gauge(
         "rig_proposals",

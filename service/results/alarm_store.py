@@ -19,7 +19,7 @@ from service.alarms.memory import Memory
 from service.contract.alarms import by_urgency, state_of
 from service.json_text import plain
 from service.results.json_columns import dump, salvage
-from service.results.schema import ALARM_HISTORY, ALARM_MEMORY, ALARM_RULES, ALARMS, ASSETS, WEBHOOK_OUTBOX
+from service.results.schema import ALARM_HISTORY, ALARM_MEMORY, ALARM_RULES, ALARMS, WEBHOOK_OUTBOX
 from service.results.store import Tables
 
 MOST_HISTORY = 200  # entries of one alarm that are answered
@@ -53,7 +53,6 @@ class AlarmStore:
 
     def __init__(self, database: Tables) -> None:
         self._database = database
-        self._insert_asset = database.insert(ASSETS).on_conflict_do_nothing()
         self._keep_memory = self._replacing(ALARM_MEMORY, "memory")
         self._keep_rules = self._replacing(ALARM_RULES, "rules", "changed")
 
@@ -81,7 +80,7 @@ class AlarmStore:
     def keep_rules(self, asset: str, rules: Sequence[Mapping[str, Any]], signed: Mapping[str, Any]) -> None:
         """Keeps rules of the asset's own."""
         with self._database.transaction() as db:
-            db.execute(self._insert_asset, {"asset": asset})
+            self._database.ensure(db, asset)
             db.execute(self._keep_rules, {"asset": asset, "rules": dump(list(rules)), "changed": dump(signed)})
 
     def memory(self, asset: str) -> Memory:
@@ -92,7 +91,7 @@ class AlarmStore:
     def keep_memory(self, asset: str, memory: Memory) -> None:
         """Keeps what the engine remembers."""
         with self._database.transaction() as db:
-            db.execute(self._insert_asset, {"asset": asset})
+            self._database.ensure(db, asset)
             db.execute(self._keep_memory, {"asset": asset, "memory": dump(memory.to_dict())})
 
     # -- alarms --------------------------------------------------------------------------------------

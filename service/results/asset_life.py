@@ -19,7 +19,7 @@ from sqlalchemy import Connection, Select, bindparam, delete, func, select, text
 from service.errors import StoreError
 from service.results.json_columns import dump, salvage
 from service.results.rig_proposals import REJECTED
-from service.results.schema import ASSETS, AUDIT, CHANGES, METADATA, ROUTES, WAITING
+from service.results.schema import AUDIT, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
 from service.results.window_file import SUFFIX, read_window, write_window
 from twin.windows import Window
@@ -84,7 +84,7 @@ class AssetLife:
     def add_change(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
         """Keeps a change that waits to be carried out; its id."""
         with self.transaction() as db:
-            self._ensure(db, asset)
+            self._database.ensure(db, asset)
             row = {"asset": asset, "received_ns": time.time_ns(), "kind": kind, "given": dump(given)}
             return self._database.add(db, CHANGES, row)
 
@@ -133,7 +133,7 @@ class AssetLife:
         if count >= WAITING_WINDOWS or taken >= WAITING_BYTES:
             return False
         with self.transaction() as db:
-            self._ensure(db, asset)
+            self._database.ensure(db, asset)
             row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": 0}
             number = self._database.add(db, WAITING, row)
             size = write_window(self._path(number), window)
@@ -183,7 +183,7 @@ class AssetLife:
     def give_waiting(self, asset: str, other: str) -> None:
         """The windows that wait are another asset's."""
         with self.transaction() as db:
-            self._ensure(db, other)
+            self._database.ensure(db, other)
             db.execute(update(WAITING).where(WAITING.c.asset == asset).values(asset=other))
 
     def _path(self, number: int) -> Path:
@@ -200,7 +200,7 @@ class AssetLife:
     def route(self, stream: str, asset: str) -> None:
         """From now on the frames of a stream, and of all that were routed to its asset before, are this asset's."""
         with self.transaction() as db:
-            self._ensure(db, asset)
+            self._database.ensure(db, asset)
             db.execute(update(ROUTES).where(ROUTES.c.asset == stream).values(asset=asset))
             self._set_route(db, stream, asset)
 
@@ -221,9 +221,7 @@ class AssetLife:
                 if "asset" in table.c and table is not AUDIT:  # what was entered stays as it was
                     db.execute(update(table).where(table.c.asset == asset).values(asset=name))
             self._set_route(db, asset, name)
-
-    def _ensure(self, db: Connection, asset: str) -> None:
-        db.execute(self._database.insert(ASSETS).on_conflict_do_nothing(), {"asset": asset})
+            self._database.renamed(db, asset, name)
 
 
 def _end(number: int) -> Any:

@@ -86,6 +86,14 @@ class Backend(Protocol):
         """At the begin of each transaction; StoreError where it may not write."""
         ...
 
+    def added(self, db: Connection, asset: str) -> None:
+        """Within the transaction that has made an asset's row; InputError where it may not have its name."""
+        ...
+
+    def renamed(self, db: Connection, asset: str, name: str) -> None:
+        """Within the transaction that gives an asset another name; InputError where it may not have it."""
+        ...
+
     def transaction_number(self, db: Connection) -> int | None:
         """By which the outcome of the present transaction can be asked for; None where a commit always answers."""
         ...
@@ -195,6 +203,12 @@ class SqliteFile:
     def begun(self, db: Connection) -> None:
         pass
 
+    def added(self, db: Connection, asset: str) -> None:
+        pass  # the assets of one service have their names for themselves
+
+    def renamed(self, db: Connection, asset: str, name: str) -> None:
+        pass
+
     def transaction_number(self, db: Connection) -> int | None:
         return None
 
@@ -274,6 +288,12 @@ class Postgresql:
 
     def begun(self, db: Connection) -> None:
         pass  # the connection itself holds the claim
+
+    def added(self, db: Connection, asset: str) -> None:
+        pass
+
+    def renamed(self, db: Connection, asset: str, name: str) -> None:
+        pass
 
     def transaction_number(self, db: Connection) -> int | None:
         return int(db.exec_driver_sql("SELECT pg_current_xact_id()::text").scalar_one())

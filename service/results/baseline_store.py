@@ -15,7 +15,7 @@ from sqlalchemy import Connection, delete, select
 
 from service.errors import StoreError
 from service.results.json_columns import dump, salvage
-from service.results.schema import ASSETS, BASELINE_NUMBERS, BASELINES, CHANGES
+from service.results.schema import BASELINE_NUMBERS, BASELINES, CHANGES
 from service.results.store import Tables
 
 SUFFIX = ".baseline"
@@ -67,7 +67,7 @@ class BaselineStore:
     def use(self, asset: str, file: str, about: Mapping[str, Any]) -> None:
         """Gives an asset the baseline of a file that `new_path` named, in place of an earlier one."""
         with self._database.transaction() as db:
-            db.execute(self._database.insert(ASSETS).on_conflict_do_nothing(), {"asset": asset})
+            self._database.ensure(db, asset)
             row = {"file": file, "about": dump(about)}
             db.execute(
                 self._database.insert(BASELINES).on_conflict_do_update(index_elements=["asset"], set_=row),

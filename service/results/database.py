@@ -24,6 +24,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from service.errors import StorageUnavailable, StoreError
 from service.results.backends import Backend, backend_of
 from service.results.migrate import upgrade
+from service.results.schema import ASSETS
 from service.results.storage_faults import storage_error
 
 
@@ -39,6 +40,7 @@ class Database:
         """
         self.backend: Backend = backend_of(where) if isinstance(where, Path | str) else where
         self.took: Callable[[str, float], object] = lambda what, seconds: None
+        self._insert_asset = self.backend.insert(ASSETS).on_conflict_do_nothing()
         self._write = threading.RLock()
         self._current: Connection | None = None  # of the present transaction ...
         self._owner: int | None = None  # ... and the thread that it is of
@@ -79,6 +81,15 @@ class Database:
         key = db.execute(sa.insert(table), dict(row)).inserted_primary_key
         assert key is not None
         return key[0]
+
+    def ensure(self, db: Connection, asset: str) -> None:
+        """Has a row for an asset, which the rows of other tables refer to."""
+        if db.execute(self._insert_asset, {"asset": asset}).rowcount:
+            self.backend.added(db, asset)
+
+    def renamed(self, db: Connection, asset: str, name: str) -> None:
+        """An asset's rows have been given another name within this transaction."""
+        self.backend.renamed(db, asset, name)
 
     @contextmanager
     def transaction(self) -> Iterator[Connection]:

@@ -130,7 +130,6 @@ class SqlStore:
         self.database = database = where if isinstance(where, Database) else Database(where, claimed=claimed)
         self._transaction, self._rows = database.transaction, database.rows
         self._damaged: dict[str, str] = {}  # assets whose windows cannot go on, and why
-        self._insert_asset = database.insert(ASSETS).on_conflict_do_nothing()
         self._insert_window = database.insert(WINDOWS).on_conflict_do_nothing().returning(WINDOWS.c.start_ns)
         self._insert_events = database.insert(EVENTS)
         self._add_extremes = adding(database.insert(EXTREMES))
@@ -195,7 +194,7 @@ class SqlStore:
         """Takes in what happened outside a window, or after one that is committed."""
         events = list(events)
         with self._transaction() as db:
-            self._ensure(db, asset)
+            self.database.ensure(db, asset)
             self._add_events(db, asset, events)
             if events and window_ns is not None:
                 db.execute(STAYS, {"of": asset, "at": window_ns})
@@ -207,7 +206,7 @@ class SqlStore:
     def keep(self, asset: str, **parts: Any) -> None:
         """Keeps parts of what is known of an asset outside a window."""
         with self._transaction() as db:
-            self._ensure(db, asset)
+            self.database.ensure(db, asset)
             if "state" in parts:  # where the stream goes on is kept all the same: windows that close can wait
                 self._refuse_damaged(asset)
             others: dict[str, Any] = {name: dump(parts.pop(name)) for name in ("question", "retired") if name in parts}
@@ -221,7 +220,7 @@ class SqlStore:
     def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
         """Keeps one measured depth, which waits to become part of the estimate; its id."""
         with self._transaction() as db:
-            self._ensure(db, asset)
+            self.database.ensure(db, asset)
             row = {"asset": asset, "received_ns": time.time_ns(), "done": 0}
             row |= {"inspection": dump(inspection), "answer": dump(answer)}
             return self.database.add(db, INSPECTIONS, row)
@@ -252,7 +251,7 @@ class SqlStore:
     def add_decision(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
         """Keeps a decision that waits to be carried out, with the person's name and note; its id."""
         with self._transaction() as db:
-            self._ensure(db, asset)
+            self.database.ensure(db, asset)
             row = {"asset": asset, "received_ns": time.time_ns(), "name": name, "verb": verb}
             row |= {"signed_by": by, "note": note}
             return self.database.add(db, DECISIONS, row)
@@ -453,14 +452,11 @@ class SqlStore:
             for row in (r._mapping for r in self._rows(query))
         )
 
-    def _ensure(self, db: Connection, asset: str) -> None:
-        db.execute(self._insert_asset, {"asset": asset})
-
     def _counts(self, db: Connection, asset: str) -> dict[str, Any]:
         """The present numbers of an asset, which is there afterwards."""
         found = db.execute(_PRESENT, {"of": asset}).one_or_none()
         if found is None:
-            self._ensure(db, asset)
+            self.database.ensure(db, asset)
             found = db.execute(_PRESENT, {"of": asset}).one()
         if not is_sealed(found._mapping):
             self._damaged[asset] = f"the counts of {asset} cannot be read from the database any more"

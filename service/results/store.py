@@ -114,6 +114,10 @@ class Tables(Protocol):
 
     def add(self, db: Any, table: Any, row: Mapping[str, Any]) -> int: ...
 
+    def ensure(self, db: Any, asset: str) -> None: ...
+
+    def renamed(self, db: Any, asset: str, name: str) -> None: ...
+
 
 class ResultStore(Protocol):
     """Results of all assets, for several threads of one process."""

@@ -27,6 +27,13 @@ NEXT_QUESTION = 15.0  # ... and is waited for so long [s]
 MOST_ASKING = 1024  # publishers that are known to ask
 SAY_EVERY = 60.0  # that assets are unknown is logged so often at most [s]
 
+Elsewhere = Callable[[str], str | None]
+"""Why the frames of a stream are not used here, but by another service; None where they are."""
+
+
+def everything_here(stream: str) -> None:
+    """One service has all streams."""
+
 
 @dataclass(slots=True, kw_only=True)
 class Unknown:
@@ -67,6 +74,7 @@ class UnknownAssets:
     asks    whether an unknown asset waits for a person; else everything is let in
     most    assets in the list
     expire  time without a frame after which one leaves it [s]
+    elsewhere  which streams are another service's: their frames are left out, and nobody is asked about them
     """
 
     def __init__(
@@ -77,7 +85,9 @@ class UnknownAssets:
         expire: float = 86_400.0,
         clock: Callable[[], float] = time.monotonic,
         now_ns: Callable[[], int] = time.time_ns,
+        elsewhere: Elsewhere = everything_here,
     ) -> None:
+        self._elsewhere = elsewhere
         self._asks, self._most, self._expire = asks, most, expire
         self._clock, self._now_ns = clock, now_ns
         self._known: Callable[[str], bool] | None = None
@@ -107,6 +117,9 @@ class UnknownAssets:
 
     def admits(self, stream: str, channel: str | None = None) -> bool:
         """Whether a frame of a stream is used; one of an unknown asset is counted."""
+        if (there := self._elsewhere(stream)) is not None:
+            self._leave_out(stream, there)
+            return False
         if not self._asks or self._known is None or stream in self._let_in:
             return True
         with self._lock:
@@ -117,6 +130,8 @@ class UnknownAssets:
 
     def asked(self, stream: str) -> bool:
         """A publisher asks how far a stream is stored; whether the frames that follow are used."""
+        if self._elsewhere(stream) is not None:
+            return False
         if not self._asks or self._known is None or stream in self._let_in:
             return True
         with self._lock:
@@ -135,7 +150,7 @@ class UnknownAssets:
         size  of its text [bytes]
         """
         with self._lock:
-            if self._is_dismissed(stream):
+            if self._is_dismissed(stream) or self._elsewhere(stream) is not None:
                 return
             entry = self._listed.get(stream) or self._list(stream)
             entry.rig, entry.rig_bytes = rig, size
@@ -148,6 +163,8 @@ class UnknownAssets:
 
     def is_known(self, stream: str) -> bool:
         """Whether a stream's asset is known, or everything is let in."""
+        if self._elsewhere(stream) is not None:
+            return False
         return not self._asks or self._known is None or stream in self._let_in or self._known(stream)
 
     def renewed(self, stream: str) -> bool:
@@ -156,6 +173,8 @@ class UnknownAssets:
 
     def refusal(self, stream: str) -> str | None:
         """Why no frames of a stream are used, or None."""
+        if (there := self._elsewhere(stream)) is not None:
+            return there
         if self.is_known(stream):
             return None
         return (
@@ -168,14 +187,14 @@ class UnknownAssets:
         """The unknown assets, the busiest first."""
         with self._lock:
             self._forget()
-            found = [each for each in self._listed.values() if not self.is_known(each.asset)]
+            found = [each for each in self._listed.values() if self._is_unknown(each.asset)]
             return sorted(found, key=lambda each: (-each.frames, each.asset))
 
     def find(self, asset: str) -> Unknown | None:
         """An unknown asset of the list."""
         with self._lock:
             self._forget()
-            return None if self.is_known(asset) else self._listed.get(asset)
+            return self._listed.get(asset) if self._is_unknown(asset) else None
 
     def dismiss(self, asset: str) -> None:
         """Takes an asset off the list, and does not list it again until it would have been forgotten."""
@@ -209,6 +228,18 @@ class UnknownAssets:
             return False
         self._open(stream)
         return True
+
+    def _is_unknown(self, stream: str) -> bool:
+        """Whether a stream waits for people."""
+        return self._elsewhere(stream) is None and not self.is_known(stream)
+
+    def _leave_out(self, stream: str, why: str) -> None:
+        with self._lock:
+            self.frames += 1
+            if self._clock() - self._said < SAY_EVERY:
+                return
+            self._said = self._clock()
+        log.warning("frames are left out: %s", why, extra={"asset": stream})
 
     def _open(self, stream: str) -> None:
         for part in (self._listed, self._asking, self._waiting, self._dismissed):

@@ -22,7 +22,7 @@ from service.results.decision_queue import DecisionQueue
 from service.results.rig_proposals import RigProposals
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore, StoredAsset
-from service.results.unknown_assets import UnknownAssets
+from service.results.unknown_assets import Elsewhere, UnknownAssets, everything_here
 from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.worker import Kept
 from service.settings import Settings
@@ -45,8 +45,13 @@ class Begun(AbstractContextManager["Begun"]):
     resources: ExitStack
 
     @classmethod
-    def of(cls, settings: Settings, given_rigs: GivenRigs, open_store: OpenStore) -> Begun:
-        """Opens the store and reads what the service begins with. StorageUnavailable where it is lost meanwhile."""
+    def of(
+        cls, settings: Settings, given_rigs: GivenRigs, open_store: OpenStore, elsewhere: Elsewhere = everything_here
+    ) -> Begun:
+        """Opens the store and reads what the service begins with. StorageUnavailable where it is lost meanwhile.
+
+        elsewhere  why a stream is not used here but by another service, or None; asked once the store is open
+        """
         with ExitStack() as stack:
             store = stack.enter_context(open_store())
             known, board = stack.enter_context(_restored(store))
@@ -62,7 +67,7 @@ class Begun(AbstractContextManager["Begun"]):
                 decisions=DecisionQueue(store),
                 life=life,
                 changes=ChangeQueue(life),
-                unknown=unknown_of(settings, board, life),
+                unknown=unknown_of(settings, board, life, elsewhere),
                 baselines=BaselineStore(store.database, settings.data / BASELINES),
                 signals=signals,
                 alarms=alarms,
@@ -90,15 +95,19 @@ def _restored(store: ResultStore) -> Iterator[tuple[dict[str, StoredAsset], Boar
         gc.unfreeze()
 
 
-def unknown_of(settings: Settings, board: Board, life: AssetLife) -> UnknownAssets:
+def unknown_of(
+    settings: Settings, board: Board, life: AssetLife, elsewhere: Elsewhere = everything_here
+) -> UnknownAssets:
     """The list of unknown assets, by the settings; assets that are declared are shown from now on."""
     renamed = life.routes()
     for asset in (*settings.assets, *settings.asset_rigs):
-        if board.get(asset) is None and asset not in renamed:
+        if board.get(asset) is None and asset not in renamed and elsewhere(asset) is None:
             board.update(asset)
     rule, why = settings.rule_of_new_assets
     log.info("new assets: %s%s", rule, "" if why is None else f" ({why})")
-    return UnknownAssets(asks=rule == "ask", most=settings.unknown_assets, expire=settings.unknown_expire)
+    return UnknownAssets(
+        asks=rule == "ask", most=settings.unknown_assets, expire=settings.unknown_expire, elsewhere=elsewhere
+    )
 
 
 def rules_of(settings: Settings) -> tuple[Rule, ...]:

@@ -26,6 +26,10 @@ OWN = partition_of("unsw", PARTITIONS)
 EARLIER = f"{int(REVISION) - 1:04d}"
 
 
+STEPS = layout.STEPS
+PRESENT = layout.revision()
+
+
 def add_a_column(db):
     db.exec_driver_sql("ALTER TABLE fleet.partitions ADD COLUMN site text")
 
@@ -58,15 +62,16 @@ def downgrade(fleet, partition):
 
 
 def test_the_tables_of_all_are_upgraded_whole_or_not_at_all(monkeypatch, fleet, tables):
-    monkeypatch.setattr(layout, "STEPS", (add_a_column, fail))
+    monkeypatch.setattr(layout, "STEPS", (*STEPS, add_a_column, fail))
     with pytest.raises(RuntimeError, match="on the way"):
         create(tables, PARTITIONS)
     assert not columns(tables) & {"site", "lost"}
     with pytest.raises(
-        StorageUnavailable, match="revision 1, this program needs 3: gear-twin fleet up of this release"
+        StorageUnavailable,
+        match=f"revision {PRESENT}, this program needs {PRESENT + 2}: gear-twin fleet up of this release",
     ):
         layout_of(tables)
-    monkeypatch.setattr(layout, "STEPS", (add_a_column,))
+    monkeypatch.setattr(layout, "STEPS", (*STEPS, add_a_column))
     with pytest.raises(StoreError, match="this fleet was created with 3"):
         create(tables, 4)
     assert "site" not in columns(tables)
@@ -77,12 +82,12 @@ def test_the_tables_of_all_are_upgraded_whole_or_not_at_all(monkeypatch, fleet, 
 def test_who_is_older_writes_nothing_once_the_tables_are_upgraded(monkeypatch, fleet, tables):
     with taken(fleet, OWN) as old, FleetStore(fleet, Layout(PARTITIONS)) as old_front:
         fakes.take(old, None, "unsw", 0, 100.0)
-        monkeypatch.setattr(layout, "STEPS", (add_a_column,))
+        monkeypatch.setattr(layout, "STEPS", (*STEPS, add_a_column))
         create(tables, PARTITIONS)
-        monkeypatch.setattr(layout, "STEPS", ())
+        monkeypatch.setattr(layout, "STEPS", STEPS)
         with pytest.raises(Fenced):
             fakes.take(old, None, "unsw", 1, 200.0)
-        with pytest.raises(NewerTables, match="revision 2, this program knows up to 1: they were written by a newer"):
+        with pytest.raises(NewerTables, match=f"revision {PRESENT + 1}, this program knows up to {PRESENT}: they were"):
             old_front.add_decision("unsw", "crack", "confirm")
         with pytest.raises(NewerTables), old_front.database.transaction():
             pass
@@ -95,14 +100,14 @@ def test_who_is_older_writes_nothing_once_the_tables_are_upgraded(monkeypatch, f
             layout_of(tables)
         with pytest.raises(NewerTables):
             create(tables, PARTITIONS)
-    monkeypatch.setattr(layout, "STEPS", (add_a_column,))
+    monkeypatch.setattr(layout, "STEPS", (*STEPS, add_a_column))
     assert len(windows(fleet, OWN)) == 1
 
 
 def test_a_newer_worker_waits_until_the_tables_are_upgraded(monkeypatch, fleet, tables, tmp_path):
     from service.fleet.partition import _begun
 
-    monkeypatch.setattr(layout, "STEPS", (add_a_column,))
+    monkeypatch.setattr(layout, "STEPS", (*STEPS, add_a_column))
     begun, stop = threading.Event(), threading.Event()
 
     def serve():

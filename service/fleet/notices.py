@@ -1,0 +1,20 @@
+"""What processes of a fleet tell one another by notifications of PostgreSQL."""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+from sqlalchemy import Connection
+
+DECISION, CHANGE, ALARM, ASSET, DISMISSED = "decision", "change", "alarm", "asset", "dismissed"
+NAMED = "named"  # an asset has a name that hashes to another partition than its own
+CHANGED = "gear_twin_assets"  # the channel on which front ends listen for assets whose rows have changed
+
+
+def channel_of(partition: int) -> str:
+    """The channel on which a partition's worker listens."""
+    return f"gear_twin_{partition:03d}"
+
+
+def announce(db: Connection, partition: int, what: str, asset: str) -> None:
+    """Says, with the present transaction, that something waits for a partition's worker."""
+    db.execute(sa.text("SELECT pg_notify(:on, :said)"), {"on": channel_of(partition), "said": f"{what} {asset}"})

@@ -1,0 +1,264 @@
+"""A renamed asset stays in its partition, whatever its new name hashes to: one name, one asset, one place."""
+
+from __future__ import annotations
+
+import threading
+
+import httpx
+import pytest
+import service_fakes as fakes
+import sqlalchemy as sa
+from fleets import PARTITIONS, front, routed, row, taken, worker
+from service_streams import wait_until, write_recording
+
+from service.cli import run
+from service.errors import DeliveryError, InputError
+from service.fleet import layout
+from service.fleet.databases import engine_of
+from service.fleet.front_kept import FleetLife
+from service.fleet.front_store import FleetStore
+from service.fleet.layout import ASSETS, NAMES, Layout, create, partition_of
+from service.fleet.lookup import partition_in_use
+from service.fleet.naming import Names
+from service.fleet.rows import RowWriter
+from service.results.asset_life import AssetLife
+from service.results.board import Board
+from service.results.unknown_assets import UnknownAssets
+from service.runtime.begun import unknown_of
+from service.runtime.replay import replay
+from service.settings import Settings
+
+OWN = partition_of("unsw", PARTITIONS)
+AWAY = [name for n in range(99) if partition_of(name := f"press-{n}", PARTITIONS) != OWN]
+NEW, NEXT = AWAY[:2]
+HASHED = partition_of(NEW, PARTITIONS)
+LAYOUT = Layout(PARTITIONS)
+
+
+@pytest.fixture
+def fleet(postgresql_server, made_fleet):
+    """The URL of the database of a fleet whose partitions have their tables."""
+    with postgresql_server.new_database(template=made_fleet) as url:
+        yield url
+
+
+@pytest.fixture
+def tables(fleet):
+    engine = engine_of(fleet, poolclass=sa.NullPool)
+    yield engine
+    engine.dispose()
+
+
+def place(tables, name):
+    return partition_in_use(tables, LAYOUT, name)
+
+
+def names(tables):
+    with tables.connect() as db:
+        return {name: partition for name, partition in db.execute(sa.select(NAMES.c.name, NAMES.c.partition))}
+
+
+def rename(store, asset, name):
+    AssetLife(store.database).rename(asset, name)
+
+
+def key_of(fleet, asset, capsys):
+    capsys.readouterr()
+    assert run(["fleet", "key", asset, "--database", fleet]) == 0
+    return capsys.readouterr().out.strip()
+
+
+def renamed(ask, asset, name):
+    answer = ask.post(f"/v1/assets/{asset}/changes", json={"kind": "renamed", "name": name})
+    assert answer.status_code == 201 and answer.json()["done"], answer.text
+
+
+# -- workers and front ends ------------------------------------------------------------------------------
+
+
+def test_a_renamed_asset_is_served_under_all_its_names_and_nowhere_else(tmp_path, fleet, tables, capsys):
+    first, second, third = (write_recording(tmp_path / f"{n}.mcap", n) for n in (2, 3, 4))  # each goes on from the last
+    with (
+        routed() as endpoint,
+        worker(tmp_path / "own", fleet, endpoint) as own,
+        worker(tmp_path / "hashed", fleet, endpoint, NEW) as hashed,
+        front(fleet, own.given["DATA"]) as address,
+        httpx.Client(base_url=address, timeout=60) as ask,
+    ):
+
+        def publish(recording, prefix, **given):
+            replay(recording, [endpoint], 0, prefix=prefix, recorded="gearbox", **given)
+
+        def windows_of(asset, count):
+            wait_until(lambda: len(ask.get(f"/v1/assets/{asset}/windows").json()) == count)
+
+        publish(first, own.prefix)
+        windows_of("unsw", 2)
+        renamed(ask, "unsw", NEW)
+        assert ask.get(f"/v1/assets/{NEW}").status_code == 200 and ask.get("/v1/assets/unsw").status_code == 404
+        assert [a["asset"] for a in ask.get("/v1/assets").json()] == [NEW]
+        decided = ask.post(f"/v1/assets/{NEW}/effects/misalignment", json={"decision": "accept"})
+        assert decided.json()["done"] and (decided.json()["id"] - 1) % PARTITIONS == OWN
+        assert own.prefix in ask.get(f"/v1/assets/{NEW}/position").json()["detail"]
+        assert {key_of(fleet, name, capsys) for name in ("unsw", NEW)} == {own.prefix}
+        publish(second, own.prefix)  # under the old name
+        windows_of(NEW, 3)
+        with pytest.raises(DeliveryError, match=f"{NEW} is in partition {OWN}: publish it under {own.prefix}, which"):
+            publish(third, hashed.prefix, asset=NEW, wait=2.0)
+        publish(third, own.prefix, asset=NEW)
+        windows_of(NEW, 4)
+        renamed(ask, NEW, NEXT)
+        assert {key_of(fleet, name, capsys) for name in ("unsw", NEW, NEXT)} == {own.prefix}
+        assert names(tables) == dict.fromkeys(("unsw", NEW, NEXT), OWN)
+        assert len(ask.get(f"/v1/assets/{NEXT}/windows").json()) == 4
+        assert ask.post("/v1/assets", json={"asset": NEW}).status_code == 409  # it was called so
+        with tables.connect() as db:
+            assert db.exec_driver_sql(f"SELECT count(*) FROM p{HASHED:03d}.assets").scalar() == 0
+        assert "frames are left out" in hashed.err.read_text()
+
+
+def test_a_kill_right_after_a_rename_leaves_one_asset_with_one_name(tmp_path, fleet, tables):
+    with taken(fleet, OWN) as store, FleetStore(fleet, LAYOUT) as at_front:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        before = row(fleet)
+        assert before["partition"] == OWN and at_front.assets() == ("unsw",)  # from its first transaction on
+        rename(store, "unsw", NEW)  # and nothing else
+        assert row(fleet) is None and at_front.assets() == (NEW,)
+        after = row(fleet, NEW)
+        assert after["partition"] == OWN and after["version"] > before["version"]
+        assert after["summary"] == {**before["summary"], "asset": NEW} and NEW in after["words"]
+        assert len(at_front.windows(NEW)) == 1 and place(tables, NEW) == place(tables, "unsw") == OWN
+        number = at_front.add_decision(NEW, "crack", "confirm")
+        assert [d.id for d in store.pending_decisions()] == [number]
+
+
+def test_a_row_that_was_written_again_under_the_old_name_is_deleted_by_the_next_worker(fleet):
+    with taken(fleet, OWN) as store:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        kept = row(fleet)
+        rename(store, "unsw", NEW)
+        with store.database.transaction() as db:
+            db.execute(sa.insert(ASSETS), dict(kept))
+            db.execute(sa.insert(ASSETS), {**kept, "asset": "declared"})
+            db.execute(sa.insert(ASSETS), {**kept, "asset": "of-another", "partition": HASHED})
+        board = Board.from_store(store, store.all_assets())
+        board.update("declared")
+        writer = RowWriter(store.database, board, OWN)
+        writer.start()
+        wait_until(lambda: row(fleet) is None)
+        writer.end()
+        assert all(row(fleet, name) is not None for name in (NEW, "declared", "of-another"))
+
+
+# -- names that are taken --------------------------------------------------------------------------------
+
+
+def test_a_name_that_an_asset_of_another_partition_has_or_had_is_refused(fleet, tables):
+    with taken(fleet, OWN) as store, taken(fleet, HASHED) as other:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        fakes.take(other, None, NEW, 0, 100.0)
+        refused = pytest.raises(InputError, match=f"there is an asset '{NEW}' already, or one that was called so")
+        with refused:
+            rename(store, "unsw", NEW)
+        rename(other, NEW, NEXT)
+        with refused:
+            rename(store, "unsw", NEW)
+        with pytest.raises(InputError, match=NEXT):
+            rename(store, "unsw", NEXT)
+        assert store.assets() == ("unsw",) and other.assets() == (NEXT,)
+        assert names(tables)[NEW] == HASHED and "unsw" not in names(tables)
+        assert [place(tables, name) for name in ("unsw", NEW, NEXT)] == [OWN, HASHED, HASHED]
+
+
+def test_a_name_that_was_given_elsewhere_begins_no_asset_where_it_hashes_to(fleet):
+    with taken(fleet, OWN) as store, taken(fleet, HASHED) as other, FleetStore(fleet, LAYOUT) as at_front:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        rename(store, "unsw", NEW)
+        with pytest.raises(InputError, match=f"there is an asset '{NEW}' already"):
+            fakes.take(other, None, NEW, 0, 100.0)
+        rename(store, NEW, NEXT)
+        with pytest.raises(InputError, match="one that was called so"):
+            other.note(NEW, [("added", {})])
+        assert other.assets() == () and not other.windows(NEW)
+        with pytest.raises(InputError):
+            at_front.stores.at(HASHED).note(NEW, [])
+            at_front.places.note(NEW, HASHED)  # as another front end that has not heard of it
+            at_front.note(NEW, [])
+        assert at_front.assets() == (NEXT,) and FleetLife(at_front).routes() == {"unsw": NEXT, NEW: NEXT}
+
+
+@pytest.mark.parametrize("turn", range(6))
+def test_of_two_partitions_that_give_a_name_at_the_same_time_one_is_refused(fleet, turn):
+    with taken(fleet, OWN) as store, taken(fleet, HASHED) as other:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        together, done = threading.Barrier(2), []
+
+        def act(what):
+            together.wait()
+            try:
+                what()
+                done.append(what)
+            except InputError:
+                pass
+
+        acts = (lambda: rename(store, "unsw", NEW), lambda: other.note(NEW, [("added", {})]))
+        threads = [threading.Thread(target=act, args=(what,)) for what in acts]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(done) == 1
+        assert (NEW in store.assets()) != (NEW in other.assets())
+        assert row(fleet, NEW)["partition"] == (OWN if NEW in store.assets() else HASHED)
+
+
+# -- what a worker takes for its own ---------------------------------------------------------------------
+
+
+def test_assets_of_the_settings_are_those_of_the_partition_that_has_their_name(tmp_path, fleet):
+    here = next(name for n in range(99) if partition_of(name := f"gb-{n}", PARTITIONS) == HASHED)
+    settings = Settings(assets=[NEW, here, "unsw"], data=tmp_path)
+    with taken(fleet, OWN) as store, taken(fleet, HASHED) as other:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        rename(store, "unsw", NEW)
+        shown = {}
+        for own, partition in ((store, OWN), (other, HASHED)):
+            known = Names(LAYOUT, partition, "gearbox")
+            known.read(own.database)
+            board = Board.from_store(own, own.all_assets())
+            unknown_of(settings, board, AssetLife(own.database), known.refusal)
+            shown[partition] = set(board.assets())
+        assert shown == {OWN: {NEW}, HASHED: {here}}
+
+
+@pytest.mark.parametrize("asks", [False, True])
+def test_frames_that_belong_to_another_partition_are_left_out_and_nobody_is_asked_about_them(caplog, asks):
+    known = Names(LAYOUT, HASHED, "gearbox")
+    unknown = UnknownAssets(asks=asks, elsewhere=known.refusal)
+    unknown.begin(lambda stream: False, ["unsw"])
+    for _ in range(3):
+        assert not unknown.admits("unsw", "accel/y6")
+    assert not unknown.asked("unsw") and not unknown.is_known("unsw")
+    unknown.offered("unsw", {"name": "x"}, 10)
+    assert unknown.listed() == [] and unknown.find("unsw") is None and unknown.frames == 3
+    expected = f"asset unsw is in partition {OWN}: publish it under fleet/{OWN:03d}/gearbox, which gear-twin fleet key"
+    assert unknown.refusal("unsw").startswith(expected)
+    assert caplog.text.count(expected) == 1
+    assert (unknown.admits(NEW) is not asks and unknown.refusal(NEW) is None) or asks
+
+
+# -- upgrade ---------------------------------------------------------------------------------------------
+
+
+def test_a_fleet_of_the_first_revision_learns_the_names_that_were_given_before(fleet, tables):
+    with taken(fleet, OWN) as store:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        rename(store, "unsw", NEW)
+        rename(store, NEW, NEXT)
+    expected = names(tables)
+    with tables.begin() as db:
+        db.exec_driver_sql("DROP TABLE fleet.names")
+        db.exec_driver_sql("UPDATE fleet.facts SET value = '1' WHERE name = 'revision'")
+    assert create(tables, PARTITIONS) == LAYOUT
+    assert names(tables) == expected == dict.fromkeys(("unsw", NEW, NEXT), OWN)
+    assert layout.revision() == 2
