@@ -81,6 +81,13 @@ REPORTED = Table(
     Column("asset", Text, primary_key=True),
     Column("data", LargeBinary, nullable=False),  # JSON
 )
+CURVES = Table(
+    "curves",
+    METADATA,
+    Column("asset", Text, primary_key=True),
+    Column("name", Text, primary_key=True),  # of what it was made from
+    Column("data", LargeBinary, nullable=False),  # compressed points: see `kept_curves`
+)
 AUDIT_LOG = AUDIT.to_metadata(METADATA, schema=SCHEMA)
 PRESENT = sa.select(sa.cast(FACTS.c.value, Integer)).where(FACTS.c.name == REVISION)  # revision of the tables
 _HELD, _SHARED = PRESENT.with_for_update(), PRESENT.with_for_update(read=True)
