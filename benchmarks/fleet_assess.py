@@ -1,11 +1,12 @@
 """How much faster many recordings are assessed side by side than by one process.
 
-    python -m benchmarks.fleet_assess [--recordings 500] [--workers 2] [--trace]
+    python -m benchmarks.fleet_assess [--recordings 500] [--workers 2] [--trace] [--kill]
 
 The bundled recording under so many names, assessed and written by one process and then by `fleet assess`, from its call
 to its end, with the start of Ray and of its workers. The same answers are demanded. Wall times hold where nothing else
 runs; processor times, of all processes of Ray too, hold on a busy machine: the work of one process over that of all is
 the speed-up per worker that the machine would give if it had nothing else to do.
+With `--kill` one of Ray's workers is killed once half of the recordings have been assessed.
 """
 
 from __future__ import annotations
@@ -47,8 +48,11 @@ def copies(folder: Path, count: int) -> Path:
     return folder
 
 
-def run(code: str, *arguments: str) -> Taken:
-    """A program's wall time, and the processor time of it and all that it starts."""
+def run(code: str, *arguments: str, kill_after: tuple[Path, int] | None = None) -> Taken:
+    """A program's wall time, and the processor time of it and all that it starts.
+
+    kill_after  a folder, and the number of results in it after which one of Ray's workers is killed
+    """
     root = Path(__file__).parents[1]
     environment = os.environ | {"PYTHONPATH": str(root)}
     begun = time.perf_counter()
@@ -62,10 +66,25 @@ def run(code: str, *arguments: str) -> Taken:
                     spent[each.pid, each.create_time()] = times.user + times.system
                 except psutil.Error:
                     continue
+            if kill_after is not None and len(list(kill_after[0].glob("*.json"))) >= kill_after[1]:
+                kill_after = None if _worker_killed(top) else kill_after
             time.sleep(LOOK_EVERY)
     if process.returncode != 0:
         raise RuntimeError(f"the program ended with status {process.returncode}")
     return Taken(time.perf_counter() - begun, sum(spent.values()))
+
+
+def _worker_killed(top: psutil.Process) -> bool:
+    """Kills one of Ray's processes that assess; whether there was one."""
+    for each in _children(top):
+        try:
+            if each.cmdline()[:1] == ["ray::assess_one"]:
+                each.kill()
+                print(f"process {each.pid}, which was assessing, has been killed", flush=True)
+                return True
+        except psutil.Error:
+            continue
+    return False
 
 
 def _children(process: psutil.Process) -> list[psutil.Process]:
@@ -94,22 +113,25 @@ assert assess_all(found, work, workers=int(sys.argv[4])).counts["assessed"] == l
 """
 
 
-def measured(count: int, workers: int, trace: bool) -> tuple[Taken, Taken]:
+def measured(count: int, workers: int, trace: bool, kill: bool = False) -> tuple[Taken, Taken]:
     """What one process took, and what so many workers took."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         recordings = copies(folder / "recordings", count)
         alone = run(ALONE, str(recordings), str(folder / "alone"), str(trace))
-        together = run(SIDE_BY_SIDE, str(recordings), str(folder / "together"), str(trace), str(workers))
+        together = run(
+            SIDE_BY_SIDE, str(recordings), str(folder / "together"), str(trace), str(workers),
+            kill_after=(folder / "together", count // 2) if kill else None,
+        )  # fmt: skip
         for result in (folder / "alone").glob("*.json"):
             assert (folder / "together" / result.name).read_bytes() == result.read_bytes(), result.name
     return alone, together
 
 
-def figures(count: int, workers: int, trace: bool) -> list[Figure]:
+def figures(count: int, workers: int, trace: bool, kill: bool = False) -> list[Figure]:
     """Speed-up per worker, by the wall clock and by processor time."""
-    alone, together = measured(count, workers, trace)
-    how = "traced" if trace else "wear alone"
+    alone, together = measured(count, workers, trace, kill)
+    how = ("traced" if trace else "wear alone") + (", a worker killed half-way" if kill else "")
     what = f"{count} recordings, {workers} workers, {how}: speed-up per worker"
     by_processor = alone.processor / together.processor
     by_wall = alone.wall / together.wall / workers
@@ -126,9 +148,9 @@ def figures(count: int, workers: int, trace: bool) -> list[Figure]:
     ]  # fmt: skip
 
 
-def main(count: int, workers: int, trace: bool) -> int:
+def main(count: int, workers: int, trace: bool, kill: bool) -> int:
     """Prints the figures; 1 where the speed-up by processor time is below its limit."""
-    found = figures(count, workers, trace)
+    found = figures(count, workers, trace, kill)
     for figure in found:
         print(figure.line)
     return 1 if found[0].value < LIMIT else 0
@@ -139,5 +161,6 @@ if __name__ == "__main__":
     parser.add_argument("--recordings", type=int, default=500)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--trace", action="store_true", help="search for effects, too")
+    parser.add_argument("--kill", action="store_true", help="kill one of Ray's workers half-way")
     chosen = parser.parse_args()
-    sys.exit(main(chosen.recordings, chosen.workers, chosen.trace))
+    sys.exit(main(chosen.recordings, chosen.workers, chosen.trace, chosen.kill))

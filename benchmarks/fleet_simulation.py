@@ -73,10 +73,22 @@ def _steps(trace: bool, most: int) -> list[float]:
     return found
 
 
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """Curves as they are kept, in memory."""
+
+    curves: dict[str, bytes]
+
+    def read(self, asset: str, name: str) -> bytes | None:
+        return self.curves.get(name)
+
+
 def _cold(windows_before: int) -> float:
-    """The first step of an asset in this process, which has seen nothing before [s]."""
+    """The first step of an asset in this process, which reads the curves that another one has kept [s]."""
     from benchmarks.scoring import windows_of
     from service.contract.estimate import step
+    from service.runtime.curves import WorkerCurves, name_of, packed
+    from twin.kept_curves import curves_of
     from twin.options import Options
     from twin.state import State
     from twin.updating.model_cache import PATHS
@@ -85,10 +97,12 @@ def _cold(windows_before: int) -> float:
     state, options = State(), Options(trace=False)
     for window in windows[:windows_before]:
         state, _ = step(rig, state, window, options)
-    state = State.from_dict(state.to_dict())
+    kept = _Kept({name_of(key): packed(path.kept) for key, path in curves_of(rig, state).items()})
+    data = state.to_dict()
     PATHS.clear()
     begun = time.process_time()
-    step(rig, state, windows[windows_before], options)
+    with WorkerCurves().read_from(kept, "asset"):
+        step(rig, State.from_dict(data), windows[windows_before], options)
     return time.process_time() - begun
 
 
@@ -97,7 +111,7 @@ class Steps:
     """Processor times of the twin's steps [s]."""
 
     warm: Array  # wear alone, once an asset has been learned
-    cold: Array  # wear alone, the first in a process
+    cold: Array  # wear alone, the first in a process, with the curves that another one has kept
     traced_learning: Array  # with the search for effects, while the machine is learned
     traced_later: Array
 

@@ -17,6 +17,7 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 
 from service.access.addresses import is_loopback
 from service.access.roles import Role
+from service.configuration.fleet import Fleet
 from service.configuration.new_assets import NewAssets, Rule, rule_of
 from service.configuration.plant import Log, Monitoring, Mqtt, OpcUa, Raw
 from service.configuration.sources import CONFIG, Environment, FileSource
@@ -341,37 +342,6 @@ class Zenoh(Table):
     zenoh_open: bool = Field(
         default=False,
         description="permits the embedded router to listen where other computers reach it and to let everybody in",
-    )
-
-
-class Fleet(Table):
-    """Many machines: `gear-twin fleet`."""
-
-    TABLE: ClassVar[str] = "fleet"
-    PREFIX: ClassVar[str] = "fleet_"
-
-    fleet_partitions: int | None = Field(
-        default=None,
-        ge=1,
-        le=1000,
-        description="partitions into which the assets are divided, fixed when the fleet is created; by default 8 then",
-        examples=[64],
-    )
-    fleet_workers: int = Field(
-        default=1, ge=1, le=64, description="nodes that fleet up starts on its own machine, where it joins no cluster"
-    )
-    fleet_room: int | None = Field(
-        default=None,
-        ge=1,
-        le=1000,
-        description="partitions that one of these nodes may serve; by default all, so that any node can take over",
-        examples=[8],
-    )
-    fleet_address: str | None = Field(
-        default=None,
-        pattern=r"^\S+:\d{1,5}$",
-        description="HOST:PORT of a cluster of Ray that fleet up joins, rather than starting its own",
-        examples=["ray-head:6379"],
     )
 
 

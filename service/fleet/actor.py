@@ -15,14 +15,19 @@ import ray
 from service.errors import NewerTables, StoreError
 from service.fleet.layout import Layout
 from service.fleet.partition import serve_partition
+from service.fleet.search_task import search
+from service.fleet.searches import Search, Submit
 from service.logs import logging_by
 from service.runtime.twin_port import Twin
+from service.runtime.worker_task import Task
 from service.settings import Settings
 
 log = logging.getLogger(__name__)
 
 FAILED = 70  # exit status of a process whose partition could not go on: EX_SOFTWARE
 NEWER_WAIT = 30.0  # before a partition with tables of a newer release is tried again, maybe on another node [s]
+SEARCH_CORES = 0.95  # of a core for each search: what is left of the core has room for partitions
+SEARCH_RETRIES = 2  # how often a search is begun again whose process or node has ended
 END_WAIT = 20.0  # how long an end is waited for [s]
 
 
@@ -59,8 +64,9 @@ class PartitionActor:
         with logging_by(settings):
             try:
                 serve_partition(
-                    settings, partition, layout, self._stop, node=context.get_node_id()[:12], twin=_twin(twin_from)
-                )
+                    settings, partition, layout, self._stop, node=context.get_node_id()[:12], twin=_twin(twin_from),
+                    submit=by_engine(settings),
+                )  # fmt: skip
             except StoreError as error:
                 newer = isinstance(error, NewerTables) or isinstance(error.__cause__, NewerTables)
                 log.error("partition %d cannot be served by this release: %s", partition, error, exc_info=not newer)
@@ -71,6 +77,18 @@ class PartitionActor:
         if not self._ended:
             logging.shutdown()
             os._exit(FAILED)
+
+
+def by_engine(settings: Settings) -> Submit:
+    """Gives searches to the engine that this process is part of, one core each."""
+    task = ray.remote(num_cpus=SEARCH_CORES, max_retries=SEARCH_RETRIES, retry_exceptions=False)(search)
+    level, cache_bytes = logging.getLogger().getEffectiveLevel(), settings.worker_cache_bytes
+
+    def submit(given: Task) -> Search:
+        reference = task.remote(given, level, cache_bytes)
+        return Search(reply=reference.future(), cancel=lambda: ray.cancel(reference, force=True))
+
+    return submit
 
 
 def _twin(twin_from: str | None) -> Twin | None:

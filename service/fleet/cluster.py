@@ -103,19 +103,21 @@ class Node:
         given: Mapping[str, str],
         *,
         room: int = 0,
+        cores: int = 0,
         program: str = "ray.scripts.scripts",
     ) -> Node:
         """Begins to start a node; what it says is written to the folder.
 
         given    its environment, in addition to that of this process
         room     partitions that it may serve
+        cores    on which it carries out tasks
         program  the module that is Ray's own, or the one that keeps it on the loopback interface
         """
         said = folder / f"ray-{name}.log"
         command = [
             sys.executable, "-m", program, "start", *arguments, "--block", f"--node-name={name}",
             "--disable-usage-stats", f"--object-store-memory={OBJECT_STORE}",
-            "--num-cpus=0" if not room else f"--num-cpus={os.cpu_count() or 1}",
+            f"--num-cpus={cores}",
             f"--resources={json.dumps({ROOM: room} if room else {})}",
         ]  # fmt: skip
         output = said.open("wb")
@@ -155,10 +157,12 @@ class LocalCluster:
 
     folder  of the fleet: token, and what Ray says
     room    partitions that each node may serve
+    cores   on which each node carries out tasks
     """
 
     folder: Path
     room: int
+    cores: int
     port: int = 0
     nodes: list[Node] = field(default_factory=list)
     head: Node | None = None
@@ -171,7 +175,7 @@ class LocalCluster:
     def start(self, nodes: int) -> None:
         """Starts the head, and so many nodes."""
         self.port = self.port or _free_port()
-        self.head = self._start("head", ["--head", f"--port={self.port}", "--include-dashboard=false"], room=0)
+        self.head = self._start("head", ["--head", f"--port={self.port}", "--include-dashboard=false"])
         self.head.wait()
         self.scale(nodes)
 
@@ -179,7 +183,7 @@ class LocalCluster:
         """Starts nodes until there are so many."""
         while len(self.nodes) < nodes:  # one after the other: nodes that start at the same time wait for each other
             self._count += 1
-            node = self._start(f"node-{self._count}", [f"--address={self.address}"], room=self.room)
+            node = self._start(f"node-{self._count}", [f"--address={self.address}"], self.room, self.cores)
             self.nodes.append(node)
             node.wait()
 
@@ -210,11 +214,12 @@ class LocalCluster:
             node.end(at_once=lost)
         self.nodes, self.head = [], None
 
-    def _start(self, name: str, arguments: list[str], room: int) -> Node:
+    def _start(self, name: str, arguments: list[str], room: int = 0, cores: int = 0) -> Node:
         given = [*arguments, f"--node-ip-address={LOOPBACK}", *(f"{port}={_free_port()}" for port in AGENT_PORTS)]
         if "--head" in arguments:
             given.append(f"--temp-dir={_short(self.folder)}")
-        return Node.started(self.folder, name, given, environment(self.folder), room=room, program=NODE)
+        known = environment(self.folder)
+        return Node.started(self.folder, name, given, known, room=room, cores=cores, program=NODE)
 
 
 def end_left(groups: Iterable[int]) -> int:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,4 +25,7 @@ def joined(folder: Path, address: str, *, alone: bool) -> type[Engine]:
     from service.fleet.engine import Engine, join
 
     join(address)
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):  # Ray prints where the program was, before it hands them on
+            signal.signal(number, signal.getsignal(number))
     return Engine

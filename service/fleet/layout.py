@@ -88,6 +88,13 @@ REPORTED = Table(
     Column("asset", Text, primary_key=True),
     Column("data", LargeBinary, nullable=False),  # JSON
 )
+CURVES = Table(
+    "curves",
+    METADATA,
+    Column("asset", Text, primary_key=True),
+    Column("name", Text, primary_key=True),  # of what it was made from
+    Column("data", LargeBinary, nullable=False),  # compressed points: see `kept_curves`
+)
 AUDIT_LOG = AUDIT.to_metadata(METADATA, schema=SCHEMA)
 PRESENT = sa.select(sa.cast(FACTS.c.value, Integer)).where(FACTS.c.name == REVISION)  # revision of the tables
 _HELD, _SHARED = PRESENT.with_for_update(), PRESENT.with_for_update(read=True)
@@ -95,6 +102,8 @@ _HELD, _SHARED = PRESENT.with_for_update(), PRESENT.with_for_update(read=True)
 
 def _names(db: Connection) -> None:
     """To revision 2: the names of assets that are not where they hash to, and those that assets had before."""
+    curves = "asset text, name text, data bytea NOT NULL, PRIMARY KEY (asset, name)"
+    db.exec_driver_sql(f"CREATE TABLE IF NOT EXISTS {SCHEMA}.curves ({curves})")
     db.exec_driver_sql(f"CREATE TABLE {SCHEMA}.names (name text PRIMARY KEY, partition integer NOT NULL)")
     count = int(db.exec_driver_sql(f"SELECT value FROM {SCHEMA}.facts WHERE name = 'partitions'").scalar_one())
     rows = db.exec_driver_sql(f"SELECT asset, partition FROM {SCHEMA}.assets")

@@ -19,7 +19,7 @@ from sqlalchemy import Connection, bindparam
 from sqlalchemy.dialects import postgresql
 
 from service.errors import InputError
-from service.fleet.layout import ASSETS, NAMES, Layout
+from service.fleet.layout import ASSETS, CURVES, NAMES, Layout
 from service.fleet.notices import NAMED, announce
 from service.fleet.rows import row_of, say
 from service.results.asset_list import area_of, words_of
@@ -34,6 +34,7 @@ _BEGIN = postgresql.insert(ASSETS).on_conflict_do_nothing()
 _PLACE = postgresql.insert(NAMES).on_conflict_do_nothing()
 _ROW = sa.select(ASSETS).where(_IS)
 _GONE = sa.delete(ASSETS).where(_IS, ASSETS.c.partition == bindparam("own"))
+_KEEP_CURVES = sa.update(CURVES).where(CURVES.c.asset == bindparam("of")).values(asset=bindparam("to"))
 _ALL = sa.select(NAMES.c.name, NAMES.c.partition)
 
 
@@ -60,6 +61,7 @@ def renamed(db: Connection, asset: str, name: str, partition: int, layout: Layou
     claim(db, name, partition, layout, None if kept is None else _row_under(dict(kept), name))
     db.execute(_GONE, {"of": asset, "own": partition})
     db.execute(_PLACE, {"name": asset, "partition": partition})
+    db.execute(_KEEP_CURVES, {"of": asset, "to": name})
     say(db, [asset, name])
 
 

@@ -17,16 +17,20 @@ from service.errors import StorageUnavailable
 from service.fleet.databases import partition_backend
 from service.fleet.fence import Fence
 from service.fleet.heartbeat import Heartbeat
+from service.fleet.kept_curves import CurveWriter, StoredCurves
 from service.fleet.layout import Layout, schema_of
 from service.fleet.listener import Listener
 from service.fleet.naming import Names
 from service.fleet.reported import ReportWriter
 from service.fleet.rows import RowWriter
+from service.fleet.searches import Searches, Submit
 from service.operation.health import Health
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
 from service.results.sql_store import SqlStore
 from service.runtime.begun import Begun, OpenStore
+from service.runtime.computing import Computing
+from service.runtime.computing_here import computing_here
 from service.runtime.raw_recorder import recording_raw
 from service.runtime.retention_job import RetentionJob, retention_of
 from service.runtime.rigs import GivenRigs
@@ -36,6 +40,7 @@ from service.runtime.storage_wait import is_away
 from service.runtime.twin_port import Twin
 from service.runtime.webhooks import WebhookSender
 from service.runtime.worker import Worker
+from service.runtime.worker_task import Tasks
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
 
@@ -76,12 +81,14 @@ def serve_partition(
     open_transport: OpenTransport | None = None,
     lost: Callable[[], None] = leave_at_once,
     at_work: Callable[[], object] = lambda: None,
+    submit: Submit | None = None,
 ) -> None:
     """Serves one partition until `stop` is set. The settings are those of the fleet.
 
     node     where this is, for people
     lost     called when another worker has taken the partition
     at_work  called once the partition has been taken
+    submit   gives a search for effects to the engine; None: it is made here
     """
     assert settings.database is not None
     database = settings.database.get_secret_value()
@@ -105,7 +112,10 @@ def serve_partition(
         store.database.took = timing.stored
         writer = SignalWriter(begun.signals)
         raw = stack.enter_context(recording_raw(own, board, health, prefix=settings.prefix))
-        worker = Worker(own, kept, begun.rigs, twin, open_transport or zenoh_of(own), writer, health, raw)
+        curves = CurveWriter(database)
+        computing_of = partial(_computing_of, StoredCurves(database), curves, submit)
+        transport = open_transport or zenoh_of(own)
+        worker = Worker(own, kept, begun.rigs, twin, transport, writer, health, raw, computing_of)
         sent = stack.enter_context(sending_traces(own.otlp))
         worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
         webhooks = WebhookSender(begun.alarms.store, begun.alarms.waiting)
@@ -114,6 +124,7 @@ def serve_partition(
             *(p.figures for p in (worker, webhooks, retention, timing)), partial(database_figures, store)
         )
         parts = (
+            curves,
             worker,
             webhooks,
             retention,
@@ -134,6 +145,21 @@ def serve_partition(
             board.close()
         if worker.failure is not None:
             raise worker.failure
+
+
+def _computing_of(
+    stored: StoredCurves,
+    writer: CurveWriter,
+    submit: Submit | None,
+    settings: Settings,
+    twin: Twin,
+    wake: Callable[[], None],
+) -> Computing:
+    """Where the twins of a partition are computed: here, and by the engine."""
+    here = computing_here(settings, twin, wake, curves=stored, keep=writer.keep)
+    if submit is None or twin.make is None or settings.workers == 0:
+        return here
+    return Searches(here, submit, tasks=Tasks(stored), keep=writer.keep, limit=settings.task_limit, wake=wake)
 
 
 @contextmanager

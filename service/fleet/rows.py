@@ -20,7 +20,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.errors import StoreError
 from service.fleet.fence import Fenced
-from service.fleet.layout import ASSETS
+from service.fleet.layout import ASSETS, CURVES
 from service.fleet.notices import CHANGED
 from service.json_text import plain
 from service.results.asset_list import area_of, severity_of, words_of
@@ -131,6 +131,7 @@ class RowWriter(threading.Thread):
                 if gone:
                     own = ASSETS.c.partition == self._partition
                     db.execute(sa.delete(ASSETS).where(own, ASSETS.c.asset.in_(gone)))
+                    db.execute(sa.delete(CURVES).where(CURVES.c.asset.in_(gone)))
                     say(db, gone)
             self._written.update({name: _shown(snapshot) for name, snapshot in shown.items()})
             for name in gone:

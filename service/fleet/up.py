@@ -27,6 +27,7 @@ from service.fleet.joining import joined
 from service.fleet.layout import FACTS, Layout, create, layout_of
 from service.results.data_folder import only_service_of
 from service.runtime.admission import demand_protected_links
+from service.runtime.worker_processes import usable_cores
 from service.settings import Settings
 from service.transport.zenoh_session import open_session
 
@@ -99,9 +100,11 @@ class Fleet:
         if left := end_left(_written(folder).get("groups", ())):
             log.warning("%d processes of an engine that an earlier fleet up has left behind were ended", left)
         if settings.fleet_address is None:
-            self.cluster = LocalCluster(folder, settings.fleet_room or self._layout.partitions)
+            workers = wanted_workers(self._tables) or settings.fleet_workers
+            cores = settings.fleet_cores or max(usable_cores() // workers, 1)
+            self.cluster = LocalCluster(folder, settings.fleet_room or self._layout.partitions, cores)
             os.environ.update(environment(folder))
-            self.cluster.start(wanted_workers(self._tables) or settings.fleet_workers)
+            self.cluster.start(workers)
         else:
             self._node = self._opened.enter_context(node_here(folder, settings.fleet_address))
         self._join()

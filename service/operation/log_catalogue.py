@@ -255,6 +255,30 @@ LINES: tuple[Line, ...] = (
         _STORAGE,
     ),
     Line(
+        "service.fleet.searches",
+        "a search for effects was not made by the engine, and is made here: %s",
+        "The windows of the partition's other assets wait for it; results are the same.",
+        "The reason is in the line; `gear-twin fleet status` shows the engine's nodes.",
+    ),
+    Line(
+        "service.fleet.kept_curves",
+        "wear curves cannot be read now: %s",
+        "They are computed, which takes longer; the database is away.",
+        _STORAGE,
+    ),
+    Line(
+        "service.fleet.kept_curves",
+        "the wear curves of %s wait: %s",
+        "They are written later; the database is away.",
+        _STORAGE,
+    ),
+    Line(
+        "service.runtime.curves",
+        "a wear curve that was kept cannot be read, and is computed again: %s",
+        "A window takes longer; results are the same.",
+        _NONE,
+    ),
+    Line(
         "service.fleet.up",
         "%d processes of an engine that an earlier fleet up has left behind were ended",
         "That `fleet up` was killed; its partitions go on from what is committed.",

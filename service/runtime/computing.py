@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -23,7 +23,7 @@ from service.runtime.outcomes import Raw
 from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Answer, Twin
 from twin.errors import TwinError
-from twin.observed import observed_by
+from twin.observed import TRACING, observed_by
 from twin.rig import Rig
 from twin.windows import Fault, Window
 
@@ -52,13 +52,17 @@ class WindowToUse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Call:
-    """One thing asked of one asset's twin."""
+    """One thing asked of one asset's twin.
+
+    hand_back  whether nothing is made of it where it leads to a search for effects, which may take long
+    """
 
     asset: str
     twin: Twin
     rig: Rig
     state: Any
     ask: Ask
+    hand_back: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,6 +85,7 @@ class Made:
     window   the window as it was used; without its signals where it was read from a file
     raw      what that file holds of the window's signals
     unreadable  why the state could not be read, so that nothing was made
+    handed_back  whether nothing was made, since a search for effects is due
     parts    how long it took: `total`, and the parts of the step that the twin names [s]
     """
 
@@ -91,6 +96,7 @@ class Made:
     window: Window | None = None
     raw: Raw = "same"
     unreadable: str | None = None
+    handed_back: bool = False
     parts: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -151,9 +157,22 @@ def carry_out(call: Call) -> Made:
     given = call.ask.about
     window = {"window": iso_time(given.start_ns)} if isinstance(given, WindowToUse) else {}
     parts: dict[str, float] = {}
-    with about(asset=call.asset, **window), observed_by(lambda name: _timed(parts, name)), _timed(parts, TOTAL):
-        made = _VERBS[call.ask.verb](call)
+
+    def watched(name: str) -> AbstractContextManager[None]:
+        if call.hand_back and name == TRACING:
+            raise _SearchDue
+        return _timed(parts, name)
+
+    with about(asset=call.asset, **window), observed_by(watched), _timed(parts, TOTAL):
+        try:
+            made = _VERBS[call.ask.verb](call)
+        except _SearchDue:
+            made = Made(handed_back=True)
     return replace(made, parts=parts)
+
+
+class _SearchDue(BaseException):
+    """A search for effects is due, and is not to be made here. No error, which the twin's steps would look after."""
 
 
 @contextmanager

@@ -186,7 +186,7 @@ class Delivery:
     def _ask(self) -> tuple[bool, bool]:
         """Whether all frames sent have come, by everyone who answers; and whether anyone does."""
         streams = {stream for stream, _ in self._last}
-        come, anyone = True, False
+        come, anyone, restarted = True, False, False
         self._reason = None
         self._received = 0
         for stream in sorted(streams):
@@ -195,19 +195,19 @@ class Delivery:
             if not positions:
                 come = False
                 continue
-            restarted = self._note_services(stream, positions)
+            anew = self._note_services(stream, positions)
+            restarted |= anew
             self._reason = next((p.reason for p in positions if not p.accepting), self._reason)
             here = [not p.behind and p.accepting and self._has_come(stream, p) for p in positions]
             self._received += sum(p.backlog for p in positions)
             self._received += sum(each.start_time_ns for p in positions for each in p.channels.values())
-            if restarted:
-                self._send_again()
-                come = False
-            elif all(here):
+            if all(here) and not anew:
                 self._settle(stream, positions)
                 self._fill_gaps(stream, positions)
             else:
                 come = False
+        if restarted:  # once for all streams, however many have found that out
+            self._send_again()
         return come, anyone or not streams
 
     def _positions(self, stream: str) -> list[PositionModel]:

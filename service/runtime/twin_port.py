@@ -47,6 +47,7 @@ class Twin:
     change: Callable[..., tuple[Any, Any]] | None = None  # (rig, state, change, options) → state, estimate
     ignore: Callable[[Any], Any] = lambda state: state  # the state that refuses windows of the fallen count unasked
     forget: Callable[[Any], Any] = lambda state: state  # the state without a fallen count
+    curves: Callable[[Rig, Any], Mapping[Any, Any]] | None = None  # (rig, state) → wear curves at hand, by their keys
     options: Any = None
     at_once: int = 64  # how many of its calls the threads of one process may carry out at once
     make: Callable[[Any], Twin] | None = None  # makes it of options in another process; None where that cannot be
@@ -102,6 +103,7 @@ def gear_twin(options: Any = None) -> Twin:
         change=_Later("service.contract.estimate", "change"),
         ignore=_Later("twin.fallen_count", "with_fallen_ignored"),
         forget=_Later("twin.fallen_count", "with_fallen_forgotten"),
+        curves=_Later("twin.kept_curves", "curves_of"),
         options=options or Options(),
         at_once=1,  # wear curves grow as they are used
         make=gear_twin,

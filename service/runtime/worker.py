@@ -25,8 +25,7 @@ from service.results.store import ResultStore, StoredAsset
 from service.results.unknown_assets import UnknownAssets
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.changes import ChangeWorker
-from service.runtime.computing import Computing
-from service.runtime.computing_threads import Threads
+from service.runtime.computing_here import ComputingOf, computing_here
 from service.runtime.decisions import DecisionWorker
 from service.runtime.intake import Intake
 from service.runtime.lane import Lane
@@ -50,7 +49,6 @@ from service.runtime.streams import Streams
 from service.runtime.twin_port import Twin, guarded
 from service.runtime.waiting_windows import WaitingWindows
 from service.runtime.worker_figures import lane_figures, storage_figures, stream_figures
-from service.runtime.worker_processes import Processes, usable_cores
 from service.settings import Settings
 from service.stream.frames import Frame
 from service.stream.inbox import Inbox
@@ -109,6 +107,7 @@ class Worker(threading.Thread):
         signals: SignalWriter | None = None,
         health: Health | None = None,
         raw: RawRecorder | None = None,
+        computing_of: ComputingOf = computing_here,
     ) -> None:
         self._signals, self._health, self._raw = signals, health or Health(), raw
         super().__init__(name="twin", daemon=True)
@@ -124,7 +123,7 @@ class Worker(threading.Thread):
         self._stopping = threading.Event()
         self._reason: str | None = "not yet subscribed to the stream"
         self._transport: Transport | None = None
-        self._computing = self._computing_of(settings)
+        self._computing = computing_of(settings, self._twin, self._inbox.wake)
         self._lanes: Lanes | None = None
         self._spool: Spool | None = None
         self._positions: Positions | None = None
@@ -372,17 +371,6 @@ class Worker(threading.Thread):
         for asset in self._kept.store.assets()[:1]:
             quality = self._kept.store.asset(asset).quality
             self._kept.store.keep(asset, **({} if quality is None else {"quality": quality}))
-
-    def _computing_of(self, settings: Settings) -> Computing:
-        """Where the twin's calls are carried out: worker processes, or threads of this one."""
-        if settings.workers == 0 or self._twin.make is None:
-            return Threads(self._twin.at_once, self._inbox.wake)
-        return Processes(
-            usable_cores() - 1 or 1 if settings.workers is None else settings.workers,
-            task_limit=settings.task_limit,
-            cache_bytes=settings.worker_cache_bytes,
-            wake=self._inbox.wake,
-        )
 
     def _is_retired(self, asset: str) -> bool:
         snapshot = self._kept.board.get(asset)

@@ -14,9 +14,9 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
-import pickle
 import queue
 import signal
+import sys
 import threading
 import time
 from collections import deque
@@ -33,10 +33,8 @@ from pathlib import Path
 from service.errors import FAULT
 from service.runtime import worker_task
 from service.runtime.computing import Call, Made, WindowToUse
-from service.runtime.packed_state import PackedState
-from service.runtime.twin_port import Twin
-from service.runtime.worker_task import Reply, Task
-from twin.rig import Rig
+from service.runtime.curves import CurvePlace, Curves
+from service.runtime.worker_task import Reply, Tasks
 from twin.windows import Window
 
 log = logging.getLogger(__name__)
@@ -49,6 +47,7 @@ PATIENCE = 2.0  # ... and so many times as long after each time that another did
 SLOW_START = 10.0  # after which the service says that it waits for one [s]
 UNNOTICED = 5.0  # how long a process may be dead before it is noticed: the server that made it should say so [s]
 MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while another is idle [s]
+QUIET_TRACKER = "ignore:resource_tracker:UserWarning"
 NUMBERS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
 
 
@@ -84,6 +83,8 @@ class Processes:
     cache_bytes  wear curves that one worker keeps [bytes]
     wake         called, by any thread, when something is ready to be collected
     start_limit  how long the start of a worker's process may take [s]
+    curves       where workers find wear curves that another process has computed
+    keep         called with an asset and its wear curves where there are new ones
     """
 
     def __init__(
@@ -94,6 +95,8 @@ class Processes:
         cache_bytes: int,
         wake: Callable[[], None],
         start_limit: float = START_LIMIT,
+        curves: CurvePlace | None = None,
+        keep: Callable[[str, Curves], object] = lambda asset, curves: None,
     ) -> None:
         self._workers = [_Worker() for _ in range(workers)]
         self._limit, self._cache_bytes, self._wake = task_limit, cache_bytes, wake
@@ -101,7 +104,7 @@ class Processes:
         self._starts: queue.SimpleQueue[tuple[_Worker, ProcessPoolExecutor | Exception]] = queue.SimpleQueue()
         self.servers_replaced = 0
         self._ended: queue.SimpleQueue[tuple[_Worker, _Job, Future[Reply]]] = queue.SimpleQueue()
-        self._machines: dict[str, tuple[Twin, Rig, bytes]] = {}
+        self._tasks, self._keep = Tasks(curves), keep
         self._context = _context()
         self._closed = False
         self.deaths = 0
@@ -169,7 +172,7 @@ class Processes:
             self._start(worker)
             return
         try:
-            future = worker.executor.submit(worker_task.perform, self._task(worker.jobs[0].call))
+            future = worker.executor.submit(worker_task.perform, self._tasks.of(worker.jobs[0].call))
         except (RuntimeError, OSError, EOFError):  # it has died while it had nothing to do
             self._discard(worker)
             self._start(worker)
@@ -190,9 +193,9 @@ class Processes:
         if error is None and not future.cancelled():
             self._in_a_row = 0
             reply = future.result()
-            for record in reply.records:
-                record.asset = job.call.asset
-                logging.getLogger(record.name).handle(record)
+            take_records(reply, job.call.asset)
+            if reply.curves is not None:
+                self._keep(job.call.asset, reply.curves)
             self._next(worker)
             job.done(reply.made)
             return
@@ -328,13 +331,12 @@ class Processes:
             _kill(executor)
             executor.shutdown(wait=False, cancel_futures=True)
 
-    def _task(self, call: Call) -> Task:
-        assert isinstance(call.state, PackedState)
-        known = self._machines.get(call.asset)
-        if known is None or known[0] is not call.twin or known[1] is not call.rig:
-            pickled = pickle.dumps((call.twin.make, call.twin.options, call.rig))
-            known = self._machines[call.asset] = call.twin, call.rig, pickled
-        return Task(asset=call.asset, machine=known[2], state=call.state, ask=call.ask)
+
+def take_records(reply: Reply, asset: str) -> None:
+    """Hands on what a worker has logged."""
+    for record in reply.records:
+        record.asset = asset
+        logging.getLogger(record.name).handle(record)
 
 
 def usable_cores() -> int:
@@ -378,7 +380,12 @@ def _kill_server() -> None:
 
 
 def _context() -> BaseContext:
-    """How processes are started: a server that has loaded the twin forks them, with one thread for numbers each."""
+    """How processes are started: a server that has loaded the twin forks them, with one thread for numbers each.
+
+    A service that ends at once leaves locks to Python's tracker of resources, which removes them and need not say so.
+    """
+    if QUIET_TRACKER not in sys.warnoptions:
+        sys.warnoptions.append(QUIET_TRACKER)
     for name, value in NUMBERS.items():
         os.environ.setdefault(name, value)
     context = multiprocessing.get_context("forkserver")

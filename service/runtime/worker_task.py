@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 
 from service.logs import carry
 from service.runtime.computing import Ask, Call, Made, carry_out
+from service.runtime.curves import CurvePlace, Curves, WorkerCurves
 from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Twin, guarded
 from twin.rig import Rig
@@ -36,20 +37,49 @@ Machine = tuple[Callable[[Any], Twin], Any, Rig]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A call as it is sent to a worker."""
+    """A call as it is sent to a worker.
+
+    curves  where wear curves are kept, for those that this worker has not computed; None where they are nowhere
+    """
 
     asset: str
     machine: bytes  # a pickled `Machine`
     state: PackedState
     ask: Ask
+    hand_back: bool = False
+    curves: CurvePlace | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply:
-    """What a worker sends back: `made.state` is packed."""
+    """What a worker sends back: `made.state` is packed.
+
+    curves  the asset's wear curves, where there are new ones and they are kept
+    """
 
     made: Made
     records: tuple[logging.LogRecord, ...]
+    curves: Curves | None = None
+
+
+class Tasks:
+    """Calls as tasks; machines are pickled once."""
+
+    def __init__(self, curves: CurvePlace | None = None) -> None:
+        self._curves = curves
+        self._machines: dict[str, tuple[Twin, Rig, bytes]] = {}
+
+    def of(self, call: Call) -> Task:
+        """The task of a call whose state is packed."""
+        assert isinstance(call.state, PackedState)
+        known = self._machines.get(call.asset)
+        if known is None or known[0] is not call.twin or known[1] is not call.rig:
+            pickled = pickle.dumps((call.twin.make, call.twin.options, call.rig))
+            known = self._machines[call.asset] = call.twin, call.rig, pickled
+        return Task(
+            asset=call.asset, machine=known[2], state=call.state, ask=call.ask, hand_back=call.hand_back,
+            curves=self._curves,
+        )  # fmt: skip
 
 
 class _Recent(OrderedDict[Hashable, Any]):
@@ -84,16 +114,21 @@ class _Records(logging.Handler):
         return taken
 
 
-_machines, _states, _records = _Recent(), _Recent(), _Records()
+_machines, _states, _records, _curves = _Recent(), _Recent(), _Records(), WorkerCurves()
 
 
 def begin(log_level: int, cache_bytes: int) -> None:
     """Prepares a worker: it ends with the service, and not by signals that are meant for that."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    prepare(log_level, cache_bytes)
+
+
+def prepare(log_level: int, cache_bytes: int) -> None:
+    """Lets this process carry out tasks and do nothing else."""
     if hasattr(os, "nice"):
         os.nice(NICENESS)
-    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     root = logging.getLogger()
     root.handlers[:] = [_records]
     root.setLevel(log_level)
@@ -117,12 +152,17 @@ def perform(task: Task) -> Reply:
     version, state = _states.get(task.asset, (None, None))
     if task.state.version != version:
         state = task.state
-    made = carry_out(Call(asset=task.asset, twin=twin, rig=rig, state=state, ask=task.ask))
+    call = Call(asset=task.asset, twin=twin, rig=rig, state=state, ask=task.ask, hand_back=task.hand_back)
+    curves = None
+    with _curves.read_from(task.curves, task.asset):
+        made = carry_out(call)
     if made.state is not None:
+        if task.curves is not None and twin.curves is not None:
+            curves = _curves.new_of(task.asset, twin.curves(rig, made.state))
         packed = PackedState.of(made.state.to_dict())
         _states.keep(task.asset, (packed.version, made.state))
         made = replace(made, state=packed)
-    return Reply(made=made, records=_records.take())
+    return Reply(made=made, records=_records.take(), curves=curves)
 
 
 def _machine(pickled: bytes) -> tuple[Twin, Rig]:

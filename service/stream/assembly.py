@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from service.stream import order
@@ -26,6 +26,7 @@ from service.stream.edge_counts import EncoderCounts
 from service.stream.faults import totals
 from service.stream.frames import LENGTH_LIMITS, NS, Frame, SampleFrame
 from service.stream.left_out import LeftOut, Missing
+from service.stream.open_window import OpenWindow
 from service.stream.pieces import Piece, size_of, split_index
 from service.stream.position import ChannelPosition, Position, earliest, missing_of
 from service.stream.repeats import Repeats
@@ -61,26 +62,6 @@ class AssemblySettings:
 DEFAULT = AssemblySettings()
 
 
-@dataclass(slots=True)
-class _Open:
-    """The window in progress."""
-
-    start: int  # [ns]
-    end: int  # [ns]
-    pieces: dict[str, list[Piece]]
-    bytes: int = 0  # of the frames of all pieces
-    continued: bool = False  # whether it goes on where a cut ended the window before
-    refused: dict[str, int] = field(default_factory=dict)  # frames by channel for which the window had no room
-
-    def faults(self, most: int) -> list[Fault]:
-        """The frames for which there was no room."""
-        detail = f"frames left out: those of one window exceed {most} bytes; too many channels, or too high a rate?"
-        return [
-            Fault(kind="too_large", channel=label, count=count, action="degraded", detail=detail)
-            for label, count in sorted(self.refused.items())
-        ]
-
-
 class Assembler:
     """The assembly of one asset's frames."""
 
@@ -92,7 +73,7 @@ class Assembler:
         self._lanes: dict[str, order.Lane] = {}
         self._slow = SlowChannels()
         self.expect(settings.expected)
-        self._open: _Open | None = None
+        self._open: OpenWindow | None = None
         self._contradictions = Contradictions()
         self._noted: dict[str, Fault] = {}  # faults of the clock since the last window, by channel
         self.repeats = Repeats()
@@ -139,7 +120,7 @@ class Assembler:
             self.used(frame)
             if self._left_out.stretches and self._left_out.came(label, frame.sequence, frame.start_time_ns):
                 lane.left_out -= lane.left_out > 0
-        elif fate not in (order.CLOCK, order.CONFLICT) and self.repeats.left_out(frame):
+        elif fate not in (order.CLOCK, order.CONFLICT) and self.repeats.left_out(frame, self._held(lane, frame)):
             fate = order.CONFLICT
         if fate == order.CLOCK:
             if self._contradictions.hold(frame):
@@ -149,6 +130,10 @@ class Assembler:
             yield from self._advance(label, lane)
         else:
             self._count_given_up(label, fate, 1)
+
+    def _held(self, lane: order.Lane, frame: Frame) -> Frame | None:
+        """The frame of a frame's time and number that is yet to be used."""
+        return lane.held(frame) or (None if self._open is None else self._open.held(frame))
 
     def finish(self) -> Iterator[tuple[Window, dict[str, Any]]]:
         """As `flush`, each window with the resume state that goes with it."""
@@ -181,7 +166,7 @@ class Assembler:
     def _refuse_left_out(self, until: float) -> Iterator[tuple[Window, dict[str, Any]]]:
         """The stretches before a time that have touched no window, as refused windows."""
         for span in self._left_out.alone(until, self._closed_until):
-            self._open = _Open(*span, {})
+            self._open = OpenWindow(*span, {})
             yield self._close(span.end_ns, cut=False)
 
     def wait_only_for(self, labels: Iterable[str]) -> None:
@@ -439,7 +424,7 @@ class Assembler:
             yield from self._refuse_left_out(frame.start_time_ns - self.settings.gap * NS)
         start = max(frame.start_time_ns, self._closed_until)
         if current is None:
-            current = self._open = _Open(start, start, {})
+            current = self._open = OpenWindow(start, start, {})
         current.end = max(current.end, frame.end_time_ns)
         if current.bytes + frame.nbytes > self.settings.window_bytes:
             current.refused[label] = current.refused.get(label, 0) + 1
@@ -493,5 +478,5 @@ class Assembler:
         self._closed_until = end
         self._left_out.forget(end - gap, round(LENGTH_LIMITS[1] * NS))
         left = sum(piece.frame.nbytes for pieces in rest.values() for piece in pieces)
-        self._open = _Open(end, current.end, rest, left, continued=True) if cut else None
+        self._open = OpenWindow(end, current.end, rest, left, continued=True) if cut else None
         return window, self.to_dict()

@@ -77,6 +77,12 @@ class Lane:
         self.highest = sequence if self.highest is None or at == len(self.queue) - 1 else max(self.highest, sequence)
         return QUEUED, disorder
 
+    def held(self, frame: Frame) -> Frame | None:
+        """The frame of a frame's time and number that has not been taken yet."""
+        wanted = frame.start_time_ns, frame.sequence
+        waiting = (*(each for *_, each in self.queue), *(each for each, _ in self.released))
+        return next((each for each in waiting if (each.start_time_ns, each.sequence) == wanted), None)
+
     def release(self, force: bool = False) -> dict[str, int]:
         """Lets go what is contiguous or has waited long enough; answers what was given up, by kind."""
         given_up = {LOST: 0, TIME_JUMP: 0, SEQUENCE_JUMP: 0, CONFLICT: 0}

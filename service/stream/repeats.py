@@ -63,15 +63,23 @@ class Repeats:
         self.run = self.same = self.other = 0
         self.ignored = False
 
-    def left_out(self, frame: Frame) -> bool:
-        """A frame has been left out because of its time; whether it is another than the used one of its number."""
+    def left_out(self, frame: Frame, held: Frame | None = None) -> bool:
+        """A frame has been left out because of its time; whether it is another than the one of its number.
+
+        held  the frame of its time and number that is yet to be used
+        """
         self.run += 1
-        for start, sequence, kept in self.marks.get(frame.channel.label, ()):
-            if (start, sequence) == (frame.start_time_ns, frame.sequence):
-                same = kept == checksum(frame)
-                self.same, self.other = self.same + same, self.other + (not same)
-                return not same
-        return False
+        kept = checksum(held) if held is not None else self._mark(frame)
+        if kept is None:
+            return False
+        same = kept == checksum(frame)
+        self.same, self.other = self.same + same, self.other + (not same)
+        return not same
+
+    def _mark(self, frame: Frame) -> int | None:
+        """What is remembered of the used frame of a time and number."""
+        wanted = frame.start_time_ns, frame.sequence
+        return next((kept for *mark, kept in self.marks.get(frame.channel.label, ()) if tuple(mark) == wanted), None)
 
     def suspicious(self, limits: RepeatThresholds = DEFAULT) -> int:
         """How many frames in a row were left out that are not the used ones again; 0 where there is no such sign."""

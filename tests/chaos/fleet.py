@@ -292,6 +292,7 @@ def _compare(plant: Plant, loop: _Loop, names: list[str], outcome: Outcome, tota
                     records = [plain(w.record) for w in store.windows(name, limit=10_000)]
                     assert records == loop.records[name], f"{name} is not as by the plain loop"
                     state = store.asset(name)
+                    assert state.question is None, f"{name}: people are asked {state.question}"
                     assert state.windows == len(records), f"{name} counts {state.windows} of {len(records)} windows"
     shared.close()
     outcome.windows = total

@@ -1,4 +1,4 @@
-"""`gear-twin fleet up` with the fake twin, as a process of its own; run as a program, set by the environment."""
+"""`gear-twin fleet up` as a process of its own, with the fake twin unless `twin` is ""; run as a program."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ HERE = Path(__file__).parent
 class FleetProcess:
     """A fleet that runs, and what it has said."""
 
-    def __init__(self, folder: Path, database: str, **settings: str) -> None:
+    def __init__(self, folder: Path, database: str, twin: str = "fake_twin:TWIN", **settings: str) -> None:
+        self.twin = twin
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.data = folder, folder / "data"
         self.given = {
@@ -35,7 +36,7 @@ class FleetProcess:
         environment |= {"PYTHONPATH": f"{ROOT}{os.pathsep}{HERE}"}
         with self.out.open("w") as out, self.err.open("a") as err:
             self.process = subprocess.Popen(
-                [sys.executable, str(HERE / "fleet_up.py")], stdout=out, stderr=err, env=environment
+                [sys.executable, str(HERE / "fleet_up.py"), self.twin], stdout=out, stderr=err, env=environment
             )
         wait_until(lambda: self.process.poll() is not None or "fleet of" in self.out.read_text(), seconds)
         assert self.process.poll() is None, self.err.read_text()
@@ -58,5 +59,5 @@ if __name__ == "__main__":
 
     settings = Settings()
     with logging_by(settings):
-        up(settings, prepared(settings), twin_from="fake_twin:TWIN", announce=lambda line: print(line, flush=True))
+        up(settings, prepared(settings), twin_from=sys.argv[1] or None, announce=lambda line: print(line, flush=True))
     os._exit(0)

@@ -229,6 +229,38 @@ def test_a_service_that_cannot_store_for_a_while_is_waited_for_and_not_sent_all_
     assert len(published) <= 2 * len(frames)
 
 
+def test_a_service_that_begins_anew_is_sent_everything_once_however_many_streams_find_that_out():
+    """A gateway of 50 machines sent all of its frames 50 times."""
+    frames, published, instance = bursts(1, frames=8), [], ["first"]
+
+    class Service:
+        def publish(self, frame):
+            published.append(frame.channel.asset)
+
+        def linked(self):
+            return True
+
+        def relink(self, seconds):
+            """The link is up."""
+
+        def ask(self, stream, seconds, *, sending=False):
+            here = {f.channel.label: f for f in frames}
+            channels = {k: {"sequence": f.sequence, "start_time_ns": f.start_time_ns} for k, f in here.items()}
+            unsettled = 0 if instance == ["first"] else None
+            said = {"asset": stream, "accepting": True, "channels": channels, "unsettled_from_ns": unsettled}
+            return [json.dumps({**said, "instance": instance[0]})]
+
+    delivery = Delivery(Service(), clock=lambda: 0.0, sleep=lambda seconds: None)
+    for number in range(20):
+        for frame in frames:
+            channel = frame.channel._replace(asset=f"machine-{number}")
+            delivery.send(RawFrame(channel, frame.end_time_ns, encode(frame)))
+    assert len(published) == 20 * len(frames)
+    instance[0] = "second"
+    delivery.finish()
+    assert len(published) == 2 * 20 * len(frames)
+
+
 def test_a_service_that_never_answers_is_given_up_in_time():
     stand = Stand()
     stand.ask = lambda stream, seconds, sending: stand.run(seconds) or []

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import closing
 
 import pytest
+import sqlalchemy as sa
 from fleet_up import FleetProcess
-from service_streams import free_port, wait_until
+from service_streams import ROOT, free_port, wait_until
 
 from service.cli import run
+from service.fleet.census import census
+from service.fleet.databases import Partitions, engine_of
+from service.fleet.layout import PARTITIONS, Layout
+from service.json_text import plain
+from service.results.sql_store import SqlStore
+from service.runtime.assess import assess
+from service.runtime.replay import replay
 from tests.chaos import fleet
 
+ASSET = "unsw-short"  # of the recording
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 without_cores = pytest.mark.skipif(
     not os.environ.get("GEAR_TWIN_TEST_ENGINE"), reason="GEAR_TWIN_TEST_ENGINE is not set: see the marker `engine`"
@@ -67,6 +77,42 @@ def test_a_fleet_is_started_scaled_drained_and_ended_by_its_commands(tmp_path, e
         assert status(capsys, empty_postgresql)[0] == 1
     finally:
         running.end(9)
+
+
+@pytest.mark.engine
+@without_cores
+def test_the_twin_itself_gives_what_it_gives_in_one_process_and_its_searches_are_made_by_the_engine(
+    tmp_path, empty_postgresql
+):
+    """Bit for bit; with the recording of the tutorial, which is traced from its third window on."""
+    recording, layout = ROOT / "recordings" / "short-campaign.mcap", Layout(3)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    ports = {"LISTEN": json.dumps([endpoint]), "HTTP": f"127.0.0.1:{free_port()}"}
+    running = FleetProcess(tmp_path, empty_postgresql, "", FLEET_PARTITIONS="3", WORKERS="1", **ports).start()
+    try:
+        tables, partition = engine_of(empty_postgresql, poolclass=sa.NullPool), layout.partition_of(ASSET)
+        wait_until(lambda: not census(tables, layout).silent, 120)
+        replay(str(recording), [endpoint], 0, prefix=layout.prefix_of(partition), recorded="gearbox", wait=300.0)
+        expected = plain(assess(recording))
+        with closing(Partitions(empty_postgresql, 3)) as shared, SqlStore(shared.backend(partition)) as store:
+            wait_until(lambda: len(store.windows(ASSET)) == len(expected["windows"]), 120)
+            found = [plain(window.record) for window in store.windows(ASSET)]
+            assert [{k: w[k] for k in found[0] if k in w} for w in expected["windows"]] == [
+                {k: v for k, v in w.items() if k in expected["windows"][0]} for w in found
+            ]
+            assert plain(store.asset(ASSET).report)["rul"] == expected["rul"]
+        wait_until(lambda: figure(tables, partition, "engine_searches_made") > 2, 30)
+        assert figure(tables, partition, "engine_searches_failed") == 0
+    finally:
+        running.end()
+    assert running.err.read_text() == ""  # nothing of the engine's own at the end
+
+
+def figure(tables, partition, name):
+    """What the worker of a partition has said of itself last."""
+    with tables.connect() as db:
+        figures = db.execute(sa.select(PARTITIONS.c.figures).where(PARTITIONS.c.number == partition)).scalar() or {}
+    return figures.get(name, 0.0)
 
 
 def test_commands_without_a_fleet_say_so(tmp_path, empty_postgresql, capsys):

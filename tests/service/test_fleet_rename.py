@@ -17,7 +17,7 @@ from service.fleet import layout
 from service.fleet.databases import engine_of
 from service.fleet.front_kept import FleetLife
 from service.fleet.front_store import FleetStore
-from service.fleet.layout import ASSETS, NAMES, Layout, create, partition_of
+from service.fleet.layout import ASSETS, CURVES, NAMES, Layout, create, partition_of
 from service.fleet.lookup import partition_in_use
 from service.fleet.naming import Names
 from service.fleet.rows import RowWriter
@@ -121,9 +121,12 @@ def test_a_kill_right_after_a_rename_leaves_one_asset_with_one_name(tmp_path, fl
     with taken(fleet, OWN) as store, FleetStore(fleet, LAYOUT) as at_front:
         fakes.take(store, None, "unsw", 0, 100.0)
         before = row(fleet)
+        with store.database.transaction() as db:
+            db.execute(sa.insert(CURVES), {"asset": "unsw", "name": "a", "data": b"x"})
         assert before["partition"] == OWN and at_front.assets() == ("unsw",)  # from its first transaction on
         rename(store, "unsw", NEW)  # and nothing else
         assert row(fleet) is None and at_front.assets() == (NEW,)
+        assert store.database.rows(sa.select(CURVES.c.asset)) == [(NEW,)]
         after = row(fleet, NEW)
         assert after["partition"] == OWN and after["version"] > before["version"]
         assert after["summary"] == {**before["summary"], "asset": NEW} and NEW in after["words"]
@@ -257,8 +260,8 @@ def test_a_fleet_of_the_first_revision_learns_the_names_that_were_given_before(f
         rename(store, NEW, NEXT)
     expected = names(tables)
     with tables.begin() as db:
-        db.exec_driver_sql("DROP TABLE fleet.names")
+        db.exec_driver_sql("DROP TABLE fleet.names, fleet.curves")
         db.exec_driver_sql("UPDATE fleet.facts SET value = '1' WHERE name = 'revision'")
     assert create(tables, PARTITIONS) == LAYOUT
     assert names(tables) == expected == dict.fromkeys(("unsw", NEW, NEXT), OWN)
-    assert layout.revision() == 2
+    assert layout.revision() == 2 and sa.inspect(tables).has_table("curves", schema="fleet")

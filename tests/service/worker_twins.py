@@ -12,6 +12,8 @@ from pathlib import Path
 
 import fake_twin
 
+from twin.observed import TRACING, part
+
 log = logging.getLogger(__name__)
 
 
@@ -21,6 +23,12 @@ def sleeps(rig):
     for mark in marks:
         Path(mark).touch()
     time.sleep(float(seconds))
+
+
+def searches(rig):
+    """`searches PATH`: every window leads to a search, which marks in which process it was made."""
+    with part(TRACING), Path(rig.name.partition(" ")[2]).open("a", encoding="utf-8") as file:
+        file.write(f"{os.getpid()}\n")
 
 
 def dies(rig):
@@ -56,6 +64,7 @@ def fails(rig):
 
 BEHAVIOURS = {
     "slow": sleeps,
+    "searches": searches,
     "dies": dies,
     "once": dies_once,
     "starved": starves_once,

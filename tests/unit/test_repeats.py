@@ -60,6 +60,26 @@ def test_a_part_that_is_sent_again_after_its_link_was_lost_is_no_sign_of_anythin
     assert assembler.repeats.run == DEFAULT.run and assembler.repeats.suspicious() == 0
 
 
+@pytest.mark.parametrize("taken", [6, 30], ids=["waiting to be put in order", "in the window in progress"])
+def test_frames_that_are_sent_again_before_their_window_has_closed_are_no_sign_of_anything(taken):
+    """A publisher sends what is not stored once more whenever a service begins anew; people were asked about it."""
+    frames = bursts(1, frames=20)[:taken]
+    assembler = Assembler(SETTINGS)
+    for _ in range(1 + DEFAULT.run // taken + 1):
+        for frame in frames:
+            assert assembler.add(frame) == []
+    assert assembler.repeats.run >= DEFAULT.run and assembler.repeats.suspicious() == 0
+
+
+def test_other_frames_at_the_times_of_the_window_in_progress_are_seen_to_be_others():
+    frames = bursts(1, frames=20)[:30]
+    assembler = Assembler(SETTINGS)
+    for frame in (*frames, *altered(frames), *altered(frames), *altered(frames)):
+        assert assembler.add(frame) == []
+    assert assembler.repeats.other > 64 and assembler.repeats.suspicious()
+    assert sum(kinds.get("conflict", 0) for kinds in assembler.counters.values()) == 90
+
+
 def test_other_frames_at_the_same_times_are_seen_to_be_others(again):
     """They were dropped as duplicates without a word."""
     frames = bursts(8)

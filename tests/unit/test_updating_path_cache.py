@@ -23,33 +23,38 @@ class Path:
     nbytes: int = 3 * MB
 
 
+def new(kept: object) -> Path:
+    assert kept is None
+    return Path()
+
+
 def turns(assets: int, budget: int, rounds: int = 40) -> float:
     """Share of the windows of machines in turn that find their path."""
     cache = PathCache(budget)
     for _ in range(rounds):
         for asset in range(assets):
-            cache.get(asset, Path)
+            cache.get(asset, new)
     return 1 - cache.built / (assets * rounds)
 
 
 def test_a_path_is_made_once():
     cache = PathCache()
-    assert cache.get("a", Path) is cache.get("a", Path)
+    assert cache.get("a", new) is cache.get("a", new)
     assert cache.built == 1
 
 
 def test_paths_stay_within_the_budget_also_when_they_grow():
     cache = PathCache(10 * MB)
-    paths = [cache.get(i, Path) for i in range(8)]
+    paths = [cache.get(i, new) for i in range(8)]
     assert cache.nbytes <= 10 * MB
     paths[-1].nbytes = 9 * MB
-    cache.get(7, Path)
+    cache.get(7, new)
     assert cache.nbytes <= 10 * MB and len(cache) == 1
 
 
 def test_the_path_asked_for_is_kept_even_if_it_alone_is_beyond_the_budget():
     cache = PathCache(MB)
-    assert cache.get("a", Path) is cache.get("a", Path)
+    assert cache.get("a", new) is cache.get("a", new)
 
 
 @pytest.mark.parametrize(("assets", "least"), [(10, 0.97), (12, 0.4), (20, 0.08)])
@@ -85,3 +90,11 @@ def test_a_path_takes_the_memory_that_it_says(effects):
         tracemalloc.stop()
     said = sum(path.nbytes for path in paths)
     assert 0.8 * taken < said < 1.25 * taken
+
+
+def test_points_that_are_kept_elsewhere_are_taken():
+    cache, taken = PathCache(), []
+    cache.known = {"a": "points of a"}.get
+    assert cache.find("a") is None
+    assert cache.get("a", lambda kept: taken.append(kept) or Path()) is cache.get("a", new) is cache.find("a")
+    assert taken == ["points of a"]

@@ -7,17 +7,21 @@ of one kind share curves, and a change of the operating condition needs the pres
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 from twin.effects.extended import extend
 from twin.effects.response import Effect
 from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
+from twin.serial import to_plain
 from twin.thresholds import deciding
 from twin.updating.memory import KEPT_SEGMENTS, Memory, Segment, StoredProfile
 from twin.updating.path_cache import PathCache
 from twin.wear.curve import MasterCurve
+from twin.wear.kept_points import KeptPoints
 from twin.wear.path import WearPath
 from twin.wear.profile import WornProfile
 
@@ -68,6 +72,24 @@ class _Key:
         return isinstance(other, _Key) and self.text == other.text
 
 
+class PathKey(NamedTuple):
+    """What a wear path is made from."""
+
+    rig: _Key
+    calibration: Calibration
+    effects: tuple[Effect, ...]
+    condition: Condition
+    start: StoredProfile | None
+    furthest: float
+
+    @property
+    def text(self) -> bytes:
+        """The same in every process, and for equal keys alone."""
+        values = self.calibration, self.condition, self.effects, [type(e).__name__ for e in self.effects], self.furthest
+        start = ("", "") if self.start is None else (self.start.shape, self.start.data.hex())
+        return json.dumps([self.rig.text, to_plain(values), *start]).encode()
+
+
 @lru_cache(maxsize=KEPT_MODELS)
 def _model(key: _Key, calibration: Calibration) -> Model:
     return Model.of(key.rig, calibration)
@@ -82,20 +104,38 @@ def _calibration(rig: Rig, memory: Memory) -> Calibration:
     return Calibration.prior(rig) if memory.fit is None else memory.fit.calibration
 
 
-def _path(rig: Rig, memory: Memory, segment: Segment, furthest: float | None = None) -> WearPath:
+def _path_key(rig: Rig, memory: Memory, segment: Segment, furthest: float | None = None) -> PathKey:
     """The wear from a segment's start on, under its condition and with the effects that are there at its start."""
-    key, calibration = _Key(rig), _calibration(rig, memory)
     there = memory.wearing(segment.start_revolutions)
-    effects = tuple(e for e in there if e.period == "mesh" and e.facts.acts_on != "sensor")
-    furthest = CURVES.beyond * rig.get("end_of_life.max_depth", CURVES.deepest) if furthest is None else furthest
-    condition, stored = Condition(speed_hz=segment.speed_hz, torque=segment.torque), segment.start_profile
+    return PathKey(
+        rig=_Key(rig),
+        calibration=_calibration(rig, memory),
+        effects=tuple(e for e in there if e.period == "mesh" and e.facts.acts_on != "sensor"),
+        condition=Condition(speed_hz=segment.speed_hz, torque=segment.torque),
+        start=segment.start_profile,
+        furthest=CURVES.beyond * rig.get("end_of_life.max_depth", CURVES.deepest) if furthest is None else furthest,
+    )
 
-    def make() -> WearPath:
-        model = _extended(key, calibration, effects)
+
+def _path(rig: Rig, memory: Memory, segment: Segment, furthest: float | None = None) -> WearPath:
+    """The path of such a key."""
+    key = _path_key(rig, memory, segment, furthest)
+
+    def make(kept: KeptPoints | None) -> WearPath:
+        model, stored = _extended(key.rig, key.calibration, key.effects), key.start
         start = model.unworn if stored is None else stored.on(WornProfile.unworn(model.mesh.pair))
-        return WearPath(model, condition, start, furthest)
+        return WearPath(model, key.condition, start, key.furthest, kept=kept)
 
-    return PATHS.get((key, calibration, effects, condition, stored, furthest), make)
+    return PATHS.get(key, make)
+
+
+def path_at_hand(rig: Rig, memory: Memory) -> tuple[PathKey, WearPath] | None:
+    """The path of the present segment with its key, where this process has it."""
+    if not memory.segments:
+        return None
+    key = _path_key(rig, memory, memory.segments[-1])
+    path = PATHS.find(key)
+    return None if path is None else (key, path)
 
 
 def deepest(rig: Rig, depth: float) -> float:

@@ -2,7 +2,8 @@
 
 The points of a history depend on the model, the operating condition and the profile that it starts from, and on
 nothing else: computing ten more gives the same ten whoever asks for them and when. So a path is a growing cache of a
-pure function. It ends where no steady state is found, or at `furthest`.
+pure function. It ends where no steady state is found, or at `furthest`. The points of a path can be kept and given to
+another (`kept`): that computes them again only where somebody asks for points behind them.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from twin.dynamics.harmonic_balance import SteadyState
 from twin.errors import NotConverged
 from twin.model import Condition, Model
 from twin.wear.evolution import FINE, StepSizes, WearPoint, evolve
+from twin.wear.kept_points import KeptPoints
 from twin.wear.law_of_rig import law_of
 from twin.wear.profile import WornProfile
 
@@ -49,12 +51,19 @@ class WearPath:
     """Depth, work, profile and lines of one wear history, in order of depth."""
 
     def __init__(
-        self, model: Model, condition: Condition, start: WornProfile, furthest: float, steps: StepSizes = FINE
+        self,
+        model: Model,
+        condition: Condition,
+        start: WornProfile,
+        furthest: float,
+        steps: StepSizes = FINE,
+        kept: KeptPoints | None = None,
     ) -> None:
-        """Solves the first steady state.
+        """Solves the first steady state, or has the points that are given.
 
         furthest  largest combined depth [m] to which the history is computed at all
         steps     between its points
+        kept      points that an equal path has computed
         Raises NotConverged where the start profile has no steady state.
         """
         self.condition = condition
@@ -84,7 +93,10 @@ class WearPath:
             by_slice=steps.by_slice,
             law=self._law,
         )
-        self._advance()
+        if kept is None:
+            self._advance()
+        else:
+            self._restore(kept)
         if not self._depth:
             raise NotConverged(
                 f"no steady state at the start of wear ({condition.speed_hz:g} Hz, {condition.torque:g} N·m)"
@@ -111,6 +123,33 @@ class WearPath:
         if point.steady.contact_loss > 0:
             self.lost.append(depth)
         self._last = point
+
+    def _restore(self, kept: KeptPoints) -> None:
+        """Takes points over; the first that is asked for behind them has all of them computed again."""
+        self.ended, self.converged, self.lost = kept.ended, kept.converged, kept.lost.tolist()
+        self.profiles, self.rates = list(kept.profiles), list(kept.rates)
+        self.lines = [
+            MeshLines(transmission_error=error, mean=mean, pinion_motion=motion, acceleration=acceleration)
+            for (error, motion, acceleration), mean in zip(kept.lines, kept.means.tolist(), strict=True)
+        ]
+        self._depth, self._work = kept.depth.tolist(), kept.work.tolist()
+
+    @property
+    def kept(self) -> KeptPoints:
+        """The points computed so far."""
+        depth, work = self.points
+        lines = [(line.transmission_error, line.pinion_motion, line.acceleration) for line in self.lines]
+        return KeptPoints(
+            depth=depth,
+            work=work,
+            profiles=np.array(self.profiles),
+            rates=np.array(self.rates),
+            lines=np.array(lines),
+            means=np.array([line.mean for line in self.lines]),
+            lost=np.array(self.lost),
+            ended=self.ended,
+            converged=self.converged,
+        )
 
     def reach(self, depth: float) -> None:
         """Computes on until a depth [m] is passed or the path ends."""
