@@ -82,8 +82,8 @@ class SchemaDatabase(Database):
         with self._faults(), self._writer.connect() as db:
             with self._begun(db):
                 yield db
-                number = self.backend.transaction_number(db)
-            self._commit(db, number)
+                mark = self.backend.mark(db)
+            self._commit(db, mark)
         self.took("commit", time.monotonic() - began)
 
     @contextmanager

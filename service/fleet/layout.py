@@ -32,6 +32,7 @@ from sqlalchemy.dialects import postgresql
 
 from service.errors import NewerTables, StorageUnavailable, StoreError
 from service.results.schema import AUDIT
+from service.results.schema import COMMITS as LAST_COMMITS
 from service.stream.wire.topics import PREFIX
 
 SCHEMA = "fleet"
@@ -96,15 +97,18 @@ CURVES = Table(
     Column("data", LargeBinary, nullable=False),  # compressed points: see `kept_curves`
 )
 AUDIT_LOG = AUDIT.to_metadata(METADATA, schema=SCHEMA)
+COMMITS = LAST_COMMITS.to_metadata(METADATA, schema=SCHEMA)
 PRESENT = sa.select(sa.cast(FACTS.c.value, Integer)).where(FACTS.c.name == REVISION)  # revision of the tables
 _HELD, _SHARED = PRESENT.with_for_update(), PRESENT.with_for_update(read=True)
 
 
 def _names(db: Connection) -> None:
-    """To revision 2: the names of assets that are not where they hash to, and those that assets had before."""
+    """To revision 2: kept curves, last commits, and the names of assets that are not where they hash to, or were."""
     curves = "asset text, name text, data bytea NOT NULL, PRIMARY KEY (asset, name)"
     db.exec_driver_sql(f"CREATE TABLE IF NOT EXISTS {SCHEMA}.curves ({curves})")
     db.exec_driver_sql(f"CREATE TABLE {SCHEMA}.names (name text PRIMARY KEY, partition integer NOT NULL)")
+    commits = "writer text PRIMARY KEY, number bigint NOT NULL, written_ns bigint NOT NULL"
+    db.exec_driver_sql(f"CREATE TABLE IF NOT EXISTS {SCHEMA}.commits ({commits})")
     count = int(db.exec_driver_sql(f"SELECT value FROM {SCHEMA}.facts WHERE name = 'partitions'").scalar_one())
     rows = db.exec_driver_sql(f"SELECT asset, partition FROM {SCHEMA}.assets")
     found: dict[str, int] = {name: number for name, number in rows if number != partition_of(name, count)}

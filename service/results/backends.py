@@ -7,8 +7,11 @@ is replaced, and a transaction whose commit was not answered is asked for by its
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
+import itertools
+import threading
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,16 +19,16 @@ import sqlalchemy as sa
 from sqlalchemy import Connection, Engine, event
 from sqlalchemy.dialects import sqlite
 from sqlalchemy.engine import URL, make_url
-from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+from sqlalchemy.exc import ArgumentError
 from sqlalchemy.pool import NullPool, QueuePool
 
 from service.errors import StorageUnavailable, StoreError
 from service.results.claims import Claims
+from service.results.commit_marks import Mark, marked, was_committed
 
 LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
 STATEMENT_WAIT = 60.0  # how long one statement of the service may take on a server [s]
 CONNECT_WAIT = 5  # how long a server is waited for [s]
-OUTCOME_WAIT = 10.0  # how long a server is asked for the outcome of a commit that it did not answer [s]
 EXAMINED_BYTES = 100 * 2**20  # of a file that SQLite checks at each start: 0.3 s or less
 READERS = 8  # connections that are kept for reading; as many more are opened when needed
 SILENT_AFTER = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 20_000}
@@ -94,11 +97,13 @@ class Backend(Protocol):
         """Within the transaction that gives an asset another name; InputError where it may not have it."""
         ...
 
-    def transaction_number(self, db: Connection) -> int | None:
-        """By which the outcome of the present transaction can be asked for; None where a commit always answers."""
+    def mark(self, db: Connection) -> Mark | None:
+        """As a transaction's last statement: what its outcome can be asked by; None where a commit always answers."""
         ...
 
-    def was_committed(self, engine: Engine, number: int) -> bool: ...
+    def was_committed(self, engine: Engine, mark: Mark) -> bool:
+        """The outcome of a commit that was not answered; StorageUnavailable where nobody says in time."""
+        ...
 
 
 def backend_of(where: Path | str) -> Backend:
@@ -209,10 +214,10 @@ class SqliteFile:
     def renamed(self, db: Connection, asset: str, name: str) -> None:
         pass
 
-    def transaction_number(self, db: Connection) -> int | None:
+    def mark(self, db: Connection) -> Mark | None:
         return None
 
-    def was_committed(self, engine: Engine, number: int) -> bool:
+    def was_committed(self, engine: Engine, mark: Mark) -> bool:
         raise AssertionError("a commit of SQLite always answers")
 
 
@@ -225,6 +230,8 @@ class Postgresql:
     upgrades: bool = True
     claims: Claims | None = None  # of a service ...
     _claiming: Engine | None = None  # ... and the connection for writing that holds them
+    identity: str = field(default_factory=lambda: uuid.uuid4().hex)  # of whoever writes here
+    numbers: Iterator[int] = field(default_factory=lambda: itertools.count(1))  # of its transactions
 
     @property
     def name(self) -> str:
@@ -295,27 +302,12 @@ class Postgresql:
     def renamed(self, db: Connection, asset: str, name: str) -> None:
         pass
 
-    def transaction_number(self, db: Connection) -> int | None:
-        return int(db.exec_driver_sql("SELECT pg_current_xact_id()::text").scalar_one())
+    def mark(self, db: Connection) -> Mark:
+        # of this thread: those of a front end write at the same time
+        return marked(db, f"{self.identity} {threading.get_ident()}", next(self.numbers))
 
-    def was_committed(self, engine: Engine, number: int) -> bool:
-        """The outcome of a commit that was not answered; StorageUnavailable where nobody says in time."""
-        end = time.monotonic() + OUTCOME_WAIT
-        while time.monotonic() < end:
-            try:
-                with engine.connect() as db:
-                    query = sa.text("SELECT pg_xact_status(CAST(:number AS xid8))")
-                    outcome = db.execute(query, {"number": str(number)}).scalar()
-            except SQLAlchemyError:
-                outcome = None
-            if outcome in ("committed", "aborted"):
-                return outcome == "committed"
-            time.sleep(0.2)
-        raise StorageUnavailable(
-            f"{self.name} cannot be used now (connection lost): it did not answer a commit, whose outcome is not known",
-            reason="connection lost",
-            unknown=True,
-        )
+    def was_committed(self, engine: Engine, mark: Mark) -> bool:
+        return was_committed(engine, mark, self.name)
 
 
 def keep_commits(connection: Any, _: object) -> None:

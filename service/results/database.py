@@ -23,6 +23,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 
 from service.errors import StorageUnavailable, StoreError
 from service.results.backends import Backend, backend_of
+from service.results.commit_marks import Mark
 from service.results.migrate import upgrade
 from service.results.schema import ASSETS
 from service.results.storage_faults import storage_error
@@ -108,8 +109,8 @@ class Database:
                 with self._writer.connect() as db:
                     with self._begun(db):
                         yield db
-                        number = self.backend.transaction_number(db)
-                    self._commit(db, number)
+                        mark = self.backend.mark(db)
+                    self._commit(db, mark)
             self.took("commit", time.monotonic() - began)
 
     @contextmanager
@@ -127,16 +128,16 @@ class Database:
         finally:
             self._current = self._owner = None
 
-    def _commit(self, db: Connection, number: int | None) -> None:
+    def _commit(self, db: Connection, mark: Mark | None) -> None:
         """Commits; where the connection is lost meanwhile, a new one says whether it was committed."""
         try:
             db.commit()
         except DBAPIError as error:
             with suppress(SQLAlchemyError):
                 db.rollback()
-            if number is None or not error.connection_invalidated:
+            if mark is None or not error.connection_invalidated:
                 raise
-            if not self.backend.was_committed(self._reader, number):
+            if not self.backend.was_committed(self._reader, mark):
                 raise
 
     def rows(self, query: Executable, values: Mapping[str, Any] | None = None) -> list[Any]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0007"
+REVISION = "0008"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -185,3 +185,4 @@ AUDIT = Table(
     _json("what"),
     sqlite_autoincrement=True,
 )
+COMMITS = Table("commits", METADATA, _text("writer", primary_key=True), _number("number"), _number("written_ns"))

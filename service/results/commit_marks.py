@@ -1,0 +1,85 @@
+"""Whether a transaction was committed whose commit the server did not answer.
+
+Each transaction that writes leaves its number in the row of whoever writes, as its last statement. The server's own
+number of the transaction says whether it is still under way, and no more than that: after a crash PostgreSQL gives the
+numbers of transactions that it had not written yet to others, and a status asked for then is that of the other one.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import NamedTuple
+
+import sqlalchemy as sa
+from sqlalchemy import Connection, Engine
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+
+from service.errors import StorageUnavailable
+from service.results.schema import COMMITS
+
+OUTCOME_WAIT = 10.0  # how long a server is asked for the outcome of a commit that it did not answer [s]
+AGAIN = 0.2  # between two questions [s]
+KEPT_NS = 7 * 86_400 * 10**9  # how long the row of somebody who writes no more is kept
+NEVER_GIVEN = "22023"  # SQLSTATE of a question about a number that the server has not given out
+UNDER_WAY = "in progress"
+
+_STATUS = sa.text("SELECT pg_xact_status(CAST(:number AS xid8))")
+
+
+class Mark(NamedTuple):
+    """One transaction of one writer.
+
+    transaction  the server's own number
+    """
+
+    writer: str
+    number: int
+    transaction: str
+
+
+def marked(db: Connection, writer: str, number: int) -> Mark:
+    """Leaves a mark within a transaction."""
+    from sqlalchemy.dialects import postgresql  # services with SQLite do not load it
+
+    now = time.time_ns()
+    row = postgresql.insert(COMMITS).values(writer=writer, number=number, written_ns=now)
+    new = {"number": row.excluded.number, "written_ns": row.excluded.written_ns}
+    own = sa.cast(sa.func.pg_current_xact_id(), sa.Text)
+    put = row.on_conflict_do_update(index_elements=[COMMITS.c.writer], set_=new).returning(own)
+    transaction = str(db.execute(put).scalar_one())
+    if number == 1:
+        db.execute(sa.delete(COMMITS).where(COMMITS.c.written_ns < now - KEPT_NS))
+    return Mark(writer, number, transaction)
+
+
+def was_committed(engine: Engine, mark: Mark, name: str) -> bool:
+    """The outcome of a commit that was not answered; StorageUnavailable where nobody says in time.
+
+    name  of the database, as a person knows it
+    """
+    found = sa.select(COMMITS.c.number).where(COMMITS.c.writer == mark.writer)
+    end = time.monotonic() + OUTCOME_WAIT
+    while time.monotonic() < end:
+        try:
+            if _status(engine, mark) != UNDER_WAY:
+                with engine.connect() as db:
+                    return db.execute(found).scalar() == mark.number
+        except SQLAlchemyError:
+            pass
+        time.sleep(AGAIN)
+    raise StorageUnavailable(
+        f"{name} cannot be used now (connection lost): it did not answer a commit, whose outcome is not known",
+        reason="connection lost",
+        unknown=True,
+    )
+
+
+def _status(engine: Engine, mark: Mark) -> str | None:
+    try:
+        with engine.connect() as db:
+            status: str | None = db.execute(_STATUS, {"number": mark.transaction}).scalar()
+            return status
+    except DBAPIError as error:
+        if getattr(error.orig, "sqlstate", None) == NEVER_GIVEN:  # it was given before a crash
+            return None
+        raise
