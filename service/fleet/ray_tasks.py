@@ -52,6 +52,7 @@ def carried_out(
     workers  calls at a time; None for the cores of this machine or of the cluster
     address  of a cluster; None for a Ray of this machine alone, which is ended with the iteration
     """
+    goes_on = _is_started()
     with started(workers, address) as ray:
         cores = max(int(ray.cluster_resources().get("CPU", 1)), 1)
         most = workers if workers is not None and address is not None else AHEAD * cores
@@ -69,8 +70,14 @@ def carried_out(
                 for done in ray.wait(list(running), num_returns=1)[0]:
                     yield running.pop(done), _answer(ray, done)
         finally:
-            for left in running:
+            # what runs ends with this process's connection; called off at the same time, Ray may end in an abort
+            for left in running if goes_on else ():
                 ray.cancel(left, force=True)
+
+
+def _is_started() -> bool:
+    """Whether this process has a Ray already, which is left as it was."""
+    return "ray" in sys.modules and bool(sys.modules["ray"].is_initialized())
 
 
 def _answer(ray: Any, done: Any) -> Any:
