@@ -18,7 +18,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
 
-from service.runtime.computing import Call, Computing, Made
+from service.runtime.computing import UNREADABLE, Call, Computing, Made
 from service.runtime.curves import Curves
 from service.runtime.worker_processes import take_records
 from service.runtime.worker_task import Reply, Task, Tasks
@@ -139,6 +139,10 @@ class Searches:
         if reply.cancelled() or error is not None:
             said = str(error).strip().partition("\n")[0]
             self._here(job.call, job.done, "it was called off" if error is None else f"{type(error).__name__}: {said}")
+            return
+        window = reply.result().made.window
+        if window is not None and any(fault.kind == UNREADABLE for fault in window.faults):
+            self._here(job.call, job.done, "the file of the window cannot be read there; do all nodes see the folder?")
             return
         self._done += 1
         take_records(reply.result(), job.call.asset)

@@ -105,7 +105,7 @@ def test_other_assets_do_not_wait_for_a_search_and_its_own_asset_does(given, tmp
     assert len(searched(marks)) == 1 and given.searches.figures()["engine_searches"] == 0
 
 
-@pytest.mark.parametrize("how", ["raised", "cancelled", "not accepted", "late"])
+@pytest.mark.parametrize("how", ["raised", "cancelled", "not accepted", "late", "without the file"])
 def test_a_search_that_the_engine_does_not_make_is_made_here(tmp_path, caplog, how):
     def refuse(task):
         raise ConnectionError("the engine is gone")
@@ -121,6 +121,9 @@ def test_a_search_that_the_engine_does_not_make_is_made_here(tmp_path, caplog, h
                 reply.set_exception(OSError("its node has ended"))
             elif how == "cancelled":
                 reply.cancel()
+            elif how == "without the file":
+                gone = WindowToUse(start_ns=0, file=tmp_path / "of another machine.npz")
+                reply.set_result(perform(replace(task, ask=Ask("window", gone), hand_back=False)))
         given.wait(lambda: given.made)
         ((_, made),) = given.made
         assert made.answer.record["index"] == 0 and len(searched(marks)) == 1
