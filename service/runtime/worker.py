@@ -130,6 +130,8 @@ class Worker(threading.Thread):
         self._reception: Reception | None = None
         self._intake: Intake | None = None
         self._streams: Streams | None = None
+        self._link_at = 0.0  # when the link is looked at next, on the monotonic clock [s]
+        self._cut_off = False  # whether the link was lost at the latest look, or just before
         self._storage, self._look_at = StorageWatch(str(settings.data)), 0.0
         self.on_end: Callable[[], None] = lambda: None
         self.arrived: Arrived = nobody
@@ -237,9 +239,13 @@ class Worker(threading.Thread):
             self._lanes.go()
             pump(
                 self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
-                channel_wait=self._settings.channel_wait, holding=lambda: self._storage.reason is not None,
+                channel_wait=self._settings.channel_wait, holding=self._holds,
                 waits=positions.waits,
             )  # fmt: skip
+
+    def _holds(self) -> bool:
+        """Whether publishers are asked to wait or are cut off, so that their silence ends no window."""
+        return self._storage.reason is not None or self._cut_off
 
     def _once_stored(self, prepare: Callable[[], T]) -> T:
         """What is made of stored results, as soon as the storage can be read; it is made anew after a failure."""
@@ -330,6 +336,7 @@ class Worker(threading.Thread):
         storage_status = StorageStatus(storage, board, publication)
 
         def between() -> None:
+            self._look_at_link(transport)
             self._look_after(spool, lanes, storage_status, publication)
             positions()
             for part in (questions, decisions, changes, watch):
@@ -338,6 +345,12 @@ class Worker(threading.Thread):
                 publication.publish(asset)
 
         return positions, streams, between
+
+    def _look_at_link(self, transport: Transport) -> None:
+        """From time to time: whether publishers can be heard."""
+        now = time.monotonic()
+        if now >= self._link_at:
+            self._link_at, self._cut_off = now + TICK, transport.interrupted()
 
     def _look_after(
         self, spool: Spool, lanes: Lanes, storage_status: StorageStatus, publication: StatePublication

@@ -83,6 +83,10 @@ class Transport(Protocol):
         """Why the network cannot be reached at present, or None; asked by any thread, and answered at once."""
         ...
 
+    def interrupted(self) -> bool:
+        """Whether publishers may be cut off, or on their way back: their silence means nothing; by any thread."""
+        ...
+
     def counters(self) -> Mapping[str, int]:
         """`missed_frames` that the network knows of, and `callback_errors`."""
         ...

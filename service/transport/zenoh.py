@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -48,6 +49,7 @@ TOML = "application/toml"
 SENDING = "sending"  # parameter of a question of position: the session that goes on sending after the answer
 _HISTORY = 4096  # frames a key that a late subscriber asks a publisher's cache for
 _HEARTBEAT = 0.5  # [s]
+COME_BACK = 5.0  # how long publishers may take to find the router again: Zenoh tries every 4 s by default [s]
 
 
 # -- the service's side --------------------------------------------------------------------------------
@@ -74,6 +76,9 @@ class ZenohTransport:
         self._guard = Guard()
         self._missed = 0  # samples that a publisher's cache no longer held
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
+        self._looking = threading.Lock()  # at the routers: a session shows them to one thread at a time
+        self._routers: frozenset[str] | None = None  # at the latest look
+        self._changed = float("-inf")  # when they were last seen to be others, on the monotonic clock [s]
 
     def __enter__(self) -> ZenohTransport:
         return self
@@ -205,11 +210,29 @@ class ZenohTransport:
         if not self._connect:
             return None
         try:
-            if list(self._session.info.routers_zid()):
+            if self._linked():
                 return None
         except zenoh.ZError:
             return "the connection has been closed"
         return f"the link to the router at {', '.join(self._connect)} is lost; it is tried again all the time"
+
+    def interrupted(self) -> bool:
+        """Whether the link is lost, or was so lately that publishers may not have come back to the router yet."""
+        if not self._connect:
+            return False
+        try:
+            return not self._linked() or time.monotonic() - self._changed < COME_BACK
+        except zenoh.ZError:
+            return True
+
+    def _linked(self) -> bool:
+        """Whether there is a link to a router; notes where it is another one than before."""
+        with self._looking:
+            now = frozenset(map(str, self._session.info.routers_zid()))
+            if self._routers is not None and now != self._routers:
+                self._changed = time.monotonic()
+            self._routers = now
+            return bool(now)
 
     def counters(self) -> Mapping[str, int]:
         """Frames that were missed, and callbacks that failed."""

@@ -75,6 +75,9 @@ class MemoryNetwork:
     def ask_rig(self, asset, seconds):
         return [self.rigs[asset]] if asset in self.rigs else []
 
+    def interrupted(self):
+        return False
+
     def lost(self):
         return None
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import trustme
@@ -15,6 +17,7 @@ from service.cli import run as command
 from service.errors import DeliveryError, InputError, NotReachable
 from service.runtime.admission import access_of
 from service.settings import Settings
+from service.transport import zenoh as zenoh_transport
 from service.transport.zenoh_links import ZenohLinks
 from service.transport.zenoh_session import open_session
 
@@ -176,3 +179,44 @@ def test_settings_of_file_make_the_links(tmp_path, folder):
     found = Settings(config=path)
     assert found.zenoh_links == ZenohLinks(user="logger", password="secret", authorities=tmp_path / "ca.pem")
     assert "secret" not in repr(found)
+
+
+class Info:
+    """What a session says of its routers; not to two threads at once."""
+
+    def __init__(self):
+        self.routers, self.asked = ["one"], 0
+
+    def routers_zid(self):
+        self.asked += 1
+        assert self.asked == 1, "asked by two threads at once"
+        time.sleep(0.001)
+        self.asked -= 1
+        return self.routers
+
+
+def test_a_link_that_was_lost_is_interrupted_until_publishers_may_be_back(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(zenoh_transport.time, "monotonic", lambda: now[0])
+    session = SimpleNamespace(info=Info())
+    transport = zenoh_transport.ZenohTransport(session, connect=["tcp/router:7447"])
+    assert transport.lost() is None and not transport.interrupted()
+    session.info.routers = []
+    assert "the link to the router at tcp/router:7447 is lost" in transport.lost() and transport.interrupted()
+    now[0] += 60.0
+    assert transport.interrupted()
+    session.info.routers = ["one"]
+    assert transport.lost() is None and transport.interrupted()
+    now[0] += zenoh_transport.COME_BACK + 0.1
+    assert not transport.interrupted()
+    session.info.routers = ["another"]  # it ended and came back between two looks
+    assert transport.lost() is None and transport.interrupted()
+    assert not zenoh_transport.ZenohTransport(session).interrupted()  # a router itself
+
+
+def test_the_link_may_be_looked_at_by_several_threads():
+    """The thread that says that a partition is at work ended with "Already mutably borrowed"."""
+    transport = zenoh_transport.ZenohTransport(SimpleNamespace(info=Info()), connect=["tcp/router:7447"])
+    with ThreadPoolExecutor(4) as pool:
+        looks = [pool.submit(look) for _ in range(50) for look in (transport.lost, transport.interrupted)]
+        assert not any(look.result() for look in looks)
