@@ -16,12 +16,13 @@ from service.fleet.cluster import end_left
 from service.fleet.up import RUNNING
 
 HERE = Path(__file__).parent
+FAKE = "fake_twin:TWIN"
 
 
 class FleetProcess:
     """A fleet that runs, and what it has said."""
 
-    def __init__(self, folder: Path, database: str, twin: str = "fake_twin:TWIN", **settings: str) -> None:
+    def __init__(self, folder: Path, database: str, twin: str = FAKE, **settings: str) -> None:
         self.twin = twin
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.data = folder, folder / "data"
@@ -59,5 +60,10 @@ if __name__ == "__main__":
 
     settings = Settings()
     with logging_by(settings):
-        up(settings, prepared(settings), twin_from=sys.argv[1] or None, announce=lambda line: print(line, flush=True))
+        up(
+            settings,
+            prepared(settings),
+            twin_from=(sys.argv[1:] or [FAKE])[0] or None,
+            announce=lambda line: print(line, flush=True),
+        )
     os._exit(0)
