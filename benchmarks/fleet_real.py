@@ -48,6 +48,7 @@ APART_NS = 86_400 * NS  # between the windows of two runs
 
 PUBLISHER = """
 import json, os, sys, time
+from service.runtime.delivery import Delivery
 from service.runtime.replay import paced
 from service.stream.sources.mcap import Recording
 from service.transport.zenoh import open_publisher
@@ -57,13 +58,14 @@ with Recording(path, "gearbox") as recording, open_publisher([endpoint], prefix,
     for name in recording.assets:
         publisher.offer_rig(name, recording.rig_text)
     publisher.declare(sorted(set(recording.channels.values())))
+    delivery = Delivery(publisher, wait=150.0)
     for frame in paced(recording.messages(), 1.0):
-        publisher.publish(frame)
         sent.setdefault(frame.channel.asset, {})[frame.log_time_ns] = time.time()
+        delivery.send(frame)
+    delivery.finish()
     with open(out + ".part", "w") as file:
         json.dump(sent, file)
     os.rename(out + ".part", out)
-    time.sleep(1e6)  # what it keeps can be asked for
 """
 
 
@@ -291,7 +293,7 @@ class RealFleet:
 
 
 def _all_sent(publishers: Iterable[subprocess.Popen[bytes]], files: Iterable[Path]) -> bool:
-    if any(process.poll() is not None for process in publishers):
+    if any(process.poll() not in (None, 0) for process in publishers):
         raise RuntimeError("a publisher has ended")
     return all(path.exists() for path in files)
 
