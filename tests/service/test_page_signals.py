@@ -38,8 +38,11 @@ def opened(open_page, store, board):
     return open_at
 
 
+PATIENCE = 90_000  # of a busy machine [ms]
+
+
 def settled(page):
-    page.wait_for_selector("#signal[data-points]:not([data-points='0'])")
+    page.wait_for_selector("#signal[data-points]:not([data-points='0'])", timeout=PATIENCE)
     page.wait_for_function("!document.querySelector('[aria-busy=true]')")
 
 
@@ -156,10 +159,10 @@ def test_the_waterfall_reads_its_values_and_leads_to_a_window(opened):
     page.focus("canvas.waterfall")
     page.keyboard.press("ArrowDown")
     page.keyboard.press("ArrowRight")
-    assert "window 4" in page.inner_text(".reading")
+    page.wait_for_selector(".reading:has-text('window 4')")
     page.keyboard.press("Enter")
+    page.wait_for_url("**/signals/window/4/**", timeout=PATIENCE)
     settled(page)
-    assert "/signals/window/4/" in page.url
 
 
 def test_trends_of_indicators_are_drawn_by_group(opened):
