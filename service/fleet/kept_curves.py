@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import sqlalchemy as sa
@@ -38,7 +38,7 @@ _silent_until = 0.0  # until then the database is not asked, on the monotonic cl
 class StoredCurves:
     """The curves in a fleet's database, for any process."""
 
-    database: str
+    database: str = field(repr=False)  # may hold a password, and tasks are printed where they fail
 
     def read(self, asset: str, name: str) -> bytes | None:
         """A curve by its name, compressed; None where there is none, or the database does not answer."""
