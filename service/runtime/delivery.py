@@ -185,7 +185,7 @@ class Delivery:
 
     def _ask(self) -> tuple[bool, bool]:
         """Whether all frames sent have come, by everyone who answers; and whether anyone does."""
-        streams = {stream for stream, _ in self._last}
+        streams = {each.stream for each in self._kept}
         come, anyone, restarted = True, False, False
         self._reason = None
         self._received = 0

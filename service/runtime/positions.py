@@ -4,8 +4,8 @@ A question travels through the stream's own queue, so that its answer is true of
 the same link. The answer is held back while more of the asset's windows wait to be processed than its share: that is
 the flow control of publishers that ask. An answer always comes.
 
-Whoever asks in the midst of sending says so, by the name of its session: its silence until the answer, and until the
-next question, ends no window.
+Whoever asks in the midst of sending says so, by the name of its session: its silence until the answer, and until it
+goes on or asks again, ends no window. Once it goes on, be it with another stream, a stream's silence counts.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Positions:
         self._instance = uuid4().hex
         self._lock = threading.Lock()
         self._open: dict[int, tuple[float, str, Reply, str | None]] = {}  # questions without an answer, by number
-        self._signs: OrderedDict[str, float] = OrderedDict()  # when sessions that send were last answered
+        self._answered: OrderedDict[str, float] = OrderedDict()  # when sessions that send were last answered
         self._asked = 0
         self._held_back: list[tuple[str, int]] = []
         self._moved: set[str] = set()  # streams of which something has come since their position was published
@@ -130,13 +130,15 @@ class Positions:
         if not self._inbox.ask(stream, lambda: self.reached(stream, number)):
             self._close(number, self._behind)
 
-    def waits(self, sender: str) -> float:
-        """When a session that sends was last known to wait, or to ask again soon, on the monotonic clock [s]."""
+    def waits(self, sender: str, heard: float) -> bool:
+        """Whether a session that sends waits for an answer, or has not gone on, and may ask again soon.
+
+        heard  when the newest frame came from it: after the newest answer, it has gone on [s], on the monotonic clock
+        """
         with self._lock:
-            now, answered = self._clock(), self._signs.get(sender, float("-inf"))
-            if now - answered < BETWEEN_QUESTIONS or any(by == sender for _, _, _, by in self._open.values()):
-                return now
-            return answered
+            answered = self._answered.get(sender, float("-inf"))
+            asks_again = heard <= answered and self._clock() - answered < BETWEEN_QUESTIONS
+            return asks_again or any(by == sender for _, _, _, by in self._open.values())
 
     def reached(self, stream: str, number: int) -> None:
         """The question has come to the head of its stream's queue."""
@@ -225,10 +227,10 @@ class Positions:
         with self._lock:
             question = self._open.pop(number, None)
             if question is not None and question[3] is not None:
-                self._signs.pop(question[3], None)
-                self._signs[question[3]] = self._clock()
-                if len(self._signs) > _MOST_SENDERS:
-                    self._signs.popitem(last=False)
+                self._answered.pop(question[3], None)
+                self._answered[question[3]] = self._clock()
+                if len(self._answered) > _MOST_SENDERS:
+                    self._answered.popitem(last=False)
         if question is not None:
             _, stream, reply, _ = question
             reply(text_of(stream))

@@ -53,7 +53,7 @@ class _Rhythm:
         self._slowest, self._seen = 0.0, 0
         self.first = self.newest = now
         self.sender: str | None = None  # the session that the newest frame came from
-        self._sign = float("-inf")
+        self._looked = now
 
     def note(self, frame: Frame, received: float, now: float) -> None:
         """A frame has come.
@@ -74,10 +74,11 @@ class _Rhythm:
         heard.end, heard.received = frame.end_time_ns, received
         heard.late_since, heard.ended = None, False
 
-    def note_sign(self, sign: float, now: float) -> None:
-        """Whoever sends the frames was heard otherwise, at a time that grows: it waits, and goes on afterwards."""
-        if sign > self._sign:
-            self._sign, self.newest = sign, now
+    def look(self, now: float, waits: bool) -> None:
+        """A look at the stream; the time since the last one is no silence where its sender waits for an answer."""
+        if waits:
+            self.newest = min(self.newest + now - self._looked, now)
+        self._looked = now
 
     def note_publisher(self, label: str, source: str, received: float) -> tuple[str, str] | None:
         """The two publishers that send on a channel's key in turn; None where there is no proof of that."""
@@ -149,7 +150,8 @@ class Pump:
     idle_timeout  silence that ends a window [s]
     channel_wait  how long a channel is waited for that the others have gone on without [s]
     holding       whether publishers are asked to wait: their silence ends no window then
-    waits         when a session that sends frames was last known to wait for an answer; minus infinity: never
+    waits         whether a session that sends frames waits for an answer, or has been given one and not gone on;
+                  called with its name and when the newest frame of it came
     between       called between frames, at least every tenth of a second while no window is being processed
     clock         the monotonic clock [s]
     """
@@ -163,12 +165,13 @@ class Pump:
         *,
         channel_wait: float = CHANNEL_WAIT,
         holding: Callable[[], bool] = lambda: False,
-        waits: Callable[[str], float] = lambda sender: float("-inf"),
+        waits: Callable[[str, float], bool] = lambda sender, heard: False,
         clock: Callable[[], float] = time.monotonic,
     ):
         self._inbox, self._consumer, self._idle_timeout, self._between = inbox, consumer, idle_timeout, between
         self._channel_wait, self._holding, self._waits, self._clock = channel_wait, holding, waits, clock
         self._rhythms: dict[str, _Rhythm] = {}
+        self._senders: dict[str, float] = {}  # when the newest frame of each session came, on the monotonic clock [s]
         self._now = 0.0  # stands still while the process does, and while publishers wait [s]
         self._turned = clock()
         self._looked = 0.0
@@ -212,6 +215,7 @@ class Pump:
         rhythm.note(frame, arrival.received, self._now)
         if arrival.source is not None:
             rhythm.sender = arrival.source.partition("/")[0]
+            self._note_sender(rhythm.sender, arrival.received)
             label = frame.channel.label
             two = rhythm.note_publisher(label, arrival.source, arrival.received)
             if two is not None:
@@ -219,6 +223,13 @@ class Pump:
         self._consumer.feed(frame)
         if new:
             self._consumer.expect(stream, self._inbox.announced(stream))
+
+    def _note_sender(self, sender: str, received: float) -> None:
+        """A frame came from a session; that of which nothing has come longest is given up for a new one."""
+        self._senders.pop(sender, None)
+        if len(self._senders) >= _MOST_STREAMS:
+            del self._senders[next(iter(self._senders))]
+        self._senders[sender] = received
 
     def _rhythm(self, stream: str) -> _Rhythm:
         """A stream's rhythm; that of the one which has been silent longest is given up for a new one."""
@@ -236,8 +247,8 @@ class Pump:
         if new := set(self._inbox.announced(asset)) - set(channels):
             self._consumer.expect(asset, new)
             channels = self._consumer.channels(asset)
-        if rhythm.sender is not None:
-            rhythm.note_sign(self._waits(rhythm.sender), self._now)
+        sender = rhythm.sender
+        rhythm.look(self._now, sender is not None and self._waits(sender, self._senders.get(sender, 0.0)))
         late = rhythm.awaited(channels, self._now)
         if rhythm.is_over(late, self._now):
             self._consumer.flush(asset)
@@ -254,7 +265,7 @@ def pump(
     *,
     channel_wait: float = CHANNEL_WAIT,
     holding: Callable[[], bool] = lambda: False,
-    waits: Callable[[str], float] = lambda sender: float("-inf"),
+    waits: Callable[[str, float], bool] = lambda sender, heard: False,
 ) -> None:
     """Takes arrivals to a consumer until `stop` is set."""
     Pump(inbox, consumer, idle_timeout, between, channel_wait=channel_wait, holding=holding, waits=waits).run(stop)

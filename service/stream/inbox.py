@@ -151,8 +151,9 @@ class Inbox:
         prefix: str = "gearbox",
         admits: Callable[[str, str | None], bool] = lambda stream, channel: True,
         known: Callable[[str], bool] = lambda stream: True,
+        clock: Callable[[], float] = time.monotonic,
     ):
-        self._admits, self._known = admits, known
+        self._admits, self._known, self._clock = admits, known, clock
         self._most_frames, self._most_bytes, self._prefix = frames, max_bytes, prefix
         self._queues: dict[str, _Queue] = {}
         self._turns: deque[str] = deque()  # streams of which something waits, in the order of their turns
@@ -180,7 +181,7 @@ class Inbox:
                 return False
             if (before := self._growing.pop(channel.asset, None)) is not None:
                 self._add(channel.asset, queue, Shed(channel.asset, before.missing))
-            self._add(channel.asset, queue, Arrival(channel, payload, time.monotonic(), source))
+            self._add(channel.asset, queue, Arrival(channel, payload, self._clock(), source))
             while (victim := self._without_room(channel.asset)) is not None:
                 self._shed(victim)
             return True

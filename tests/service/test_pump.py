@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from service_streams import Sink
 from streams import ACCEL, ASSET, CHANNELS, LENGTH, TORQUE, bursts, content, frame
 
@@ -66,8 +68,9 @@ def test_a_stream_that_has_just_been_joined_may_have_more_channels():
 class Driven:
     """A pump over an inbox and a pipeline, turned by hand on a clock of its own."""
 
-    def __init__(self):
-        self.now, self.outcomes, self.inbox = 1000.0, [], Inbox()
+    def __init__(self, inbox=None):
+        self.now, self.outcomes = 1000.0, []
+        self.inbox = inbox or Inbox()
         twin = Twin(
             step=lambda r, s, w, o: (s, Answer(record={}, report={}, events=())), new_state=dict, load_state=dict
         )
@@ -144,6 +147,24 @@ def test_a_publisher_that_waits_for_an_answer_in_the_midst_of_a_burst_is_not_sil
     driven.send(frames[16:], "gateway/1")
     driven.run(2.0)
     assert content(driven.windows) == undisturbed(frames)
+
+
+def test_a_gateway_that_goes_on_with_other_machines_does_not_hold_a_window_open():
+    """It asks every two seconds how far its streams are stored; a window was once closed by the next one only."""
+    driven, frames = Driven(Inbox(clock=lambda: driven.now)), bursts(1, frames=8)
+    others = [replace(f, channel=f.channel._replace(asset="other")) for f in bursts(40, frames=4)]
+    driven.send(frames, "gateway/1")
+    for number in range(1, 4):
+        driven.positions.ask("other", lambda text: None, "gateway")
+        driven.run(0.2)
+        driven.positions._close(number, lambda stream: "")
+        driven.run(0.2)
+        for _ in range(4):
+            driven.send(others[:4], "gateway/2")
+            del others[:4]
+            driven.run(0.4)
+    assert ASSET in [o.asset for o in driven.outcomes]
+    assert content([o.window for o in driven.outcomes if o.asset == ASSET]) == undisturbed(frames)
 
 
 def test_a_publisher_that_stays_away_in_a_burst_ends_its_window():
