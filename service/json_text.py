@@ -50,6 +50,24 @@ def plain(value: Any) -> Any:
     return value
 
 
+def compact(value: Any) -> str:
+    """A value as JSON without spaces."""
+    try:
+        return _COMPACT.encode(value)
+    except ValueError:  # a number that is not finite: the slow path replaces it
+        return _COMPACT.encode(plain(value))
+
+
+def _other(value: Any) -> Any:
+    """What the encoder does not know: arrays, and mappings other than dicts."""
+    if hasattr(value, "tolist") or isinstance(value, Mapping):
+        return plain(value)
+    raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")
+
+
+_COMPACT = json.JSONEncoder(allow_nan=False, separators=(",", ":"), default=_other)
+
+
 def json_text(value: Any) -> str:
     """A value as indented JSON."""
     return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)

@@ -45,6 +45,9 @@ class Database:
         self._write = threading.RLock()
         self._current: Connection | None = None  # of the present transaction ...
         self._owner: int | None = None  # ... and the thread that it is of
+        self._alone = claimed
+        self._has_row: set[str] = set()  # assets that have a row for certain: nobody else may write
+        self._ensured: set[str] = set()  # those that the present transaction has ensured
         try:
             with self._faults():
                 if claimed:
@@ -85,11 +88,16 @@ class Database:
 
     def ensure(self, db: Connection, asset: str) -> None:
         """Has a row for an asset, which the rows of other tables refer to."""
+        if asset in self._has_row or asset in self._ensured:
+            return
         if db.execute(self._insert_asset, {"asset": asset}).rowcount:
             self.backend.added(db, asset)
+        self._ensured.add(asset)
 
     def renamed(self, db: Connection, asset: str, name: str) -> None:
         """An asset's rows have been given another name within this transaction."""
+        self._has_row.discard(asset)
+        self._ensured.discard(asset)
         self.backend.renamed(db, asset, name)
 
     @contextmanager
@@ -109,15 +117,17 @@ class Database:
                 with self._writer.connect() as db:
                     with self._begun(db):
                         yield db
-                        mark = self.backend.mark(db)
+                        mark, ensured = self.backend.mark(db), self._ensured
                     self._commit(db, mark)
+                    if self._alone:
+                        self._has_row |= ensured
             self.took("commit", time.monotonic() - began)
 
     @contextmanager
     def _begun(self, db: Connection) -> Iterator[None]:
         """A transaction that is rolled back where its work fails."""
         db.begin()
-        self._current, self._owner = db, threading.get_ident()
+        self._current, self._owner, self._ensured = db, threading.get_ident(), set()
         try:
             self.backend.begun(db)
             yield
@@ -126,7 +136,7 @@ class Database:
                 db.rollback()
             raise
         finally:
-            self._current = self._owner = None
+            self._current, self._owner, self._ensured = None, None, set()
 
     def _commit(self, db: Connection, mark: Mark | None) -> None:
         """Commits; where the connection is lost meanwhile, a new one says whether it was committed."""

@@ -5,18 +5,17 @@ The checksum finds what no parser does: a digit that is another one than was wri
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import zstandard
 from pydantic_core import from_json
 
 from service.errors import DamageError
-from service.json_text import JsonText, plain
+from service.json_text import JsonText, compact
 
 LEVEL = 1  # of compression: higher ones take many times as long for a few per cent
 LARGEST = 2**30  # bytes of one value
@@ -31,19 +30,12 @@ def dump(value: Any) -> bytes | None:
     """A value as it is kept; None stays None, and a number that is not finite becomes null."""
     if value is None:
         return None
-    text = value.text if isinstance(value, JsonText) else _text(value)
+    text = value.text if isinstance(value, JsonText) else compact(value)
     try:
         compressor = _of_thread.compressor
     except AttributeError:
         compressor = _of_thread.compressor = zstandard.ZstdCompressor(level=LEVEL, write_checksum=True)
     return compressor.compress(text.encode())
-
-
-def _text(value: Any) -> str:
-    try:
-        return _COMPACT.encode(value)
-    except ValueError:  # a number that is not finite: the slow path replaces it
-        return _COMPACT.encode(plain(value))
 
 
 def load(kept: bytes | None, what: str = "a row of the database") -> Any:
@@ -102,13 +94,3 @@ def _has_checksum(kept: bytes) -> bool:
         raise ValueError("no frame of Zstandard")
     found = zstandard.get_frame_parameters(kept)
     return found.has_checksum and found.content_size <= LARGEST
-
-
-def _other(value: Any) -> Any:
-    """What the encoder does not know: arrays, and mappings other than dicts."""
-    if hasattr(value, "tolist") or isinstance(value, Mapping):
-        return plain(value)
-    raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")
-
-
-_COMPACT = json.JSONEncoder(allow_nan=False, separators=(",", ":"), default=_other)

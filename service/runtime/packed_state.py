@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import zstandard
 
-from service.json_text import JsonText, plain
+from service.json_text import JsonText, compact
 
 LEVEL = 1  # of the compression: a state shrinks to a tenth, higher levels only take longer
 
@@ -24,7 +23,7 @@ class PackedState:
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> PackedState:
         """The state of what `to_dict` gave."""
-        text = data.text if isinstance(data, JsonText) else json.dumps(plain(data), separators=(",", ":"))
+        text = data.text if isinstance(data, JsonText) else compact(data)
         return cls(zstandard.ZstdCompressor(LEVEL).compress(text.encode()))
 
     @property

@@ -5,7 +5,7 @@ the same link. The answer is held back while more of the asset's windows wait to
 the flow control of publishers that ask. An answer always comes.
 
 Whoever asks in the midst of sending says so, by the name of its session: its silence until the answer, and until it
-goes on or asks again, ends no window. Once it goes on, be it with another stream, a stream's silence counts.
+goes on or asks again, ends no window. Once it goes on with another stream, a stream's silence counts.
 """
 
 from __future__ import annotations
@@ -133,7 +133,8 @@ class Positions:
     def waits(self, sender: str, heard: float) -> bool:
         """Whether a session that sends waits for an answer, or has not gone on, and may ask again soon.
 
-        heard  when the newest frame came from it: after the newest answer, it has gone on [s], on the monotonic clock
+        heard  when the newest frame of its other streams came, on the monotonic clock: after the newest answer, the
+               session has gone on [s]
         """
         with self._lock:
             answered = self._answered.get(sender, float("-inf"))

@@ -39,6 +39,25 @@ class _Heard:
     publishers: Publishers = field(default_factory=Publishers)
 
 
+@dataclass(slots=True)
+class _Sender:
+    """When frames of a session's streams have come, on the monotonic clock [s]."""
+
+    stream: str  # of the newest frame
+    newest: float = float("-inf")
+    of_another: float = float("-inf")  # the newest frame of another stream than that
+
+    def note(self, stream: str, received: float) -> None:
+        """A frame came."""
+        if stream != self.stream:
+            self.stream, self.of_another = stream, self.newest
+        self.newest = received
+
+    def of_others(self, stream: str) -> float:
+        """When the newest frame came that is of another stream."""
+        return self.of_another if stream == self.stream else self.newest
+
+
 class _Rhythm:
     """One stream in time: how long silence may last, and which channels are waited for.
 
@@ -151,7 +170,7 @@ class Pump:
     channel_wait  how long a channel is waited for that the others have gone on without [s]
     holding       whether publishers are asked to wait: their silence ends no window then
     waits         whether a session that sends frames waits for an answer, or has been given one and not gone on;
-                  called with its name and when the newest frame of it came
+                  called with its name and when the newest frame of its other streams came [s]
     between       called between frames, at least every tenth of a second while no window is being processed
     clock         the monotonic clock [s]
     """
@@ -171,7 +190,7 @@ class Pump:
         self._inbox, self._consumer, self._idle_timeout, self._between = inbox, consumer, idle_timeout, between
         self._channel_wait, self._holding, self._waits, self._clock = channel_wait, holding, waits, clock
         self._rhythms: dict[str, _Rhythm] = {}
-        self._senders: dict[str, float] = {}  # when the newest frame of each session came, on the monotonic clock [s]
+        self._senders: dict[str, _Sender] = {}  # by session
         self._now = 0.0  # stands still while the process does, and while publishers wait [s]
         self._turned = clock()
         self._looked = 0.0
@@ -215,7 +234,7 @@ class Pump:
         rhythm.note(frame, arrival.received, self._now)
         if arrival.source is not None:
             rhythm.sender = arrival.source.partition("/")[0]
-            self._note_sender(rhythm.sender, arrival.received)
+            self._note_sender(rhythm.sender, stream, arrival.received)
             label = frame.channel.label
             two = rhythm.note_publisher(label, arrival.source, arrival.received)
             if two is not None:
@@ -224,12 +243,13 @@ class Pump:
         if new:
             self._consumer.expect(stream, self._inbox.announced(stream))
 
-    def _note_sender(self, sender: str, received: float) -> None:
+    def _note_sender(self, sender: str, stream: str, received: float) -> None:
         """A frame came from a session; that of which nothing has come longest is given up for a new one."""
-        self._senders.pop(sender, None)
+        found = self._senders.pop(sender, None) or _Sender(stream)
         if len(self._senders) >= _MOST_STREAMS:
             del self._senders[next(iter(self._senders))]
-        self._senders[sender] = received
+        self._senders[sender] = found
+        found.note(stream, received)
 
     def _rhythm(self, stream: str) -> _Rhythm:
         """A stream's rhythm; that of the one which has been silent longest is given up for a new one."""
@@ -239,6 +259,11 @@ class Pump:
         self._rhythms[stream] = found
         return found
 
+    def _sender_waits(self, stream: str, sender: str | None) -> bool:
+        """Whether the session that sends a stream waits for an answer."""
+        found = None if sender is None else self._senders.get(sender)
+        return found is not None and self._waits(str(sender), found.of_others(stream))
+
     def _close_silent(self, asset: str, rhythm: _Rhythm) -> None:
         """Ends the window of a stream that has fallen silent; goes on without channels that have ended."""
         if not self._consumer.waiting(asset):
@@ -247,8 +272,7 @@ class Pump:
         if new := set(self._inbox.announced(asset)) - set(channels):
             self._consumer.expect(asset, new)
             channels = self._consumer.channels(asset)
-        sender = rhythm.sender
-        rhythm.look(self._now, sender is not None and self._waits(sender, self._senders.get(sender, 0.0)))
+        rhythm.look(self._now, self._sender_waits(asset, rhythm.sender))
         late = rhythm.awaited(channels, self._now)
         if rhythm.is_over(late, self._now):
             self._consumer.flush(asset)

@@ -66,6 +66,24 @@ def test_asset_with_all_that_belongs_to_it_gets_another_name(each_store, tmp_pat
     assert life.waiting("other") == ()
 
 
+def test_who_writes_alone_asks_once_whether_an_asset_has_a_row(tmp_path):
+    with SqlStore(tmp_path / "alone.sqlite", claimed=True) as store:
+        database, asked = store.database, []
+        sa.event.listen(
+            database._writer, "before_cursor_execute",
+            lambda *given: asked.append(given[2]) if given[2].startswith("INSERT INTO assets") else None,
+        )  # fmt: skip
+        with pytest.raises(RuntimeError), database.transaction() as db:
+            database.ensure(db, "press")
+            raise RuntimeError
+        for _ in range(3):
+            store.note("press", [("note", {})])
+        assert store.assets() == ("press",) and len(asked) == 2
+        AssetLife(database, tmp_path / "waiting").rename("press", "lathe")
+        store.note("press", [("note", {})])
+        assert store.assets() == ("lathe", "press") and len(asked) == 3
+
+
 def test_totals_of_faults_add_up(each_store):
     for index in range(3):
         fakes.take(each_store, None, "unsw", index, 100.0 * index, faults=(fakes.FAULT,), quality="degraded")
