@@ -47,6 +47,18 @@ LINES: tuple[Line, ...] = (
         "Do not stop processes of the service; look for a machine that hangs or swaps.",
     ),
     Line(
+        "service.runtime.first_frames",
+        "%s: frames %d to %d of %s have not come: their publishers are asked once more",
+        "After a start, a key did not go on at what is stored of it; what lies behind the gap waits for the answer.",
+        "None. What no publisher has any more is a fault of its window.",
+    ),
+    Line(
+        "service.runtime.first_frames",
+        "%s: nothing of %s has come since the start: its publishers are asked once more",
+        "After a start, the other channels of the machine have gone on without this one.",
+        "None; a channel that stays away shows in the windows. Look at its sensor and its publisher then.",
+    ),
+    Line(
         "service.runtime.storage_watch",
         "%s, and it is tried again",
         "The database or the disk cannot be used; received windows wait in memory.",

@@ -135,7 +135,11 @@ class Intake:
         found, held = self._reception.position(asset), self._learning.earliest(asset)
         if found is None or held is None:
             return found
-        return replace(found, unsettled_from_ns=earliest([found.unsettled_from_ns, held]))
+        return replace(
+            found,
+            unsettled_from_ns=earliest([found.unsettled_from_ns, held]),
+            channels={**found.channels, **self._learning.newest(asset)},
+        )
 
     def channels(self, asset: str) -> Collection[str]:
         """The channels that the asset's windows wait for."""

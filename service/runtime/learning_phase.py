@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from service.stream.frames import Frame
+from service.stream.position import ChannelPosition
 
 LEARN_WAIT = 0.5  # how long a new asset's channels are awaited before its first window [s]
 LEARN_BYTES = 64 * 2**20  # frames of a new asset held meanwhile, at most [bytes]
@@ -47,6 +48,15 @@ class LearningPhase:
         """Start of the earliest frame that is held of an asset [ns]."""
         held = self._held.get(asset)
         return min((f.start_time_ns for f in held.frames), default=None) if held else None
+
+    def newest(self, asset: str) -> dict[str, ChannelPosition]:
+        """The newest frame that is held of each of an asset's channels."""
+        held = self._held.get(asset)
+        frames = {frame.channel.label: frame for frame in held.frames} if held else {}
+        return {
+            label: ChannelPosition(sequence=frame.sequence, start_ns=frame.start_time_ns)
+            for label, frame in frames.items()
+        }
 
     def rename(self, asset: str, name: str) -> None:
         """Goes on under another name."""

@@ -29,6 +29,7 @@ Reply = Callable[[str], None]
 PUBLISH_EVERY = 1.0  # of one stream, at most [s]
 MOST_BACKLOG = 8  # windows of an asset that wait to be processed while its publishers are answered
 BETWEEN_QUESTIONS = 1.5  # a publisher that waits asks again within this time after an answer [s]
+ON_THE_WAY = 0.25  # frames that were sent before a question may come so much later than its answer goes out [s]
 HELD_BACK = 10.0  # no answer is held back longer than this [s]
 _LONGEST_FRAME_NS = round(LENGTH_LIMITS[1] * NS)
 _LOOK_EVERY = 0.1  # at what has changed [s]
@@ -133,12 +134,12 @@ class Positions:
     def waits(self, sender: str, heard: float) -> bool:
         """Whether a session that sends waits for an answer, or has not gone on, and may ask again soon.
 
-        heard  when the newest frame of its other streams came, on the monotonic clock: after the newest answer, the
-               session has gone on [s]
+        heard  when the newest frame of its other streams came, on the monotonic clock: well after the newest answer,
+               the session has gone on [s]
         """
         with self._lock:
             answered = self._answered.get(sender, float("-inf"))
-            asks_again = heard <= answered and self._clock() - answered < BETWEEN_QUESTIONS
+            asks_again = heard - answered <= ON_THE_WAY and self._clock() - answered < BETWEEN_QUESTIONS
             return asks_again or any(by == sender for _, _, _, by in self._open.values())
 
     def reached(self, stream: str, number: int) -> None:

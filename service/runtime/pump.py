@@ -22,6 +22,7 @@ _STARVED = 0.25  # a turn of the loop that takes longer was held up: the rest of
 _IDLE_FACTOR = 2.5  # silence, in frames, that cannot be mere jitter
 _SLOWEST = 60.0  # no stream is waited for longer than this [s]
 JOINED = 3.0  # a stream just joined may have channels that nobody knows of; they are awaited for so long [s]
+_FORGET = 0.5 ** (1 / 1000)  # of the slowest frame with each that comes: half in a thousand
 _MOST_STREAMS = 4096  # whose rhythm is known
 _MOST_CHANNELS = 256  # of one stream
 _TOGETHER_NS = NS  # channels of one burst end within this time, beyond the length of a frame
@@ -34,6 +35,7 @@ class _Heard:
 
     end: int = 0  # of the newest frame [ns]
     received: float = 0.0  # when that came, on the monotonic clock [s]
+    waited: float = 0.0  # how long the sender had waited for answers by then [s]
     late_since: float | None = None  # when the others were first seen to have gone on without it, on the pump's clock
     ended: bool = False  # waited for in vain; not waited for again until it sends
     publishers: Publishers = field(default_factory=Publishers)
@@ -73,6 +75,7 @@ class _Rhythm:
         self.first = self.newest = now
         self.sender: str | None = None  # the session that the newest frame came from
         self._looked = now
+        self._waited = 0.0  # how long the sender has waited for answers [s]
 
     def note(self, frame: Frame, received: float, now: float) -> None:
         """A frame has come.
@@ -88,15 +91,17 @@ class _Rhythm:
             return
         heard = self._heard.setdefault(label, _Heard())
         if abs(frame.start_time_ns - heard.end) < 0.5 * NS:
-            self._slowest = max(self._slowest, min(received - heard.received, _SLOWEST))
+            taken = received - heard.received - (self._waited - heard.waited)
+            self._slowest = max(_FORGET * self._slowest, min(taken, _SLOWEST))
             self._seen += 1
-        heard.end, heard.received = frame.end_time_ns, received
+        heard.end, heard.received, heard.waited = frame.end_time_ns, received, self._waited
         heard.late_since, heard.ended = None, False
 
     def look(self, now: float, waits: bool) -> None:
         """A look at the stream; the time since the last one is no silence where its sender waits for an answer."""
         if waits:
             self.newest = min(self.newest + now - self._looked, now)
+            self._waited += now - self._looked
         self._looked = now
 
     def note_publisher(self, label: str, source: str, received: float) -> tuple[str, str] | None:

@@ -112,6 +112,11 @@ class Reception:
         """Lets an asset's windows close without the channels that have fallen silent."""
         self._of(asset).assembler.wait_only_for(labels)
 
+    def hold(self, asset: str, label: str, on: bool) -> None:
+        """Lets the frames of a channel that lie behind a gap wait for those before it; or no longer."""
+        if asset in self._assets:
+            self._assets[asset].assembler.hold(label, on)
+
     def channels(self, asset: str) -> Collection[str]:
         """The channels that an asset's windows wait for."""
         return self._of(asset).assembler.channels

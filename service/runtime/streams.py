@@ -61,6 +61,7 @@ class Streams:
         self._unavailable, self._unknown = unavailable, unknown or UnknownAssets()
         self._life, self._consumer, self._retired = life, consumer, retired
         self.moved: Callable[[str], None] = lambda stream: None  # called with a stream of which something has come
+        self.fed: Callable[[Channel, str], None] = lambda channel, asset: None  # called with each frame's
         self._routes = life.routes()
         self._clock = clock
         self._retirements: dict[str, _Retirement] = {}
@@ -93,6 +94,7 @@ class Streams:
             self._leave_out_retired(asset, frame)
             return
         self._consumer.feed(frame if asset == stream else replace(frame, channel=frame.channel._replace(asset=asset)))
+        self.fed(frame.channel, asset)
 
     def reject(self, channel: Channel, error: FrameError) -> None:
         """Hands on that a frame breaks the contract."""

@@ -27,6 +27,7 @@ from service.runtime.asset_twins import AssetTwins
 from service.runtime.changes import ChangeWorker
 from service.runtime.computing_here import ComputingOf, computing_here
 from service.runtime.decisions import DecisionWorker
+from service.runtime.first_frames import FirstFrames
 from service.runtime.intake import Intake
 from service.runtime.lane import Lane
 from service.runtime.lanes import LEFT_OUT, Lanes
@@ -319,12 +320,10 @@ class Worker(threading.Thread):
             unknown=kept.unknown,
         )
         streams.moved = positions.moved
+        first_frames = FirstFrames(reception, transport, self._inbox.ask)
+        streams.fed = first_frames.fed
 
-        def settled(asset: str) -> None:
-            for stream in streams.streams_of(asset):
-                positions.moved(stream)
-
-        spool.settled = settled
+        spool.settled = lambda asset: [positions.moved(stream) for stream in streams.streams_of(asset)]
         decisions = DecisionWorker(kept.decisions, reception, lanes, store, board, publication, kept.alarms)
         changes = ChangeWorker(
             kept.changes, reception, lanes, store, life, board, publication,
@@ -339,6 +338,7 @@ class Worker(threading.Thread):
             self._look_at_link(transport)
             self._look_after(spool, lanes, storage_status, publication)
             positions()
+            first_frames()
             for part in (questions, decisions, changes, watch):
                 storage.attempt(part)
             for asset in kept.alarms.changed_by_people() if kept.alarms else ():

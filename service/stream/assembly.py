@@ -176,6 +176,11 @@ class Assembler:
             if label not in sending and not lane.queue and not lane.released:
                 lane.silent = True
 
+    def hold(self, label: str, on: bool) -> None:
+        """Lets the frames of a key that lie behind a gap wait for those before it, whatever comes; or no longer."""
+        if label in self._lanes:
+            self._lanes[label].holds = on
+
     def expect(self, labels: Iterable[str]) -> None:
         """Waits for these channels too before the first window; slow ones are never waited for."""
         for label in labels:

@@ -2,7 +2,8 @@
 
 A frame leaves when the one before it has left. Where a number is missing, the frames behind it wait
 until it comes, until as many frames as prove the gap real have come in good order (`settle`), or
-until patience ends. The same holds for the first frame seen, since a lower one may still come.
+until patience ends; neither counts while the missing frames are being asked for. The same holds for
+the first frame seen, since a lower one may still come.
 
 A frame that lies before those released and is none of them contradicts the key's clock; the assembler decides what
 becomes of it.
@@ -40,6 +41,7 @@ class Lane:
     newest_arrival: int | None = None
     highest: int | None = None
     run: int = 0  # arrivals in good order, up to the newest: a shuffled stream has no long run
+    holds: bool = False  # the frames before a gap have been asked for: those behind it wait for the answer
     silent: bool = False  # nothing has come for so long that others no longer wait for it
     pending_bytes: int = 0
     left_out: int = 0  # frames that had come and were left out for want of room: their numbers will be missing
@@ -87,10 +89,11 @@ class Lane:
         """Lets go what is contiguous or has waited long enough; answers what was given up, by kind."""
         given_up = {LOST: 0, TIME_JUMP: 0, SEQUENCE_JUMP: 0, CONFLICT: 0}
         taken = 0
+        self.holds = self.holds and not force
         while taken < len(self.queue):
             start, sequence, frame = self.queue[taken]
             waiting = len(self.queue) - taken
-            patient = not (force or waiting >= self.patience or self.run >= self.settle)
+            patient = self.holds or not (force or waiting >= self.patience or self.run >= self.settle)
             lost = 0
             if self._is_anothers(taken):
                 given_up[CONFLICT] += 1

@@ -38,6 +38,13 @@ class Transport(Protocol):
         """Puts every frame of every asset into the inbox until left."""
         ...
 
+    def ask_again(self, channel: Channel, seconds: float, done: Callable[[], None]) -> None:
+        """Has publishers send the frames of a channel that they still hold into the inbox; does not wait for them.
+
+        done  called once, by any thread, when all have come or the time is over [s]
+        """
+        ...
+
     def answer_states(self, source: StateSource) -> AbstractContextManager[object]:
         """Answers queries for states and alarms until left."""
         ...

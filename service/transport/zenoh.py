@@ -74,6 +74,7 @@ class ZenohTransport:
     def __init__(self, session: zenoh.Session, prefix: str = PREFIX, connect: Sequence[str] = ()):
         self._session, self._prefix, self._connect = session, prefix, tuple(connect)
         self._guard = Guard()
+        self._inbox: Inbox | None = None  # of the subscription
         self._missed = 0  # samples that a publisher's cache no longer held
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._looking = threading.Lock()  # at the routers: a session shows them to one thread at a time
@@ -102,6 +103,7 @@ class ZenohTransport:
         def missed(miss: zenoh.ext.Miss) -> None:
             self._missed += miss.nb
 
+        self._inbox = inbox
         with ExitStack() as stack:
             for kind in CHANNEL_KINDS:
                 subscriber = zenoh.ext.declare_advanced_subscriber(
@@ -117,6 +119,24 @@ class ZenohTransport:
                 stack.callback(listener.undeclare)
             stack.callback(inbox.close)
             yield self
+
+    def ask_again(self, channel: Channel, seconds: float, done: Callable[[], None]) -> None:
+        """Asks the caches of a key's publishers, as a subscriber does that joins."""
+        inbox = self._inbox
+        assert inbox is not None
+
+        def received(reply: zenoh.Reply) -> None:
+            if (sample := reply.ok) is not None:
+                inbox.guarded(lambda: str(sample.key_expr), sample.payload.to_bytes, lambda: _publisher_of(sample))
+
+        self._session.get(
+            f"{topic_of(channel, self._prefix)}/@adv/**?_max={_HISTORY}",
+            zenoh.handlers.Callback(received, done),
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            timeout=seconds,
+        )
 
     @contextmanager
     def answer_states(self, source: StateSource) -> Iterator[None]:

@@ -9,6 +9,7 @@ from service.errors import FrameError, StorageUnavailable
 from service.runtime.intake import Intake
 from service.runtime.learning_phase import LearningPhase
 from service.runtime.pipeline import Pipeline
+from service.runtime.reception import Reception
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.twin_port import Answer, Twin
 from twin.rig import Rig
@@ -42,6 +43,21 @@ def test_first_window_has_the_channels_that_begin_last():
     intake.flush(ASSET)
     assert len(outcomes) == 2
     assert set(outcomes[0].window.encoders) == {"pinion", "gear"} and outcomes[0].window.torques
+
+
+def test_frames_that_are_held_to_learn_the_channels_have_come():
+    """A gateway was told that they had not, and held up all its other machines for 1.5 s."""
+    intake = Intake(
+        Reception(lambda asset: Rig.from_mapping({}), lambda closed: None), lambda asset: None, clock=lambda: 0.0
+    )
+    frames = bursts(2)
+    for frame in frames:
+        intake.feed(frame)
+    found = intake.position(ASSET)
+    assert found.unsettled_from_ns == frames[0].start_time_ns
+    assert {label: (each.sequence, each.start_ns) for label, each in found.channels.items()} == {
+        frame.channel.label: (frame.sequence, frame.start_time_ns) for frame in frames
+    }
 
 
 def test_held_frames_of_an_asset_are_bounded():

@@ -62,6 +62,30 @@ def test_a_stream_that_has_just_been_joined_may_have_more_channels():
     assert rhythm.is_over(rhythm.awaited((), 54.0), 54.0)
 
 
+def test_one_interruption_does_not_delay_the_windows_of_all_days_to_come():
+    rhythm, now = _Rhythm(0.2, WAIT, 0.0), 100.0
+    frames = [frame(ACCEL, number, number * LENGTH) for number in range(10_000)]
+    for number, f in enumerate(frames):
+        now += 9.0 if number == 100 else 0.05
+        rhythm.note(f, now, now)
+        if number == 101:
+            assert rhythm.limit > 20.0
+    assert rhythm.limit < 0.5
+
+
+def test_how_long_a_sender_waits_for_answers_says_nothing_of_the_silence_between_frames():
+    rhythm, now = _Rhythm(0.2, WAIT, 0.0), 100.0
+    for number in range(100):
+        if number == 50:
+            for _ in range(90):
+                now += 0.1
+                rhythm.look(now, waits=True)
+        now += 0.05
+        rhythm.note(frame(ACCEL, number, number * LENGTH), now, now)
+        rhythm.look(now, waits=False)
+    assert rhythm.limit < 0.5
+
+
 # -- the pump ------------------------------------------------------------------------------------------
 
 

@@ -1,0 +1,120 @@
+"""The first frame of each key after a start, held against the newest that is stored of it.
+
+Whoever joins a network is given what publishers still hold, and nobody says whether that was all of it: an answer that
+takes too long ends early, and may leave out whole keys. Where the first frame of a key does not follow the newest one
+that is stored, publishers are asked for that key once more, and what lies behind the gap waits until they have
+answered. They are asked, too, where nothing of a key has come that others of its stream have gone on without. What is
+missing after that is gone: it is a fault of the window that it was of.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterable
+from typing import NamedTuple, Protocol
+
+from service.runtime.reception import Reception
+from service.stream.channels import CHANNEL_KINDS
+from service.stream.wire.topics import Channel
+
+log = logging.getLogger(__name__)
+
+ANSWER_WAIT = 10.0  # for the publishers of one key [s]
+BEHIND_OTHERS = 1.0  # what comes of a key so long after the first of its stream is no matter of the network's order [s]
+_MOST_KEYS = 2**16  # whose first frame has been seen
+
+
+class Caches(Protocol):
+    """What is needed of a `Transport`."""
+
+    def ask_again(self, channel: Channel, seconds: float, done: Callable[[], None]) -> None: ...
+
+
+class _Held(NamedTuple):
+    """A key whose frames wait."""
+
+    asset: str
+    until: float  # on the monotonic clock [s]
+
+
+class FirstFrames:
+    """Looks at the first frame of each key.
+
+    behind  puts a call behind the frames of a stream that have come; where there is no room for it, it is not made
+    """
+
+    def __init__(
+        self,
+        reception: Reception,
+        caches: Caches,
+        behind: Callable[[str, Callable[[], None]], object],
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._reception, self._caches, self._behind, self._clock = reception, caches, behind, clock
+        self._seen: set[Channel] = set()
+        self._begun: set[str] = set()  # streams
+        self._held: dict[Channel, _Held] = {}
+        self._missing: dict[Channel, float] = {}  # keys of which nothing has come, and when they are asked for [s]
+
+    def fed(self, channel: Channel, asset: str) -> None:
+        """A frame of a stream's channel has been handed to the asset that the stream belongs to."""
+        if channel in self._seen or len(self._seen) >= _MOST_KEYS or CHANNEL_KINDS[channel.kind].slow:
+            return
+        begins = channel.asset not in self._begun
+        self._seen.add(channel)
+        self._begun.add(channel.asset)
+        self._missing.pop(channel, None)
+        position = self._reception.position(asset)
+        if position is None:
+            return
+        if begins:
+            self._await(channel.asset, position.channels)
+        found = position.channels.get(channel.label)
+        if found is None or not found.missing:
+            return
+        first, last = found.missing[0]
+        log.info(
+            "%s: frames %d to %d of %s have not come: their publishers are asked once more",
+            asset, first, last, channel.label, extra={"asset": asset},
+        )  # fmt: skip
+        self._reception.hold(asset, channel.label, True)
+        self._held[channel] = _Held(asset, self._clock() + 2 * ANSWER_WAIT)
+        self._caches.ask_again(channel, ANSWER_WAIT, lambda: self._answered(channel))
+
+    def __call__(self) -> None:
+        """Asks for keys that others have gone on without, and lets go on what has waited too long for an answer.
+
+        Called between frames.
+        """
+        if not self._held and not self._missing:
+            return
+        now = self._clock()
+        for channel in [channel for channel, due in self._missing.items() if due < now]:
+            del self._missing[channel]
+            log.info(
+                "%s: nothing of %s has come since the start: its publishers are asked once more",
+                channel.asset, channel.label, extra={"asset": channel.asset},
+            )  # fmt: skip
+            self._caches.ask_again(channel, ANSWER_WAIT, lambda: None)
+        for channel in [channel for channel, held in self._held.items() if held.until < now]:
+            self._go_on(channel)
+
+    def _await(self, stream: str, labels: Iterable[str]) -> None:
+        """Something of a stream has come: all its channels that make windows are to follow."""
+        due = self._clock() + BEHIND_OTHERS
+        for label in labels:
+            kind, _, name = label.partition("/")
+            channel = Channel(stream, kind, name)
+            if channel not in self._seen and not CHANNEL_KINDS[kind].slow:
+                self._missing[channel] = due
+
+    def _answered(self, channel: Channel) -> None:
+        """All that publishers still have lies in the stream's queue; called by any thread."""
+        self._behind(channel.asset, lambda: self._go_on(channel))
+
+    def _go_on(self, channel: Channel) -> None:
+        held = self._held.pop(channel, None)
+        if held is not None:
+            self._reception.hold(held.asset, channel.label, False)
