@@ -151,9 +151,9 @@ class Positions:
 
     # -- publication ---------------------------------------------------------------------------------
 
-    def moved(self, stream: str) -> None:
-        """Something of a stream has come, or has been stored."""
-        self._moved.add(stream)
+    def moved(self, *streams: str) -> None:
+        """Something of some streams has come, or has been stored."""
+        self._moved.update(streams)
 
     def __call__(self) -> None:
         """Publishes what has changed, and answers what was held back; called between frames by who feeds them."""

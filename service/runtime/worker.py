@@ -323,7 +323,7 @@ class Worker(threading.Thread):
         first_frames = FirstFrames(reception, transport, self._inbox.ask)
         streams.fed = first_frames.fed
 
-        spool.settled = lambda asset: [positions.moved(stream) for stream in streams.streams_of(asset)]
+        spool.settled = lambda asset: positions.moved(*streams.streams_of(asset))
         decisions = DecisionWorker(kept.decisions, reception, lanes, store, board, publication, kept.alarms)
         changes = ChangeWorker(
             kept.changes, reception, lanes, store, life, board, publication,
