@@ -32,6 +32,8 @@ class Costs:
     sleep: float = 0.0  # in place of a step: a twin that only sleeps, for many assets at once
     database: float = 0.0  # one transaction, without a core
     close: float = 0.0  # silence after which a window is closed
+    asked_every: float = 0.0  # how often the publisher of many assets asks how far they are stored; 0: never
+    asking: float = 0.0  # what follows a question and counts as no silence
     detect: float = 5.0  # until the loss of a node is known
     restart: float = 5.0  # processor time of a partition's start
     restart_wait: float = 0.0  # of the same, without a core
@@ -140,7 +142,7 @@ class Model:
                 self._partitions[asset % plan.partitions].warm.add(asset)
             for ended in np.arange(phase, plan.seconds, plan.period):
                 window = _Window(asset, float(ended))
-                self._at(window.ended + self._costs.close, partial(self._close, window))
+                self._at(window.ended + self._silence(), partial(self._close, window))
         if plan.lose_at is not None:
             self._at(plan.lose_at, self._lose)
         while self._events:
@@ -152,6 +154,18 @@ class Model:
             late = result.ended < plan.lose_at + result.served
             result.drained = float(np.max(result.committed[late], initial=plan.lose_at)) - plan.lose_at
         return result
+
+    def _silence(self) -> float:
+        """How long after its last frame a window is closed."""
+        costs = self._costs
+        if not costs.asked_every:
+            return costs.close
+        ended, counted, next_question = 0.0, 0.0, float(self._rng.uniform(0.0, costs.asked_every))
+        while counted + next_question - ended < costs.close:
+            counted += next_question - ended
+            ended = next_question + costs.asking
+            next_question += costs.asked_every
+        return ended + costs.close - counted
 
     # -- windows -------------------------------------------------------------------------------------
 

@@ -26,6 +26,7 @@ from benchmarks.fleet_plant import (
     SETTLED_WITHIN,
     TESTS,
     Plant,
+    Spent,
     killed,
     postgresql,
     program,
@@ -88,7 +89,7 @@ class Found:
     """What a run has shown."""
 
     lags: Array  # of results behind windows, before any loss [s]
-    windows: int
+    windows: int  # and what follows, before any loss
     seconds: float
     spent: dict[str, float]  # processor time by group [s]
     written: dict[str, float]  # by the database: transactions, bytes of its log
@@ -182,9 +183,9 @@ class RealFleet:
             self._write(path, load, p, start_ns)
         said = {p: self._folder / f"publisher{self._runs}-{p}.txt" for p in paths}
         sent = {p: self._folder / f"sent{self._runs}-{p}.json" for p in paths}
-        watch = Slower()
+        watch, had = Slower(), self._windows
         spent, written, begun = self.plant.spent(), self.plant.written(), time.monotonic()
-        lost_at = None
+        before_loss, lost_at = None, None
         with ExitStack() as stack:
             running = []
             for p, path in paths.items():
@@ -193,6 +194,7 @@ class RealFleet:
                 stack.callback(killed, running[-1])
             if load.lose_at is not None:
                 time.sleep(load.lose_at)
+                before_loss = self._so_far(begun)
                 tokens = [row["token"] for row in self.plant.census().rows]
                 lost_at = time.time()
                 gone = self._kill_node()
@@ -200,8 +202,7 @@ class RealFleet:
             wait_until(lambda: _all_sent(running, sent.values()), SETTLED_WITHIN, "the publishers")
             self._windows += load.assets * load.windows
             self.plant.await_windows(self._windows)
-        seconds = time.monotonic() - begun
-        used, wrote = self.plant.spent(), self.plant.written()
+        count, seconds, used, wrote = before_loss or self._so_far(begun)
         ended, committed = self._times(start_ns, {p: json.loads(path.read_text()) for p, path in sent.items()})
         before = np.ones(ended.size, bool) if lost_at is None else committed < lost_at
         recovery = {}
@@ -209,9 +210,13 @@ class RealFleet:
             late = ended < lost_at + served
             recovery = {"served": served, "drained": float(np.max(committed[late])) - lost_at}
         return Found(
-            lags=(committed - ended)[before], windows=load.assets * load.windows, seconds=seconds,
+            lags=(committed - ended)[before], windows=count - had, seconds=seconds,
             spent=used.since(spent), written=_since(wrote, written), slower=watch.end(), **recovery,
         )  # fmt: skip
+
+    def _so_far(self, begun: float) -> tuple[int, float, Spent, dict[str, float]]:
+        """Windows that are committed, the time since the begin [s], what is spent and written."""
+        return self.plant.windows(), time.monotonic() - begun, self.plant.spent(), self.plant.written()
 
     def _write(self, path: Path, load: Load, partition: int, start_ns: int) -> None:
         """The recording of a partition's assets, in the order of time."""

@@ -30,6 +30,8 @@ from benchmarks.fleet_model import Array, Costs, Model, Plan, Result
 from benchmarks.fleet_plant import campaign
 from benchmarks.fleet_real import IDLE_TIMEOUT, NODES, STEP, Found, Load, Slower, fleet
 from benchmarks.fleet_real import PARTITIONS as REAL_PARTITIONS
+from service.runtime.delivery import ASK_EVERY
+from service.runtime.positions import ON_THE_WAY
 
 CALIBRATION = Load(assets=50, period=10.0, windows=3)
 REAL = (
@@ -182,8 +184,8 @@ def real() -> None:
         slow = found.slower
         costs = Costs(
             receive=own / 2 * slow, commit=own / 2 * slow, warm=np.zeros(1), cold=np.zeros(1), sleep=STEP,
-            database=database, close=IDLE_TIMEOUT + TICK / 2, detect=DETECT, restart=processor * slow,
-            restart_wait=restart_wait,
+            database=database, close=IDLE_TIMEOUT + TICK / 2, asked_every=ASK_EVERY, asking=ON_THE_WAY + TICK,
+            detect=DETECT, restart=processor * slow, restart_wait=restart_wait,
         )  # fmt: skip
         plan = Plan(
             assets=load.assets, period=load.period, partitions=REAL_PARTITIONS, nodes=NODES,
@@ -247,7 +249,8 @@ def costs_of(steps: Steps, fleets: Fleets, *, traced: bool = False) -> Costs:
     return Costs(
         receive=fleets.own / 2, commit=fleets.own / 2, warm=later + fleets.over_step,
         cold=later.mean() + steps.cold + fleets.over_step if traced else steps.cold + fleets.over_step,
-        database=fleets.commit, close=CLOSE, detect=DETECT, restart=fleets.restart, restart_wait=fleets.restart_wait,
+        database=fleets.commit, close=CLOSE, asked_every=ASK_EVERY, asking=ON_THE_WAY + TICK, detect=DETECT,
+        restart=fleets.restart, restart_wait=fleets.restart_wait,
     )  # fmt: skip
 
 

@@ -40,7 +40,7 @@ AGENT_PORTS = (
 ROOM = "partition"  # the resource of which a node has one for each partition that it may serve
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_DEDUP_LOGS": "0",
+    "RAY_DEDUP_LOGS_SKIP_REGEX": ".",
     "RAY_raylet_start_wait_time_s": str(int(STARTED_WITHIN)),
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_health_check_initial_delay_ms": "5000",
@@ -48,7 +48,8 @@ QUIET = {
     "RAY_health_check_timeout_ms": "3000",
     "RAY_health_check_failure_threshold": "5",
 }
-"""No report to Ray's makers, time enough for a start on a busy machine, and a node that is gone is known after 5 s.
+"""No report to Ray's makers, none of its own lines beside those of `fleet up`, time enough for a start on a busy
+machine, and a node that is gone is known after 5 s.
 
 A node that was only slow is replaced as well: its partitions are given to others, and it commits nothing more.
 """

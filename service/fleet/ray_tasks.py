@@ -26,6 +26,7 @@ CONNECT_WAIT = 5.0  # for a cluster [s]
 STORE_BYTES = 80 * 2**20  # of shared memory: arguments and answers of calls are small
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_DEDUP_LOGS_SKIP_REGEX": ".",  # lines about a process that has ended: its call is carried out again
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # else a warning about machines without accelerators
 }
 ALONE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}  # every port is of the loopback interface, as on those systems
