@@ -33,9 +33,10 @@ from service.results.decision_queue import DecisionQueue
 from service.results.storage_faults import storage_error
 from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
+from service.runtime.all_figures import figures_of
 from service.runtime.begun import rules_of
 from service.runtime.http_server import HttpServer, address_of, listening_at
-from service.runtime.serve import figures_of, turns_of
+from service.runtime.serve import turns_of
 from service.runtime.storage_wait import StoppedWaiting, opened
 from service.settings import Settings
 

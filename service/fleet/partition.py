@@ -28,15 +28,16 @@ from service.operation.health import Health
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
 from service.results.sql_store import SqlStore
+from service.results.storage_faults import is_away
+from service.runtime.all_figures import database_figures, figures_of
 from service.runtime.begun import Begun, OpenStore
+from service.runtime.by_settings import twin_of, zenoh_of
 from service.runtime.computing import Computing
 from service.runtime.computing_here import computing_here
 from service.runtime.raw_recorder import recording_raw
 from service.runtime.retention_job import RetentionJob, retention_of
 from service.runtime.rigs import GivenRigs
-from service.runtime.serve import database_figures, figures_of, twin_of, zenoh_of
 from service.runtime.signal_writer import SignalWriter
-from service.runtime.storage_wait import is_away
 from service.runtime.twin_port import Twin
 from service.runtime.webhooks import WebhookSender
 from service.runtime.worker import Worker

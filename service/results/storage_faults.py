@@ -82,3 +82,8 @@ def _meaning(error: BaseException) -> tuple[StorageFault | None, bool]:
         return ("connection lost", False) if type(error).__name__ == "OperationalError" else (None, False)
     fault = next((POSTGRESQL_FAULTS[state[:n]] for n in (5, 3, 2) if state[:n] in POSTGRESQL_FAULTS), None)
     return fault, state in POSTGRESQL_DAMAGED
+
+
+def is_away(error: BaseException) -> bool:
+    """Whether the database's server does not answer now, or its tables are yet to be brought to this release."""
+    return isinstance(error, StorageUnavailable) and error.reason in ("connection lost", "another release")

@@ -14,10 +14,7 @@ from contextlib import AbstractContextManager, ExitStack, suppress
 from functools import partial
 
 from service.api import create_app
-from service.api.collector import Figures
 from service.api.incoming import Incoming
-from service.errors import StoreError
-from service.logs import figures as log_figures
 from service.operation.health import HTTP, RETENTION, WEBHOOKS, Health
 from service.operation.health import SIGNALS as RAW_SIGNALS
 from service.operation.systemd import READY, STOPPING, Watchdog, notify
@@ -26,11 +23,12 @@ from service.operation.timing import Timing
 from service.results.audit_log import AuditLog
 from service.results.data_folder import database_of, only_service_of
 from service.results.sql_store import SqlStore
-from service.results.store import ResultStore
 from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
+from service.runtime.all_figures import database_figures, figures_of
 from service.runtime.begun import Begun, OpenStore
 from service.runtime.bridging import bridges_of
+from service.runtime.by_settings import twin_of, zenoh_of
 from service.runtime.http_gate import GatedSocket
 from service.runtime.http_server import Front, HttpServer, address_of, listening_at
 from service.runtime.raw_recorder import recording_raw
@@ -38,15 +36,13 @@ from service.runtime.retention_job import RetentionJob, retention_of
 from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.storage_wait import StoppedWaiting, opened
-from service.runtime.twin_port import Twin, gear_twin
+from service.runtime.twin_port import Twin
 from service.runtime.webhooks import WebhookSender
 from service.runtime.worker import Kept, Worker
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
 
 log = logging.getLogger(__name__)
-
-CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
 
 
 def run(
@@ -144,19 +140,6 @@ def _incoming_of(worker: Worker, kept: Kept, rigs: Rigs) -> Incoming:
     return Incoming(unknown=kept.unknown, proposals=rigs.proposals, position=worker.position, propose=rigs.propose)
 
 
-def figures_of(*parts: Callable[[], Figures]) -> Callable[[], Figures]:
-    """The figures of some parts and of the log together, for /metrics."""
-    return lambda: {key: value for figures in (*parts, log_figures) for key, value in figures().items()}
-
-
-def database_figures(store: ResultStore) -> dict[str, float]:
-    """Figures of the database for /metrics; none while it cannot be used."""
-    try:
-        return {"store_bytes": store.database.size()}
-    except (StoreError, OSError):
-        return {}
-
-
 def _opened(
     settings: Settings,
     given_rigs: GivenRigs,
@@ -176,39 +159,3 @@ def _opened(
         waits=partial(notify, READY),
         stop=stop,
     )
-
-
-def twin_of(settings: Settings) -> Twin:
-    """The twin itself with the options of the settings."""
-    from service.files.detectability import nulls_of
-    from twin.options import Options
-
-    baseline = relation = None
-    if settings.baseline is not None:
-        from service.files.baseline import read_baseline
-
-        baseline = read_baseline(settings.baseline)
-    if settings.relation is not None:
-        from service.files.relation import read_relation
-
-        relation = read_relation(settings.relation)
-    return gear_twin(
-        Options(
-            update=settings.update,
-            error_threshold=settings.error_threshold,
-            trace=settings.trace,
-            false_alarm_rate=settings.false_alarm_rate,
-            nulls=nulls_of(settings.detectability),
-            baseline=baseline,
-            relation=relation,
-            status_limits=settings.status_limits,
-        )
-    )
-
-
-def zenoh_of(settings: Settings) -> OpenTransport:
-    """Zenoh at the endpoints of the settings."""
-    from service.transport.zenoh import open_zenoh
-
-    links = settings.zenoh_links
-    return partial(open_zenoh, settings.listen, settings.connect, settings.prefix, CONNECT_WAIT, links)

@@ -18,6 +18,7 @@ from service.api.headers import SafeHeaders
 from service.api.limits import Bounds, Limits
 from service.api.problems import problem
 from service.errors import StorageUnavailable
+from service.results.storage_faults import is_away
 from service.runtime.http_gate import GatedSocket
 from service.runtime.http_server import Front, HttpServer
 
@@ -90,11 +91,6 @@ def opened(
         raise outcome
     log.warning("the database can be used now")
     return outcome
-
-
-def is_away(error: BaseException) -> bool:
-    """Whether the database's server does not answer now, or its tables are yet to be brought to this release."""
-    return isinstance(error, StorageUnavailable) and error.reason in ("connection lost", "another release")
 
 
 def _saying(reason: str, limits: Limits) -> ASGIApp:
