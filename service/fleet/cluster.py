@@ -48,7 +48,7 @@ QUIET = {
     "RAY_health_check_timeout_ms": "3000",
     "RAY_health_check_failure_threshold": "5",
 }
-"""No report to Ray's makers, none of its own lines beside those of `fleet up`, time enough for a start on a busy
+"""No report to Ray's makers, none of its own lines among those of `fleet up`, time enough for a start on a busy
 machine, and a node that is gone is known after 5 s.
 
 A node that was only slow is replaced as well: its partitions are given to others, and it commits nothing more.
