@@ -30,13 +30,13 @@ router = APIRouter(prefix="/v1", tags=["unknown assets"], route_class=Guarded)
 class Incoming:
     """What the app knows of the network's side.
 
-    position  how far a stream is stored, as it was published last; why that is not known here, where it is not
+    position  how far a stream is stored, as it was published last
     propose   makes a rig file that was offered for an asset a proposal, where it is another one
     """
 
     unknown: UnknownList = field(default_factory=UnknownAssets)
     proposals: ProposalList = field(default_factory=RigProposals)
-    position: Callable[[str], PositionModel | str] = not_connected
+    position: Callable[[str], PositionModel] = not_connected
     propose: Callable[[str, Mapping[str, Any]], None] = lambda asset, rig: None
 
 
@@ -135,7 +135,7 @@ def dismiss(request: Request, asset: str, given: Reason) -> Any:
     return JSONResponse({"asset": asset})
 
 
-@router.get("/assets/{asset}/position", response_model=PositionModel, responses=responses(404, 422, 501))
+@router.get("/assets/{asset}/position", response_model=PositionModel, responses=responses(404, 422))
 @needs(Role.read)
 def position(request: Request, asset: str) -> Any:
     """How far a stream is stored, and whether and why its frames are left out; the same JSON as on Zenoh."""
@@ -143,8 +143,7 @@ def position(request: Request, asset: str) -> Any:
     known = request.app.state.board.get(asset) is not None
     if not known and incoming.unknown.find(asset) is None and asset not in request.app.state.changes.life.routes():
         return _not_listed(request, asset)
-    found = incoming.position(asset)
-    return problem(request, 501, found) if isinstance(found, str) else JSONResponse(found.model_dump(mode="json"))
+    return JSONResponse(incoming.position(asset).model_dump(mode="json"))
 
 
 def _unknown(request: Request) -> UnknownList:

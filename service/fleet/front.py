@@ -23,6 +23,7 @@ from service.fleet.databases import engine_of, made
 from service.fleet.front_board import FleetBoard
 from service.fleet.front_incoming import FleetProposals, FleetUnknown
 from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetLife, FleetSignals, baselines_of
+from service.fleet.front_position import FleetPositions
 from service.fleet.front_store import FleetStore
 from service.fleet.front_watch import FrontWatch
 from service.fleet.layout import Layout, layout_of, schema_of
@@ -150,14 +151,9 @@ def serve_front(
 
 def _incoming_of(settings: Settings, own: FrontEnd) -> Incoming:
     """What the workers have written of the network's side. What a worker proposes, it proposes itself."""
-
-    def position(asset: str) -> str:
-        key = f"{own.layout.prefix_of(own.store.places.partition_of(asset), settings.prefix)}/{asset}/twin/position"
-        return f"a front end does not know how far a stream is stored; the worker answers it on Zenoh, at {key}"
-
     asks = settings.rule_of_new_assets[0] == "ask"
     unknown = FleetUnknown(own.store, asks, own.watch.of_workers)
-    return Incoming(unknown=unknown, proposals=FleetProposals(own.store), position=position)
+    return Incoming(unknown=unknown, proposals=FleetProposals(own.store), position=FleetPositions(own.store).of)
 
 
 def _prepared(database: str) -> Layout:

@@ -293,7 +293,8 @@ def test_a_restart_knows_the_new_name_and_the_old_one(tmp_path, network, first):
         send(network, write_recording(tmp_path / "on.mcap", WINDOWS + 1))
         assert revolutions(running.wait_for_windows(WINDOWS + 1, "press-7")) == [*FIRST, 2410]
         assert running.get(UNSW) is None
-        assert (tmp_path / "signals" / "press-7").is_dir() and not (tmp_path / "signals" / "unsw").exists()
+        signals = running.folder / "signals"
+        assert (signals / "press-7").is_dir() and not (signals / "unsw").exists()
 
 
 def test_frames_of_a_retired_asset_are_left_out_until_it_is_reinstated(running, network, first, second):

@@ -189,7 +189,8 @@ def test_unknown_assets_wait_at_every_front_end_until_one_adopts_them(tmp_path, 
             "unsw",
             404,
         )
-        assert httpx.get(f"{address}{UNSW}/position").status_code == 501
+        position = httpx.get(f"{address}{UNSW}/position").json()
+        assert not position["accepting"] and "unsw is unknown" in position["reason"]
         adopted = httpx.post(f"{second}/v1/unknown-assets/unsw/adopt", json={"by": "Anna"})
         assert adopted.status_code == 201, adopted.text
         wait_until(lambda: httpx.get(f"{address}/v1/rig-proposals").json() != [])  # it was adopted without its rig file

@@ -99,7 +99,11 @@ def test_a_renamed_asset_is_served_under_all_its_names_and_nowhere_else(tmp_path
         assert [a["asset"] for a in ask.get("/v1/assets").json()] == [NEW]
         decided = ask.post(f"/v1/assets/{NEW}/effects/misalignment", json={"decision": "accept"})
         assert decided.json()["done"] and (decided.json()["id"] - 1) % PARTITIONS == OWN
-        assert own.prefix in ask.get(f"/v1/assets/{NEW}/position").json()["detail"]
+        wait_until(lambda: ask.get("/v1/assets/unsw/position").json()["accepting"])  # the worker has said so
+        position = ask.get("/v1/assets/unsw/position").json()  # of the stream that is routed to it
+        assert position["instance"].startswith(f"partition {OWN}, ")
+        assert position["settled_until_ns"] == position["unsettled_from_ns"] > 1_700_000_000 * 10**9
+        assert {each["sequence"] for each in position["channels"].values()} == {2 * 8 - 1}
         assert {key_of(fleet, name, capsys) for name in ("unsw", NEW)} == {own.prefix}
         publish(second, own.prefix)  # under the old name
         windows_of(NEW, 3)

@@ -120,7 +120,7 @@ def test_a_baseline_is_learned_given_and_removed(tmp_path):
         assert service.signals("bench").windows[-1].index == 4
         shown = service.signal("bench", 4, "spectrum", "accel/b", points=200)
         assert shown.channel == "accel/b" and shown.x.unit == "Hz" and len(shown.x.values) <= 200
-        (file,) = (data / "baselines").iterdir()
+        (file,) = (running.folder / "baselines").iterdir()
         file = file.rename(tmp_path / "copy.baseline")
         assert not service.remove_baseline("bench", by="Ben").own
         assert service.give_baseline("bench", file, by="Ben").by == "Ben"
