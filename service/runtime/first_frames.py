@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol
 
@@ -22,6 +23,7 @@ log = logging.getLogger(__name__)
 
 ANSWER_WAIT = 10.0  # for the publishers of one key [s]
 BEHIND_OTHERS = 1.0  # what comes of a key so long after the first of its stream is no matter of the network's order [s]
+MOST_ASKED = 32  # keys at the same time
 _MOST_KEYS = 2**16  # whose first frame has been seen
 
 
@@ -35,7 +37,7 @@ class _Held(NamedTuple):
     """A key whose frames wait."""
 
     asset: str
-    until: float  # on the monotonic clock [s]
+    until: float = float("inf")  # on the monotonic clock [s]; infinite before its publishers are asked
 
 
 class FirstFrames:
@@ -57,6 +59,8 @@ class FirstFrames:
         self._begun: set[str] = set()  # streams
         self._held: dict[Channel, _Held] = {}
         self._missing: dict[Channel, float] = {}  # keys of which nothing has come, and when they are asked for [s]
+        self._due: deque[Channel] = deque()  # keys that are to be asked for
+        self._asked: set[Channel] = set()  # keys that are being asked for
 
     def fed(self, channel: Channel, asset: str) -> None:
         """A frame of a stream's channel has been handed to the asset that the stream belongs to."""
@@ -80,15 +84,15 @@ class FirstFrames:
             asset, first, last, channel.label, extra={"asset": asset},
         )  # fmt: skip
         self._reception.hold(asset, channel.label, True)
-        self._held[channel] = _Held(asset, self._clock() + 2 * ANSWER_WAIT)
-        self._caches.ask_again(channel, ANSWER_WAIT, lambda: self._answered(channel))
+        self._held[channel] = _Held(asset)
+        self._due.append(channel)
 
     def __call__(self) -> None:
         """Asks for keys that others have gone on without, and lets go on what has waited too long for an answer.
 
         Called between frames.
         """
-        if not self._held and not self._missing:
+        if not (self._held or self._missing or self._due):
             return
         now = self._clock()
         for channel in [channel for channel, due in self._missing.items() if due < now]:
@@ -97,9 +101,19 @@ class FirstFrames:
                 "%s: nothing of %s has come since the start: its publishers are asked once more",
                 channel.asset, channel.label, extra={"asset": channel.asset},
             )  # fmt: skip
-            self._caches.ask_again(channel, ANSWER_WAIT, lambda: None)
+            self._due.append(channel)
+        while self._due and len(self._asked) < MOST_ASKED:
+            self._ask(self._due.popleft(), now)
         for channel in [channel for channel, held in self._held.items() if held.until < now]:
+            self._asked.discard(channel)
             self._go_on(channel)
+
+    def _ask(self, channel: Channel, now: float) -> None:
+        """Has the publishers of a key asked."""
+        if channel in self._held:
+            self._held[channel] = self._held[channel]._replace(until=now + 2 * ANSWER_WAIT)
+        self._asked.add(channel)
+        self._caches.ask_again(channel, ANSWER_WAIT, lambda: self._answered(channel))
 
     def _await(self, stream: str, labels: Iterable[str]) -> None:
         """Something of a stream has come: all its channels that make windows are to follow."""
@@ -112,6 +126,7 @@ class FirstFrames:
 
     def _answered(self, channel: Channel) -> None:
         """All that publishers still have lies in the stream's queue; called by any thread."""
+        self._asked.discard(channel)
         self._behind(channel.asset, lambda: self._go_on(channel))
 
     def _go_on(self, channel: Channel) -> None:

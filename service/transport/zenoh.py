@@ -129,14 +129,17 @@ class ZenohTransport:
             if (sample := reply.ok) is not None:
                 inbox.guarded(lambda: str(sample.key_expr), sample.payload.to_bytes, lambda: _publisher_of(sample))
 
-        self._session.get(
-            f"{topic_of(channel, self._prefix)}/@adv/**?_max={_HISTORY}",
-            zenoh.handlers.Callback(received, done),
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            accept_replies=zenoh.ReplyKeyExpr.ANY,
-            timeout=seconds,
-        )
+        try:
+            self._session.get(
+                f"{topic_of(channel, self._prefix)}/@adv/**?_max={_HISTORY}",
+                zenoh.handlers.Callback(received, done),
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                accept_replies=zenoh.ReplyKeyExpr.ANY,
+                timeout=seconds,
+            )
+        except zenoh.ZError:  # the session has been closed
+            done()
 
     @contextmanager
     def answer_states(self, source: StateSource) -> Iterator[None]:

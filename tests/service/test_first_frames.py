@@ -7,6 +7,7 @@ import zenoh.ext
 from service_streams import free_port, wait_until
 from streams import ACCEL, ASSET, CHANNELS, bursts
 
+from service.runtime import first_frames
 from service.runtime.first_frames import ANSWER_WAIT, BEHIND_OTHERS, FirstFrames
 from service.runtime.reception import Reception
 from service.stream.inbox import Inbox, Marker
@@ -95,6 +96,21 @@ def test_a_key_that_others_have_gone_on_without_is_asked_for():
     assert [channel for channel, _ in began.asked] == [ACCEL]
     began.feed([f for f in began.rest if f.channel == ACCEL])
     assert began.qualities() == ["good", "good"] and len(began.asked) == 1
+
+
+def test_few_keys_are_asked_for_at_the_same_time(monkeypatch):
+    monkeypatch.setattr(first_frames, "MOST_ASKED", 1)
+    began = Began()
+    late = {channel: [f for f in began.rest if f.channel == channel][:20] for channel in CHANNELS[:2]}
+    began.feed([f for f in began.rest if not any(f is e for frames in late.values() for e in frames)])
+    assert len(began.asked) == 1 and began.closed == []
+    for _ in CHANNELS[:2]:
+        channel, done = began.asked[-1]
+        began.feed(late[channel])
+        done()
+        began.behind[-1]()
+        began.first()
+    assert len(began.asked) == 2 and began.qualities() == ["good", "good"] and began.lost == set()
 
 
 def test_an_answer_that_is_lost_holds_nothing_for_good():
