@@ -52,7 +52,8 @@ from service.runtime.demo import free_port
 from service.stream.wire.topics import PREFIX
 
 PARTITIONS, NODES = 2, 1
-AIM, LIMIT = 0.10, 0.25  # of the overhead
+AIM, LIMIT = 0.10, 0.25  # of the overhead over `gear-twin serve`
+LIMIT_OVER_LOOP = 0.6
 SETTLE = 3.0  # after the last window [s]
 IDLE = 20.0  # without a frame [s]
 
@@ -319,12 +320,15 @@ def figures(run: Run) -> list[Figure]:
             what="fleet over serve, workers and engine", value=all_ / one - 1, unit="", aim=AIM, limit=LIMIT,
             note=f"{raw[1] / raw[0] - 1:.2f} at the {rates[1]:.1f} and {rates[0]:.1f} windows/s of this run",
         ),
-        Figure(what="fleet over the plain loop with SQLite", value=ms * all_ / loops["SQLite"] - 1, unit=""),
+        Figure(
+            what="fleet over the plain loop with SQLite", value=ms * all_ / loops["SQLite"] - 1, unit="",
+            aim=AIM, limit=LIMIT_OVER_LOOP, note="missed by what reception, acknowledgement and REST cost in serve, too",
+        ),
         Figure(what="  serve over the same", value=ms * one / loops["SQLite"] - 1, unit=""),
         Figure(
             what="PostgreSQL's server", value=ms * fleet["server"], unit="ms",
             note=f"a window; {fleet['transactions']:.1f} transactions, {fleet['log'] / 1024:.0f} kB of its log, "
-            f"{fleet['size'] / 1024:.0f} kB of tables",
+            f"{fleet['size'] / 1024:.0f} kB of tables before their old rows are reused",
         ),
         Figure(
             what="publishers and router, of the fleet", value=ms * (fleet["publishers"] + fleet["router"]), unit="ms",

@@ -208,7 +208,6 @@ class Fleets:
     server: float  # processor time of the database a window [s]
     transactions: float  # a window
     log: float  # a window [bytes]
-    size: float  # a window [bytes]
     transactions_idle: float  # of a partition a second
     partition_memory: float  # with what computes for it [bytes]
     node_memory: float  # [bytes]
@@ -233,7 +232,6 @@ def measured_fleet(steps: Steps, restart: tuple[float, float], commit: float) ->
         server=a_window["server"],
         transactions=a_window["transactions"],
         log=a_window["log"],
-        size=a_window["size"],
         transactions_idle=run.idle["transactions"] / PARTITIONS,
         partition_memory=(memory["partition"] + memory["computing"]) / PARTITIONS,
         node_memory=memory["node"],
@@ -271,7 +269,7 @@ def sizes(steps: Steps, fleets: Fleets) -> None:
         f"\nmodel: wear alone, a window of 2.5 s at 12.8 kHz each {PERIOD:g} s, {CORES} cores a node, of which at most "
         f"{100 * USED:.0f} % are used\n"
         f"{'assets':>7}{'windows/day':>13}{'partitions':>11}{'nodes':>6}{'cores used':>11}{'memory GB':>10}"
-        f"{'lag median':>11}{'95 %':>7}{'worst':>7}{'trans./s':>9}{'log kB/s':>9}{'tables GB/year':>15}"
+        f"{'lag median':>11}{'95 %':>7}{'worst':>7}{'trans./s':>9}{'log kB/s':>9}"
         f"{'served':>7}{'caught up':>10}"
     )
     for assets in SIZES:
@@ -288,7 +286,7 @@ def sizes(steps: Steps, fleets: Fleets) -> None:
         print(
             f"{assets:>7,}{rate * DAY:>13,.0f}{plan.partitions:>11}{plan.nodes:>6}{used:>11.2f}{memory:>10.1f}"
             f"{result.lag(50):>11.2f}{result.lag(95):>7.2f}{result.lag(100):>7.2f}{transactions:>9.1f}"
-            f"{rate * fleets.log / 1024:>9.0f}{rate * fleets.size * 365 * DAY / 1e9:>15.1f}"
+            f"{rate * fleets.log / 1024:>9.0f}"
             f"{lost.served:>7.1f}{lost.drained:>10.1f}"
         )
     traced = float(np.sum(steps.traced_learning))
