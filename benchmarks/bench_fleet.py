@@ -322,7 +322,7 @@ def figures(run: Run) -> list[Figure]:
         ),
         Figure(
             what="fleet over the plain loop with SQLite", value=ms * all_ / loops["SQLite"] - 1, unit="",
-            aim=AIM, limit=LIMIT_OVER_LOOP, note="missed by what reception, acknowledgement and REST cost in serve, too",
+            aim=AIM, limit=LIMIT_OVER_LOOP, note="with what reception, acknowledgement and REST cost in serve",
         ),
         Figure(what="  serve over the same", value=ms * one / loops["SQLite"] - 1, unit=""),
         Figure(
