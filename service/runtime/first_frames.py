@@ -3,8 +3,9 @@
 Whoever joins a network is given what publishers still hold, and nobody says whether that was all of it: an answer that
 takes too long ends early, and may leave out whole keys. Where the first frame of a key does not follow the newest one
 that is stored, publishers are asked for that key once more, and what lies behind the gap waits until they have
-answered. They are asked, too, where nothing of a key has come that others of its stream have gone on without. What is
-missing after that is gone: it is a fault of the window that it was of.
+answered, and until publishers that keep frames have had time to notice the start and to send them again; silence does
+not end the window before. They are asked, too, where nothing of a key has come that others of its stream have gone on
+without. What is missing after that is gone: it is a fault of the window that it was of.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from service.stream.wire.topics import Channel
 log = logging.getLogger(__name__)
 
 ANSWER_WAIT = 10.0  # for the publishers of one key [s]
+SENT_AGAIN_WITHIN = 8.0  # publishers that keep frames ask every 2 s, and send again what is not stored [s]
+LOOK_EVERY = 0.25  # whether a gap has been filled [s]
 BEHIND_OTHERS = 1.0  # what comes of a key so long after the first of its stream is no matter of the network's order [s]
 MOST_ASKED = 32  # keys at the same time
 _MOST_KEYS = 2**16  # whose first frame has been seen
@@ -37,7 +40,9 @@ class _Held(NamedTuple):
     """A key whose frames wait."""
 
     asset: str
-    until: float = float("inf")  # on the monotonic clock [s]; infinite before its publishers are asked
+    least: float  # waits until then, on the monotonic clock [s] ...
+    until: float = float("inf")  # ... and no longer than this; infinite before its publishers are asked
+    answered: bool = False
 
 
 class FirstFrames:
@@ -61,6 +66,7 @@ class FirstFrames:
         self._missing: dict[Channel, float] = {}  # keys of which nothing has come, and when they are asked for [s]
         self._due: deque[Channel] = deque()  # keys that are to be asked for
         self._asked: set[Channel] = set()  # keys that are being asked for
+        self._look_at = 0.0
 
     def fed(self, channel: Channel, asset: str) -> None:
         """A frame of a stream's channel has been handed to the asset that the stream belongs to."""
@@ -84,7 +90,7 @@ class FirstFrames:
             asset, first, last, channel.label, extra={"asset": asset},
         )  # fmt: skip
         self._reception.hold(asset, channel.label, True)
-        self._held[channel] = _Held(asset)
+        self._held[channel] = _Held(asset, self._clock() + SENT_AGAIN_WITHIN)
         self._due.append(channel)
 
     def __call__(self) -> None:
@@ -104,9 +110,22 @@ class FirstFrames:
             self._due.append(channel)
         while self._due and len(self._asked) < MOST_ASKED:
             self._ask(self._due.popleft(), now)
-        for channel in [channel for channel, held in self._held.items() if held.until < now]:
-            self._asked.discard(channel)
-            self._go_on(channel)
+        if now >= self._look_at:
+            self._look_at = now + LOOK_EVERY
+            for channel, held in list(self._held.items()):
+                if (held.answered and held.least < now) or held.until < now or self._is_filled(channel, held):
+                    self._asked.discard(channel)
+                    self._go_on(channel)
+
+    def holds(self, stream: str) -> bool:
+        """Whether frames of a stream wait for those before them: its silence ends no window then."""
+        return any(channel.asset == stream for channel in self._held)
+
+    def _is_filled(self, channel: Channel, held: _Held) -> bool:
+        """Whether nothing is missing any more."""
+        position = self._reception.position(held.asset)
+        found = None if position is None else position.channels.get(channel.label)
+        return found is None or not found.missing
 
     def _ask(self, channel: Channel, now: float) -> None:
         """Has the publishers of a key asked."""
@@ -127,7 +146,11 @@ class FirstFrames:
     def _answered(self, channel: Channel) -> None:
         """All that publishers still have lies in the stream's queue; called by any thread."""
         self._asked.discard(channel)
-        self._behind(channel.asset, lambda: self._go_on(channel))
+        self._behind(channel.asset, lambda: self._note_answer(channel))
+
+    def _note_answer(self, channel: Channel) -> None:
+        if channel in self._held:
+            self._held[channel] = self._held[channel]._replace(answered=True)
 
     def _go_on(self, channel: Channel) -> None:
         held = self._held.pop(channel, None)

@@ -62,6 +62,7 @@ class Streams:
         self._life, self._consumer, self._retired = life, consumer, retired
         self.moved: Callable[[str], None] = lambda stream: None  # called with a stream of which something has come
         self.fed: Callable[[Channel, str], None] = lambda channel, asset: None  # called with each frame's
+        self.holds: Callable[[str], bool] = lambda stream: False  # whether what has come waits for what was before it
         self._routes = life.routes()
         self._clock = clock
         self._retirements: dict[str, _Retirement] = {}
@@ -176,6 +177,8 @@ class Streams:
     def waiting(self, stream: str) -> bool:
         """Whether frames wait for their window's end."""
         asset = self.asset_of(stream)
+        if self.holds(stream):
+            return False
         return self._consumer.waiting(asset) and (not self._is_retired(asset) or self._is_over(asset))
 
     def channels(self, stream: str) -> Collection[str]:

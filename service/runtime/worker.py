@@ -321,7 +321,7 @@ class Worker(threading.Thread):
         )
         streams.moved = positions.moved
         first_frames = FirstFrames(reception, transport, self._inbox.ask)
-        streams.fed = first_frames.fed
+        streams.fed, streams.holds = first_frames.fed, first_frames.holds
 
         spool.settled = lambda asset: positions.moved(*streams.streams_of(asset))
         decisions = DecisionWorker(kept.decisions, reception, lanes, store, board, publication, kept.alarms)
