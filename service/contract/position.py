@@ -44,6 +44,16 @@ class PositionModel(ContractModel):
     )
 
 
+def why_unknown(stream: str) -> str:
+    """Why no frames are used of a stream whose asset nobody has adopted."""
+    return f"asset {stream} is unknown to the service: adopt it on the page, or with gear-twin assets adopt {stream}"
+
+
+def why_retired(asset: str) -> str:
+    """Why no frames are used of an asset that is retired."""
+    return f"asset {asset} is retired: its frames are left out"
+
+
 def not_connected(stream: str, reason: str | None = None) -> PositionModel:
     """The position of a stream while there is no connection to the network."""
     reason = reason or "the service is not connected to the network"

@@ -84,7 +84,7 @@ class PartitionTables(Postgresql):
 
     def claim(self) -> None:
         """Takes the partition from whoever has it."""
-        engine = self._own(pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
+        engine = self._writer()
         try:
             with engine.begin() as db:
                 db.exec_driver_sql(f"CREATE SCHEMA IF NOT EXISTS {schema_of(self.fence.partition)}")
@@ -96,8 +96,7 @@ class PartitionTables(Postgresql):
 
     def engines(self) -> tuple[Engine, Engine]:
         """For transactions, of one connection, and for reading."""
-        writer = self._claiming or self._own(pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
-        event.listen(writer, "connect", keep_commits)
+        writer = self._claiming or self._writer()
         with writer.begin() as db:
             self.fence.check(db)
             separate_numbers(db, self.fence.partition, self.partitions)
@@ -112,6 +111,12 @@ class PartitionTables(Postgresql):
 
     def renamed(self, db: Connection, asset: str, name: str) -> None:
         renamed(db, asset, name, self.fence.partition, Layout(self.partitions))
+
+    def _writer(self) -> Engine:
+        """One connection, whose commits outlive a crash of the server from the first one on."""
+        engine = self._own(pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
+        event.listen(engine, "connect", keep_commits)
+        return engine
 
     def _own(self, **pool: Any) -> Engine:
         return self.engine(STATEMENT_WAIT, self.fence.application, **pool)

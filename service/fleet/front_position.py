@@ -1,19 +1,21 @@
 """How far a stream is stored, as a front end can say it: by what the worker of its partition has committed.
 
 What the worker has received since is not known here and counts as not stored, so that nobody who keeps frames forgets
-one too early by this answer. The worker's own answer, on Zenoh, is newer.
+one too early by this answer; nor is it known whether a frame reaches beyond the newest window, of whose rest the next
+one is made. The worker's own answer, on Zenoh, is newer.
 """
 
 from __future__ import annotations
 
 import sqlalchemy as sa
 
-from service.contract.position import ChannelPositionModel, PositionModel
+from service.contract.position import ChannelPositionModel, PositionModel, why_retired, why_unknown
 from service.fleet.front_kept import FleetLife
 from service.fleet.front_store import FleetStore
 from service.fleet.heartbeat import SILENT
 from service.fleet.layout import ASSETS, PARTITIONS, SERVER_NOW
 from service.results.schema import WAITING
+from service.runtime.positions import LONGEST_FRAME_NS
 from service.stream.frames import NS
 
 _PARTITION = sa.select(
@@ -40,16 +42,16 @@ class FleetPositions:
         ((waiting,),) = store.fleet.partition(partition).rows(_WAITING, {"of": asset})
         reason = self._refusal(partition, worker)
         if not store.database.rows(_KNOWN, {"of": asset}):
-            reason = f"asset {stream} is unknown to the fleet: adopt it on the page, or with POST /v1/unknown-assets"
+            reason = why_unknown(stream)
         elif stored.retired is not None:
-            reason = f"asset {asset} is retired: its frames are left out"
+            reason = why_retired(asset)
         until = int(assembly.get("closed_until_ns", 0))
         return PositionModel(
             asset=stream,
             instance=f"partition {partition}, worker {worker.token}",
             accepting=reason is None,
             reason=reason,
-            unsettled_from_ns=until,
+            unsettled_from_ns=max(until - LONGEST_FRAME_NS, 0),
             settled_until_ns=until or None,
             channels={
                 label: ChannelPositionModel(sequence=last["sequence"], start_time_ns=last["start_ns"])

@@ -18,6 +18,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from service.contract.position import why_unknown
+
 log = logging.getLogger(__name__)
 
 MOST_CHANNELS = 32  # of one unknown asset that are named
@@ -177,9 +179,7 @@ class UnknownAssets:
             return there
         if self.is_known(stream):
             return None
-        return (
-            f"asset {stream} is unknown to the service: adopt it on the page, or with gear-twin assets adopt {stream}"
-        )
+        return why_unknown(stream)
 
     # -- for people ----------------------------------------------------------------------------------
 

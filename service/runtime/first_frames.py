@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol
 
@@ -63,6 +63,7 @@ class FirstFrames:
         self._seen: set[Channel] = set()
         self._begun: set[str] = set()  # streams
         self._held: dict[Channel, _Held] = {}
+        self._holding: Counter[str] = Counter()  # keys that are held, by stream
         self._missing: dict[Channel, float] = {}  # keys of which nothing has come, and when they are asked for [s]
         self._due: deque[Channel] = deque()  # keys that are to be asked for
         self._asked: set[Channel] = set()  # keys that are being asked for
@@ -76,21 +77,19 @@ class FirstFrames:
         self._seen.add(channel)
         self._begun.add(channel.asset)
         self._missing.pop(channel, None)
-        position = self._reception.position(asset)
-        if position is None:
-            return
-        if begins:
+        position = self._reception.position(asset) if begins else None
+        if position is not None:
             self._await(channel.asset, position.channels)
-        found = position.channels.get(channel.label)
-        if found is None or not found.missing:
+        gap = self._reception.first_gap(asset, channel.label)
+        if gap is None:
             return
-        first, last = found.missing[0]
         log.info(
             "%s: frames %d to %d of %s have not come: their publishers are asked once more",
-            asset, first, last, channel.label, extra={"asset": asset},
+            asset, *gap, channel.label, extra={"asset": asset},
         )  # fmt: skip
         self._reception.hold(asset, channel.label, True)
         self._held[channel] = _Held(asset, self._clock() + SENT_AGAIN_WITHIN)
+        self._holding[channel.asset] += 1
         self._due.append(channel)
 
     def __call__(self) -> None:
@@ -113,19 +112,17 @@ class FirstFrames:
         if now >= self._look_at:
             self._look_at = now + LOOK_EVERY
             for channel, held in list(self._held.items()):
-                if (held.answered and held.least < now) or held.until < now or self._is_filled(channel, held):
+                if (held.answered and held.least < now) or held.until < now or not self._waits(channel, held):
                     self._asked.discard(channel)
                     self._go_on(channel)
 
     def holds(self, stream: str) -> bool:
         """Whether frames of a stream wait for those before them: its silence ends no window then."""
-        return any(channel.asset == stream for channel in self._held)
+        return stream in self._holding
 
-    def _is_filled(self, channel: Channel, held: _Held) -> bool:
-        """Whether nothing is missing any more."""
-        position = self._reception.position(held.asset)
-        found = None if position is None else position.channels.get(channel.label)
-        return found is None or not found.missing
+    def _waits(self, channel: Channel, held: _Held) -> bool:
+        """Whether anything before the frames of a key is missing still."""
+        return self._reception.first_gap(held.asset, channel.label) is not None
 
     def _ask(self, channel: Channel, now: float) -> None:
         """Has the publishers of a key asked."""
@@ -155,4 +152,5 @@ class FirstFrames:
     def _go_on(self, channel: Channel) -> None:
         held = self._held.pop(channel, None)
         if held is not None:
+            self._holding -= Counter([channel.asset])
             self._reception.hold(held.asset, channel.label, False)

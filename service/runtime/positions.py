@@ -31,7 +31,7 @@ MOST_BACKLOG = 8  # windows of an asset that wait to be processed while its publ
 BETWEEN_QUESTIONS = 1.5  # a publisher that waits asks again within this time after an answer [s]
 ON_THE_WAY = 0.25  # frames that were sent before a question may come so much later than its answer goes out [s]
 HELD_BACK = 10.0  # no answer is held back longer than this [s]
-_LONGEST_FRAME_NS = round(LENGTH_LIMITS[1] * NS)
+LONGEST_FRAME_NS = round(LENGTH_LIMITS[1] * NS)
 _LOOK_EVERY = 0.1  # at what has changed [s]
 _LOOK = 0.5  # how often answers that are overdue are looked for [s]
 _MOST_STREAMS = 4096  # whose latest position is remembered
@@ -208,7 +208,7 @@ class Positions:
         stored_until = found.settled_until_ns
         if closed_from is not None:
             stored_until = None if stored_until is None else min(stored_until, closed_from)
-            closed_from -= _LONGEST_FRAME_NS  # a frame of its first part may have begun in the window before
+            closed_from -= LONGEST_FRAME_NS  # a frame of its first part may have begun in the window before
         refusal = self._source.refusal(stream)
         return PositionModel(
             asset=stream,

@@ -117,6 +117,10 @@ class Reception:
         if asset in self._assets:
             self._assets[asset].assembler.hold(label, on)
 
+    def first_gap(self, asset: str, label: str) -> tuple[int, int] | None:
+        """The numbers that the frames of a channel wait for first; None where they wait for none."""
+        return self._assets[asset].assembler.first_gap(label) if asset in self._assets else None
+
     def channels(self, asset: str) -> Collection[str]:
         """The channels that an asset's windows wait for."""
         return self._of(asset).assembler.channels

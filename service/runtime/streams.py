@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
+from service.contract.position import why_retired
 from service.errors import FrameError
 from service.results.asset_life import AssetLife
 from service.results.unknown_assets import UnknownAssets
@@ -172,7 +173,7 @@ class Streams:
         unknown, asset = self._unknown.refusal(stream), self.asset_of(stream)
         if unknown is not None:
             return unknown
-        return f"asset {asset} is retired: its frames are left out" if self._retired(asset) else self._unavailable()
+        return why_retired(asset) if self._retired(asset) else self._unavailable()
 
     def waiting(self, stream: str) -> bool:
         """Whether frames wait for their window's end."""

@@ -181,6 +181,13 @@ class Assembler:
         if label in self._lanes:
             self._lanes[label].holds = on
 
+    def first_gap(self, label: str) -> tuple[int, int] | None:
+        """The numbers that the frames of a key wait for first; None where they wait for none."""
+        lane = self._lanes.get(label)
+        if lane is None or lane.last is None or not lane.queue or lane.queue[0][1] <= lane.last[0] + 1:
+            return None
+        return lane.last[0] + 1, lane.queue[0][1] - 1
+
     def expect(self, labels: Iterable[str]) -> None:
         """Waits for these channels too before the first window; slow ones are never waited for."""
         for label in labels:

@@ -33,6 +33,7 @@ from service.fleet.census import Census, census
 from service.fleet.databases import Partitions, engine_of
 from service.fleet.layout import Layout, partition_of
 from service.json_text import plain
+from service.results.asset_life import AssetLife
 from service.results.sql_store import SqlStore
 from service.runtime.pipeline import Pipeline
 from service.stream.frames import NS
@@ -270,6 +271,26 @@ class _Publisher:
         )  # fmt: skip
 
 
+def _missing(plant: Plant, loop: _Loop, names: list[str]) -> dict[str, dict[str, Any]]:
+    """What is known of the assets that lack windows: for the message."""
+    shared, found = Partitions(plant.url, plant.partitions), {}
+    for partition in plant.layout.all:
+        with SqlStore(shared.backend(partition)) as store:
+            waiting = AssetLife(store.database).all_waiting()
+            for name in names:
+                stored = store.asset(name)
+                if partition_of(name, plant.partitions) == partition and stored.windows < len(loop.records[name]):
+                    found[name] = {
+                        "partition": partition, "stored": stored.windows, "of": len(loop.records[name]),
+                        "waiting": len(waiting.get(name, ())), "question": stored.question,
+                        "last_frames": (stored.assembly or {}).get("last_frames"),
+                        "left_out": (stored.assembly or {}).get("left_out"),
+                        "counters": (stored.assembly or {}).get("counters"),
+                    }  # fmt: skip
+    shared.close()
+    return found
+
+
 def _compare(plant: Plant, loop: _Loop, names: list[str], outcome: Outcome, total: int) -> None:
     """Waits until as many windows are committed as the plain loop has, and compares all of them."""
 
@@ -281,7 +302,9 @@ def _compare(plant: Plant, loop: _Loop, names: list[str], outcome: Outcome, tota
 
     end = time.monotonic() + SETTLED_WITHIN
     while (found := committed()) < total:
-        assert time.monotonic() < end, f"{found} of {total} windows after {SETTLED_WITHIN:g} s"
+        assert time.monotonic() < end, (
+            f"{found} of {total} windows after {SETTLED_WITHIN:g} s: {_missing(plant, loop, names)}"
+        )
         time.sleep(0.2)
     assert found == total, f"{found} windows in place of {total}"
     shared = Partitions(plant.url, plant.partitions)

@@ -47,6 +47,43 @@ def test_the_number_of_partitions_stays(fleet):
     engine.dispose()
 
 
+def confirms(db):
+    return db.exec_driver_sql("SHOW synchronous_commit").scalar_one()
+
+
+def test_what_is_committed_outlives_a_server_that_confirms_before_it_has_written(fleet):
+    """A worker's first connection did not ask for it: a window that had been acknowledged went with a killed server."""
+    engine = engine_of(fleet)
+    with engine.connect() as db:
+        assert confirms(db) == "off"  # of the server
+    engine.dispose()
+    with taken(fleet) as store, store.database.transaction() as db:
+        assert confirms(db) == "on"
+    shared = Partitions(fleet, 3)
+    with SqlStore(shared.backend(0)) as store, store.database.transaction() as db:
+        assert confirms(db) == "on"
+    shared.close()
+
+
+def test_a_window_outlives_a_server_that_is_killed_right_after_its_commit(fleet, postgresql_server):
+    with taken(fleet) as store:
+        assert fakes.take(store, None, "unsw", 0, 100.0)
+        postgresql_server.kill()
+    wait_until(lambda: starts(postgresql_server), 30)
+    shared = Partitions(fleet, 3)
+    with SqlStore(shared.backend(0)) as store:
+        assert len(store.windows("unsw")) == 1
+    shared.close()
+
+
+def starts(server):
+    try:
+        server.start()
+    except AssertionError:
+        return False
+    return True
+
+
 def test_a_worker_whose_partition_was_taken_commits_nothing_more(fleet):
     lost = []
     with taken(fleet, lost=lambda: lost.append(1)) as old:
