@@ -97,6 +97,7 @@ class Listener(threading.Thread):
         kept = self._kept
         try:
             if what == ALARM:
+                asset = self._present_name(asset)
                 last = kept.store.last_event_id(asset)
                 kept.board.update(asset, alarms=self._alarms.open(asset), last_event_id=last)
                 self._alarms.changed(asset)
@@ -112,6 +113,12 @@ class Listener(threading.Thread):
                 (kept.decisions if what == DECISION else kept.changes).asked.set()
         except StoreError as error:  # whoever keeps windows says it; the next look finds what is there
             log.debug("what was announced of %s waits: %s", asset, error)
+
+    def _present_name(self, asset: str) -> str:
+        """What an asset is called by now; it may have been renamed since a front end wrote of it."""
+        if self._kept.board.get(asset) is not None:
+            return asset
+        return self._kept.life.routes().get(asset, asset)
 
     def _read_names(self) -> None:
         if self._names_given:

@@ -20,7 +20,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.errors import StoreError
 from service.fleet.fence import Fenced
-from service.fleet.layout import ASSETS, CURVES
+from service.fleet.layout import ASSETS, CURVES, NAMES
 from service.fleet.notices import CHANGED
 from service.json_text import plain
 from service.results.asset_list import area_of, severity_of, words_of
@@ -49,6 +49,11 @@ _PUT = _ROW.on_conflict_do_update(
     | {"version": ASSETS.c.version + 1},
     where=ASSETS.c.partition == _ROW.excluded.partition,
 )
+_FORMER = sa.select(NAMES.c.name).where(
+    NAMES.c.name.in_(sa.bindparam("of", expanding=True)), ~sa.exists().where(OWN.c.asset == NAMES.c.name)
+)
+"""Those of the names `of` that assets of the partition had before: given once, and of no asset any longer."""
+
 _SAY = sa.text("SELECT pg_notify(:channel, asset) FROM unnest(CAST(:assets AS text[])) AS asset")
 
 
@@ -124,8 +129,10 @@ class RowWriter(threading.Thread):
         for begin in range(0, len(names), BATCH):
             present = {name: self._board.get(name) for name in names[begin : begin + BATCH]}
             shown = {name: snapshot for name, snapshot in present.items() if snapshot is not None}
-            gone = [name for name in present if name not in shown]
             with self._database.transaction() as db:
+                for name in db.execute(_FORMER, {"of": list(shown)}).scalars():  # renamed since the board was read
+                    del shown[name]
+                gone = [name for name in present if name not in shown]
                 if shown:
                     put(db, [row_of(snapshot, self._partition) for snapshot in shown.values()])
                 if gone:

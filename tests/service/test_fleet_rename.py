@@ -11,6 +11,7 @@ import sqlalchemy as sa
 from fleets import PARTITIONS, front, routed, row, taken, worker
 from service_streams import wait_until, write_recording
 
+from service.alarms.keeper import AlarmKeeper
 from service.cli import run
 from service.errors import DeliveryError, InputError
 from service.fleet import layout
@@ -18,14 +19,21 @@ from service.fleet.databases import engine_of
 from service.fleet.front_kept import FleetLife
 from service.fleet.front_store import FleetStore
 from service.fleet.layout import ASSETS, CURVES, NAMES, Layout, create, partition_of
+from service.fleet.listener import Listener
 from service.fleet.lookup import partition_in_use
 from service.fleet.naming import Names
+from service.fleet.notices import ALARM, announce
 from service.fleet.rows import RowWriter
+from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
+from service.results.baseline_store import BaselineStore
 from service.results.board import Board
+from service.results.change_queue import ChangeQueue
+from service.results.decision_queue import DecisionQueue
 from service.results.unknown_assets import UnknownAssets
 from service.runtime.begun import unknown_of
 from service.runtime.replay import replay
+from service.runtime.worker import Kept
 from service.settings import Settings
 from service.stream.frames import LENGTH_LIMITS
 
@@ -158,6 +166,51 @@ def test_a_row_that_was_written_again_under_the_old_name_is_deleted_by_the_next_
         wait_until(lambda: row(fleet) is None)
         writer.end()
         assert all(row(fleet, name) is not None for name in (NEW, "declared", "of-another"))
+
+
+def test_the_row_of_a_former_name_is_not_written_again_while_the_board_still_shows_it(fleet):
+    with taken(fleet, OWN) as store:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        board = Board.from_store(store, store.all_assets())
+        board.update("declared")
+        rename(store, "unsw", NEW)  # is committed before the board is told
+        writer = RowWriter(store.database, board, OWN)
+        writer.start()
+        wait_until(lambda: row(fleet, "declared") is not None)  # written in the same transaction
+        assert row(fleet) is None
+        board.rename("unsw", NEW)
+        board.update("unsw-2")
+        wait_until(lambda: row(fleet, "unsw-2") is not None)
+        writer.end()
+        assert row(fleet) is None and row(fleet, NEW)["partition"] == OWN
+
+
+def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present_one(tmp_path, fleet):
+    with taken(fleet, OWN) as store:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        board, alarms, looked = Board.from_store(store), AlarmKeeper(AlarmStore(store.database)), threading.Event()
+        life = AssetLife(store.database)
+        kept = Kept(
+            store=store,
+            board=board,
+            decisions=DecisionQueue(store),
+            life=life,
+            changes=ChangeQueue(life),
+            baselines=BaselineStore(store.database, tmp_path),
+        )
+        known = Names(LAYOUT, OWN, "gearbox")
+        listener = Listener(fleet, OWN, kept, alarms, looked.set, lambda asset, rig: None, known)
+        listener.start()
+        assert looked.wait(20)  # its connection listens
+        rename(store, "unsw", NEW)
+        board.rename("unsw", NEW)
+        with board.follow() as changes:
+            changes.take(0)  # all assets
+            with store.database.transaction() as db:
+                announce(db, OWN, ALARM, "unsw")
+            assert changes.take(20) == (NEW,)
+        listener.end()
+        assert board.assets() == (NEW,)
 
 
 # -- names that are taken --------------------------------------------------------------------------------
