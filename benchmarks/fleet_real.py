@@ -60,6 +60,7 @@ with Recording(path, "gearbox") as recording, open_publisher([endpoint], prefix,
         publisher.offer_rig(name, recording.rig_text)
     publisher.declare(sorted(set(recording.channels.values())))
     delivery = Delivery(publisher, wait=150.0)
+    delivery.begin(recording.assets)
     for frame in paced(recording.messages(), 1.0):
         sent.setdefault(frame.channel.asset, {})[frame.log_time_ns] = time.time()
         delivery.send(frame)

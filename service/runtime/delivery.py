@@ -12,7 +12,7 @@ import bisect
 import itertools
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
 from service.contract.position import PositionModel, position_of
@@ -32,6 +32,7 @@ _NOTE_AFTER = 10.0  # waiting is said [s]
 _ASK_AGAIN = (0.05, 1.0)  # shortest and longest pause between two questions [s]
 _ASK_REFUSED = 0.25  # of a service that accepts none now: a window in progress goes on as soon as it does [s]
 ASK_EVERY = 2.0  # a service is asked so often at least while frames are sent [s]
+ASKED_TOGETHER = 64  # streams
 
 
 @dataclass(slots=True)
@@ -107,12 +108,16 @@ class Delivery:
 
     # -- sending -------------------------------------------------------------------------------------
 
+    def begin(self, streams: Iterable[str]) -> None:
+        """Asks about streams together, of which `send` would ask one by one before it sends their first frames."""
+        for stream, positions in self._positions(stream for stream in streams if stream not in self._instances):
+            self._note_services(stream, positions)  # what was left out before this began
+
     def send(self, frame: RawFrame) -> None:
         """Sends one frame and keeps it; waits where too much is on its way."""
         stream = frame.channel.asset
-        if stream not in self._instances:
-            self._note_services(stream, self._positions(stream))  # what was left out before this began
-        if not self._publisher.linked():
+        self.begin([stream])
+        if not self._publisher.linked(frame.channel):
             self._send_again()
         self._publisher.publish(frame)
         self._keep(frame)
@@ -189,8 +194,7 @@ class Delivery:
         come, anyone, restarted = True, False, False
         self._reason = None
         self._received = 0
-        for stream in sorted(streams):
-            positions = self._positions(stream)
+        for stream, positions in self._positions(sorted(streams)):
             anyone |= bool(positions)
             if not positions:
                 come = False
@@ -210,9 +214,15 @@ class Delivery:
             self._send_again()
         return come, anyone or not streams
 
-    def _positions(self, stream: str) -> list[PositionModel]:
-        answers = self._publisher.ask(stream, ANSWER_WAIT, sending=self._sending)
-        return [p for p in map(position_of, answers) if p is not None]
+    def _positions(self, streams: Iterable[str]) -> Iterator[tuple[str, list[PositionModel]]]:
+        """The positions of streams, each behind all frames that were sent before."""
+        asked: deque[tuple[str, Iterable[str | bytes]]] = deque()
+        for stream in streams:
+            asked.append((stream, self._publisher.ask(stream, ANSWER_WAIT, sending=self._sending)))
+            if len(asked) == ASKED_TOGETHER:
+                yield _answers(*asked.popleft())
+        for each in asked:
+            yield _answers(*each)
 
     def _has_come(self, stream: str, position: PositionModel) -> bool:
         """Whether the newest frames sent are the newest that have come."""
@@ -334,3 +344,8 @@ class Delivery:
         else:
             why = "the service answers, and stores nothing more; does somebody else publish on the same keys?"
         raise DeliveryError(f"{self._not_stored()}: {why}")
+
+
+def _answers(stream: str, texts: Iterable[str | bytes]) -> tuple[str, list[PositionModel]]:
+    """Waits for the answers about a stream."""
+    return stream, [position for position in map(position_of, texts) if position is not None]

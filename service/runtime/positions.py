@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import NamedTuple, Protocol
@@ -92,6 +92,7 @@ class Positions:
         self._instance = uuid4().hex
         self._lock = threading.Lock()
         self._open: dict[int, tuple[float, str, Reply, str | None]] = {}  # questions without an answer, by number
+        self._asking: Counter[str | None] = Counter()  # how many of them each session has asked
         self._answered: OrderedDict[str, float] = OrderedDict()  # when sessions that send were last answered
         self._asked = 0
         self._held_back: list[tuple[str, int]] = []
@@ -128,6 +129,7 @@ class Positions:
             self._asked += 1
             number = self._asked
             self._open[number] = (self._clock(), stream, reply, sender)
+            self._asking[sender] += 1
         if not self._inbox.ask(stream, lambda: self.reached(stream, number)):
             self._close(number, self._behind)
 
@@ -140,7 +142,7 @@ class Positions:
         with self._lock:
             answered = self._answered.get(sender, float("-inf"))
             asks_again = heard - answered <= ON_THE_WAY and self._clock() - answered < BETWEEN_QUESTIONS
-            return asks_again or any(by == sender for _, _, _, by in self._open.values())
+            return asks_again or sender in self._asking
 
     def reached(self, stream: str, number: int) -> None:
         """The question has come to the head of its stream's queue."""
@@ -228,6 +230,8 @@ class Positions:
     def _close(self, number: int, text_of: Callable[[str], str]) -> None:
         with self._lock:
             question = self._open.pop(number, None)
+            if question is not None:
+                self._asking -= Counter([question[3]])
             if question is not None and question[3] is not None:
                 self._answered.pop(question[3], None)
                 self._answered[question[3]] = self._clock()

@@ -93,8 +93,10 @@ def replay(
         if recording.rig_text is not None:
             for name in recording.assets if asset is None else [asset]:
                 publisher.offer_rig(name, recording.rig_text)
-        publisher.declare(sorted({_named(channel, asset) for channel in recording.channels.values()}))
+        channels = sorted({_named(channel, asset) for channel in recording.channels.values()})
+        publisher.declare(channels)
         delivery = Delivery(publisher, wait=wait, note=on_fault)
+        delivery.begin(sorted({channel.asset for channel in channels}))
         for frame in paced(disturb(recording.messages()), speed, max_pause):
             delivery.send(frame._replace(channel=_named(frame.channel, asset)))
             progress(recording.bytes_read / recording.size, delivery.settled)

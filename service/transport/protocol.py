@@ -118,8 +118,11 @@ class FramePublisher(Protocol):
         """Sends one frame; may block for some seconds while the link is busy."""
         ...
 
-    def linked(self) -> bool:
-        """Whether subscribers and link are the same as before: nothing sent has been lost with them."""
+    def linked(self, channel: Channel | None = None) -> bool:
+        """Whether subscribers and link are the same as before: nothing sent has been lost with them.
+
+        channel  the one that is looked at; of the others a change may be known a moment later. None: all are looked at
+        """
         ...
 
     def relink(self, seconds: float) -> None:
@@ -128,6 +131,9 @@ class FramePublisher(Protocol):
 
     def ask(self, stream: str, seconds: float, *, sending: bool = False) -> Iterable[str | bytes]:
         """What those who store the stream say of its position within a time [s], behind all frames sent.
+
+        The question is sent at once, and the answers are awaited when they are read: several streams can be asked
+        about together.
 
         sending  whether frames follow after the answer
         """

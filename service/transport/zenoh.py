@@ -335,11 +335,12 @@ class ZenohPublisher:
         """Sends one frame; may block for some seconds while the link is busy."""
         self._keys[frame.channel][0].put(frame.payload, encoding=encoding_of(frame.channel))
 
-    def linked(self) -> bool:
+    def linked(self, channel: Channel | None = None) -> bool:
         """Whether subscribers and router are the same as before, and have been all the time."""
         if self._left:
             return False
-        matching = all(_matching(probe) for _, probe in self._keys.values())
+        looked_at = self._keys.values() if channel is None else (self._keys[channel],)
+        matching = all(_matching(probe) for _, probe in looked_at)
         return matching and self._session.info.routers_zid() == self._routers
 
     def relink(self, seconds: float) -> None:
@@ -354,9 +355,8 @@ class ZenohPublisher:
         """What those who store the stream say of its position within a time [s]; `sending`: frames follow."""
         key = position_topic(stream, self._prefix)
         selector = f"{key}?{SENDING}={self._session.zid()}" if sending else key
-        for reply in self._session.get(selector, timeout=seconds, congestion_control=zenoh.CongestionControl.BLOCK):
-            if reply.ok is not None:
-                yield reply.ok.payload.to_bytes()
+        replies = self._session.get(selector, timeout=seconds, congestion_control=zenoh.CongestionControl.BLOCK)
+        return (reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None)
 
     def _note_matching(self, status: zenoh.MatchingStatus) -> None:
         self._left |= not status.matching  # though another may be there when a frame is sent next

@@ -44,6 +44,7 @@ from service.stream.wire.codec import encode
 KINDS = ("worker", "node", "head", "database", "router", "suspended")
 BEGIN_NS = 1_700_000_000 * NS
 SETTLED_WITHIN = 180.0  # a schedule's windows [s]
+SILENCE = 5.0  # that ends a window: longer than a publisher that was killed takes to go on, on crowded cores [s]
 
 
 @dataclass
@@ -114,7 +115,7 @@ class Plant:
         os.environ["FAKE_TWIN_SECONDS"] = str(slow)
         self.fleet = FleetProcess(
             folder / "fleet", url, CONNECT=f'["{self.endpoint}"]', FLEET_PARTITIONS=str(partitions),
-            FLEET_WORKERS=str(nodes),
+            FLEET_WORKERS=str(nodes), IDLE_TIMEOUT=str(SILENCE),
         )  # fmt: skip
         self.tables = engine_of(url, poolclass=sa.NullPool)
 
@@ -242,12 +243,15 @@ class _Publisher:
 
     def __init__(self, plant: Plant, partition: int, path: Path) -> None:
         self._plant, self._partition, self._path = plant, partition, path
-        self._process = self._begin()
+        self._process = self._ready()
+        self._go()
 
     def again(self) -> None:
-        """Killed, and begun again."""
+        """Killed, and begun again well within the silence that ends a window: by a process that is ready before."""
+        other = self._ready()
         self.kill()
-        self._process = self._begin()
+        self._process = other
+        self._go()
 
     def ended(self) -> None:
         out, err = self._process.communicate(timeout=2 * SETTLED_WITHIN)
@@ -258,35 +262,49 @@ class _Publisher:
             self._process.kill()
             self._process.communicate()
 
-    def _begin(self) -> subprocess.Popen:
+    def _ready(self) -> subprocess.Popen:
+        """A process that publishes as soon as it is told to."""
         prefix = self._plant.layout.prefix_of(self._partition)
         code = (
             "import sys; from service.runtime.replay import replay\n"
+            "print('ready', flush=True); sys.stdin.readline()\n"
             f"print(replay({str(self._path)!r}, [{self._plant.endpoint!r}], 8.0, max_pause=2.0, prefix={prefix!r}, "
             "recorded='gearbox', wait=150.0, on_fault=lambda line: print(line, file=sys.stderr)))"
         )
-        return subprocess.Popen(
-            [sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            env=os.environ | {"PYTHONPATH": str(ROOT)},
+        process = subprocess.Popen(
+            [sys.executable, "-c", code], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
         )  # fmt: skip
+        assert process.stdout is not None and process.stdout.readline() == "ready\n"
+        return process
+
+    def _go(self) -> None:
+        assert self._process.stdin is not None
+        print(file=self._process.stdin, flush=True)
 
 
-def _missing(plant: Plant, loop: _Loop, names: list[str]) -> dict[str, dict[str, Any]]:
-    """What is known of the assets that lack windows: for the message."""
+def _differing(plant: Plant, loop: _Loop, names: list[str]) -> dict[str, dict[str, Any]]:
+    """What is known of the assets whose windows are not as many as those of the plain loop: for the message."""
     shared, found = Partitions(plant.url, plant.partitions), {}
     for partition in plant.layout.all:
         with SqlStore(shared.backend(partition)) as store:
             waiting = AssetLife(store.database).all_waiting()
             for name in names:
-                stored = store.asset(name)
-                if partition_of(name, plant.partitions) == partition and stored.windows < len(loop.records[name]):
-                    found[name] = {
-                        "partition": partition, "stored": stored.windows, "of": len(loop.records[name]),
-                        "waiting": len(waiting.get(name, ())), "question": stored.question,
-                        "last_frames": (stored.assembly or {}).get("last_frames"),
-                        "left_out": (stored.assembly or {}).get("left_out"),
-                        "counters": (stored.assembly or {}).get("counters"),
-                    }  # fmt: skip
+                if partition_of(name, plant.partitions) != partition:
+                    continue
+                stored, expected = store.asset(name), loop.records[name]
+                records = [plain(w.record) for w in store.windows(name, limit=10_000)]
+                if len(records) == len(expected):
+                    continue
+                begun = {record["start_time"] for record in expected}
+                same = next((i for i, pair in enumerate(zip(records, expected, strict=False)) if pair[0] != pair[1]), 0)
+                found[name] = {
+                    "partition": partition, "windows": f"{len(records)} of {len(expected)}",
+                    "begin elsewhere": [r["start_time"] for r in records if r["start_time"] not in begun],
+                    "first that differs": records[same : same + 2], "as it should be": expected[same : same + 1],
+                    "waiting": len(waiting.get(name, ())), "question": stored.question,
+                    **{key: (stored.assembly or {}).get(key) for key in ("last_frames", "left_out", "counters")},
+                }  # fmt: skip
     shared.close()
     return found
 
@@ -303,10 +321,10 @@ def _compare(plant: Plant, loop: _Loop, names: list[str], outcome: Outcome, tota
     end = time.monotonic() + SETTLED_WITHIN
     while (found := committed()) < total:
         assert time.monotonic() < end, (
-            f"{found} of {total} windows after {SETTLED_WITHIN:g} s: {_missing(plant, loop, names)}"
+            f"{found} of {total} windows after {SETTLED_WITHIN:g} s: {_differing(plant, loop, names)}"
         )
         time.sleep(0.2)
-    assert found == total, f"{found} windows in place of {total}"
+    assert found == total, f"{found} windows in place of {total}: {_differing(plant, loop, names)}"
     shared = Partitions(plant.url, plant.partitions)
     for partition in plant.layout.all:
         with SqlStore(shared.backend(partition)) as store:

@@ -11,7 +11,7 @@ from streams import ACCEL, ASSET, bursts, content, unbroken
 
 from service.contract.position import position_of
 from service.errors import DeliveryError
-from service.runtime.delivery import Delivery, Ranges
+from service.runtime.delivery import ASKED_TOGETHER, Delivery, Ranges
 from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
 from service.runtime.positions import HELD_BACK, MOST_BACKLOG, ClosedWindows, Positions
@@ -101,7 +101,7 @@ class Stand:
         self.inbox.offer(topic_of(frame.channel), frame.payload)
         self.positions.moved(ASSET)
 
-    def linked(self):
+    def linked(self, channel=None):
         return self.up
 
     def relink(self, seconds):
@@ -237,7 +237,7 @@ def test_a_service_that_begins_anew_is_sent_everything_once_however_many_streams
         def publish(self, frame):
             published.append(frame.channel.asset)
 
-        def linked(self):
+        def linked(self, channel=None):
             return True
 
         def relink(self, seconds):
@@ -259,6 +259,38 @@ def test_a_service_that_begins_anew_is_sent_everything_once_however_many_streams
     instance[0] = "second"
     delivery.finish()
     assert len(published) == 2 * 20 * len(frames)
+
+
+def test_streams_are_asked_about_together_at_first_and_whenever_it_is_asked_what_is_stored():
+    """A gateway of 56 machines was silent for 5 s when it began again: it asked about one after the other."""
+    happened, streams = [], [f"machine-{number}" for number in range(ASKED_TOGETHER + 10)]
+    frame = bursts(1, frames=1)[0]
+
+    class Service:
+        def publish(self, frame):
+            """Nobody has it."""
+
+        def linked(self, channel=None):
+            return True
+
+        def ask(self, stream, seconds, *, sending=False):
+            happened.append("asked")
+            return self.answers(stream)
+
+        def answers(self, stream):
+            happened.append("read")
+            newest = {frame.channel.label: {"sequence": frame.sequence, "start_time_ns": frame.start_time_ns}}
+            yield json.dumps({"asset": stream, "accepting": True, "instance": "first", "channels": newest})
+
+    delivery = Delivery(Service(), clock=lambda: 0.0)
+    together = ["asked"] * ASKED_TOGETHER + ["read", "asked"] * 10 + ["read"] * ASKED_TOGETHER
+    delivery.begin(streams)
+    assert happened == together
+    for stream in streams:
+        delivery.send(RawFrame(frame.channel._replace(asset=stream), frame.end_time_ns, encode(frame)))
+    assert happened == together
+    delivery.finish()
+    assert happened == 2 * together and delivery.settled == len(streams)
 
 
 def test_a_service_that_never_answers_is_given_up_in_time():
