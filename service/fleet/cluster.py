@@ -205,8 +205,8 @@ class LocalCluster:
 
     @property
     def lost(self) -> bool:
-        """Whether the head has ended, and with it the cluster: it knows where everything is, in its memory."""
-        return self.head is not None and self.head.process.poll() is not None
+        """Whether there is no head, and with it no cluster: it knows where everything is, in its memory."""
+        return self.head is None or self.head.process.poll() is not None
 
     def end(self) -> None:
         """Ends all nodes, and the head last; at once where that is lost, and nothing can end in good order."""

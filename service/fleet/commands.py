@@ -140,6 +140,7 @@ def drain(
     from contextlib import ExitStack
 
     from service.fleet.cluster import node_here
+    from service.fleet.engine_nodes import find_node
     from service.fleet.joining import joined
     from service.fleet.up import running
 
@@ -154,8 +155,6 @@ def drain(
         if not alone:
             stack.enter_context(node_here(settings.data, where))
         engine = joined(settings.data, where, alone=alone)(settings, layout)
-        from service.fleet.engine import find_node  # loads Ray, which reads its environment then
-
         chosen = find_node(engine.nodes(), node)
         moved = engine.drain(chosen, _census(settings).nodes, where)
         _await_served(settings, moved)

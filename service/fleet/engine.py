@@ -10,8 +10,7 @@ import math
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import ray
@@ -22,6 +21,7 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 from service.errors import DeliveryError, InputError
 from service.fleet.actor import END_WAIT, PartitionActor
 from service.fleet.cluster import NAMESPACE, ROOM, said_by
+from service.fleet.engine_nodes import EngineNode
 from service.fleet.layout import Layout
 from service.settings import Settings
 
@@ -29,17 +29,6 @@ log = logging.getLogger(__name__)
 
 CORES = 0.001  # of a core that the placement counts for a partition: room is counted in partitions
 ASK_WAIT = 2.0  # for an actor's answer [s]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EngineNode:
-    """One node that may serve partitions."""
-
-    id: str
-    name: str
-    host: str
-    room: int  # partitions that it may serve
-    alive: bool
 
 
 def join(address: str) -> None:
@@ -171,17 +160,6 @@ class Engine:
         }
         remote = ray.remote(PartitionActor).options(**options)
         return remote.remote(self._settings, partition, self._layout, self._twin_from)
-
-
-def find_node(nodes: Sequence[EngineNode], wanted: str) -> EngineNode:
-    """A node by its name, host or the begin of its number; InputError with those that there are."""
-    alive = [node for node in nodes if node.alive]
-    found = [node for node in alive if wanted in (node.name, node.host) or (wanted and node.id.startswith(wanted))]
-    if len(found) != 1:
-        known = ", ".join(f"{node.name} ({node.id[:12]})" for node in alive) or "none"
-        which = "names several nodes" if found else "is no node of the fleet"
-        raise InputError(f"{wanted} {which}; there are {known}")
-    return found[0]
 
 
 def _name(partition: int) -> str:

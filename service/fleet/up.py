@@ -13,9 +13,9 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import sqlalchemy as sa
 
@@ -23,16 +23,13 @@ from service.errors import DeliveryError, InputError, StorageUnavailable
 from service.fleet.census import Census, census
 from service.fleet.cluster import LocalCluster, Node, end_left, environment, node_here
 from service.fleet.databases import engine_of, made, reached
-from service.fleet.joining import joined
+from service.fleet.engine_process import EngineLost, EngineProcess
 from service.fleet.layout import FACTS, Layout, create, layout_of
 from service.results.data_folder import only_service_of
 from service.runtime.admission import demand_protected_links
 from service.runtime.worker_processes import usable_cores
 from service.settings import Settings
 from service.transport.zenoh_session import open_session
-
-if TYPE_CHECKING:  # loads Ray, which reads its environment then
-    from service.fleet.engine import Engine
 
 log = logging.getLogger(__name__)
 
@@ -82,7 +79,7 @@ class Fleet:
     ) -> None:  # fmt: skip
         self._settings, self._layout, self._told, self._twin_from = settings, layout, told, twin_from
         self._tables = engine_of(database_of(settings), pool_size=1, max_overflow=1)
-        self._engine: Engine | None = None
+        self._engine: EngineProcess | None = None
         self.cluster: LocalCluster | None = None
         self._node: Node | None = None  # of a plant's cluster, by which it is joined
         self._opened = ExitStack()
@@ -100,7 +97,7 @@ class Fleet:
         if left := end_left(_written(folder).get("groups", ())):
             log.warning("%d processes of an engine that an earlier fleet up has left behind were ended", left)
         if settings.fleet_address is None:
-            workers = wanted_workers(self._tables) or settings.fleet_workers
+            workers = self._workers
             cores = settings.fleet_cores or max(usable_cores() // workers, 1)
             self.cluster = LocalCluster(folder, settings.fleet_room or self._layout.partitions, cores)
             os.environ.update(environment(folder))
@@ -111,10 +108,10 @@ class Fleet:
 
     def _join(self) -> None:
         """Joins the engine, and has an actor for each partition."""
-        folder = self._settings.data
-        self._engine = joined(folder, self.address, alone=self.cluster is not None)(
-            self._settings, self._layout, self._twin_from
-        )
+        self._engine = EngineProcess.joined(
+            self._settings, self._layout, self._twin_from, self.address, alone=self.cluster is not None,
+            lost=self._is_lost,
+        )  # fmt: skip
         self._engine.place()
         self._write()
 
@@ -128,8 +125,19 @@ class Fleet:
             self._told_where = text
             (self._settings.data / RUNNING).write_text(text, encoding="utf-8")
 
+    def _is_lost(self) -> bool:
+        """Whether that has ended which the engine was joined by."""
+        if self.cluster is not None:
+            return self.cluster.lost
+        return self._node is not None and self._node.process.poll() is not None
+
     @property
-    def engine(self) -> Engine:
+    def _workers(self) -> int:
+        """How many nodes people want on this machine."""
+        return wanted_workers(self._tables) or self._settings.fleet_workers
+
+    @property
+    def engine(self) -> EngineProcess:
         """The engine, once it has been started or joined."""
         assert self._engine is not None
         return self._engine
@@ -142,22 +150,28 @@ class Fleet:
     def look(self) -> None:
         """One look at everything: nodes that ended, how many are wanted, partitions without a worker.
 
-        Raises DeliveryError where the node has ended by which a plant's cluster was joined: whoever runs this starts it
-        again.
+        Raises DeliveryError where a plant's cluster is lost, or the node by which it was joined: whoever runs this
+        starts it again.
         """
-        if self._node is not None and self._node.process.poll() is not None:
+        if self.cluster is None and self._is_lost():
             raise DeliveryError(
                 f"the node by which the engine at {self.address} was joined has ended: the engine was lost, or was "
                 "started anew; start gear-twin fleet up again"
             )
+        try:
+            self._look()
+        except DeliveryError as error:
+            if self.cluster is None:
+                raise
+            log.error("%s: it is tried again", error)
+
+    def _look(self) -> None:
         if self.cluster is not None:
             if self.cluster.lost:
                 self._begin_again()
-            try:
-                changed = bool(self.cluster.look())
-            except DeliveryError as error:
-                log.error("%s: it is tried again", error)
-                return
+            elif not self.engine.is_alive:
+                self._join()
+            changed = bool(self.cluster.look())
             wanted = wanted_workers(self._tables)
             if wanted is not None and wanted > len(self.cluster.nodes):
                 self.cluster.scale(wanted)
@@ -180,8 +194,9 @@ class Fleet:
         """Ends the partitions in good order, and the engine where it is this fleet's own."""
         try:
             if self._engine is not None:
-                self._engine.end()
-                self._engine.leave()
+                with suppress(EngineLost):
+                    self._engine.end()
+                self._engine.close()
         finally:
             (self._settings.data / RUNNING).unlink(missing_ok=True)
             if self.cluster is not None:
@@ -200,10 +215,13 @@ class Fleet:
         """Starts the engine anew after its head was lost; the partitions go on from what is committed."""
         assert self.cluster is not None
         self._told("the head of the engine has ended: the engine is started again")
-        nodes = len(self.cluster.nodes)
-        self.engine.leave()
+        self.engine.close()
         self.cluster.end()
-        self.cluster.start(nodes)
+        try:
+            self.cluster.start(self._workers)
+        except DeliveryError:
+            self.cluster.end()
+            raise
         self._join()
 
     def _shrink(self, wanted: int) -> None:
