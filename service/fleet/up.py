@@ -240,7 +240,7 @@ class Fleet:
         late = {p for p, seconds in found.silent.items() if min(seconds, time.monotonic() - self._begun) > ALARM_AFTER}
         if new := late - self._silent:
             room, of = self.engine.room(), self._layout.partitions
-            why = "its worker does not start; the log of its node says why"
+            why = f"no worker has begun to serve within {ALARM_AFTER:g} s; the log of its node says what it does"
             if room < of:
                 why = f"the nodes have room for {room} of {of} partitions; add a node, or raise fleet_room"
             self._told(f"{_partitions(new)} not served: {why}. Its assets' frames wait with their publishers.")
