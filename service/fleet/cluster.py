@@ -188,15 +188,14 @@ class LocalCluster:
             self.nodes.append(node)
             node.wait()
 
-    def look(self) -> list[str]:
-        """Replaces nodes that have ended; their names."""
+    def clear(self) -> int:
+        """Clears away nodes that have ended; how many there were."""
         dead = [node for node in self.nodes if node.process.poll() is not None]
         for node in dead:
             log.error("%s of the fleet has ended, and is replaced", node.name)
             node.end()
             self.nodes.remove(node)
-        self.scale(len(self.nodes) + len(dead))
-        return [node.name for node in dead]
+        return len(dead)
 
     @property
     def groups(self) -> list[int]:

@@ -38,6 +38,7 @@ PARTITIONS = 8  # of a new fleet where nobody says
 LOOK_EVERY = 1.0  # [s]
 ALARM_AFTER = 20.0  # time without a worker after which a partition is an alarm [s]
 FRONT_WAIT = 10.0  # for the end of the front end [s]
+REPLACE_AFTER = 20.0  # a node that has ended, where the others have room: its partitions need the cores first [s]
 SPREAD_AFTER = 10.0  # time after a change of the nodes in which the engine has placed what it can [s]
 
 
@@ -87,6 +88,7 @@ class Fleet:
         self._silent: set[int] = set()
         self._begun = time.monotonic()
         self._spread_at: float | None = None
+        self._scale_at = 0.0
         self._told_where = ""
 
     def start(self) -> None:
@@ -171,16 +173,16 @@ class Fleet:
                 self._begin_again()
             elif not self.engine.is_alive:
                 self._join()
-            changed = bool(self.cluster.look())
-            wanted = wanted_workers(self._tables)
-            if wanted is not None and wanted > len(self.cluster.nodes):
+            if self.cluster.clear():
+                room = self.cluster.room * len(self.cluster.nodes) >= self._layout.partitions
+                self._scale_at = time.monotonic() + (REPLACE_AFTER if room else 0.0)
+            wanted = self._workers
+            if wanted > len(self.cluster.nodes) and time.monotonic() >= self._scale_at:
                 self.cluster.scale(wanted)
-                changed = True
-            if wanted is not None and wanted < len(self.cluster.nodes):
+                self._spread_at = time.monotonic() + SPREAD_AFTER
+            if wanted < len(self.cluster.nodes):
                 self._shrink(wanted)
             self._write()
-            if changed:
-                self._spread_at = time.monotonic() + SPREAD_AFTER
         elif self._nodes_have_come():
             self._spread_at = time.monotonic() + SPREAD_AFTER
         found = census(self._tables, self._layout)
