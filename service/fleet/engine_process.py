@@ -52,7 +52,11 @@ class EngineProcess:
         self._process = context.Process(target=_serve, args=(there, begin, settings), name="engine", daemon=True)
         self._process.start()
         there.close()
-        self._answer()
+        try:
+            self._answer()
+        except BaseException:
+            self.close()
+            raise
 
     @classmethod
     def joined(
@@ -129,7 +133,8 @@ def _joined(settings: Settings, layout: Layout, twin_from: str | None, address: 
 
 def _serve(connection: Connection, begin: Callable[[], Engine], settings: Settings) -> None:
     """Carries out what is asked, until the other side has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for `fleet up`, which ends this process
+    for number in (signal.SIGINT, signal.SIGTERM):  # from a terminal or supervisor: `fleet up` ends this process
+        signal.signal(number, signal.SIG_IGN)
     with logging_by(settings):
         failed, engine = _done(begin)
         with suppress(EOFError, OSError):

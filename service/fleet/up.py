@@ -13,7 +13,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from service.errors import DeliveryError, InputError, StorageUnavailable
 from service.fleet.census import Census, census
 from service.fleet.cluster import LocalCluster, Node, end_left, environment, node_here
 from service.fleet.databases import engine_of, made, reached
-from service.fleet.engine_process import EngineLost, EngineProcess
+from service.fleet.engine_process import EngineProcess
 from service.fleet.layout import FACTS, Layout, create, layout_of
 from service.results.data_folder import only_service_of
 from service.runtime.admission import demand_protected_links
@@ -196,8 +196,10 @@ class Fleet:
         """Ends the partitions in good order, and the engine where it is this fleet's own."""
         try:
             if self._engine is not None:
-                with suppress(EngineLost):
+                try:
                     self._engine.end()
+                except DeliveryError as error:
+                    log.warning("the partitions did not end in good order: %s", error)
                 self._engine.close()
         finally:
             (self._settings.data / RUNNING).unlink(missing_ok=True)

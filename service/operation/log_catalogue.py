@@ -229,6 +229,12 @@ LINES: tuple[Line, ...] = (
         "A partition that is moved was killed instead; it goes on from what is committed.",
         _NONE,
     ),
+    Line(
+        "service.fleet.up",
+        "the partitions did not end in good order: %s",
+        "`fleet up` ended while the engine was lost: they go on from what is committed with its next start.",
+        _NONE,
+    ),
     Line("service.fleet.engine", "%s is closed for new partitions (%.1f s)", "`fleet drain` or `fleet scale`.", _NONE),
     Line(
         "service.fleet.heartbeat",
@@ -299,8 +305,8 @@ LINES: tuple[Line, ...] = (
     Line(
         "service.fleet.up",
         "%s: it is tried again",
-        "A node of Ray that replaces one on this machine has not started; the other nodes go on.",
-        "Look at the file that it names, and for lack of memory.",
+        "Ray on this machine did not answer, or its head or a node did not start; nodes that are there go on.",
+        "None for the first time; then look at the file that it names, and for lack of memory.",
     ),
     Line(
         "service.fleet.up",

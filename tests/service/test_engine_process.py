@@ -81,6 +81,9 @@ def test_it_answers_from_another_process_and_goes_on_after_errors(tmp_path):
     with pytest.raises(DeliveryError, match=r"^the engine: the head says no$"):
         engine.move(0, "refused")
     process = psutil.Process(engine.room())
+    for number in (signal.SIGINT, signal.SIGTERM):  # a supervisor tells all processes: `fleet up` ends this one
+        process.send_signal(number)
+    assert engine.nodes() == [NODE]
     engine.close()
     assert not process.is_running() and (tmp_path / "left").read_text() == "left"
 
