@@ -149,7 +149,9 @@ def group_of(process: psutil.Process, top: int) -> str:
             return "partition" if ancestor.pid == process.pid else "computing"
         if "--node-name=head" in words:
             return "head"
-        if "--node-name=node" in words or ancestor.pid == top:
+        if ancestor.pid == top:  # what asks the engine for it
+            return "up"
+        if "--node-name=node" in words:
             break
     return "node"
 
