@@ -33,6 +33,7 @@ class Segments:
                 opened = self._opened(part, stack)
                 if opened is not None:
                     self.assets, self._rig_text = opened.assets, opened.rig_text
+                    self._labels = {asset: opened.labels(asset) for asset in opened.assets}
                     return self
         raise InputError(f"{self.path}: no segment can be read: {self.faults[0]}")
 
@@ -40,6 +41,10 @@ class Segments:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Nothing is open between two segments."""
+
+    def labels(self, asset: str) -> tuple[str, ...]:
+        """The channels of an asset in the first segment that can be read."""
+        return self._labels[asset]
 
     def rig(self) -> dict[str, Any] | None:
         """The rig file of the first segment as a mapping."""

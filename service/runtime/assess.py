@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -40,6 +41,9 @@ class Source(Protocol):
     def faults(self) -> list[str]: ...
     @property
     def assets(self) -> list[str]: ...
+    def labels(self, asset: str) -> tuple[str, ...]:
+        """The channels of an asset."""
+
     def rig(self) -> dict[str, Any] | None:
         """The rig file that it holds, as a mapping."""
 
@@ -103,6 +107,7 @@ def assess_source(
     """The same of a recording that is open."""
     results = _Results()
     records = results.records
+    assembly = replace(assembly, expected=recording.labels(asset))
     pipeline = Pipeline(lambda name: rig, twin, results, assembly=assembly)
 
     def reject(channel: Channel, error: FrameError) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,7 @@ def recorded_subject(
     with Recording(path, prefix) as recording:
         asset = choose_asset(recording, asset)
         rig = rig_of(recording, rig_path)
+        assembly = replace(assembly, expected=recording.labels(asset))
         frames = (frame for frame in recording.frames(_left_out) if frame.channel.asset == asset)
         if modelled:
             return _assessed(path, frames, rig, asset, index, assembly)

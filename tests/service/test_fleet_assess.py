@@ -259,13 +259,15 @@ def test_a_worker_that_is_killed_costs_no_result_and_every_result_is_that_of_ass
 
     found = stored_recordings([str(recordings)])
     summary = assess_all(found, given, kill_one)
-    assert killed and summary.counts == {"assessed": RECORDINGS, "found": 0, "refused": 0}
+    counts = dict(summary.counts)
+    found_done = counts.pop("found")  # one, where the worker was killed between its result and its answer
+    assert killed and found_done <= 1 and counts == {"assessed": RECORDINGS - found_done, "refused": 0}
     for recording in found:
         result = tmp_path / "results" / summary.outcomes[recording.where].result
         assert result.read_bytes() == plain(recording.where)
     counted = Counter(line.rpartition(" ")[0] for line in marks.read_text().splitlines())
     again = {window.split()[0] for window, times in counted.items() if times > 1}
-    assert len(counted) == RECORDINGS * WINDOWS and len(again) <= 1
+    assert len(counted) == RECORDINGS * WINDOWS and len(again) <= 1 - found_done
     assert assess_all(found, given).counts == {"assessed": 0, "found": RECORDINGS, "refused": 0}
     assert json.loads((tmp_path / "results" / SUMMARY).read_text())["found"] == RECORDINGS
 

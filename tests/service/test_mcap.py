@@ -114,6 +114,35 @@ def test_a_truncated_file_gives_all_its_whole_chunks(tmp_path):
     assert count_frames(path)[0] == 96
 
 
+def test_a_channel_that_begins_late_is_in_all_windows(tmp_path):
+    frames = bursts(6, frames=10)
+    assert content(read_windows(written(tmp_path / "a.mcap", ahead(frames)))[2]) == content(windows_of(frames))
+
+
+def test_a_channel_that_begins_late_is_found_in_a_truncated_file(tmp_path):
+    path = written(tmp_path / "a.mcap", ahead(bursts(6)), chunk_every=6)
+    with path.open("rb") as file:
+        blocks = scan(file, "a").blocks
+    data = path.read_bytes()[: blocks[-1].offset]
+    path.write_bytes(data)
+    frames, faults = count_frames(path)
+    assert frames == 6 * (len(blocks) - 1) == 138 and len(faults) == 1
+    spoiled = bytearray(data)
+    spoiled[blocks[3].offset + 200] ^= 0x10  # the first chunk of the channels that begin late
+    path.write_bytes(spoiled)
+    frames, faults = count_frames(path)
+    with Recording(path) as recording:
+        left = sum(1 for raw in recording.messages())
+        assert frames == left and {channel.kind for channel in recording.channels.values()} == {"accel"}
+    assert any(fault.endswith("messages left out: the definition of their channel is lost") for fault in faults)
+
+
+def ahead(frames):
+    """The frames of the accelerometer's first windows first: as they come from a publisher that is linked by and by."""
+    first = [f for f in frames if f.channel.kind == "accel"][:18]
+    return first + [f for f in frames if all(f is not each for each in first)]
+
+
 def test_a_flipped_bit_costs_its_own_chunk_only_and_is_told(tmp_path):
     path = written(tmp_path / "a.mcap", bursts(4))
     data = path.read_bytes()

@@ -88,6 +88,10 @@ class Recording:
     def assets(self) -> list[str]:
         return sorted({channel.asset for channel in self.channels.values()})
 
+    def labels(self, asset: str) -> tuple[str, ...]:
+        """The channels of an asset: their first frames may come long after those of others."""
+        return tuple(sorted(channel.label for channel in self.channels.values() if channel.asset == asset))
+
     @property
     def rig_text(self) -> bytes | None:
         """The attached rig file as it is."""
@@ -102,15 +106,18 @@ class Recording:
     def messages(self) -> Iterator[RawFrame]:
         """Whole messages of the measurement channels; damaged chunks are left out and noted in `faults`."""
         damaged: list[str] = []
-        used = 0
+        used = undefined = 0
         for records in self._ordered(damaged):
             for record in records:
                 channel = self.channels.get(record.channel_id)
+                undefined += record.channel_id not in self._contents.channels
                 if channel is not None:
                     used += 1
                     yield RawFrame(channel, record.log_time, record.data)
         if damaged:
             self.faults.append(f"{len(damaged)} of {len(self._blocks)} chunks damaged and left out: {damaged[0]}")
+        if undefined:
+            self.faults.append(f"{undefined} messages left out: the definition of their channel is lost")
         if not used:
             why = f" ({'; '.join(self.faults)})" if self.faults else ""
             raise InputError(f"{self.path}: not one whole frame of {', '.join(CHANNEL_KINDS)} data{why}")
@@ -126,12 +133,16 @@ class Recording:
                 yield frame
 
     def _peek(self) -> None:
-        """Learns the channels from the first chunk that can be read: its CRC vouches for them."""
+        """Learns the channels from the file's summary and the first chunk that can be read, whose CRC vouches for them.
+
+        Without a summary, or where something is damaged, from every chunk: a channel is defined where it is first used.
+        """
+        summarised = bool(self._contents.channels) and not self._contents.faults
         for block in self._blocks:
             records = read_block(self._file, block, self._contents)
             if not isinstance(records, str):
                 self._contents.learn(records)
-                if self._contents.channels:
+                if summarised:
                     return
 
     def _measurement_channels(self, prefix: str) -> dict[int, Channel]:
@@ -228,6 +239,7 @@ def read_windows(
         if len(recording.assets) > 1:
             raise InputError(f"{path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; give one")
         assembler = Assembler(settings)
+        assembler.expect(label for asset in recording.assets for label in recording.labels(asset))
         windows: list[Window] = []
         for frame in recording.frames(lambda channel, _: assembler.count(channel.label, "invalid")):
             windows += assembler.add(frame)
