@@ -110,7 +110,7 @@ def prepared(folder: Path) -> dict[str, str]:
         "PATH": f"{tools}:{os.environ['PATH']}",
         "PYTHONPATH": str(ROOT),
         "COLUMNS": "100",
-        "GEAR_TWIN_IDLE_TIMEOUT": "1",
+        "GEAR_TWIN_IDLE_TIMEOUT": "3",
     }
 
 

@@ -235,8 +235,8 @@ def _replayed(
     )  # fmt: skip
     with Progress(*columns, console=console) as progress:
         task = progress.add_task(f"Replaying {recording.name}", total=expected)
-        delivering.start()
         before = sum(_window_counts(address).values())
+        delivering.start()
         newest, since, replayed = 0, time.monotonic(), dict[str, int]()
         while newest < expected:
             time.sleep(POLL)

@@ -30,6 +30,7 @@ from service.results.data_folder import DATABASE
 from service.runtime.assess import assess
 
 WINDOWS = 12
+SILENCE = "5"  # that ends a window: longer than it takes to send what is not stored once more [s]
 ASSETS = ("a", "b", "c")
 DECISION = "/v1/assets/a/effects/misalignment"
 
@@ -70,7 +71,8 @@ def attack(count: int, seed: int, folder: Path, say: Callable[[str], None]) -> O
 def _schedule(
     draw: random.Random, data: Path, recordings: dict[str, Path], expected: dict[str, Any], outcome: Outcome
 ) -> None:
-    running = Workers(data, slow=draw.choice((0.0, 0.05, 0.2)), WORKERS=str(draw.choice((0, 1, 2))))
+    slow, workers = draw.choice((0.0, 0.05, 0.2)), draw.choice((0, 1, 2))
+    running = Workers(data, slow=slow, WORKERS=str(workers), IDLE_TIMEOUT=SILENCE)
     running.start()
     survives = draw.random() < 0.5
     publishers = [_publisher(path, running) for path in recordings.values()]

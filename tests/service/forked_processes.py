@@ -40,6 +40,7 @@ LOADED = (
 if os.environ.get("GEAR_TWIN_TEST_FLEET"):
     LOADED += ("service.fleet.front", "service.fleet.partition", "psycopg", "sqlalchemy.dialects.postgresql.psycopg")
 NO_INPUT = os.open(os.devnull, os.O_RDONLY)
+_LOOK_EVERY = 0.05  # how long one thread that waits keeps others from asking [s]
 NUMBER = struct.Struct("i")  # a process's number, and then how it has ended
 _lock = threading.Lock()
 _server: socket.socket | None = None
@@ -51,6 +52,7 @@ class ForkedProcess:
     def __init__(self, program: Path, environment: dict[str, str], out: IO, err: IO) -> None:
         self.args = [str(program)]
         self.returncode: int | None = None
+        self._asking = threading.Lock()
         self._ends, ends = os.pipe()
         try:
             asked = {"program": str(program), "environment": environment, "folder": os.getcwd()}
@@ -62,16 +64,14 @@ class ForkedProcess:
 
     def poll(self) -> int | None:
         """The exit status, or minus the signal that has ended it; None while it runs."""
-        if self.returncode is None and select.select([self._ends], [], [], 0)[0]:
-            self._ended()
-        return self.returncode
+        return self.returncode if self._has_ended(0.0) else None
 
     def wait(self, timeout: float | None = None) -> int:
         """As `poll`, once it has ended."""
-        if self.returncode is None:
-            if not select.select([self._ends], [], [], timeout)[0]:
+        deadline = float("inf") if timeout is None else time.monotonic() + timeout
+        while not self._has_ended(min(_LOOK_EVERY, max(deadline - time.monotonic(), 0.0))):
+            if time.monotonic() >= deadline:
                 raise subprocess.TimeoutExpired(self.args, timeout or 0.0)
-            self._ended()
         assert self.returncode is not None
         return self.returncode
 
@@ -82,10 +82,14 @@ class ForkedProcess:
     def kill(self) -> None:
         self.send_signal(signal.SIGKILL)
 
-    def _ended(self) -> None:
-        (status,) = NUMBER.unpack(os.read(self._ends, NUMBER.size))
-        os.close(self._ends)
-        self.returncode = os.waitstatus_to_exitcode(status)
+    def _has_ended(self, timeout: float) -> bool:
+        """Whether it has, after a time at most [s]; several threads may ask."""
+        with self._asking:
+            if self.returncode is None and select.select([self._ends], [], [], timeout)[0]:
+                (status,) = NUMBER.unpack(os.read(self._ends, NUMBER.size))
+                self.returncode = os.waitstatus_to_exitcode(status)
+                os.close(self._ends)
+            return self.returncode is not None
 
 
 def connection() -> socket.socket:

@@ -34,11 +34,11 @@ class PostgresqlServer:
         if self._user:
             owner = pwd.getpwnam(self._user)
             os.chown(self.folder, owner.pw_uid, owner.pw_gid)
+        self._data, self._count = self.folder / "data", itertools.count()
+        self._run("initdb", "-D", self._data, "-A", "trust", "-U", "twin", "--no-sync", "-E", "UTF8", "--locale=C")
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
-        self._data, self._count = self.folder / "data", itertools.count()
-        self._run("initdb", "-D", self._data, "-A", "trust", "-U", "twin", "--no-sync", "-E", "UTF8", "--locale=C")
         self.start()
         return self
 

@@ -304,7 +304,7 @@ def test_frames_of_a_retired_asset_are_left_out_until_it_is_reinstated(running, 
     state = running.get(UNSW)
     assert state["retired"]["by"] == "me" and state["retired"]["note"] == "scrapped"
     assert running.get("/v1/assets")[0]["retired"] is True
-    with pytest.raises(DeliveryError, match="128 frames are not stored: asset unsw is retired"):
+    with pytest.raises(DeliveryError, match=r"^\d+ frames are not stored: asset unsw is retired"):
         replay(second, (), 0, publish_to=network.open_publisher, wait=0.5)
     assert waiting(running) is None and len(running.windows()) == WINDOWS
     assert change(running, "reinstated")[0] == 201

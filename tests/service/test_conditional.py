@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from service.api.conditional import encoded
@@ -14,6 +14,7 @@ from service.json_text import JsonText
 VALUES = st.dictionaries(st.text(), st.floats(allow_nan=False, allow_infinity=False) | st.text() | st.none())
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(kept=st.lists(VALUES, max_size=4), other=VALUES, mixed=st.booleans())
 def test_texts_of_the_store_are_passed_on_among_other_content(kept, other, mixed):
     texts = [JsonText(json.dumps(one)) for one in kept]

@@ -67,22 +67,24 @@ def test_python_client_takes_a_key(served, keys, monkeypatch):
 def test_event_stream_ends_when_its_key_is_revoked(served, keys, monkeypatch):
     monkeypatch.setattr(events, "PING_S", 0.2)
     key = keys.add("reader", Role.read)
-    ended = threading.Event()
+    begun, ended = threading.Event(), threading.Event()
 
     def read():
         url, headers = f"{served}/v1/assets/unsw/events?after=0", {"Authorization": f"Bearer {key}"}
         with httpx.stream("GET", url, headers=headers, timeout=20) as answer:
             assert answer.status_code == 200
+            begun.set()
             for _ in answer.iter_lines():
                 pass
         ended.set()
 
     reader = threading.Thread(target=read, daemon=True)
     reader.start()
+    assert begun.wait(20)
     time.sleep(0.5)
     assert not ended.is_set()
     keys.revoke("reader")
-    assert ended.wait(5)
+    assert ended.wait(20)
 
 
 def test_page_asks_for_a_key_and_signs_in_and_out(open_page, served, keys):

@@ -149,6 +149,7 @@ def test_ended_service_has_every_decision_that_it_answered_and_none_twice(tmp_pa
         wait_until(lambda: all(d["done"] for d in again.get("/v1/assets/unsw/decisions")))
         log = [d["id"] for d in again.get("/v1/assets/unsw/decisions")]
         assert set(answered) <= set(log) and len(log) <= len(answered) + len(engineers)
+        wait_until(lambda: counted(again) > len(log) - 0.5)  # shown just after they have been stored
         assert counted(again) == pytest.approx(len(log))
 
 
@@ -167,11 +168,11 @@ def test_decision_that_waits_does_not_hold_the_end_up_and_is_carried_out_by_the_
         engineers = [threading.Thread(target=ask, args=(running,)) for _ in range(2)]
         for engineer in engineers:
             engineer.start()
-        time.sleep(0.7)  # one is in work by now, the other waits
+        wait_until(lambda: len(running.get(f"{UNSW}/decisions") or ()) == 2)  # one is in work by now, the other waits
         began = time.monotonic()
         status, _, complained = running.end(signal.SIGTERM)
         assert status == 0 and "Traceback" not in complained
-        assert time.monotonic() - began < 12
+        assert time.monotonic() - began < 18
         for engineer in engineers:
             engineer.join()
     with service(tmp_path) as again:

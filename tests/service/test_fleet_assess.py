@@ -288,7 +288,7 @@ def test_results_that_cannot_be_written_end_the_run_with_the_reason(ray_here, re
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL, signal.SIGTERM])
 def test_a_run_that_is_ended_goes_on_where_it_was(recordings, tmp_path, how):
     marks, results = tmp_path / "marks", tmp_path / "results"
-    command = [sys.executable, str(PROGRAM), str(marks), "0.1", "fleet", "assess", str(recordings)]
+    command = [sys.executable, str(PROGRAM), str(marks), "0.2", "fleet", "assess", str(recordings)]
     command += ["--results", str(results), "--workers", "2"]
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(map(str, (PROGRAM.parent, PROGRAM.parents[2]))),
@@ -303,7 +303,7 @@ def test_a_run_that_is_ended_goes_on_where_it_was(recordings, tmp_path, how):
         else:
             process.send_signal(how)
         said = process.communicate(timeout=60)
-    time.sleep(1.0)  # what computes may write the result that it has just made
+    settle(results, marks)
     status = {signal.SIGINT: 130, signal.SIGKILL: -9, signal.SIGTERM: 143}[how]
     assert process.returncode == status, said
     assert said[0] == "" and all(line.startswith("gear-twin: ") for line in said[1].splitlines()), said
@@ -320,6 +320,16 @@ def test_a_run_that_is_ended_goes_on_where_it_was(recordings, tmp_path, how):
         machine = name.partition("-")[0]
         assert machines[machine] == marked_before[machine] == WINDOWS
     assert len(machines) == RECORDINGS
+
+
+def settle(results, marks):
+    """Waits until what computes has written the results that it was making when the run was ended."""
+    found, since = None, time.monotonic()
+    while time.monotonic() - since < 3.0:
+        now = sorted(results.iterdir()), marks.stat().st_size
+        if now != found:
+            found, since = now, time.monotonic()
+        time.sleep(0.1)
 
 
 def short(folder):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import httpx
@@ -17,6 +18,7 @@ from service.fleet.layout import partition_of, schema_of
 from service.runtime.replay import replay
 
 UNSW = "/v1/assets/unsw"
+get, post = partial(httpx.get, timeout=60), partial(httpx.post, timeout=60)
 WINDOWS = 6
 PARTS = (
     "", "/wear", "/rul", "/residual", "/effects", "/tracing", "/rig", "/windows", "/trend", "/quality", "/inspections",
@@ -100,12 +102,12 @@ def test_a_decision_is_carried_out_once_and_shown_by_every_front_end(tmp_path, f
     with front(fleet, data_of(ask.process)) as second:
         done = ask.post(f"{UNSW}/effects/misalignment", json={"decision": "accept", "by": "Anna"})
         assert done.status_code == 200 and done.json()["done"]
-        shown = [httpx.get(f"{address}{UNSW}/decisions").json() for address in (ask.base_url, second)]
+        shown = [get(f"{address}{UNSW}/decisions").json() for address in (ask.base_url, second)]
         assert shown[0] == shown[1] == [done.json()]
         numbers = set()
 
         def accept(address):
-            answer = httpx.post(f"{address}{UNSW}/effects/misalignment", json={"decision": "accept"}, timeout=60)
+            answer = post(f"{address}{UNSW}/effects/misalignment", json={"decision": "accept"})
             numbers.add(answer.json()["id"])
 
         threads = [threading.Thread(target=accept, args=(a,)) for a in 4 * [str(ask.base_url), second]]
@@ -114,7 +116,7 @@ def test_a_decision_is_carried_out_once_and_shown_by_every_front_end(tmp_path, f
         for thread in threads:
             thread.join()
         assert len(numbers) == 8 and {(n - 1) % 3 for n in numbers} == {ask.process.partition}
-        entries = httpx.get(f"{second}/v1/audit").json()
+        entries = get(f"{second}/v1/audit").json()
         assert [e["outcome"] for e in entries] == 9 * ["done"]
         assert [e["id"] for e in entries] == sorted(e["id"] for e in entries)
 
@@ -167,10 +169,10 @@ def test_alarms_are_signed_once_by_the_rules_of_the_asset(fleet, begun):
     url = f"{UNSW}/alarms/{alarm['id']}/acknowledge"
     with front(fleet, data_of(begun.process)) as second:
         assert begun.post(url, json={"by": "Anna"}).status_code == 200
-        assert httpx.post(f"{second}{url}", json={"by": "Bert"}).status_code == 409
+        assert post(f"{second}{url}", json={"by": "Bert"}).status_code == 409
         for address in (begun.base_url, second):
-            assert httpx.get(f"{address}/v1/alarms").json()[0]["acknowledged"]
-            assert httpx.get(f"{address}{UNSW}").json()["alarms"]["unacknowledged"] == 0
+            assert get(f"{address}/v1/alarms").json()[0]["acknowledged"]
+            assert get(f"{address}{UNSW}").json()["alarms"]["unacknowledged"] == 0
     wait_until(lambda: row(fleet)["summary"]["alarms"]["unacknowledged"] == 0)  # the worker shows it
 
 
@@ -182,26 +184,26 @@ def test_unknown_assets_wait_at_every_front_end_until_one_adopts_them(tmp_path, 
     ):
         sending = threading.Thread(target=replayed, args=(process, fleet))
         sending.start()
-        wait_until(lambda: httpx.get(f"{second}/v1/unknown-assets").json()["assets"] != [])
-        (unknown,) = httpx.get(f"{address}/v1/unknown-assets").json()["assets"]
-        assert (unknown["asset"], unknown["rig_name"], httpx.get(f"{address}{UNSW}").status_code) == (
+        wait_until(lambda: get(f"{second}/v1/unknown-assets").json()["assets"] != [])
+        (unknown,) = get(f"{address}/v1/unknown-assets").json()["assets"]
+        assert (unknown["asset"], unknown["rig_name"], get(f"{address}{UNSW}").status_code) == (
             "unsw",
             "unsw",
             404,
         )
-        position = httpx.get(f"{address}{UNSW}/position").json()
+        position = get(f"{address}{UNSW}/position").json()
         assert not position["accepting"] and "unsw is unknown" in position["reason"]
-        adopted = httpx.post(f"{second}/v1/unknown-assets/unsw/adopt", json={"by": "Anna"})
+        adopted = post(f"{second}/v1/unknown-assets/unsw/adopt", json={"by": "Anna"})
         assert adopted.status_code == 201, adopted.text
-        wait_until(lambda: httpx.get(f"{address}/v1/rig-proposals").json() != [])  # it was adopted without its rig file
+        wait_until(lambda: get(f"{address}/v1/rig-proposals").json() != [])  # it was adopted without its rig file
         sending.join(60)
-        assert httpx.get(f"{address}/v1/unknown-assets").json()["assets"] == []
-        (proposal,) = httpx.get(f"{address}/v1/rig-proposals").json()
+        assert get(f"{address}/v1/unknown-assets").json()["assets"] == []
+        (proposal,) = get(f"{address}/v1/rig-proposals").json()
         decision = {"decision": "accept", "digest": proposal["digest"]}
-        accepted = httpx.post(f"{address}{UNSW}/rig-proposal", json=decision, timeout=60)
+        accepted = post(f"{address}{UNSW}/rig-proposal", json=decision)
         assert accepted.status_code == 201 and accepted.json()["done"], accepted.text
-        assert httpx.get(f"{second}{UNSW}/rig").json()["name"] == "unsw"
-        wait_until(lambda: httpx.get(f"{second}/v1/rig-proposals").json() == [])
+        assert get(f"{second}{UNSW}/rig").json()["name"] == "unsw"
+        wait_until(lambda: get(f"{second}/v1/rig-proposals").json() == [])
 
 
 def test_a_dismissed_asset_is_listed_no_more(tmp_path, fleet):
@@ -211,11 +213,11 @@ def test_a_dismissed_asset_is_listed_no_more(tmp_path, fleet):
     ):
         sending = threading.Thread(target=replayed, args=(process, fleet))
         sending.start()
-        wait_until(lambda: httpx.get(f"{address}/v1/unknown-assets").json()["assets"] != [])
-        assert httpx.post(f"{address}/v1/unknown-assets/unsw/dismiss", json={}).status_code == 200
-        wait_until(lambda: httpx.get(f"{address}/v1/unknown-assets").json()["frames"] > 0)
-        assert httpx.get(f"{address}/v1/unknown-assets").json()["assets"] == []
-        assert httpx.post(f"{address}/v1/assets", json={"asset": "unsw"}).status_code == 201  # after all
+        wait_until(lambda: get(f"{address}/v1/unknown-assets").json()["assets"] != [])
+        assert post(f"{address}/v1/unknown-assets/unsw/dismiss", json={}).status_code == 200
+        wait_until(lambda: get(f"{address}/v1/unknown-assets").json()["frames"] > 0)
+        assert get(f"{address}/v1/unknown-assets").json()["assets"] == []
+        assert post(f"{address}/v1/assets", json={"asset": "unsw"}).status_code == 201  # after all
         sending.join(60)
 
 

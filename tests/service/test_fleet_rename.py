@@ -119,7 +119,7 @@ def test_a_renamed_asset_is_served_under_all_its_names_and_nowhere_else(tmp_path
         publish(second, own.prefix)  # under the old name
         windows_of(NEW, 3)
         with pytest.raises(DeliveryError, match=f"{NEW} is in partition {OWN}: publish it under {own.prefix}, which"):
-            publish(third, hashed.prefix, asset=NEW, wait=2.0)
+            publish(third, hashed.prefix, asset=NEW, wait=10.0)
         publish(third, own.prefix, asset=NEW)
         windows_of(NEW, 4)
         renamed(ask, NEW, NEXT)

@@ -137,7 +137,10 @@ def test_a_partition_is_upgraded_by_the_worker_that_takes_it_and_keeps_its_windo
         store.note(other, [("added", {})])
     downgrade(fleet, OWN)
     assert revision_of(tables, OWN) == EARLIER
-    with front(fleet, tmp_path / "front", anonymous="read") as address, httpx.Client(base_url=address) as ask:
+    with (
+        front(fleet, tmp_path / "front", anonymous="read") as address,
+        httpx.Client(base_url=address, timeout=60) as ask,
+    ):
         refused = ask.get("/v1/assets/unsw/windows")
         assert refused.status_code == 503
         assert f"the tables of partition {OWN} have revision {EARLIER}, this program needs" in refused.text

@@ -17,7 +17,7 @@ import httpx
 import pytest
 import service_fakes as fakes
 from http_front import WRITE, front
-from service_streams import ROOT
+from service_streams import ROOT, wait_until
 
 from service.access.access import Access
 from service.access.roles import Role
@@ -258,7 +258,7 @@ def test_slow_request_is_ended_in_time_and_others_are_served(app, part):
                 slow.sendall(byte)  # a byte now and then prolongs nothing
             assert healthy(port)
         ended = received(slow)
-        assert 0.2 < time.monotonic() - began < 3.0
+        assert 0.2 < time.monotonic() - began < 10.0
         assert ended == "" or ended.startswith("HTTP/1.1 408")
         assert before.protocol.slow == 1
 
@@ -396,8 +396,8 @@ def test_1100_half_requests_leave_descriptors_to_others(app):
                 caller.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n")
             held.append(caller)
         assert gate.open <= 512
-        time.sleep(4.0)
-        assert gate.open == 0 and before.protocol.slow >= 400
+        wait_until(lambda: gate.open == 0)
+        assert before.protocol.slow >= 400
         assert healthy(port)
         for each in held:
             each.close()

@@ -32,7 +32,7 @@ def used(running: Service) -> float:
 def test_answer_says_what_the_inspection_changed_and_the_state_shows_it(tmp_path, recording):
     with service(tmp_path) as running:
         replay(recording, [running.endpoint], 0)
-        running.wait_for_windows(WINDOWS)
+        wait_until(lambda: (running.get("/v1/assets/unsw") or {}).get("windows_total") == WINDOWS)
         before = running.get("/v1/assets/unsw")
         status, answer = post(running, PATH, GIVEN)
         assert status == 201 and answer["applied"] is True and answer["reason"] is None

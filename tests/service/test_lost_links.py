@@ -18,6 +18,7 @@ from service.runtime.assess import assess
 
 pytestmark = pytest.mark.slow
 WINDOWS = 8
+IDLE = {"IDLE_TIMEOUT": "5"}  # a sender that is paused for less ends no window [s]
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,7 @@ def stopped(process):
 
 
 def test_a_service_that_is_suspended_for_25_seconds(tmp_path, recording, assessed):
-    running = Service(tmp_path).start()
+    running = Service(tmp_path, **IDLE).start()
     sending = replaying(recording, running.endpoint)
     try:
         running.wait_for_windows(2)
@@ -80,7 +81,7 @@ def test_a_service_that_is_suspended_for_25_seconds(tmp_path, recording, assesse
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_a_service_that_ends_twice_and_comes_back(tmp_path, recording, assessed, how):
-    running = Service(tmp_path).start()
+    running = Service(tmp_path, **IDLE).start()
     sending = replaying(recording, running.endpoint)
     try:
         for windows in (2, 5):
@@ -113,7 +114,7 @@ def test_what_has_been_said_to_be_stored_is_there_after_a_kill(tmp_path, recordi
 def test_a_router_that_ends_and_comes_back(tmp_path, recording, away):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     between = router(endpoint)
-    running = Service(tmp_path, CONNECT=json.dumps([endpoint]), LISTEN="[]").start()
+    running = Service(tmp_path, CONNECT=json.dumps([endpoint]), LISTEN="[]", **IDLE).start()
     sending = replaying(recording, endpoint)
     try:
         wait_until(lambda: running.get("/v1/assets/unsw") is not None)
@@ -133,7 +134,7 @@ def test_a_router_that_ends_and_comes_back(tmp_path, recording, away):
 
 
 def test_a_service_that_stays_away_is_said_with_what_is_not_stored(tmp_path, recording):
-    running = Service(tmp_path).start()
+    running = Service(tmp_path, **IDLE).start()
     arguments = [
         "replay",
         str(recording),

@@ -46,6 +46,7 @@ def serving(board, data, access=None, **given):
         yield settings.opcua, thread
     finally:
         thread.end()
+        thread.join(30.0)
         assert not thread.is_alive()
 
 

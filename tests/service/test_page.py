@@ -67,7 +67,7 @@ def test_new_window_appears_without_a_reload_by_fetching_what_is_new_alone(open_
     page = open_page(UNSW)
     wait_for_windows(page, 14)
     page.wait_for_selector("#link[data-state=live]")
-    page.wait_for_timeout(600)  # what the connection itself asks for is over
+    page.wait_for_timeout(2000)  # what the connection itself asks for is over
     asked = []
     page.on("request", lambda r: asked.append(r.url.partition("/v1/")[2]))
     before = points(page, "rms")
@@ -357,7 +357,7 @@ def test_machines_are_listed_by_severity_and_new_ones_join(open_page, store, boa
     fakes.campaign(store, board)
     alarm = fakes.report(10.0, 1) | {"status": {"level": "alarm", "reasons": ["A cracked tooth was found."]}}
     fakes.take(store, board, "zz-last", 0, 10.0, report=alarm)
-    page.wait_for_selector(".fleet tbody tr")
+    page.wait_for_selector("[data-assets='2']")
     assert page.locator(".fleet tbody tr").evaluate_all("rows => rows.map(r => r.dataset.asset)") == ["zz-last", "unsw"]
     first, second = page.locator(".fleet tbody tr").all_inner_texts()
     assert "Alarm" in first and "A cracked tooth was found." in first

@@ -145,7 +145,7 @@ def test_alarms_are_accessible_and_fit_the_screen(open_page, keeper, width, sche
 def test_leaving_the_view_while_it_asks_again_is_no_error(open_page, keeper, store, board):
     page = open_page(ALARMS)
     page.wait_for_selector("#link[data-state=live]")
-    page.wait_for_timeout(600)  # what the connection itself asks for is over
+    page.wait_for_timeout(2000)  # what the connection itself asks for is over
     page.route("**/v1/assets/unsw/alarms?*", lambda route: None)  # no answer: it is under way when the view is left
     with page.expect_request("**/v1/assets/unsw/alarms?*"):
         fakes.take(store, board, "unsw", 90, 19500.0)

@@ -93,8 +93,8 @@ def faults(page, address, width, axe):
     if (wide := page.evaluate("document.documentElement.scrollWidth")) > width:
         found.append(f"it is {wide} px wide")
     try:  # charts are drawn one after another
-        page.wait_for_function(f"!{EMPTY}.length", timeout=3000)
-    except playwright.sync_api.TimeoutError:
+        page.wait_for_function(f"!{EMPTY}.length", timeout=30_000)
+    except (AssertionError, playwright.sync_api.TimeoutError):
         found.append(f"empty charts: {page.evaluate(EMPTY)}")
     if width < 900:
         cut = page.evaluate(

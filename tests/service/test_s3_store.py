@@ -226,7 +226,8 @@ def test_an_upload_that_is_cut_off_leaves_nothing_or_the_whole(server, url, tmp_
     server.start()
     assert fault is None or isinstance(fault, StoreError)
     left = store.entry("big")
-    assert (left is None) == (fault is not None) and (left is None or left.size == 40_000_000)
+    assert left is None or left.size == 40_000_000
+    assert left or fault  # both where the server was killed between the end of the upload and its answer
     store.put("big", big)
     store.read_to(copy, "big")
     assert copy.read_bytes() == big.read_bytes()

@@ -80,7 +80,7 @@ def test_killed_service_goes_on_where_it_was_and_counts_nothing_twice(tmp_path, 
 
 @pytest.mark.slow
 def test_replay_goes_on_through_a_kill_of_the_service_and_nothing_is_missing(tmp_path, recording, assessed):
-    running, delivered = Service(tmp_path).start(), []
+    running, delivered = Service(tmp_path, IDLE_TIMEOUT="5").start(), []
     pace = {"speed": 4.0, "max_pause": 1.5}
     sending = threading.Thread(
         target=lambda: delivered.append(replay(recording, [running.endpoint], **pace)), daemon=True

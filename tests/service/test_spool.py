@@ -82,7 +82,7 @@ def step_of_two(rig, state, window, options, *, seconds):
 
 
 def test_an_asset_that_takes_long_holds_up_no_other_and_none_of_its_decisions(tmp_path, monkeypatch):
-    monkeypatch.setattr(fake_twin, "TWIN", replace(fake_twin.TWIN, step=partial(step_of_two, seconds=20.0)))
+    monkeypatch.setattr(fake_twin, "TWIN", replace(fake_twin.TWIN, step=partial(step_of_two, seconds=120.0)))
     network = MemoryNetwork()
     slow = write_recording(
         tmp_path / "slow.mcap", WINDOWS, asset="slow", changed=(b'name = "unsw"', b'name = "slow"')
@@ -95,7 +95,7 @@ def test_an_asset_that_takes_long_holds_up_no_other_and_none_of_its_decisions(tm
         assert len(running.wait_for_windows(WINDOWS)) == WINDOWS
         status, decided = post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "pin"})
         assert (status, decided["done"]) == (200, True)
-        assert time.monotonic() - began < 8
+        assert time.monotonic() - began < 60
         assert running.windows("slow") == [] and running.get("/v1/assets/slow")["windows_total"] == 0
 
 

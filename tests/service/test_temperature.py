@@ -64,7 +64,7 @@ def test_assess_shows_the_temperatures_of_each_window(recording):
 
 @pytest.mark.slow
 def test_a_replayed_temperature_is_in_the_window_records_that_the_store_keeps(recording, tmp_path):
-    with service(tmp_path) as running:
+    with service(tmp_path, IDLE_TIMEOUT="5") as running:
         replay(recording, [running.endpoint], 4, max_pause=0.5)  # slow channels are not waited for: at a live pace
         kept = running.wait_for_windows(WINDOWS)
         assert temperatures(kept[1:]) == expected()[1:]  # the first window may end before its key has been heard

@@ -30,7 +30,9 @@ def test_two_advanced_publishers_on_one_key_are_named_by_a_running_service(tmp_p
             for each in (one, two)
         ]
         time.sleep(1.0)
-        for number in range(60):
+        for number in range(240):
+            if "two publishers" in running.said()[1]:
+                break
             payload = encode(frame(ACCEL, number, number * LENGTH))
             made[number // 4 % 2].put(payload, encoding=encoding_of(ACCEL))
             time.sleep(LENGTH)

@@ -119,7 +119,7 @@ def test_nothing_is_told_outside_of_systemd_or_where_the_watchdog_is_of_another_
 
 
 def test_systemd_is_told_of_readiness_life_and_the_end_which_takes_less_than_ten_seconds(tmp_path, told, monkeypatch):
-    monkeypatch.setenv("WATCHDOG_USEC", "600000")
+    monkeypatch.setenv("WATCHDOG_USEC", "3000000")
     with service(tmp_path / "data") as running:
         assert told() == READY
         assert [told(), told(), told()] == [ALIVE] * 3
