@@ -46,7 +46,7 @@ def expected_channels(rig: Rig) -> tuple[str, ...]:
 
 def assembly_for(rig: Rig, base: AssemblySettings) -> AssemblySettings:
     """How the frames of a machine become windows: its channels too are waited for, its sensors' ranges hold."""
-    return replace(base, expected=tuple(dict.fromkeys((*expected_channels(rig), *base.expected))), rig=rig)
+    return replace(base.waiting_for(expected_channels(rig)), rig=rig)
 
 
 def window_of_rig(rig: Rig, window: Window) -> Window:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -107,7 +106,7 @@ def assess_source(
     """The same of a recording that is open."""
     results = _Results()
     records = results.records
-    assembly = replace(assembly, expected=recording.labels(asset))
+    assembly = assembly.waiting_for(recording.labels(asset))
     pipeline = Pipeline(lambda name: rig, twin, results, assembly=assembly)
 
     def reject(channel: Channel, error: FrameError) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +54,7 @@ def recorded_subject(
     with Recording(path, prefix) as recording:
         asset = choose_asset(recording, asset)
         rig = rig_of(recording, rig_path)
-        assembly = replace(assembly, expected=recording.labels(asset))
+        assembly = assembly.waiting_for(recording.labels(asset))
         frames = (frame for frame in recording.frames(_left_out) if frame.channel.asset == asset)
         if modelled:
             return _assessed(path, frames, rig, asset, index, assembly)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from service.stream import order
@@ -57,6 +57,10 @@ class AssemblySettings:
     expected: tuple[str, ...] = ()  # channels that are waited for before the first window: accel/y6, ...
     rig: Rig | None = None  # whose sensor ranges and operating points the values are held against
     clocked: bool = False  # whether who adds frames decides by a clock which channels are waited for no longer
+
+    def waiting_for(self, labels: Iterable[str]) -> AssemblySettings:
+        """The same, with these channels waited for as well."""
+        return replace(self, expected=tuple(dict.fromkeys((*self.expected, *labels))))
 
 
 DEFAULT = AssemblySettings()

@@ -59,7 +59,7 @@ def test_a_subscriber_that_has_been_away_is_noticed_for_whatever_channel_is_look
         with subscribed(router):
             publisher.declare(CHANNELS)
             assert publisher.linked() and all(publisher.linked(channel) for channel in CHANNELS)
-        wait_until(lambda: not publisher.linked())  # Zenoh says nothing of those that come back at once
+        wait_until(lambda: not publisher.linked())  # Zenoh may say nothing of those that come back at once
         with subscribed(router):  # another one, that has not been sent what came before
             wait_until(lambda: not publisher.linked(CHANNELS[0]))
             assert not any(publisher.linked(channel) for channel in CHANNELS) and not publisher.linked()
