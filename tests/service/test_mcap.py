@@ -137,6 +137,23 @@ def test_a_channel_that_begins_late_is_found_in_a_truncated_file(tmp_path):
     assert any(fault.endswith("messages left out: the definition of their channel is lost") for fault in faults)
 
 
+def test_no_flipped_bit_of_the_summary_gives_a_channel_another_name(tmp_path):
+    path = written(tmp_path / "a.mcap", ahead(bursts(6)), chunk_every=6)
+    data, known = path.read_bytes(), {topic_of(channel) for channel in CHANNELS}
+    with path.open("rb") as file:
+        last = scan(file, "a").blocks[-1].offset
+    for topic in known:  # the summary repeats the definitions: their last place in the file
+        place = data.rindex(topic.encode())
+        assert place > last
+        for at in range(place, place + len(topic)):
+            spoiled = bytearray(data)
+            spoiled[at] ^= 1
+            path.write_bytes(spoiled)
+            with Recording(path) as recording:
+                assert {topic_of(channel) for channel in recording.channels.values()} == known
+                assert recording.faults == ["summary damaged (CRC) and left out"]
+
+
 def ahead(frames):
     """The frames of the accelerometer's first windows first: as they come from a publisher that is linked by and by."""
     first = [f for f in frames if f.channel.kind == "accel"][:18]

@@ -26,6 +26,8 @@ from service.stream.sources.mcap_unpack import LARGEST_CHUNK, Unusable, allowanc
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER = 9  # opcode and length of a record [bytes]
 _CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, uncompressed size, CRC, length of the compression's name
+_FOOTER = struct.Struct("<QQI")  # start of the summary, start of its offsets, CRC
+_CRC_SIZE = 4  # [bytes]
 _MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
 _MARK_OFFSET = _HEADER + _CHUNK_HEAD.size - 4  # of the mark from the start of a chunk record
 _IMMENSE = (MemoryError, OverflowError)  # lengths that a flipped bit made so
@@ -80,6 +82,7 @@ def scan(file: BinaryIO, name: str) -> Contents:
     if file.read(len(MAGIC)) != MAGIC:
         raise InputError(f"{name}: not an MCAP recording: it does not begin with the MCAP magic bytes")
     at, complete = len(MAGIC), False
+    defined = contents.schemas, contents.channels  # before the summary, which repeats them
     while at + _HEADER <= contents.size:
         file.seek(at)
         opcode, length = struct.unpack("<BQ", file.read(_HEADER))
@@ -96,13 +99,31 @@ def scan(file: BinaryIO, name: str) -> Contents:
         except _UNREADABLE:
             contents.faults.append(f"damaged record at byte {at} left out")
         at = behind
+        if opcode == Opcode.DATA_END:
+            defined = dict(contents.schemas), dict(contents.channels)
         if opcode == Opcode.FOOTER:
+            if not _summary_is_whole(file, behind):
+                contents.faults.append("summary damaged (CRC) and left out")
+                contents.schemas, contents.channels = defined
             file.seek(behind)
             complete = file.read(len(MAGIC)) == MAGIC
             break
     if not complete:
         contents.faults.append(f"truncated: nothing whole after byte {at} of {contents.size}")
     return contents
+
+
+def _summary_is_whole(file: BinaryIO, end: int) -> bool:
+    """Whether the summary agrees with the CRC of the footer that ends at `end`; a CRC of 0 is none (MCAP, `Footer`)."""
+    file.seek(end - _FOOTER.size)
+    begin, _, crc = _FOOTER.unpack(file.read(_FOOTER.size))
+    if crc == 0:
+        return True
+    covered = end - _CRC_SIZE - begin  # from the summary's start to the CRC itself
+    if begin == 0 or covered < 0:
+        return False
+    file.seek(begin)
+    return zlib.crc32(file.read(covered)) == crc
 
 
 def _take(file: BinaryIO, opcode: int, at: int, length: int, contents: Contents) -> None:
