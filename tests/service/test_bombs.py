@@ -98,7 +98,8 @@ def test_chunk_that_holds_more_than_it_says_is_left_out(tmp_path):
         path = tmp_path / "b.mcap"
         path.write_bytes(MAGIC + bomb + data[len(MAGIC) :])
         left, faults = count_frames(path)
-        assert left == count and "1 of" in faults[0] and "chunks damaged and left out" in faults[0], name
+        (fault,) = [each for each in faults if "chunks damaged and left out" in each]
+        assert left == count and "1 of" in fault, name  # that the summary is no longer in its place is said as well
 
 
 def test_all_chunks_together_are_bounded_by_the_size_of_the_file(tmp_path, monkeypatch):
@@ -112,7 +113,7 @@ def test_all_chunks_together_are_bounded_by_the_size_of_the_file(tmp_path, monke
     with Recording(path) as recording:
         assert list(recording.messages())  # of the true chunks those that still fit
         assert sum(recording._contents.unpacked.values()) <= mcap_unpack.allowance(path.stat().st_size) < 20 * 2**20
-        assert "all chunks together would be over" in recording.faults[0]
+        assert any("all chunks together would be over" in fault for fault in recording.faults)
 
 
 def test_many_small_records_are_bounded(tmp_path, monkeypatch):
