@@ -39,7 +39,6 @@ class Caches(Protocol):
 class _Held(NamedTuple):
     """A key whose frames wait."""
 
-    asset: str
     least: float  # waits until then, on the monotonic clock [s] ...
     until: float = float("inf")  # ... and no longer than this; infinite before its publishers are asked
     answered: bool = False
@@ -48,7 +47,8 @@ class _Held(NamedTuple):
 class FirstFrames:
     """Looks at the first frame of each key.
 
-    behind  puts a call behind the frames of a stream that have come; where there is no room for it, it is not made
+    behind    puts a call behind the frames of a stream that have come; where there is no room for it, it is not made
+    asset_of  the asset that a stream belongs to at present; its own name unless it has been renamed
     """
 
     def __init__(
@@ -57,9 +57,11 @@ class FirstFrames:
         caches: Caches,
         behind: Callable[[str, Callable[[], None]], object],
         *,
+        asset_of: Callable[[str], str] = lambda stream: stream,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._reception, self._caches, self._behind, self._clock = reception, caches, behind, clock
+        self._asset_of = asset_of
         self._seen: set[Channel] = set()
         self._begun: set[str] = set()  # streams
         self._held: dict[Channel, _Held] = {}
@@ -88,7 +90,7 @@ class FirstFrames:
             asset, *gap, channel.label, extra={"asset": asset},
         )  # fmt: skip
         self._reception.hold(asset, channel.label, True)
-        self._held[channel] = _Held(asset, self._clock() + SENT_AGAIN_WITHIN)
+        self._held[channel] = _Held(self._clock() + SENT_AGAIN_WITHIN)
         self._holding[channel.asset] += 1
         self._due.append(channel)
 
@@ -112,7 +114,7 @@ class FirstFrames:
         if now >= self._look_at:
             self._look_at = now + LOOK_EVERY
             for channel, held in list(self._held.items()):
-                if (held.answered and held.least < now) or held.until < now or not self._waits(channel, held):
+                if (held.answered and held.least < now) or held.until < now or not self._waits(channel):
                     self._asked.discard(channel)
                     self._go_on(channel)
 
@@ -120,9 +122,9 @@ class FirstFrames:
         """Whether frames of a stream wait for those before them: its silence ends no window then."""
         return stream in self._holding
 
-    def _waits(self, channel: Channel, held: _Held) -> bool:
+    def _waits(self, channel: Channel) -> bool:
         """Whether anything before the frames of a key is missing still."""
-        return self._reception.first_gap(held.asset, channel.label) is not None
+        return self._reception.first_gap(self._asset_of(channel.asset), channel.label) is not None
 
     def _ask(self, channel: Channel, now: float) -> None:
         """Has the publishers of a key asked."""
@@ -150,7 +152,6 @@ class FirstFrames:
             self._held[channel] = self._held[channel]._replace(answered=True)
 
     def _go_on(self, channel: Channel) -> None:
-        held = self._held.pop(channel, None)
-        if held is not None:
+        if self._held.pop(channel, None) is not None:
             self._holding -= Counter([channel.asset])
-            self._reception.hold(held.asset, channel.label, False)
+            self._reception.hold(self._asset_of(channel.asset), channel.label, False)

@@ -61,7 +61,7 @@ class _Sender:
 
 
 class _Rhythm:
-    """One stream in time: how long silence may last, and which channels are waited for.
+    """The streams of one asset in time: how long silence may last, and which channels are waited for.
 
     `now` is the pump's clock, which stands still while the process does: a service that was suspended, or that had no
     processor, has not heard silence. Frames that came meanwhile are still on their way to it.
@@ -73,6 +73,8 @@ class _Rhythm:
         self._heard: dict[str, _Heard] = {}
         self._slowest, self._seen = 0.0, 0
         self.first = self.newest = now
+        self.stream = ""  # that the newest frame is of
+        self.streams: set[str] = set()
         self.sender: str | None = None  # the session that the newest frame came from
         self._looked = now
         self._waited = 0.0  # how long the sender has waited for answers [s]
@@ -169,7 +171,7 @@ class FrameConsumer(Protocol):
 
 
 class Pump:
-    """Takes arrivals to a consumer; silence of an asset ends its window.
+    """Takes arrivals to a consumer; silence of an asset ends its window, whatever names its frames have.
 
     idle_timeout  silence that ends a window [s]
     channel_wait  how long a channel is waited for that the others have gone on without [s]
@@ -177,6 +179,7 @@ class Pump:
     waits         whether a session that sends frames waits for an answer, or has been given one and not gone on;
                   called with its name and when the newest frame of its other streams came [s]
     between       called between frames, at least every tenth of a second while no window is being processed
+    asset_of      the asset that a stream belongs to at present; its own name unless it has been renamed
     clock         the monotonic clock [s]
     """
 
@@ -190,11 +193,13 @@ class Pump:
         channel_wait: float = CHANNEL_WAIT,
         holding: Callable[[], bool] = lambda: False,
         waits: Callable[[str, float], bool] = lambda sender, heard: False,
+        asset_of: Callable[[str], str] = lambda stream: stream,
         clock: Callable[[], float] = time.monotonic,
     ):
         self._inbox, self._consumer, self._idle_timeout, self._between = inbox, consumer, idle_timeout, between
         self._channel_wait, self._holding, self._waits, self._clock = channel_wait, holding, waits, clock
-        self._rhythms: dict[str, _Rhythm] = {}
+        self._asset_of = asset_of
+        self._rhythms: dict[str, _Rhythm] = {}  # by asset
         self._senders: dict[str, _Sender] = {}  # by session
         self._now = 0.0  # stands still while the process does, and while publishers wait [s]
         self._turned = clock()
@@ -223,9 +228,7 @@ class Pump:
             item.reached()
         if self._now - self._looked >= _POLL:
             self._looked = self._now
-            for asset, rhythm in self._rhythms.items():
-                if not self._inbox.waits(asset):
-                    self._close_silent(asset, rhythm)
+            self._look_for_silence()
 
     def _take(self, arrival: Arrival) -> None:
         try:
@@ -234,8 +237,10 @@ class Pump:
             self._consumer.reject(arrival.channel, error)
             return
         stream = frame.channel.asset
-        new = stream not in self._rhythms
         rhythm = self._rhythm(stream)
+        new = stream not in rhythm.streams
+        rhythm.stream = stream
+        rhythm.streams.add(stream)
         rhythm.note(frame, arrival.received, self._now)
         if arrival.source is not None:
             rhythm.sender = arrival.source.partition("/")[0]
@@ -257,11 +262,12 @@ class Pump:
         found.note(stream, received)
 
     def _rhythm(self, stream: str) -> _Rhythm:
-        """A stream's rhythm; that of the one which has been silent longest is given up for a new one."""
-        found = self._rhythms.pop(stream, None) or _Rhythm(self._idle_timeout, self._channel_wait, self._now)
+        """The rhythm of a stream's asset; that of the one which has been silent longest is given up for a new one."""
+        asset = self._asset_of(stream)
+        found = self._rhythms.pop(asset, None) or _Rhythm(self._idle_timeout, self._channel_wait, self._now)
         if len(self._rhythms) >= _MOST_STREAMS:
             del self._rhythms[next(iter(self._rhythms))]
-        self._rhythms[stream] = found
+        self._rhythms[asset] = found
         return found
 
     def _sender_waits(self, stream: str, sender: str | None) -> bool:
@@ -269,20 +275,32 @@ class Pump:
         found = None if sender is None else self._senders.get(sender)
         return found is not None and self._waits(str(sender), found.of_others(stream))
 
-    def _close_silent(self, asset: str, rhythm: _Rhythm) -> None:
-        """Ends the window of a stream that has fallen silent; goes on without channels that have ended."""
-        if not self._consumer.waiting(asset):
+    def _look_for_silence(self) -> None:
+        """Ends the windows of assets that have fallen silent."""
+        for known_as, rhythm in list(self._rhythms.items()):
+            asset = self._asset_of(rhythm.stream)
+            if asset != known_as:  # it has been renamed, or the stream has been found to be another machine's
+                del self._rhythms[known_as]
+                rhythm = self._rhythms.setdefault(asset, rhythm)
+            rhythm.streams = {stream for stream in rhythm.streams if self._asset_of(stream) == asset}
+            if not any(self._inbox.waits(stream) for stream in rhythm.streams):
+                self._close_silent(rhythm)
+
+    def _close_silent(self, rhythm: _Rhythm) -> None:
+        """Ends the window of an asset that has fallen silent; goes on without channels that have ended."""
+        stream = rhythm.stream
+        if not all(self._consumer.waiting(each) for each in rhythm.streams):
             return
-        channels = self._consumer.channels(asset)
-        if new := set(self._inbox.announced(asset)) - set(channels):
-            self._consumer.expect(asset, new)
-            channels = self._consumer.channels(asset)
-        rhythm.look(self._now, self._sender_waits(asset, rhythm.sender))
+        channels = self._consumer.channels(stream)
+        if new := {label for each in rhythm.streams for label in self._inbox.announced(each)} - set(channels):
+            self._consumer.expect(stream, new)
+            channels = self._consumer.channels(stream)
+        rhythm.look(self._now, self._sender_waits(stream, rhythm.sender))
         late = rhythm.awaited(channels, self._now)
         if rhythm.is_over(late, self._now):
-            self._consumer.flush(asset)
+            self._consumer.flush(stream)
         elif rhythm.ended:
-            self._consumer.wait_only_for(asset, set(channels) - rhythm.ended)
+            self._consumer.wait_only_for(stream, set(channels) - rhythm.ended)
 
 
 def pump(
@@ -295,6 +313,10 @@ def pump(
     channel_wait: float = CHANNEL_WAIT,
     holding: Callable[[], bool] = lambda: False,
     waits: Callable[[str, float], bool] = lambda sender, heard: False,
+    asset_of: Callable[[str], str] = lambda stream: stream,
 ) -> None:
     """Takes arrivals to a consumer until `stop` is set."""
-    Pump(inbox, consumer, idle_timeout, between, channel_wait=channel_wait, holding=holding, waits=waits).run(stop)
+    Pump(
+        inbox, consumer, idle_timeout, between, channel_wait=channel_wait, holding=holding, waits=waits,
+        asset_of=asset_of,
+    ).run(stop)  # fmt: skip

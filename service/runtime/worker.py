@@ -241,7 +241,7 @@ class Worker(threading.Thread):
             pump(
                 self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
                 channel_wait=self._settings.channel_wait, holding=self._holds,
-                waits=positions.waits,
+                waits=positions.waits, asset_of=streams.asset_of,
             )  # fmt: skip
 
     def _holds(self) -> bool:
@@ -320,7 +320,7 @@ class Worker(threading.Thread):
             unknown=kept.unknown,
         )
         streams.moved = positions.moved
-        first_frames = FirstFrames(reception, transport, self._inbox.ask)
+        first_frames = FirstFrames(reception, transport, self._inbox.ask, asset_of=streams.asset_of)
         streams.fed, streams.holds = first_frames.fed, first_frames.holds
 
         spool.settled = lambda asset: positions.moved(*streams.streams_of(asset))

@@ -24,7 +24,7 @@ class Began:
     """A reception that goes on after the first of three bursts, and publishers that are asked."""
 
     def __init__(self):
-        self.now, self.asked, self.closed, self.behind = 0.0, [], [], []
+        self.now, self.asked, self.closed, self.behind, self.called = 0.0, [], [], [], ASSET
         self.frames = bursts(3, frames=40)
         earlier = self._reception()
         third = len(self.frames) // 3
@@ -36,7 +36,11 @@ class Began:
         self.reception.resume(ASSET, checkpoint.assembly, {"windows": {}, "faults": []})
         self.rest = self.frames[third:]
         self.first = FirstFrames(
-            self.reception, self, lambda stream, call: self.behind.append(call), clock=lambda: self.now
+            self.reception,
+            self,
+            lambda stream, call: self.behind.append(call),
+            asset_of=lambda stream: self.called,
+            clock=lambda: self.now,
         )
 
     def _reception(self):
@@ -90,6 +94,25 @@ def test_what_no_publisher_has_any_more_is_a_fault_of_its_window():
     assert not began.first.holds(ASSET)
     qualities = began.qualities()
     assert began.lost == {"accel/y6"} and qualities[0] != "good" and qualities[1] == "good"
+
+
+def test_an_asset_that_is_renamed_while_frames_wait_goes_on():
+    """What waited under the earlier name once waited for good."""
+    began = Began()
+    gone = [f for f in began.rest if f.channel == ACCEL][:2]
+    began.feed([f for f in began.rest if not any(f is g for g in gone)])
+    began.reception.rename(ASSET, "new")
+    began.called = "new"
+    began.now += LOOK
+    began.feed([])
+    assert began.first.holds(ASSET)
+    began.asked[0][1]()
+    began.behind[0]()
+    began.now += SENT_AGAIN_WITHIN + 0.1
+    began.feed([])
+    assert not began.first.holds(ASSET)
+    qualities = began.qualities()
+    assert began.lost == {ACCEL.label} and qualities[0] != "good" and qualities[1] == "good"
 
 
 def test_a_key_that_others_have_gone_on_without_is_asked_for():

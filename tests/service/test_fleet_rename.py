@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import httpx
 import pytest
@@ -82,6 +83,14 @@ def renamed(ask, asset, name):
     assert answer.status_code == 201 and answer.json()["done"], answer.text
 
 
+def halting(frames):
+    """Frames with a pause in the midst of the last window: the earlier name has been silent for long by then."""
+    frames = list(frames)
+    yield from frames[:-16]
+    time.sleep(0.4)
+    yield from frames[-16:]
+
+
 # -- workers and front ends ------------------------------------------------------------------------------
 
 
@@ -120,7 +129,7 @@ def test_a_renamed_asset_is_served_under_all_its_names_and_nowhere_else(tmp_path
         windows_of(NEW, 3)
         with pytest.raises(DeliveryError, match=f"{NEW} is in partition {OWN}: publish it under {own.prefix}, which"):
             publish(third, hashed.prefix, asset=NEW, wait=10.0)
-        publish(third, own.prefix, asset=NEW)
+        publish(third, own.prefix, asset=NEW, disturb=halting)
         windows_of(NEW, 4)
         renamed(ask, NEW, NEXT)
         assert {key_of(fleet, name, capsys) for name in ("unsw", NEW, NEXT)} == {own.prefix}

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import pytest
 from service_streams import Sink
 from streams import ACCEL, ASSET, CHANNELS, LENGTH, TORQUE, bursts, content, frame
 
 from service.runtime.pipeline import Pipeline
 from service.runtime.positions import ClosedWindows, Positions
 from service.runtime.pump import Pump, _Rhythm
+from service.runtime.streams import Streams
 from service.runtime.twin_port import Answer, Twin
 from service.stream.assembly import Assembler, AssemblySettings
 from service.stream.inbox import Inbox
@@ -93,19 +96,33 @@ class Driven:
     """A pump over an inbox and a pipeline, turned by hand on a clock of its own."""
 
     def __init__(self, inbox=None):
-        self.now, self.outcomes = 1000.0, []
+        self.now, self.outcomes, self.routes = 1000.0, [], {}
         self.inbox = inbox or Inbox()
         twin = Twin(
             step=lambda r, s, w, o: (s, Answer(record={}, report={}, events=())), new_state=dict, load_state=dict
         )
-        pipeline = Pipeline(
+        pipeline = self.pipeline = Pipeline(
             lambda asset: Rig.from_mapping({}), twin, Sink(self.outcomes), assembly=AssemblySettings(clocked=True)
         )
         self.backlog = 0
         self.positions = Positions(
             self.inbox, None, None, pending=lambda stream: ClosedWindows(waiting=self.backlog), clock=lambda: self.now
         )
-        self.pump = Pump(self.inbox, pipeline, 0.7, waits=self.positions.waits, clock=lambda: self.now)
+        self.streams = Streams(SimpleNamespace(routes=lambda: dict(self.routes)), pipeline, lambda asset: False)
+        self.pump = Pump(
+            self.inbox,
+            self.streams,
+            0.7,
+            waits=self.positions.waits,
+            asset_of=self.streams.asset_of,
+            clock=lambda: self.now,
+        )
+
+    def rename(self, asset, name):
+        """An asset has another name, as the service renames it."""
+        self.pipeline.rename(asset, name)
+        self.routes = {stream: name if of == asset else of for stream, of in self.routes.items()} | {asset: name}
+        self.streams.reload()
 
     def send(self, frames, source=None):
         for f in frames:
@@ -246,3 +263,56 @@ def test_counts_of_frames_alone_do_not_end_the_wait_for_a_channel_of_a_live_stre
         driven.send([f])
         driven.pump.turn(driven.inbox.take(0.0))
     assert len(driven.outcomes) == 2 and early[0].channel.asset == ASSET
+
+
+# -- assets that have several names --------------------------------------------------------------------
+
+
+def under(name, frames):
+    return [replace(f, channel=f.channel._replace(asset=name)) for f in frames]
+
+
+@pytest.mark.parametrize("names", [("new", "new"), ("new", ASSET), (ASSET, "new")])
+def test_a_window_is_whole_whichever_of_its_names_a_renamed_asset_is_sent_under(names):
+    """The name that was silent once ended each window that came under the other, within a tenth of a second."""
+    driven, frames = Driven(), bursts(3, frames=8)
+    driven.send(frames[:32])
+    driven.run(4.0)
+    driven.rename(ASSET, "new")
+    for name, burst in zip(names, (frames[32:64], frames[64:]), strict=True):
+        for n in range(0, 32, 4):
+            driven.send(under(name, burst[n : n + 4]))
+            driven.run(0.3)
+        driven.run(4.0)
+    assert content(driven.windows) == undisturbed(frames)
+
+
+def test_an_asset_that_is_renamed_in_the_midst_of_a_window_ends_it_in_silence():
+    driven, frames = Driven(), bursts(3, frames=8)
+    driven.send(frames[:80])
+    driven.run(0.3)
+    driven.rename(ASSET, "new")
+    driven.send(frames[80:88])  # the publisher has not heard of it
+    driven.run(0.3)
+    driven.send(under("new", frames[88:]))
+    driven.run(0.5)
+    assert len(driven.outcomes) == 2
+    driven.run(4.0)
+    assert content(driven.windows) == undisturbed(frames)
+    driven.rename("new", "newest")
+    driven.send(under("new", bursts(4, frames=8)[96:]))
+    driven.run(0.3)
+    driven.rename("newest", "last")  # nothing comes after that
+    driven.run(4.0)
+    assert content(driven.windows) == undisturbed(bursts(4, frames=8))
+
+
+def test_channels_of_one_asset_may_come_under_several_of_its_names():
+    driven, frames = Driven(), bursts(8, frames=8)
+    driven.rename("old", ASSET)
+    for n in range(0, len(frames), 32):
+        driven.send([f for f in frames[n : n + 32] if f.channel != TORQUE])
+        driven.run(2.0)
+        driven.send(under("old", [f for f in frames[n : n + 32] if f.channel == TORQUE]))
+        driven.run(2.0)
+    assert content(driven.windows) == undisturbed(frames)
