@@ -83,7 +83,7 @@ class StalenessWatch:
             limits,
             clock,
         )
-        self._started = clock()
+        self._since = dict.fromkeys(board.assets(), clock())  # when the service first knew of an asset [ns]
         self._looked = 0
         self._heard: dict[str, _Heard] = {}
 
@@ -109,7 +109,8 @@ class StalenessWatch:
             heard = self._heard.get(asset, _Heard())
             current = heard.window_ns == snapshot.received_ns  # else a window has come since the last frame
             first, last = (heard.first_ns, heard.last_ns) if current else (None, None)
-            found = stale(now, snapshot.received_ns or self._started, first, last, self._limits)
+            since = self._since.setdefault(asset, now)
+            found = stale(now, snapshot.received_ns or since, first, last, self._limits)
             if found != snapshot.stale:
                 self._show(asset, found)
 

@@ -93,6 +93,24 @@ def test_asset_that_never_had_a_window_is_measured_from_the_start_of_the_service
     assert board.get("fresh").whole["data"]["level"] == "stale"
 
 
+def test_asset_that_comes_later_is_measured_from_when_the_service_first_knew_of_it(store, board):
+    now = [0]
+    watch = StalenessWatch(store, board, Published(), LIMITS, clock=lambda: BEGIN + now[0] * NS)
+
+    def level(seconds):
+        now[0] = seconds
+        watch()
+        return board.get("late").whole["data"]["level"]
+
+    watch()
+    board.update("late")
+    assert level(10_000) == "waiting"  # known since this look
+    watch.heard("late")
+    assert level(13_600) == "waiting"
+    assert level(13_601) == "stale"
+    assert "since 2023-11-15 01:00:00 UTC" in board.get("late").whole["data"]["reason"]
+
+
 def test_readiness_and_metrics_name_the_stale_asset(watched, store, board):
     watched(4000.0)
     client = Client(create_app(board, store))
