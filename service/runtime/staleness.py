@@ -104,15 +104,23 @@ class StalenessWatch:
         self._looked = now
         for asset in self._board.assets():
             snapshot = self._board.get(asset)
-            if snapshot is None or snapshot.retired is not None:
+            if snapshot is None:
                 continue
-            heard = self._heard.get(asset, _Heard())
-            current = heard.window_ns == snapshot.received_ns  # else a window has come since the last frame
-            first, last = (heard.first_ns, heard.last_ns) if current else (None, None)
-            since = self._since.setdefault(asset, now)
-            found = stale(now, snapshot.received_ns or since, first, last, self._limits)
+            found = self._found(now, snapshot)
             if found != snapshot.stale:
                 self._show(asset, found)
+
+    def _found(self, now: int, snapshot: Snapshot) -> Stale | None:
+        """Whether an asset is stale now; one that is retired never is, and its earlier frames no longer count."""
+        asset = snapshot.asset
+        since = self._since.setdefault(asset, now)
+        if snapshot.retired is not None:
+            self._heard.pop(asset, None)
+            return None
+        heard = self._heard.get(asset, _Heard())
+        current = heard.window_ns == snapshot.received_ns  # else a window has come since the last frame
+        first, last = (heard.first_ns, heard.last_ns) if current else (None, None)
+        return stale(now, snapshot.received_ns or since, first, last, self._limits)
 
     def _show(self, asset: str, found: Stale | None) -> None:
         before = self._board.get(asset) or Snapshot(asset=asset)

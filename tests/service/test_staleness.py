@@ -6,7 +6,9 @@ import pytest
 import service_fakes as fakes
 from test_api import Client
 
+from service.alarms.keeper import AlarmKeeper
 from service.api import create_app
+from service.results.alarm_store import AlarmStore
 from service.runtime.staleness import NS, StalenessLimits, StalenessWatch
 
 LIMITS = StalenessLimits(silent=3600.0, fruitless=120.0)
@@ -109,6 +111,36 @@ def test_asset_that_comes_later_is_measured_from_when_the_service_first_knew_of_
     assert level(13_600) == "waiting"
     assert level(13_601) == "stale"
     assert "since 2023-11-15 01:00:00 UTC" in board.get("late").whole["data"]["reason"]
+
+
+def test_retirement_ends_it_with_its_alarm_and_frames_of_before_are_forgotten(store, board):
+    fakes.take(store, board, "unsw", 0, 10.0)
+    alarms, now = AlarmKeeper(AlarmStore(store.database), webhooks=["http://plant/hook"]), [0.0]
+    published = Published()
+    watch = StalenessWatch(store, board, published, LIMITS, clock=lambda: BEGIN + round(now[0] * NS), alarms=alarms)
+
+    def level(seconds, frame=False):
+        now[0] = seconds
+        if frame:
+            watch.heard("unsw")
+        watch()
+        return board.get("unsw").whole["data"]["level"]
+
+    assert [level(float(second), frame=True) for second in range(10, 150, 5)][-1] == "stale"
+    assert [a["quantity"] for a in board.get("unsw").alarms] == ["data"]
+    board.update("unsw", retired={"since": "2023-11-14T22:20:00Z"})
+    published.clear()
+    assert level(200.0) == "ok"
+    (alarm,) = board.get("unsw").alarms
+    assert board.stale() == [] and not alarm["active"]  # it is open until somebody acknowledges it, as any that ended
+    assert published == ["unsw"] and alarms.store.waiting() == 2  # that it was raised, and that it ended
+    ended, changed = store.events("unsw", 0)[-2:]
+    assert (ended.kind, ended.data["verb"]) == ("alarm", "ended")
+    assert (changed.kind, changed.data["data"]["level"]) == ("status", "ok")
+    assert level(10_000.0) == "ok" and published == ["unsw"]
+    board.update("unsw", retired=None)
+    assert level(10_001.0, frame=True) == "stale"
+    assert board.get("unsw").stale.reason.startswith("no whole measurement window has been received since")
 
 
 def test_readiness_and_metrics_name_the_stale_asset(watched, store, board):
