@@ -96,6 +96,13 @@ class StalenessWatch:
             heard.first_ns, heard.window_ns = now, window_ns
         heard.last_ns = now
 
+    def rename(self, asset: str, name: str) -> None:
+        """The asset has another name: what is known of it goes with it."""
+        if asset in self._heard:
+            self._heard[name] = self._heard.pop(asset)
+        if asset in self._since:
+            self._since[name] = self._since.pop(asset)
+
     def __call__(self) -> None:
         """Looks at the assets, if that is due."""
         now = self._clock()

@@ -143,6 +143,33 @@ def test_retirement_ends_it_with_its_alarm_and_frames_of_before_are_forgotten(st
     assert board.get("unsw").stale.reason.startswith("no whole measurement window has been received since")
 
 
+def test_what_is_known_of_an_asset_goes_with_it_to_its_other_name(store, board):
+    fakes.take(store, board, "unsw", 0, 10.0)
+    board.update("fresh")
+    now = [0]
+    watch = StalenessWatch(store, board, Published(), LIMITS, clock=lambda: BEGIN + now[0] * NS)
+
+    def look(seconds, heard):
+        now[0] = seconds
+        watch.heard(heard)
+        watch()
+
+    def reason(asset):
+        return board.get(asset).stale and board.get(asset).stale.reason
+
+    for second in range(10, 140, 5):
+        look(second, "unsw")
+    fruitless = reason("unsw")
+    assert fruitless.startswith("frames have been received since 2023-11-14 22:13:30 UTC")
+    for old, new in (("unsw", "press-7"), ("fresh", "press-8"), ("unheard", "press-9")):
+        board.rename(old, new)
+        watch.rename(old, new)
+    look(150, "press-7")
+    assert reason("press-7") == fruitless
+    look(3601, "press-7")
+    assert "since 2023-11-14 22:13:20 UTC" in reason("press-8")  # when the service first knew of it
+
+
 def test_readiness_and_metrics_name_the_stale_asset(watched, store, board):
     watched(4000.0)
     client = Client(create_app(board, store))
