@@ -80,7 +80,7 @@ class AlarmStore:
     def keep_rules(self, asset: str, rules: Sequence[Mapping[str, Any]], signed: Mapping[str, Any]) -> None:
         """Keeps rules of the asset's own."""
         with self._database.transaction() as db:
-            self._database.ensure(db, asset)
+            asset = self._database.present(db, asset)
             db.execute(self._keep_rules, {"asset": asset, "rules": dump(list(rules)), "changed": dump(signed)})
 
     def memory(self, asset: str) -> Memory:

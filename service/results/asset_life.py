@@ -84,7 +84,7 @@ class AssetLife:
     def add_change(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
         """Keeps a change that waits to be carried out; its id."""
         with self.transaction() as db:
-            self._database.ensure(db, asset)
+            asset = self._database.present(db, asset)
             row = {"asset": asset, "received_ns": time.time_ns(), "kind": kind, "given": dump(given)}
             return self._database.add(db, CHANGES, row)
 
@@ -202,25 +202,25 @@ class AssetLife:
         with self.transaction() as db:
             self._database.ensure(db, asset)
             db.execute(update(ROUTES).where(ROUTES.c.asset == stream).values(asset=asset))
-            self._set_route(db, stream, asset)
-
-    def _set_route(self, db: Connection, stream: str, asset: str) -> None:
-        row = {"stream": stream, "asset": asset}
-        db.execute(
-            self._database.insert(ROUTES).on_conflict_do_update(index_elements=["stream"], set_={"asset": asset}), row
-        )
+            row = {"stream": stream, "asset": asset}
+            given = self._database.insert(ROUTES)
+            db.execute(given.on_conflict_do_update(index_elements=["stream"], set_={"asset": asset}), row)
 
     # -- names ---------------------------------------------------------------------------------------
 
     def rename(self, asset: str, name: str) -> None:
-        """Gives an asset another name in every table, and routes the frames of its old name to it; one transaction."""
+        """Gives an asset another name in every table, and routes the frames of its old name to it; one transaction.
+
+        A stream of its old name that has been found to be another machine's stays that machine's.
+        """
         with self.transaction() as db:
             late = "PRAGMA defer_foreign_keys = ON" if db.dialect.name == "sqlite" else "SET CONSTRAINTS ALL DEFERRED"
             db.execute(text(late))
             for table in METADATA.tables.values():
                 if "asset" in table.c and table is not AUDIT:  # what was entered stays as it was
                     db.execute(update(table).where(table.c.asset == asset).values(asset=name))
-            self._set_route(db, asset, name)
+            row = {"stream": asset, "asset": name}
+            db.execute(self._database.insert(ROUTES).on_conflict_do_nothing(), row)
             self._database.renamed(db, asset, name)
 
 

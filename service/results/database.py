@@ -25,8 +25,13 @@ from service.errors import StorageUnavailable, StoreError
 from service.results.backends import Backend, backend_of
 from service.results.commit_marks import Mark
 from service.results.migrate import upgrade
-from service.results.schema import ASSETS
+from service.results.schema import ASSETS, ROUTES
 from service.results.storage_faults import storage_error
+
+_HAS_ROW = (
+    sa.select(ASSETS.c.asset).where(ASSETS.c.asset == sa.bindparam("of")).with_for_update(read=True, key_share=True)
+)
+_ROUTED = sa.select(ROUTES.c.asset).where(ROUTES.c.stream == sa.bindparam("of"))
 
 
 class Database:
@@ -93,6 +98,14 @@ class Database:
         if db.execute(self._insert_asset, {"asset": asset}).rowcount:
             self.backend.added(db, asset)
         self._ensured.add(asset)
+
+    def present(self, db: Connection, asset: str) -> str:
+        """What an asset is called by now, which may have been renamed since it was looked up; it has a row."""
+        if asset not in self._has_row and db.execute(_HAS_ROW, {"of": asset}).first() is None:
+            routed = db.execute(_ROUTED, {"of": asset}).first()
+            asset = asset if routed is None else routed[0]
+        self.ensure(db, asset)
+        return asset
 
     def renamed(self, db: Connection, asset: str, name: str) -> None:
         """An asset's rows have been given another name within this transaction."""

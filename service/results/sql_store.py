@@ -220,7 +220,7 @@ class SqlStore:
     def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
         """Keeps one measured depth, which waits to become part of the estimate; its id."""
         with self._transaction() as db:
-            self.database.ensure(db, asset)
+            asset = self.database.present(db, asset)
             row = {"asset": asset, "received_ns": time.time_ns(), "done": 0}
             row |= {"inspection": dump(inspection), "answer": dump(answer)}
             return self.database.add(db, INSPECTIONS, row)
@@ -251,7 +251,7 @@ class SqlStore:
     def add_decision(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
         """Keeps a decision that waits to be carried out, with the person's name and note; its id."""
         with self._transaction() as db:
-            self.database.ensure(db, asset)
+            asset = self.database.present(db, asset)
             row = {"asset": asset, "received_ns": time.time_ns(), "name": name, "verb": verb}
             row |= {"signed_by": by, "note": note}
             return self.database.add(db, DECISIONS, row)

@@ -15,6 +15,7 @@ transaction each; those that a kill leaves are processed by the next start.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -42,11 +43,14 @@ from service.runtime.questions import GEARS_DIFFER, REPEATED, gears_differ
 from service.runtime.reception import Reception
 from service.runtime.rigs import MOST_NAMED, other_gears
 from service.runtime.spool import Spool
+from service.runtime.staleness import StalenessWatch
 from service.runtime.state_publication import StatePublication
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Events
 from service.stream.quality import Quality
 from twin.machine_change import MachineChange
+
+log = logging.getLogger(__name__)
 
 IGNORED = "windows of this revolution count are not used, as decided when it had fallen"
 
@@ -82,8 +86,9 @@ class ChangeWorker:
         alarms: AlarmKeeper | None,
         baselines: BaselineStore,
         proposals: RigProposals,
+        watch: StalenessWatch,
     ) -> None:
-        self._proposals = proposals
+        self._proposals, self._watch = proposals, watch
         self._queue, self._reception, self._lanes = queue, reception, lanes
         self._store, self._life = store, life
         self._board, self._publication = board, publication
@@ -111,9 +116,10 @@ class ChangeWorker:
         except StoreError:
             self._queue.asked.set()  # they still wait
             raise
-        for change in pending:
-            if change.id not in self._begun:
-                self._begun.add(change.id)
+        for number in (change.id for change in pending):
+            if number not in self._begun:
+                change = self._life.change(number)  # again: one before it may have renamed the asset
+                self._begun.add(number)
                 self._begin(change)
 
     def _begin(self, change: StoredChange) -> None:
@@ -171,22 +177,26 @@ class ChangeWorker:
                 self._store.note(asset, [_event(change, effect), *events])
             else:
                 epoch, opened = present, self._alarms.open(asset) if self._alarms else ()
+        if rig is not None:
+            self._reception.reopen(asset)
+            self._lanes.reopen(asset)
+        last = self._store.last_event_id(asset)
         lane.accept(outcome)
         blank = {"records": (), "latest": {}, "windows_total": 0, "updates": 0, "sparkline": Sparkline()}
         shown = blank if change.kind == "gears_replaced" else {}
         if answers:
             self._answered(lane)
-        self._show(asset, report=outcome.report, alarms=opened, epoch=epoch, **shown)
-        if rig is not None:
-            self._reception.reopen(asset)
-            self._lanes.reopen(asset)
+        self._show(asset, last, report=outcome.report, alarms=opened, epoch=epoch, **shown)
 
     def _ask_other_machine(self, change: StoredChange) -> Ask:
         self._open_question(change)
         return Ask("forget")
 
     def _other_machine(self, lane: Lane, change: StoredChange, made: Made) -> None:
-        """The stream is another machine's from now on, with the windows that wait."""
+        """The stream is another machine's from now on, with the windows that wait.
+
+        Where its frames repeat times that have passed, none of them has been used, and the windows stay.
+        """
         asset, name = change.asset, change.given["name"]
         question = self._open_question(change)
         fresh = question["kind"] == REPEATED
@@ -201,15 +211,22 @@ class ChangeWorker:
                     self._store.keep_rig(name, rig)
                 if not fresh and lane.assembly:
                     self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}))
-                self._life.give_waiting(asset, name)
+                if not fresh:
+                    self._life.give_waiting(asset, name)
                 self._life.route(asset, name)
                 self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
         self._streams.reload()
+        self._lanes.of(name)
+        last, last_of_new = self._store.last_event_id(asset), self._store.last_event_id(name)
         lane.question, lane.state = None, made.state
-        self._show(asset)
+        self._show(asset, last)
+        if fresh:
+            self._reception.flush(asset)
+        else:
+            self._spool.rename(asset, name)
         self._reception.split(asset, name, fresh=fresh)
         self._intake.know(name)
-        self._board.update(name, rig=rig, last_event_id=self._store.last_event_id(name))
+        self._board.update(name, rig=rig, last_event_id=last_of_new)
         self._publication.publish(name)
         self._lanes.give(asset, name, fresh=fresh)
 
@@ -226,13 +243,14 @@ class ChangeWorker:
             if first:
                 self._store.keep(asset, question=None, **({} if state is None else {"state": state.to_dict()}))
                 self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
+        last = self._store.last_event_id(asset)
         if question["kind"] == REPEATED:
             self._reception.ignore_repeats(asset)
         if state is not None:
             lane.state = state
             lane.release(refuse=IGNORED)
         self._answered(lane)
-        self._show(asset)
+        self._show(asset, last)
 
     def _rename(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """The asset has another name, and all its history with it."""
@@ -243,17 +261,21 @@ class ChangeWorker:
                 self._demand_new(name)
                 self._life.rename(old, name)
                 self._store.note(name, [_event(change, effect)])
-        self._streams.reload()
-        self._reception.rename(old, name)
-        self._lanes.rename(old, name)
-        self._spool.rename(old, name)
-        self._intake.rename(old, name)
-        self._proposals.rename(old, name)
-        if self._signals is not None:
-            self._signals.rename(old, name)
+        last = self._store.last_event_id(name)
+        self._streams.rename(old, name)
+        for part in (self._reception, self._lanes, self._spool, self._intake, self._proposals, self._watch):
+            part.rename(old, name)
         self._board.rename(old, name)
         self._publication.withdraw(old)
-        self._show(name)
+        self._show(name, last)
+        try:
+            if self._signals is not None:
+                self._signals.rename(old, name)
+        except OSError as error:
+            log.error(
+                "the raw signals of %s stay under its former name %s until the next start: %s",
+                name, old, error.strerror or error, extra={"asset": name},
+            )  # fmt: skip
 
     def _retire(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """The asset is out of use, or in use again."""
@@ -264,7 +286,7 @@ class ChangeWorker:
             if first:
                 self._store.keep(asset, retired=retired)
                 self._store.note(asset, [_event(change, {})])
-        self._show(asset, retired=retired)
+        self._show(asset, self._store.last_event_id(asset), retired=retired)
 
     def _baseline(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """The asset has another healthy baseline of its own, or none."""
@@ -284,7 +306,7 @@ class ChangeWorker:
         self._lanes.reopen(asset)
         if before != self._baselines.path(asset):
             self._baselines.delete(before)
-        self._show(asset)
+        self._show(asset, self._store.last_event_id(asset))
 
     def _accept_rig(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """A person accepts a rig file that came on the stream; whose gears others are is asked as before."""
@@ -301,13 +323,12 @@ class ChangeWorker:
                 self._store.keep_rig(asset, rig)
             if first:
                 self._store.note(asset, [_event(change, effect)])
+        last = self._store.last_event_id(asset)
+        if not identity:
+            self._reception.reopen(asset)
+            self._lanes.reopen(asset)
         self._proposals.drop(asset, digest)
-        if identity:
-            self._show(asset)
-            return
-        self._reception.reopen(asset)
-        self._lanes.reopen(asset)
-        self._show(asset, rig=rig)
+        self._show(asset, last, **({} if identity else {"rig": rig}))
 
     def _ask_about_gears(self, asset: str, rig: Mapping[str, Any], identity: tuple[str, ...]) -> None:
         """Opens the question, unless that has been done before the service was killed."""
@@ -324,8 +345,9 @@ class ChangeWorker:
         with self._once(change, effect) as first:
             if first:
                 self._store.note(asset, [_event(change, effect)])
+        last = self._store.last_event_id(asset)
         self._proposals.reject(asset, change.given["digest"])
-        self._show(asset)
+        self._show(asset, last)
 
     # -- within --------------------------------------------------------------------------------------
 
@@ -333,7 +355,8 @@ class ChangeWorker:
     def _once(self, change: StoredChange, effect: Mapping[str, Any]) -> Iterator[bool]:
         """The transaction of a change. False where an earlier attempt, of which that was not known, has committed it.
 
-        What is shown, and what the lanes know, is brought up to date after it in either case.
+        What is shown, and what the lanes know, is brought up to date after it in either case: once everything has been
+        read that is needed for that, so that a storage which fails meanwhile leaves nothing half done.
         """
         with self._life.transaction():
             yield self._life.change_done(change.id, effect)
@@ -343,8 +366,8 @@ class ChangeWorker:
         lane.question = None
         lane.release()
 
-    def _show(self, asset: str, **parts: Any) -> None:
-        last = self._store.last_event_id(asset)
+    def _show(self, asset: str, last: int, **parts: Any) -> None:
+        """Shows an asset with its newest event."""
         question = self._lanes.question(asset)
         self._board.update(asset, last_event_id=last, question=question, **parts)
         self._publication.publish(asset)

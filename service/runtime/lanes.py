@@ -345,9 +345,12 @@ class Lanes:
         return self._lanes[asset].question if asset in self._lanes else None
 
     def ask(self, asset: str, question: Mapping[str, Any] | None) -> None:
-        """Opens a question, or ends it; that is committed, and shown."""
+        """Opens a question, or ends it: what waited for its answer is next then. That is committed, and shown."""
         assert self._waiting is not None
-        self.of(asset).question = self._waiting.ask(asset, question)
+        lane = self.of(asset)
+        lane.question = self._waiting.ask(asset, question)
+        if lane.question is None:
+            lane.release()
 
     def look_for_repeats(self, asset: str, repeats: Repeats) -> None:
         """Asks where nothing but frames of passed times is received, and ends that question where others come."""
@@ -360,6 +363,7 @@ class Lanes:
             self.ask(asset, frames_repeat(asset, frames, bool(repeats.other), ended_ns))
         elif question is not None and not repeats.run:
             self.ask(asset, None)
+            self._turn(self.of(asset))
 
     # -- life ----------------------------------------------------------------------------------------
 
@@ -372,14 +376,15 @@ class Lanes:
     def give(self, asset: str, name: str, *, fresh: bool) -> None:
         """The windows of an asset that wait are a new asset's, which goes on with its stream.
 
-        fresh  whether the new asset has not used any of the stream so far
+        fresh  whether the new asset has not used any of the stream so far: the windows stay where they are
         """
         old, new = self.of(asset), self.of(name)
         old.release()
+        if fresh:
+            return
         new.entries.extend(old.entries)
         old.entries.clear()
-        if not fresh:
-            new.assembly = old.assembly
+        new.assembly = old.assembly
         self._turn(new)
 
     def reopen(self, asset: str) -> None:

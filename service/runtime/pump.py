@@ -264,11 +264,18 @@ class Pump:
     def _rhythm(self, stream: str) -> _Rhythm:
         """The rhythm of a stream's asset; that of the one which has been silent longest is given up for a new one."""
         asset = self._asset_of(stream)
-        found = self._rhythms.pop(asset, None) or _Rhythm(self._idle_timeout, self._channel_wait, self._now)
+        found = self._rhythms.pop(asset, None) or self._begun(asset)
         if len(self._rhythms) >= _MOST_STREAMS:
             del self._rhythms[next(iter(self._rhythms))]
         self._rhythms[asset] = found
         return found
+
+    def _begun(self, asset: str) -> _Rhythm:
+        """The rhythm of an asset that has none under its name: it may have just been renamed."""
+        for known_as, rhythm in self._rhythms.items():
+            if any(self._asset_of(stream) == asset for stream in rhythm.streams):
+                return self._rhythms.pop(known_as)
+        return _Rhythm(self._idle_timeout, self._channel_wait, self._now)
 
     def _sender_waits(self, stream: str, sender: str | None) -> bool:
         """Whether the session that sends a stream waits for an answer."""

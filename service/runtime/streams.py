@@ -73,6 +73,14 @@ class Streams:
         """Reads the routes again, after they have been changed."""
         self._routes = self._life.routes()
 
+    def rename(self, asset: str, name: str) -> None:
+        """Goes on under another name, once that has been committed."""
+        self.reload()
+        if asset in self._retirements:
+            self._retirements[name] = self._retirements.pop(asset)
+        if asset in self.left_out:
+            self.left_out[name] = self.left_out.pop(asset)
+
     def asset_of(self, stream: str) -> str:
         """The asset that a stream belongs to."""
         return self._routes.get(stream, stream)

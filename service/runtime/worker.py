@@ -328,7 +328,7 @@ class Worker(threading.Thread):
         changes = ChangeWorker(
             kept.changes, reception, lanes, store, life, board, publication,
             streams=streams, intake=intake, spool=spool, signals=kept.signals, alarms=kept.alarms,
-            baselines=kept.baselines, proposals=self._rigs.proposals,
+            baselines=kept.baselines, proposals=self._rigs.proposals, watch=watch,
         )  # fmt: skip
         questions = RigQuestions(reception, lanes, store, life, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()

@@ -284,6 +284,25 @@ def test_of_two_partitions_that_give_a_name_at_the_same_time_one_is_refused(flee
         assert row(fleet, NEW)["partition"] == (OWN if NEW in store.assets() else HASHED)
 
 
+def test_a_decision_that_is_submitted_while_the_asset_is_renamed_waits_for_its_new_name(fleet, tables):
+    """It made an asset of the earlier name again, and was lost to the renamed one."""
+    with taken(fleet, OWN) as store, FleetStore(fleet, LAYOUT) as at_front:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        at_front.places.note("unsw", OWN)
+        submit = threading.Thread(target=at_front.add_decision, args=("unsw", "crack", "confirm"))
+        with store.database.transaction():
+            rename(store, "unsw", NEW)
+            submit.start()
+            wait_until(lambda: waits_for_a_lock(tables))
+        submit.join()
+        assert [d.asset for d in store.pending_decisions()] == [NEW] and store.assets() == (NEW,)
+
+
+def waits_for_a_lock(tables):
+    with tables.connect() as db:
+        return db.exec_driver_sql("SELECT count(*) FROM pg_locks WHERE NOT granted").scalar() > 0
+
+
 # -- what a worker takes for its own ---------------------------------------------------------------------
 
 

@@ -316,3 +316,19 @@ def test_channels_of_one_asset_may_come_under_several_of_its_names():
         driven.send(under("old", [f for f in frames[n : n + 32] if f.channel == TORQUE]))
         driven.run(2.0)
     assert content(driven.windows) == undisturbed(frames)
+
+
+@pytest.mark.parametrize("name", [ASSET, "new"])
+def test_a_renamed_asset_is_known_to_send_seldom(name):
+    """Its next frame came before anybody had looked, and what had been learned of its silence was lost."""
+    driven, frames = Driven(Inbox(clock=lambda: driven.now)), bursts(1, frames=64)
+    for n in range(0, 256, 32):  # a logger that sends 2 s of its data at a time
+        packet = frames[n : n + 32]
+        if n == 128:
+            driven.rename(ASSET, "new")
+        driven.send(under(name, packet) if n >= 128 else packet)
+        for _ in packet:
+            driven.pump.turn(driven.inbox.take(0.0))
+        driven.run(2.0 if n < 96 else 4.0)
+    driven.run(15.0)
+    assert content(driven.windows) == undisturbed(frames)

@@ -1,0 +1,270 @@
+"""Names and questions of assets: what is whose stays so, whatever is renamed, answered or fails meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import fake_twin
+import pytest
+import service_fakes as fakes
+from memory_transport import MemoryNetwork
+from service_streams import RIG, SqliteFile, tables_of, wait_until, write_recording
+from test_asset_life import (
+    FIRST,
+    LATER,
+    UNSW,
+    WINDOWS,
+    _rig_text,
+    asked,
+    change,
+    revolutions,
+    send,
+    waiting,
+)
+from test_other_parts import serving
+
+from service.errors import StorageUnavailable
+from service.results.alarm_store import AlarmStore
+from service.results.asset_life import AssetLife
+from service.results.signal_store import SignalStore
+from service.results.sql_store import SqlStore
+from service.stream.sources.mcap import Recording
+
+DEPTH = {"revolutions": 1200.0, "max_depth_um": 30.0, "flank": "combined", "std_um": 1.0}
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("first") / "first.mcap", WINDOWS)
+
+
+@pytest.fixture(scope="module")
+def second(tmp_path_factory):
+    """Another machine under the same name, a day later."""
+    return write_recording(tmp_path_factory.mktemp("second") / "second.mcap", WINDOWS, later=LATER, seed=8)
+
+
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory):
+    """Another machine under the same name, recorded at the same time."""
+    recording = write_recording(tmp_path_factory.mktemp("foreign") / "foreign.mcap", WINDOWS, seed=8)
+    with Recording(recording) as source:
+        return list(source.messages())
+
+
+@pytest.fixture
+def network():
+    return MemoryNetwork()
+
+
+@pytest.fixture
+def running(tmp_path, network):
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        yield running
+
+
+def listed(running):
+    return [(a["asset"], a["windows"], a["retired"]) for a in running.get("/v1/assets")]
+
+
+def asked_about_repeats(running, network, foreign):
+    """Frames of passed times are sent until the question about them is open."""
+
+    def is_open():
+        for frame in foreign[:64]:
+            network.publish(frame)
+        question = (running.get(UNSW) or {}).get("question")
+        return question is not None and question["kind"] == "frames_repeat"
+
+    wait_until(is_open)
+
+
+class Fails:
+    """Fails once, when it is armed, as a database that is away for a moment."""
+
+    def __init__(self):
+        self.armed = self.failed = False
+
+    def __call__(self):
+        if self.armed:
+            self.armed, self.failed = False, True
+            raise StorageUnavailable("the database cannot be used now (away)", reason="away")
+
+
+@pytest.fixture
+def after_the_commit(monkeypatch):
+    """The first reading outside a transaction, after a change has been carried out, fails."""
+    fails, done, last = Fails(), AssetLife.change_done, SqlStore.last_event_id
+
+    def change_done(life, number, effect):
+        fails.armed = not fails.failed
+        return done(life, number, effect)
+
+    def last_event_id(store, asset):
+        if store.database._current is None:
+            fails()
+        return last(store, asset)
+
+    monkeypatch.setattr(AssetLife, "change_done", change_done)
+    monkeypatch.setattr(SqlStore, "last_event_id", last_event_id)
+    return fails
+
+
+# -- another machine -------------------------------------------------------------------------------------
+
+
+def test_the_stream_of_another_machine_stays_its_own_when_the_first_one_is_renamed(tmp_path):
+    """The next frames of the second machine went to the first one again."""
+    with SqlStore(tmp_path / "x.sqlite") as store:
+        life = AssetLife(store.database)
+        fakes.take(store, None, "unsw", 0, 100.0)
+        life.route("unsw", "bench-2")
+        life.rename("unsw", "unsw-old")
+        assert life.routes() == {"unsw": "bench-2"}
+        life.rename("bench-2", "bench-3")
+        assert life.routes() == {"unsw": "bench-3", "bench-2": "bench-3"}
+        life.rename("unsw-old", "press-7")
+        assert life.routes() == {"unsw": "bench-3", "bench-2": "bench-3", "unsw-old": "press-7"}
+
+
+@pytest.mark.slow
+def test_windows_that_wait_for_the_twin_stay_where_frames_of_passed_times_are_another_machines(
+    running, network, first, foreign, monkeypatch
+):
+    """They were taken for those of the question, and given to the other machine."""
+    monkeypatch.setattr(fake_twin, "SLOW", 1.0)
+    send(network, first)
+    asked_about_repeats(running, network, foreign)
+    assert change(running, "other_machine", name="bench-2")[0] == 201
+    monkeypatch.setattr(fake_twin, "SLOW", 0.0)
+    assert revolutions(running.wait_for_windows(WINDOWS)) == FIRST
+    assert running.windows("bench-2") == [] and running.get(UNSW)["question"] is None
+
+
+def test_a_window_in_progress_is_closed_where_frames_of_passed_times_are_another_machines(
+    running, network, first, foreign
+):
+    """Nobody closed it any more, and its publisher was told that it was stored."""
+    with Recording(first) as source:
+        frames = list(source.messages())
+        network.offer_rig("unsw", source.rig_text)
+    network.declare(())
+    for frame in frames[:-8]:
+        network.publish(frame)
+    asked_about_repeats(running, network, foreign)  # its frames keep the window open
+    assert change(running, "other_machine", name="bench-2")[0] == 201
+    assert len(running.wait_for_windows(WINDOWS)) == WINDOWS
+    assert running.windows("bench-2") == []
+
+
+@pytest.mark.slow
+def test_a_question_that_ends_by_itself_lets_the_windows_go_on_that_waited(tmp_path, network, first):
+    """They waited for good, and later windows went before them."""
+    rig = tmp_path / "wider.toml"
+    rig.write_text(RIG.read_text().replace("face_width = 0.020", "face_width = 0.025"))
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        send(network, first)
+        running.wait_for_windows(WINDOWS)
+    with serving(tmp_path, network, SqliteFile(tmp_path), rig=rig) as running:
+        wait_until(lambda: waiting(running) == 0)
+        send(network, write_recording(tmp_path / "longer.mcap", WINDOWS + 2))
+        wait_until(lambda: waiting(running) == 2)
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:  # with the earlier rig file again
+        assert revolutions(running.wait_for_windows(WINDOWS + 2)) == [*FIRST, 2410, 3010]
+        assert running.get(UNSW)["question"] is None
+        send(network, write_recording(tmp_path / "longest.mcap", WINDOWS + 3))
+        assert revolutions(running.wait_for_windows(WINDOWS + 3)) == [*FIRST, 2410, 3010, 3610]
+
+
+# -- changes that meet -----------------------------------------------------------------------------------
+
+
+def test_changes_that_wait_behind_a_new_name_are_of_the_renamed_asset(tmp_path, network, first):
+    """They made an asset of the earlier name, without windows, and were lost to the renamed one."""
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        send(network, first)
+        running.wait_for_windows(WINDOWS)
+    with running.store() as store:
+        life = AssetLife(tables_of(store))
+        life.add_change("unsw", "renamed", {"name": "press-7"})
+        numbers = [life.add_change("unsw", kind, {"by": "me"}) for kind in ("retired", "oil_changed")]
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        wait_until(lambda: listed(running) == [("press-7", WINDOWS, True)])
+        wait_until(lambda: [c["done"] for c in running.get("/v1/assets/press-7/changes")] == [True] * 3)
+        assert running.get(UNSW) is None
+    with running.store() as store:
+        life = AssetLife(tables_of(store))
+        assert [life.change(n).asset for n in numbers] == ["press-7"] * 2 and store.assets() == ("press-7",)
+
+
+def test_what_is_submitted_while_an_asset_is_renamed_is_of_the_renamed_asset(tmp_path):
+    """Whoever had looked an asset up just before made another one of its earlier name."""
+    rule = {"name": "depth", "signal": "wear.depth", "above": 1.0}
+    with SqlStore(tmp_path / "x.sqlite") as store:
+        life, alarms = AssetLife(store.database), AlarmStore(store.database)
+        fakes.take(store, None, "unsw", 0, 100.0)
+        life.rename("unsw", "press-6")
+        life.rename("press-6", "press-7")
+        for name in ("unsw", "press-6", "press-7"):
+            assert life.change(life.add_change(name, "retired", {})).asset == "press-7"
+            assert store.decision(store.add_decision(name, "crack", "confirm")).asset == "press-7"
+            assert store.inspection(store.add_inspection(name, DEPTH, {})).asset == "press-7"
+            alarms.keep_rules(name, [rule], {"by": name, "note": "", "at": ""})
+            assert alarms.rules("press-7")["by"] == name and alarms.rules("unsw") is None
+        assert store.assets() == ("press-7",)
+        life.route("press-7", "bench-2")  # found to be another machine's; there is the asset all the same
+        assert life.change(life.add_change("press-7", "retired", {})).asset == "press-7"
+
+
+# -- a storage that fails in the midst of a change -------------------------------------------------------
+
+
+def test_a_storage_that_fails_after_a_machine_was_told_apart_leaves_nothing_half_done(
+    running, network, first, second, after_the_commit
+):
+    """The second attempt found the question closed: the windows waited until the next start."""
+    asked(running, network, first, second)
+    assert change(running, "other_machine", name="bench-2")[0] == 201
+    assert revolutions(running.wait_for_windows(WINDOWS, "bench-2")) == FIRST and after_the_commit.failed
+    assert revolutions(running.windows()) == FIRST
+    wait_until(lambda: running.get(UNSW)["question"] is None)
+    assert listed(running) == [("bench-2", WINDOWS, False), ("unsw", WINDOWS, False)]
+
+
+def test_a_storage_that_fails_after_gears_were_replaced_does_not_keep_the_earlier_gears(
+    tmp_path, network, first, after_the_commit, monkeypatch
+):
+    """The windows that had waited, and all later ones, were evaluated with the gears that had been taken out."""
+    used = []
+
+    def noting(rig, *given):
+        used.append(rig.get("gears.face_width"))
+        return fake_twin.step(rig, *given)
+
+    monkeypatch.setattr(fake_twin, "TWIN", replace(fake_twin.TWIN, step=noting))
+    changed = (b"face_width = 0.020", b"face_width = 0.025")
+    wider = write_recording(tmp_path / "wider.mcap", WINDOWS, later=LATER, changed=changed)
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        send(network, first)
+        running.wait_for_windows(WINDOWS)
+        network.on_rig("unsw", b"".join(_rig_text(wider)))
+        wait_until(lambda: waiting(running) == 0)
+        send(network, wider)
+        wait_until(lambda: waiting(running) == WINDOWS)
+        assert change(running, "gears_replaced")[0] == 201
+        wait_until(lambda: running.get(UNSW)["epoch"] == 1 and running.get(UNSW)["windows_total"] == WINDOWS)
+        assert after_the_commit.failed and running.get(UNSW)["question"] is None
+    assert used == [0.020] * WINDOWS + [0.025] * WINDOWS
+
+
+def test_an_asset_whose_signals_cannot_be_moved_has_its_new_name_all_the_same(running, network, first, monkeypatch):
+    """The list showed both names, the new one without its windows."""
+
+    def fails(store, asset, name):
+        raise OSError(39, "Directory not empty")
+
+    monkeypatch.setattr(SignalStore, "rename", fails)
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+    assert change(running, "renamed", name="press-7")[0] == 201
+    assert listed(running) == [("press-7", WINDOWS, False)] and running.get(UNSW) is None
