@@ -138,7 +138,8 @@ def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge",
         request.app.state.audit.enter(
             request.state.who, f"alarm {VERBS[verb]}", asset=asset, note=given.note.strip() or None, what=what
         )
-    board.update(asset, alarms=open_now, last_event_id=store.last_event_id(asset))
+        last = store.last_event_id(asset)
+    board.update(asset, alarms=open_now, last_event_id=last)
     return JSONResponse(keeper.store.alarm(asset, number))
 
 

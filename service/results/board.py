@@ -210,6 +210,7 @@ class Board:
 
     def __init__(self) -> None:
         self._snapshots: dict[str, Snapshot] = {}
+        self._former: dict[str, str] = {}  # names that assets had before: whoever changes one may not know it yet
         self._lock = threading.Lock()
         self._signal = ChangeSignal()
         self._followers: list[AssetChanges] = []
@@ -265,6 +266,7 @@ class Board:
         with self._lock:
             snapshot = self._snapshots.pop(asset, None)
             self._put(replace(snapshot or Snapshot(asset=name), asset=name))
+            self._former = {was: name if now == asset else now for was, now in self._former.items()} | {asset: name}
             self._note(asset, name)
         self._signal.wake(asset, name)
 
@@ -298,6 +300,7 @@ class Board:
 
     def _change(self, asset: str, change: Callable[[Snapshot], Snapshot]) -> Snapshot:
         with self._lock:
+            asset = self._former.get(asset, asset)
             snapshot = self._put(change(self._snapshots.get(asset) or Snapshot(asset=asset)))
             self._note(asset)
         self._signal.wake(asset)

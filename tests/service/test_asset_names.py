@@ -26,6 +26,7 @@ from test_other_parts import serving
 from service.errors import StorageUnavailable
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
+from service.results.board import Board
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 from service.stream.sources.mcap import Recording
@@ -268,3 +269,14 @@ def test_an_asset_whose_signals_cannot_be_moved_has_its_new_name_all_the_same(ru
     running.wait_for_windows(WINDOWS)
     assert change(running, "renamed", name="press-7")[0] == 201
     assert listed(running) == [("press-7", WINDOWS, False)] and running.get(UNSW) is None
+
+
+def test_what_is_shown_of_a_former_name_is_shown_of_the_present_one():
+    """A person who signed an alarm while the asset was renamed had the list show the earlier name again."""
+    board = Board()
+    board.update("unsw", last_event_id=1)
+    board.rename("unsw", "press-6")
+    board.rename("press-6", "press-7")
+    for number, name in enumerate(("unsw", "press-6", "press-7"), start=2):
+        assert board.update(name, last_event_id=number).asset == "press-7"
+        assert board.assets() == ("press-7",) and board.get("press-7").last_event_id == number
