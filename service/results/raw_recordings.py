@@ -4,9 +4,9 @@
     <folder>/<asset>/<asset>_20261123T020000.250Z.mcap.part   being written, or left behind by a process that was killed
 
 A file is of one asset and holds its rig file, so that it can be assessed and replayed alone. It is completed once it is
-large or old enough, or its asset has been silent. One that was left behind is read up to its last whole chunk, which
-is some seconds old at most, and completed by the next start. The oldest files are deleted where all together are too
-large or too old, or leave too little of the disk to others.
+large or old enough, another rig file holds, or its asset has been silent. One that was left behind is read up to its
+last whole chunk, which is some seconds old at most, and completed by the next start. The oldest files are deleted where
+all together are too large or too old, or leave too little of the disk to others.
 """
 
 from __future__ import annotations
@@ -60,6 +60,7 @@ class _Writing:
     """A file that is being written."""
 
     writer: RecordingWriter
+    rig_text: bytes | None
     begun: float  # on the monotonic clock [s]
     newest: float  # when its newest frame came [s]
 
@@ -75,7 +76,7 @@ class _Complete:
 class RawRecordings:
     """The folder, for one thread. OSError of all methods: the disk cannot be used; see `abandon`.
 
-    rig_text_of  the rig file of an asset as TOML; None where there is none
+    rig_text_of  the rig file of an asset as TOML; None where there is none; it is asked with each frame
     free         bytes that are free where the folder is
     """
 
@@ -113,8 +114,11 @@ class RawRecordings:
         self._delete_old()
 
     def write(self, frame: Frame) -> None:
-        """Adds one frame to its asset's file."""
+        """Adds one frame to its asset's file, or to another one where another rig file holds by now."""
         asset = frame.channel.asset
+        begun = self._writing.get(asset)
+        if begun is not None and self._rig_text_of(asset) not in (None, begun.rig_text):
+            self._finish(asset)
         writing = self._writing.pop(asset, None) or self._open(asset, frame.start_time_ns)
         self._writing[asset] = writing
         writing.newest = self._clock()
@@ -175,9 +179,10 @@ class RawRecordings:
             path = folder / f"{stem}_{number}{SUFFIX}"
         metadata = {"asset": asset, "description": DESCRIPTION, "started": datetime.now(UTC).isoformat()}
         part = path.with_name(path.name + UNFINISHED)
-        writer = _writer(part, self._rig_text_of(asset), metadata, self._prefix)
+        rig_text = self._rig_text_of(asset)
+        writer = _writer(part, rig_text, metadata, self._prefix)
         now = self._clock()
-        return _Writing(writer, now, now)
+        return _Writing(writer, rig_text, now, now)
 
     def _finish(self, asset: str) -> None:
         writing = self._writing[asset]

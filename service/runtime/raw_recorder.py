@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from service.operation.health import RAW_RECORDINGS, Health
 from service.results.board import Board
@@ -163,10 +163,6 @@ def recording_raw(
         return
     from service.results.raw_recordings import RawLimits, RawRecordings
 
-    def rig_text(asset: str) -> bytes | None:
-        snapshot = board.get(asset)
-        return None if snapshot is None or not snapshot.rig else document_text(snapshot.rig).encode()
-
     keep_gb = settings.raw_keep_gb if settings.raw_url is None else settings.raw_spool_gb
     limits = RawLimits(
         roll_bytes=round(settings.raw_roll_mb * 1e6),
@@ -177,7 +173,7 @@ def recording_raw(
     )
     folder = settings.raw_folder or settings.data / FOLDER
     prefix = prefix or settings.prefix
-    recordings = RawRecordings(folder, limits, rig_text_of=rig_text, prefix=prefix)
+    recordings = RawRecordings(folder, limits, rig_text_of=rig_texts(board), prefix=prefix)
     sender = None
     if settings.raw_url is not None:
         from service.fleet.raw_segments import SegmentSender
@@ -189,3 +185,19 @@ def recording_raw(
         yield recorder
     finally:
         recorder.end()
+
+
+def rig_texts(board: Board) -> Callable[[str], bytes | None]:
+    """The rig file that holds for an asset, as TOML; written again only where another one holds."""
+    written: dict[str, tuple[Mapping[str, Any], bytes]] = {}
+
+    def rig_text(asset: str) -> bytes | None:
+        snapshot = board.get(asset)
+        rig = None if snapshot is None else snapshot.rig
+        if not rig:
+            return None
+        if asset not in written or written[asset][0] is not rig:
+            written[asset] = rig, document_text(rig).encode()
+        return written[asset][1]
+
+    return rig_text

@@ -18,9 +18,10 @@ from streams import ASSET, bursts, content, unbroken
 from service.cli import run
 from service.errors import InputError
 from service.json_text import plain
+from service.results.board import Board
 from service.results.raw_recordings import RawLimits, RawRecordings, kept_in
 from service.runtime.assess import assess
-from service.runtime.raw_recorder import RawRecorder
+from service.runtime.raw_recorder import RawRecorder, rig_texts
 from service.runtime.reception import Reception
 from service.runtime.replay import replay
 from service.setup.toml_text import document_text
@@ -38,9 +39,9 @@ class Disk:
     def __init__(self, folder, **limits):
         self.now, self.free = 1000.0, 10**12
         given = {f: getattr(ROOM, f) for f in ROOM.__slots__} | limits
-        self.folder = folder / "raw"
+        self.folder, self.rig = folder / "raw", RIG
         self.recordings = RawRecordings(
-            self.folder, RawLimits(**given), rig_text_of=lambda asset: RIG, clock=lambda: self.now,
+            self.folder, RawLimits(**given), rig_text_of=lambda asset: self.rig, clock=lambda: self.now,
             now=lambda: time.time() + self.now - 1000.0, free=lambda folder: self.free,
         )  # fmt: skip
         self.recordings.begin()
@@ -107,6 +108,38 @@ def test_recordings_are_completed_by_size_age_and_silence_and_together_hold_ever
     silent.now += 700.0
     silent.recordings.turn()
     assert [path.suffix for path in silent.files] == [".mcap"]
+
+
+def test_frames_after_a_change_of_the_rig_file_are_in_another_recording_that_holds_the_new_one(tmp_path):
+    disk, frames = Disk(tmp_path), bursts(4)
+    quarter = len(frames) // 4
+    disk.write(frames[:quarter])
+    disk.rig = None  # not known for a while: what was known holds
+    disk.write(frames[quarter : 2 * quarter])
+    disk.rig = RIG.replace(b"19", b"21")
+    disk.write(frames[2 * quarter :])
+    disk.recordings.close()
+    found = {}
+    for path in disk.files:
+        with Recording(path) as recording:
+            found[recording.rig_text] = [f.sequence for f in recording.frames(lambda channel, error: None)]
+    assert found == {
+        RIG: [f.sequence for f in frames[: 2 * quarter]],
+        disk.rig: [f.sequence for f in frames[2 * quarter :]],
+    }
+    assert windows(of_files(disk.files)) == windows(frames)
+
+
+def test_the_text_of_a_rig_file_is_written_once_for_as_long_as_it_holds():
+    board = Board()
+    text_of = rig_texts(board)
+    assert text_of(ASSET) is None
+    board.update(ASSET, rig={"name": "before"})
+    before = text_of(ASSET)
+    board.update(ASSET, last_frame_ns=1)
+    assert text_of(ASSET) is before and tomllib.loads(before.decode()) == {"name": "before"}
+    board.update(ASSET, rig={"name": "after"})
+    assert tomllib.loads(text_of(ASSET).decode()) == {"name": "after"}
 
 
 def test_oldest_recordings_are_deleted_beyond_their_size_and_age_and_for_others_on_the_disk(tmp_path):
