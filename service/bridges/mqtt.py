@@ -89,7 +89,8 @@ class MqttBridge:
         self._tls = _tls_context(settings) if self._address.tls else None
         _password(settings)
         known = {asset: s.last_event_id for asset in board.assets() if (s := board.get(asset))}
-        self._events = known | kept.section("events")  # by asset: the newest event that was published
+        # by asset: the newest event that was published; what happened before the first start is history
+        self._events = kept.section("events") or known
         kept.keep("events", self._events)
         self._published: dict[str, bytes] = {}  # digest by topic of what the broker has since it was connected
         self._messages = 0
@@ -120,15 +121,14 @@ class MqttBridge:
     def _publish(self, link: _Link, assets: Sequence[str]) -> None:
         """Publishes what has changed of some assets; returns once the broker has acknowledged it."""
         found = {asset: self._board.get(asset) for asset in assets}
-        left = [self._events.get(asset, 0) for asset, snapshot in found.items() if snapshot is None]
+        left = {asset: self._events[asset] for asset, s in found.items() if s is None and asset in self._events}
         events = dict(self._events)
         for asset, snapshot in found.items():
             if snapshot is None:
                 self._clear(link, asset)
                 events.pop(asset, None)
                 continue
-            # an asset that appears while another disappears has been renamed: its changes so far have been published
-            start = events.get(asset, max(left, default=0))
+            start = events[asset] if asset in events else self._published_before(asset, left)
             events[asset] = self._publish_changes(link, asset, start, snapshot.last_event_id)
             self._publish_state(link, asset, snapshot)
         link.settle()
@@ -136,6 +136,20 @@ class MqttBridge:
         if events != self._events:
             self._events = events
             self._kept.keep("events", events)
+
+    def _published_before(self, asset: str, left: Mapping[str, int]) -> int:
+        """The newest event that was published of an asset under an earlier name; 0 where it is new.
+
+        left  by name that no asset has any longer: the newest event that was published
+        """
+        after = min(left.values(), default=None)
+        while after is not None and (page := self._store.events(asset, after, PAGE)):
+            for event in page:
+                was = (event.data.get("effect") or {}).get("was") if event.kind == "change" else None
+                if isinstance(was, str) and was in left:
+                    return left[was]
+            after = page[-1].id
+        return 0
 
     def _publish_changes(self, link: _Link, asset: str, after: int, newest: int) -> int:
         while after < newest:

@@ -28,6 +28,7 @@ from service.bridges.bridge import BridgeThread
 from service.bridges.kept import KeptNumbers
 from service.contract import plant
 from service.errors import InputError
+from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.runtime.bridging import bridges_of
 from service.runtime.replay import replay
@@ -209,6 +210,53 @@ def test_renamed_asset_leaves_nothing_retained_and_no_change_is_published_twice(
             assert not [m for m in late.messages if m.topic.startswith("gear-twin/unsw/")]
 
 
+def rename(store, board, asset, name):
+    """Another name of an asset as the service keeps and shows it."""
+    AssetLife(store.database).rename(asset, name)
+    store.note(name, [("change", {"kind": "renamed", "name": name, "effect": {"asset": name, "was": asset}})])
+    board.rename(asset, name)
+    board.update(name, last_event_id=store.last_event_id(name))
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["while it runs", "before a restart"])
+def test_assets_that_are_renamed_while_the_broker_is_away_have_every_change_published_once(
+    tmp_path, store, board, again
+):
+    for asset in ("unsw", "other"):
+        fakes.take(store, board, asset, 0, 100.0)
+    kept = {"unsw": store.last_event_id("unsw")}
+    raise_alarm(store, board)  # not yet published
+    raise_alarm(store, board, "other")
+    kept["other"] = store.last_event_id("other")
+    KeptNumbers(tmp_path / "bridges" / "mqtt.json").keep("events", kept)
+    settings = settings_for("mqtt://127.0.0.1:1", tmp_path)
+    bridge = mqtt.MqttBridge(settings, board, store, KeptNumbers(tmp_path / "bridges" / "mqtt.json"))
+    rename(store, board, "unsw", "press-3")
+    rename(store, board, "press-3", "press-4")
+    rename(store, board, "other", "press-5")
+    raise_alarm(store, board, "press-5", "acknowledged")
+    fakes.take(store, board, "new", 0, 100.0)
+    raise_alarm(store, board, "new")
+    if again:
+        shown, kept = Board.from_store(store), KeptNumbers(tmp_path / "bridges" / "mqtt.json")
+        bridge = mqtt.MqttBridge(settings, shown, store, kept)
+    sent = []
+
+    class Link:
+        def send(self, topic, payload, *, retain):
+            if topic.endswith("/alarm"):
+                sent.append((topic.split("/")[1], payload["verb"]))
+
+        def settle(self):
+            pass
+
+        def take_count(self):
+            return 0
+
+    bridge._publish(Link(), ("press-4", "press-5", "new", "unsw", "other"))
+    assert sorted(sent) == [("new", "raised"), ("press-4", "raised"), ("press-5", "acknowledged")]
+
+
 def test_service_that_is_lost_is_announced_by_the_broker(tmp_path, store, board):
     code = f"""
 import threading
@@ -216,6 +264,7 @@ from pathlib import Path
 from service.bridges.bridge import BridgeThread
 from service.bridges.kept import KeptNumbers
 from service.bridges.mqtt import MqttBridge
+from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.settings import Settings
 data = Path({str(tmp_path)!r})
