@@ -30,6 +30,7 @@ class Problem(AnswerModel):
         None, description="on 422: the place and fault of each value that cannot be"
     )
     known: list[str] | None = Field(None, description="on 404 of an asset: the assets that are known")
+    renamed: str | None = Field(None, description="on 404 of an asset that has another name now: that name")
 
 
 class DecisionIn(BaseModel):

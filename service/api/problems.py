@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import FAULT, StorageUnavailable
+from service.api.former_names import present_name
+from service.errors import FAULT, StorageUnavailable, StoreError
 
 MEDIA_TYPE = "application/problem+json"
 log = logging.getLogger(__name__)
@@ -56,7 +59,13 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(UnknownAsset)
     async def unknown_asset(request: Request, error: UnknownAsset) -> JSONResponse:
+        name = None
+        with suppress(StoreError):  # the answer is right without it
+            name = await run_in_threadpool(present_name, request.app.state.changes.life, error.asset)
         known = ", ".join(error.known) or "none yet"
+        if name is not None:
+            detail = f"asset {error.asset!r} has another name now: {name!r}"
+            return problem(request, 404, detail, known=list(error.known), renamed=name)
         detail = f"no asset {error.asset!r} has been seen; known assets: {known}"
         return problem(request, 404, detail, known=list(error.known))
 

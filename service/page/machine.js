@@ -8,7 +8,8 @@ const WINDOWS = 100; // latest window records that are kept
 const RETRY_MS = 3000;
 export const KINDS = ["window", "update", "effect", "rul", "data_fault", "status", "alarm", "change", "inspection", "question"];
 
-// Sends "change" after new data (detail: the kinds of event that brought it) and "link" with true or false.
+// Sends "change" after new data (detail: the kinds of event that brought it), "link" with true or false, and "renamed"
+// (detail: the name) once the machine has another name, under which all else is asked for.
 export class Machine extends EventTarget {
   constructor(name) {
     super();
@@ -50,6 +51,7 @@ export class Machine extends EventTarget {
         this.linked(false);
         if (this.source?.readyState === EventSource.CLOSED) {
           stop();
+          this.ask(signal);
           setTimeout(start, RETRY_MS);
         }
       };
@@ -80,7 +82,25 @@ export class Machine extends EventTarget {
     this.dispatchEvent(new CustomEvent("link", { detail: live }));
   }
 
+  // Asks why there are no events: the machine may have been given another name meanwhile.
+  async ask(signal) {
+    try {
+      await get(this.base, { signal });
+    } catch (error) {
+      if (error.body?.renamed) this.renamed(error.body.renamed);
+    }
+  }
+
+  renamed(name) {
+    this.leaving = true;
+    this.dispatchEvent(new CustomEvent("renamed", { detail: name }));
+  }
+
   happened(kind, data) {
+    if (kind === "change" && data?.effect?.was === this.name) {
+      this.renamed(data.effect.asset);
+      return;
+    }
     if (kind === "window" && Number.isFinite(data?.index)) {
       this.windows = [...this.windows.filter((w) => w.index !== data.index), data].slice(-WINDOWS);
     }
@@ -96,6 +116,7 @@ export class Machine extends EventTarget {
 
   async refresh() {
     this.timer = null;
+    if (this.leaving) return;
     if (this.busy) {
       this.soon("window");
       return;
@@ -108,6 +129,10 @@ export class Machine extends EventTarget {
       this.dispatchEvent(new CustomEvent("change", { detail: kinds }));
     } catch (error) {
       if (error.name === "AbortError" || this.leaving) return;
+      if (error.body?.renamed) {
+        this.renamed(error.body.renamed);
+        return;
+      }
       console.warn(error.message);
       this.linked(false);
     } finally {

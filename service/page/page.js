@@ -98,10 +98,17 @@ async function machineOf(name) {
   machine = null;
   const opened = new Machine(name);
   await opened.load(leavingMachine.signal);
+  const { signal } = leavingMachine;
   opened.addEventListener("link", (event) => connected(event.detail));
+  opened.addEventListener("renamed", (event) => goOn(event.detail), { signal });
   opened.follow(leavingMachine.signal);
   machine = opened;
   return opened;
+}
+
+// To the same view of a machine under its present name.
+function goOn(name) {
+  location.replace(addressOf(name, routeOf(location.hash).view));
 }
 
 function contextOf(root, signal) {
@@ -197,6 +204,10 @@ async function show({ focus = true } = {}) {
     if (signal.aborted || error.name === "AbortError") return;
     if (error.status === 401) {
       askForKey(error.message);
+      return;
+    }
+    if (error.body?.renamed) {
+      goOn(error.body.renamed);
       return;
     }
     console.warn(error);

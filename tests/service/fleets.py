@@ -17,7 +17,8 @@ from service.fleet.fence import Fence
 from service.fleet.front import serve_front
 from service.fleet.front_board import FleetBoard
 from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetLife
-from service.fleet.layout import ASSETS, partition_of
+from service.fleet.layout import ASSETS, Layout, partition_of
+from service.fleet.naming import renamed
 from service.fleet.rows import put, row_of
 from service.json_text import plain
 from service.results.board import Board
@@ -111,11 +112,16 @@ class WrittenBoard:
         self._written(self._own.update(asset, **changes))
         return self.shown.update(asset, **changes)
 
+    def renames(self, db, asset, name):
+        """What the worker's database does in the transaction that gives an asset another name."""
+        renamed(db, asset, name, self.store.places.partition_of(asset), Layout(PARTITIONS))
+
     def rename(self, asset, name):
         self._own.rename(asset, name)
         with self.store.database.transaction() as db:
             db.execute(sa.delete(ASSETS).where(ASSETS.c.asset == asset))
         self._written(self._own.get(name))
+        self.shown.changed([asset])
 
     def _written(self, snapshot):
         with self.store.database.transaction() as db:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from datetime import UTC, datetime
 
+from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.results.sql_store import SqlStore
 
@@ -272,4 +273,24 @@ def campaign(store: SqlStore, board: Board | None, asset: str = "unsw", windows:
             )  # fmt: skip
 
 
-__all__ = ["FAULT", "campaign", "depth_um", "little_known_report", "record", "report", "take"]
+def life_of(store, asset: str) -> AssetLife:
+    """The life of the assets of a store; of a front end's, that of the asset's partition."""
+    own = store.stores.of(asset) if hasattr(store, "stores") else store
+    return AssetLife(own.database)
+
+
+def rename(store, board, asset: str, name: str) -> None:
+    """Another name of an asset, as the service keeps and shows it."""
+    life, effect = life_of(store, asset), {"asset": name, "was": asset}
+    with life.transaction() as db:
+        number = life.add_change(asset, "renamed", {"name": name})
+        life.change_done(number, effect)
+        life.rename(asset, name)
+        if hasattr(board, "renames"):  # the rows that all partitions share
+            board.renames(db, asset, name)
+        store.note(name, [("change", {"id": number, "kind": "renamed", "name": name, "effect": effect})])
+    board.rename(asset, name)
+    board.update(name, last_event_id=store.last_event_id(name))
+
+
+__all__ = ["FAULT", "campaign", "depth_um", "life_of", "little_known_report", "record", "rename", "report", "take"]

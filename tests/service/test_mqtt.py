@@ -28,7 +28,6 @@ from service.bridges.bridge import BridgeThread
 from service.bridges.kept import KeptNumbers
 from service.contract import plant
 from service.errors import InputError
-from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.runtime.bridging import bridges_of
 from service.runtime.replay import replay
@@ -210,14 +209,6 @@ def test_renamed_asset_leaves_nothing_retained_and_no_change_is_published_twice(
             assert not [m for m in late.messages if m.topic.startswith("gear-twin/unsw/")]
 
 
-def rename(store, board, asset, name):
-    """Another name of an asset as the service keeps and shows it."""
-    AssetLife(store.database).rename(asset, name)
-    store.note(name, [("change", {"kind": "renamed", "name": name, "effect": {"asset": name, "was": asset}})])
-    board.rename(asset, name)
-    board.update(name, last_event_id=store.last_event_id(name))
-
-
 @pytest.mark.parametrize("again", [False, True], ids=["while it runs", "before a restart"])
 def test_assets_that_are_renamed_while_the_broker_is_away_have_every_change_published_once(
     tmp_path, store, board, again
@@ -231,9 +222,9 @@ def test_assets_that_are_renamed_while_the_broker_is_away_have_every_change_publ
     KeptNumbers(tmp_path / "bridges" / "mqtt.json").keep("events", kept)
     settings = settings_for("mqtt://127.0.0.1:1", tmp_path)
     bridge = mqtt.MqttBridge(settings, board, store, KeptNumbers(tmp_path / "bridges" / "mqtt.json"))
-    rename(store, board, "unsw", "press-3")
-    rename(store, board, "press-3", "press-4")
-    rename(store, board, "other", "press-5")
+    fakes.rename(store, board, "unsw", "press-3")
+    fakes.rename(store, board, "press-3", "press-4")
+    fakes.rename(store, board, "other", "press-5")
     raise_alarm(store, board, "press-5", "acknowledged")
     fakes.take(store, board, "new", 0, 100.0)
     raise_alarm(store, board, "new")
@@ -264,7 +255,6 @@ from pathlib import Path
 from service.bridges.bridge import BridgeThread
 from service.bridges.kept import KeptNumbers
 from service.bridges.mqtt import MqttBridge
-from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.settings import Settings
 data = Path({str(tmp_path)!r})

@@ -117,3 +117,39 @@ def test_what_is_typed_outlives_a_new_window(open_page, store, board):
     fakes.take(store, board, "unsw", 90, 19500.0)
     page.wait_for_function("document.querySelector('#question').textContent.includes('3 windows wait')")
     assert page.locator("#question").get_by_label("Note").input_value() == "half a sent"
+
+
+def test_a_page_goes_on_under_the_other_name_that_somebody_gives_its_machine(open_page, store, board):
+    fakes.campaign(store, board)
+    page = open_page(LIFE, allowed="404")  # what it asks for at that very moment has the former name
+    page.wait_for_selector("#link[data-state=live]")
+    fakes.rename(store, board, "unsw", "press-7")
+    page.wait_for_function("location.hash === '#/asset/press-7/life'")
+    page.wait_for_selector("main[data-view=life]")
+    fakes.take(store, board, "press-7", 90, 19500.0)
+    total = board.get("press-7").windows_total
+    page.wait_for_function(f"document.querySelector('main').dataset.windows === '{total}'")
+    page.wait_for_selector("#link[data-state=live]")
+    assert page.inner_text("#trail").endswith("press-7")
+
+
+HIDE = """hidden => {
+  Object.defineProperty(document, "hidden", { value: hidden, configurable: true });
+  document.dispatchEvent(new Event("visibilitychange"));
+}"""
+
+
+def test_a_page_that_was_hidden_meanwhile_and_an_address_with_the_former_name_lead_to_the_present_one(
+    open_page, store, board
+):
+    fakes.campaign(store, board)
+    page = open_page(LIFE, allowed="404")
+    page.wait_for_selector("#link[data-state=live]")
+    page.evaluate(HIDE, True)  # it holds no connection then
+    fakes.rename(store, board, "unsw", "press-7")
+    page.evaluate(HIDE, False)
+    page.wait_for_function("location.hash === '#/asset/press-7/life'")
+    page.wait_for_selector("main[data-view=life]")
+    kept = open_page(LIFE, allowed="404")
+    kept.wait_for_function("location.hash === '#/asset/press-7/life'")
+    kept.wait_for_selector("main[data-view=life]")

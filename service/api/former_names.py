@@ -1,0 +1,40 @@
+"""Names that assets had before: what was called so, and what is left to be told under such a name."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+
+from service.results.asset_life import AssetLife
+from service.results.store import Event, ResultStore
+
+
+def present_name(life: AssetLife, asset: str) -> str | None:
+    """The present name of the asset that was called so; None where none was. It may wait for a database."""
+    name = life.routes().get(asset)
+    if name is None or not any(c.kind == "renamed" and _was(c.effect, asset) for c in life.changes(name)):
+        return None  # the stream of that name may be another asset's
+    return name
+
+
+async def last_events(
+    store: ResultStore, life: AssetLife, asset: str, after: int, page_size: int
+) -> AsyncIterator[Event]:
+    """The events behind `after` of an asset that had this name, up to the change that gave it another one."""
+    name = await run_in_threadpool(present_name, life, asset)
+    more = name is not None
+    while more:
+        page = await run_in_threadpool(store.events, name or asset, after, page_size)
+        for event in page:
+            yield event
+            after = event.id
+            if event.kind == "change" and _was(event.data.get("effect"), asset):
+                return
+        more = len(page) == page_size
+
+
+def _was(effect: Mapping[str, Any] | None, asset: str) -> bool:
+    """Whether a change gave the asset of this name another one."""
+    return effect is not None and effect.get("was") == asset
