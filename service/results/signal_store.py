@@ -9,6 +9,7 @@ are given up. The results of every window stay in the database.
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,6 +20,8 @@ from service.results.signal_thinning import KeptWindow, given_up
 from service.results.window_file import SUFFIX, UNFINISHED, write_window
 from twin.windows import Window
 
+log = logging.getLogger(__name__)
+
 
 class SignalStore(KeptSignals):
     """Raw windows of all assets under one directory. Safe to use from several threads of one process."""
@@ -26,10 +29,14 @@ class SignalStore(KeptSignals):
     def __init__(self, folder: Path, limit: int) -> None:
         """limit  bytes that one asset may take; 0 keeps nothing"""
         self.folder, self.limit = Path(folder), limit
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # not held while a window is written: nobody waits for that
+        self._names: dict[str, str] = {}  # those that assets had before, and the present one of each
         self._kept: dict[str, dict[int, tuple[KeptWindow, Path]]] = {}
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
+            for path in self.folder.glob(f"*{UNFINISHED}"):
+                if path.is_file():
+                    path.unlink(missing_ok=True)
             for asset in sorted(p for p in self.folder.iterdir() if p.is_dir()):
                 self._kept[_asset_of(asset.name)] = _opened(asset)
         except OSError as error:
@@ -55,40 +62,74 @@ class SignalStore(KeptSignals):
             return False
         mark = "x" if window.quality == "refused" else "f" if found else "k"
         turns = "none" if revolutions is None else f"{revolutions:.6g}"
-        folder = self.folder / folder_of(asset)
-        path = folder / f"{number:08d}_{window.start_time_ns}_{turns}_{mark}{SUFFIX}"
-        folder.mkdir(exist_ok=True)
-        if file is None:
-            size = write_window(path, window)
-        else:
-            size = file.stat().st_size
-            file.replace(path)
-        kept = entry_of(path, size)
-        assert kept is not None
-        with self._lock:
-            of_asset = self._kept.setdefault(asset, {})
-            before = of_asset.get(number)
-            of_asset[number] = kept, path
-            dropped = [of_asset.pop(w.number)[1] for w in given_up([w for w, _ in of_asset.values()], self.limit)]
-        if before is not None and before[1] != path:
-            dropped.append(before[1])
-        for old in dropped:
-            old.unlink(missing_ok=True)
+        name = f"{number:08d}_{window.start_time_ns}_{turns}_{mark}{SUFFIX}"
+        if file is not None:
+            self._place(asset, name, file, file.stat().st_size)
+            return True
+        written = self.folder / f"~{asset}~{number:08d}{UNFINISHED}"
+        size = write_window(written, window)
+        try:
+            self._place(asset, name, written, size)
+        finally:
+            written.unlink(missing_ok=True)
         return True
 
-    def rename(self, asset: str, name: str) -> None:
-        """Gives what is kept of an asset to another name, of which nothing is kept."""
+    def _place(self, asset: str, name: str, file: Path, size: int) -> None:
+        """Moves the file of a window to those of its asset, whatever that is called by now."""
         with self._lock:
+            asset = self._names.get(asset, asset)
+            folder = self.folder / folder_of(asset)
+            folder.mkdir(exist_ok=True)
+            path = folder / name
+            file.replace(path)
+            kept = entry_of(path, size)
+            assert kept is not None
+            of_asset = self._kept.setdefault(asset, {})
+            before = of_asset.get(kept.number)
+            of_asset[kept.number] = kept, path
+            dropped = [of_asset.pop(w.number)[1] for w in given_up([w for w, _ in of_asset.values()], self.limit)]
+            if before is not None and before[1] != path:
+                dropped.append(before[1])
+            for old in dropped:
+                old.unlink(missing_ok=True)
+
+    def rename(self, asset: str, name: str) -> None:
+        """Gives what is kept of an asset, and what still comes under its name, to another name."""
+        with self._lock:
+            self._names = {former: name if now == asset else now for former, now in self._names.items()}
+            self._names[asset] = name
             old, new = self.folder / folder_of(asset), self.folder / folder_of(name)
             if old.is_dir():
-                old.replace(new)
+                _move(old, new)
                 self._kept.pop(asset, None)
                 self._kept[name] = _opened(new)
+
+    def settle(self, former: Mapping[str, str]) -> None:
+        """Gives what an earlier run has left under names that assets had before to those assets."""
+        for name, asset in former.items():
+            try:
+                self.rename(name, asset)
+            except OSError as error:
+                log.warning("the raw signals of %s stay under its former name %s: %s", asset, name, error)
 
     def files(self, asset: str) -> Mapping[int, KeptFile]:
         """What is kept of an asset, with the files."""
         with self._lock:
             return dict(self._kept.get(asset, {}))
+
+
+def _move(old: Path, new: Path) -> None:
+    """Moves a folder; into one that is there, file by file: of two files of the same name, the newer is kept."""
+    if not new.is_dir():
+        old.replace(new)
+        return
+    for path in old.iterdir():
+        other = new / path.name
+        if other.exists() and other.stat().st_mtime_ns > path.stat().st_mtime_ns:
+            path.unlink()
+        else:
+            path.replace(other)
+    old.rmdir()
 
 
 def _opened(folder: Path) -> dict[int, tuple[KeptWindow, Path]]:

@@ -19,6 +19,7 @@ from service.results.board import Board
 from service.results.change_queue import ChangeQueue
 from service.results.data_folder import BASELINES, SIGNALS, WAITING
 from service.results.decision_queue import DecisionQueue
+from service.results.former_names import former_names
 from service.results.rig_proposals import RigProposals
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore, StoredAsset
@@ -56,6 +57,7 @@ class Begun(AbstractContextManager["Begun"]):
             store = stack.enter_context(open_store())
             known, board = stack.enter_context(_restored(store))
             signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
+            signals.settle(former_names(store.database))
             life = AssetLife(store.database, settings.data / WAITING)
             alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
             are_open = alarms.store.open()
