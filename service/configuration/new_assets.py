@@ -41,7 +41,7 @@ class NewAssets(Table):
     )
     asset_rigs: dict[AssetName, Path] = Field(
         default={},
-        description="rig file of single assets, which are known from the start, too",
+        description="rig file of single assets, which are known from the start, too. An asset that is renamed keeps it",
         examples=[{"press-1": "press-1.toml"}],
     )
     unknown_assets: int = Field(

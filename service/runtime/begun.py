@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
 
 from service.alarms.keeper import AlarmKeeper
@@ -75,7 +76,14 @@ class Begun(AbstractContextManager["Begun"]):
                 alarms=alarms,
                 known=known,
             )
-            rigs = Rigs(store, board, given_rigs, RigProposals(life.rejected_rigs), asks=kept.unknown.asks)
+            rigs = Rigs(
+                store,
+                board,
+                given_rigs,
+                RigProposals(life.rejected_rigs),
+                asks=kept.unknown.asks,
+                former=partial(former_names, store.database),
+            )
             resources = stack.pop_all()
         return cls(store=store, board=board, signals=signals, kept=kept, alarms=alarms, rigs=rigs, resources=resources)
 

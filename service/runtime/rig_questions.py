@@ -42,12 +42,12 @@ class RigQuestions:
         for asset in self._store.assets():
             question = self._lanes.question(asset)
             asked = question is not None and question["kind"] == GEARS_DIFFER and question.get("settings")
-            given = self._rigs.given.of(asset)
+            given = self._rigs.given_of(asset)
             differs = given is not None and self._rigs.named_differences(asset, given)
             if asked and not differs:
                 self._lanes.ask(asset, None)
             elif given is not None:
-                self._compare(asset, given, f"rig file {self._rigs.given.where(asset)}", settings=True)
+                self._compare(asset, given, f"rig file {self._rigs.given_where(asset)}", settings=True)
 
     def __call__(self) -> None:
         """Asks about rig files that have been offered since."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -99,6 +99,7 @@ class Rigs:
     given      those of the settings
     proposals  where those wait that people must decide on
     asks       whether that is so for every rig file that is offered
+    former     names that assets had before, each with its asset
     """
 
     def __init__(
@@ -109,9 +110,27 @@ class Rigs:
         proposals: RigProposals | None = None,
         *,
         asks: bool = False,
+        former: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         self._store, self._board, self.given = store, board, given
         self.proposals, self.asks = proposals or RigProposals(), asks
+        self._former = former
+
+    def given_of(self, asset: str) -> Mapping[str, Any] | None:
+        """The rig file that the settings give for an asset, under its name or one that it had before."""
+        return self.given.of(self._name_given(asset))
+
+    def given_where(self, asset: str) -> str:
+        """What that is called."""
+        return self.given.where(self._name_given(asset))
+
+    def _name_given(self, asset: str) -> str:
+        """The name under which the settings give an asset its own rig file; the present one where they give none."""
+        own = self.given.own
+        if asset in own or all(self._board.get(name) is not None for name in own):
+            return asset
+        former = self._former()
+        return next((name for name in own if former.get(name) == asset), asset)
 
     def named_differences(self, asset: str, rig: Mapping[str, Any]) -> list[str]:
         """How a rig file describes other gears than those of an asset so far, teeth first, absent values last."""
@@ -127,7 +146,7 @@ class Rigs:
         stored  what is committed of the asset, where it has been read
         """
         stored = stored or self._store.asset(asset)
-        given = self.given.of(asset)
+        given = self.given_of(asset)
         differs = given is not None and other_gears(stored, given)
         rig = (None if differs else given) or stored.rig
         if rig is None:
@@ -152,7 +171,7 @@ class Rigs:
     def propose(self, asset: str, rig: Mapping[str, Any]) -> None:
         """A rig file was offered for an asset that has begun: it waits for a person where it is another one."""
         snapshot = self._board.get(asset)
-        if snapshot is None or self.given.of(asset) is not None:
+        if snapshot is None or self.given_of(asset) is not None:
             return
         if snapshot.rig is None and not self.asks:
             return  # used with the asset's first frame

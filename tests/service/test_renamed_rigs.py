@@ -1,0 +1,90 @@
+"""Rig files of assets that were renamed, or whose stream was found to be another machine's."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+from service_streams import RIG
+
+from service.results.asset_life import AssetLife
+from service.results.data_folder import DATABASE
+from service.results.sql_store import SqlStore
+from service.runtime.begun import Begun
+from service.runtime.rigs import GivenRigs
+from service.settings import Settings
+
+GIVEN = tomllib.loads(RIG.read_text())
+OWN_WIDTH, WIDTH = 0.025, 0.02  # of the rig file of one asset, and of that for all [m]
+
+
+class Nobody:
+    def find(self, asset):
+        return None
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A rig file of one asset."""
+    file = tmp_path / "own.toml"
+    file.write_text(RIG.read_text().replace("face_width = 0.020", f"face_width = {OWN_WIDTH}"))
+    return file
+
+
+def begun(data, of_all=None, **own):
+    settings = Settings(data=data, rig=of_all, asset_rigs=own)
+    return Begun.of(settings, GivenRigs.read(of_all, own), lambda: SqlStore(data / DATABASE))
+
+
+def life_of(store):
+    return AssetLife(store.database)
+
+
+def width_of(begun, asset):
+    return begun.rigs.of(asset, Nobody()).get("gears.face_width")
+
+
+def rename(store, asset, name):
+    """As a change does it."""
+    life = life_of(store)
+    with life.transaction():
+        life.change_done(life.add_change(asset, "renamed", {"name": name}), {"asset": name, "was": asset})
+        life.rename(asset, name)
+
+
+# -- those of the settings -------------------------------------------------------------------------------
+
+
+def test_rig_file_that_the_settings_give_one_asset_is_that_of_the_asset_under_each_of_its_later_names(tmp_path, own):
+    """After a restart it had the rig file for all, which replaced its own."""
+    with begun(tmp_path, RIG, unsw=own) as first:
+        first.store.note("other", [])
+        assert (width_of(first, "unsw"), width_of(first, "other")) == (OWN_WIDTH, WIDTH)
+        for asset, name in (("unsw", "press-7"), ("press-7", "press-8")):
+            rename(first.store, asset, name)
+            first.board.rename(asset, name)
+            assert width_of(first, name) == OWN_WIDTH  # while it runs
+    with begun(tmp_path, RIG, unsw=own) as again:
+        assert (width_of(again, "press-8"), width_of(again, "other")) == (OWN_WIDTH, WIDTH)
+        assert again.rigs.given_where("press-8") == str(own) and again.rigs.given_where("other") == str(RIG)
+
+
+def test_rig_file_under_the_present_name_goes_before_one_under_a_former_name(tmp_path, own):
+    with begun(tmp_path) as first:
+        first.store.note("unsw", [])
+        rename(first.store, "unsw", "press-7")
+    with begun(tmp_path, **{"unsw": own, "press-7": RIG}) as again:
+        assert width_of(again, "press-7") == WIDTH
+
+
+@pytest.mark.parametrize("renamed", [False, True])
+def test_rig_file_of_an_asset_whose_stream_is_another_machines_stays_with_the_asset(tmp_path, own, renamed):
+    with begun(tmp_path, RIG, unsw=own) as first:
+        assert width_of(first, "unsw") == OWN_WIDTH
+        life_of(first.store).route("unsw", "bench-2")
+        if renamed:
+            rename(first.store, "unsw", "unsw-old")
+            life_of(first.store).route("unsw", "bench-2")  # whatever becomes of the stream
+    with begun(tmp_path, RIG, unsw=own) as again:
+        assert width_of(again, "bench-2") == WIDTH
+        assert width_of(again, "unsw-old" if renamed else "unsw") == OWN_WIDTH
