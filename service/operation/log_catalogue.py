@@ -35,6 +35,12 @@ LINES: tuple[Line, ...] = (
         "Accept or reject it: `gear-twin assets rig`, or the page.",
     ),
     Line(
+        "service.results.signal_store",
+        "the raw signals of %s stay under its former name %s: %s",
+        "An asset was renamed, but the folder of its raw signals was not, nor now. Its results are complete.",
+        "Look after the folder that is named by the reason; the next start moves the signals.",
+    ),
+    Line(
         "service.runtime.changes",
         "the raw signals of %s stay under its former name %s until the next start: %s",
         "An asset was renamed, but the folder of its raw signals was not. Its results are complete.",

@@ -335,6 +335,7 @@ def test_a_start_leaves_an_asset_what_it_has_where_its_stream_is_another_machine
 def test_a_former_name_whose_stream_is_another_machines_is_still_that_of_the_renamed_asset(tmp_path):
     with SqlStore(tmp_path / DATABASE) as store:
         life = AssetLife(store.database)
+        store.note("unsw", [])
         life.route("unsw", "bench-2")
         with life.transaction():
             number = life.add_change("unsw", "renamed", {"name": "unsw-old"})
