@@ -83,6 +83,7 @@ class Begun(AbstractContextManager["Begun"]):
                 RigProposals(life.rejected_rigs),
                 asks=kept.unknown.asks,
                 former=partial(former_names, store.database),
+                routes=life.routes,
             )
             resources = stack.pop_all()
         return cls(store=store, board=board, signals=signals, kept=kept, alarms=alarms, rigs=rigs, resources=resources)

@@ -26,6 +26,7 @@ from service.results.board import Board
 from service.results.rig_proposals import RigProposals
 from service.results.store import ResultStore, StoredAsset
 from service.results.unknown_assets import UnknownAssets
+from service.runtime.streams import streams_of
 from service.transport.protocol import Transport
 from twin.rig import Rig
 
@@ -100,6 +101,7 @@ class Rigs:
     proposals  where those wait that people must decide on
     asks       whether that is so for every rig file that is offered
     former     names that assets had before, each with its asset
+    routes     streams whose asset has another name, each with that asset
     """
 
     def __init__(
@@ -111,10 +113,11 @@ class Rigs:
         *,
         asks: bool = False,
         former: Callable[[], Mapping[str, str]] = dict,
+        routes: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         self._store, self._board, self.given = store, board, given
         self.proposals, self.asks = proposals or RigProposals(), asks
-        self._former = former
+        self._former, self._routes = former, routes
 
     def given_of(self, asset: str) -> Mapping[str, Any] | None:
         """The rig file that the settings give for an asset, under its name or one that it had before."""
@@ -150,7 +153,8 @@ class Rigs:
         differs = given is not None and other_gears(stored, given)
         rig = (None if differs else given) or stored.rig
         if rig is None:
-            found = offered.find(asset)
+            streams = streams_of(asset, self._routes())
+            found = next((rig for stream in streams if (rig := offered.find(stream)) is not None), None)
             if found is not None and self.asks:
                 self.propose(asset, found)
             else:
@@ -208,14 +212,14 @@ class OfferedRigs:
         with self._transport.watch_rigs(self._received):
             yield self
 
-    def find(self, asset: str) -> Mapping[str, Any] | None:
-        """The rig file offered for the asset, asked for where none has come; None where there is none."""
-        if asset not in self._offered:
-            for text in self._transport.ask_rig(asset, RIG_WAIT):
-                self._received(asset, text)
+    def find(self, stream: str) -> Mapping[str, Any] | None:
+        """The rig file offered for a stream, asked for where none has come; None where there is none."""
+        if stream not in self._offered:
+            for text in self._transport.ask_rig(stream, RIG_WAIT):
+                self._received(stream, text)
         with self._lock:
-            found = self._offered.get(asset)
-        return None if found is None else parsed_document(found, f"the rig file offered for {asset}")
+            found = self._offered.get(stream)
+        return None if found is None else parsed_document(found, f"the rig file offered for {stream}")
 
     def fresh(self) -> list[tuple[str, Mapping[str, Any]]]:
         """The rig files that have come since this was last called, with the streams that they are for."""

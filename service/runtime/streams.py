@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -87,8 +87,7 @@ class Streams:
 
     def streams_of(self, asset: str) -> list[str]:
         """The streams that belong to an asset."""
-        own = [asset] if self.asset_of(asset) == asset else []
-        return own + [stream for stream, of in self._routes.items() if of == asset and stream != asset]
+        return streams_of(asset, self._routes)
 
     @property
     def routed(self) -> tuple[str, ...]:
@@ -203,3 +202,12 @@ class Streams:
     def wait_only_for(self, stream: str, labels: Iterable[str]) -> None:
         """Lets windows close without the channels that have fallen silent."""
         self._consumer.wait_only_for(self.asset_of(stream), labels)
+
+
+def streams_of(asset: str, routes: Mapping[str, str]) -> list[str]:
+    """The streams that belong to an asset, that of its own name first.
+
+    routes  streams whose asset has another name, with that asset
+    """
+    own = [] if asset in routes else [asset]
+    return own + [stream for stream, of in routes.items() if of == asset]

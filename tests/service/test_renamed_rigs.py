@@ -5,13 +5,14 @@ from __future__ import annotations
 import tomllib
 
 import pytest
+from memory_transport import MemoryNetwork
 from service_streams import RIG
 
 from service.results.asset_life import AssetLife
 from service.results.data_folder import DATABASE
 from service.results.sql_store import SqlStore
 from service.runtime.begun import Begun
-from service.runtime.rigs import GivenRigs
+from service.runtime.rigs import GivenRigs, OfferedRigs
 from service.settings import Settings
 
 GIVEN = tomllib.loads(RIG.read_text())
@@ -88,3 +89,41 @@ def test_rig_file_of_an_asset_whose_stream_is_another_machines_stays_with_the_as
     with begun(tmp_path, RIG, unsw=own) as again:
         assert width_of(again, "bench-2") == WIDTH
         assert width_of(again, "unsw-old" if renamed else "unsw") == OWN_WIDTH
+
+
+# -- those that publishers offer -------------------------------------------------------------------------
+
+
+def offering(**rigs):
+    """A network on which publishers answer whoever asks for the rig file of their stream."""
+    network = MemoryNetwork()
+    network.rigs |= {stream: f"name = '{name}'".encode() for stream, name in rigs.items()}
+    return network
+
+
+def test_rig_file_of_a_renamed_asset_is_that_which_its_publisher_offers_under_the_streams_name(tmp_path):
+    """The network was asked for the present name, for which no publisher answers."""
+    offered = OfferedRigs(offering(unsw="of the stream"))
+    with begun(tmp_path) as running:
+        running.store.note("unsw", [])
+        for asset, name in (("unsw", "press-7"), ("press-7", "press-8")):
+            rename(running.store, asset, name)
+        assert running.rigs.of("press-8", offered).name == "of the stream"
+
+
+def test_rig_file_that_is_offered_under_an_assets_own_name_goes_before_that_of_another_stream(tmp_path):
+    offered = OfferedRigs(offering(**{"unsw": "of the stream", "press-7": "of the name"}))
+    with begun(tmp_path) as running:
+        running.store.note("unsw", [])
+        rename(running.store, "unsw", "press-7")
+        assert running.rigs.of("press-7", offered).name == "of the name"
+
+
+def test_rig_file_that_is_offered_for_a_stream_is_not_that_of_the_asset_which_had_the_stream_before(tmp_path):
+    """The gears of the other machine were taken for its own by the next start."""
+    offered = OfferedRigs(offering(unsw="of the other machine"))
+    with begun(tmp_path) as running:
+        running.store.note("unsw", [])
+        life_of(running.store).route("unsw", "bench-2")
+        assert running.rigs.of("unsw", offered).name == "unnamed"
+        assert running.rigs.of("bench-2", offered).name == "of the other machine"
