@@ -40,6 +40,7 @@ class Intake:
     ) -> None:
         self._reception, self._show_quality, self._clock = reception, show_quality, clock
         self._heard, self._storage = heard, storage
+        self.begins: Callable[[str], None] = lambda asset: None  # called before an asset is opened for its first frame
         self.left_out = 0  # frames of new assets for which there was no room while the storage could not be used
         self._unopened: dict[str, list[Frame]] = {}  # the first frames of new assets that wait for storage
         self._unopened_bytes, self._held_bytes = 0, held_bytes
@@ -171,10 +172,17 @@ class Intake:
 
     def _open(self, asset: str) -> bool:
         """Looks for a new asset's rig file now: who offers it may be gone later. False where that must wait."""
-        if self._storage is None:
+
+        def look() -> None:
+            self.begins(asset)
             self._reception.open(asset)
+
+        if asset in self._known:
             return True
-        return asset in self._known or self._storage.attempt(lambda: self._reception.open(asset))[0]
+        if self._storage is None:
+            look()
+            return True
+        return self._storage.attempt(look)[0]
 
     def _note(self, channel: Channel) -> None:
         if not CHANNEL_KINDS[channel.kind].slow:  # slow values go on between windows

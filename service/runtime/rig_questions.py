@@ -56,7 +56,24 @@ class RigQuestions:
             if self._rigs.asks:
                 self._rigs.propose(asset, rig)
             elif asset in self._reception.assets:
-                self._compare(asset, rig, OFFERED, settings=False)
+                if self._begins_without(asset):
+                    self._look_up(asset)
+                else:
+                    self._compare(asset, rig, OFFERED, settings=False)
+
+    def first_frame(self, asset: str) -> None:
+        """Looks for a rig file once more where a change has opened the asset before anybody offered one."""
+        if self._lanes.find(asset) is not None and self._begins_without(asset):
+            self._look_up(asset)
+
+    def _begins_without(self, asset: str) -> bool:
+        """Whether an asset that was opened has no rig file, and nothing has been learned of it that might differ."""
+        lane = self._lanes.find(asset)
+        return (lane is None or lane.index == 0) and self._rigs.lacks(asset)
+
+    def _look_up(self, asset: str) -> None:
+        self._reception.reopen(asset)
+        self._lanes.reopen(asset)
 
     def _compare(self, asset: str, rig: Mapping[str, Any], where: str, *, settings: bool) -> None:
         differences = self._rigs.named_differences(asset, rig)

@@ -4,8 +4,9 @@ The rig file of the settings goes before the stored one, and that before one off
 learned with other gears says nothing about these: people are asked (questions.py), and the earlier rig file holds until
 they have answered. Any other change of the settings is adopted, and an event tells what has changed.
 
-A rig file that is offered on the network is used for a new asset where new assets are adopted. Else, and where the
-asset has one, it is a proposal until a person has decided on it (results/rig_proposals.py).
+A rig file that is offered on the network is used for a new asset where new assets are adopted, until its first window
+has been processed. Else, and where the asset has one, it is a proposal until a person has decided on it
+(results/rig_proposals.py).
 """
 
 from __future__ import annotations
@@ -127,6 +128,10 @@ class Rigs:
         """What that is called."""
         return self.given.where(self._name_given(asset))
 
+    def lacks(self, asset: str) -> bool:
+        """Whether neither the settings nor the store have a rig file of an asset."""
+        return self.given_of(asset) is None and self._store.asset(asset).rig is None
+
     def _name_given(self, asset: str) -> str:
         """The name under which the settings give an asset its own rig file; the present one where they give none."""
         own = self.given.own
@@ -177,8 +182,6 @@ class Rigs:
         snapshot = self._board.get(asset)
         if snapshot is None or self.given_of(asset) is not None:
             return
-        if snapshot.rig is None and not self.asks:
-            return  # used with the asset's first frame
         if differences(snapshot.rig or {}, rig):
             self.proposals.offer(asset, rig)
 

@@ -332,6 +332,7 @@ class Worker(threading.Thread):
         )  # fmt: skip
         questions = RigQuestions(reception, lanes, store, life, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
+        intake.begins = questions.first_frame
         storage_status = StorageStatus(storage, board, publication)
 
         def between() -> None:

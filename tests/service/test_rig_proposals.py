@@ -220,6 +220,35 @@ def test_a_new_asset_has_the_offered_rig_file_and_another_one_is_a_proposal(adop
     assert adopting.get(f"{UNSW}/rig")["end_of_life"]["max_depth"] == 3e-4
 
 
+@pytest.mark.parametrize("offers", ["to whoever asks", "once"])
+def test_an_asset_that_was_changed_before_its_first_frame_has_the_rig_file_that_is_offered_then(
+    adopting, network, recording, rig, offers
+):
+    """It was looked for with the change, when nobody offered one yet, and never again."""
+    assert post(adopting, "/v1/assets", {"asset": "unsw"})[0] == 201
+    assert change(adopting, "retired")[0] == change(adopting, "reinstated")[0] == 201
+    assert adopting.get(f"{UNSW}/rig")["status"] == "not available"
+    if offers == "once":
+        network.on_rig("unsw", rig)
+        wait_until(lambda: adopting.get(f"{UNSW}/rig").get("name") == "unsw")
+    replay(recording, (), 0, publish_to=network.open_publisher)
+    adopting.wait_for_windows(WINDOWS)
+    assert adopting.get(f"{UNSW}/rig")["name"] == "unsw" and proposed(adopting) == []
+
+
+def test_a_rig_file_that_comes_after_windows_were_learned_without_one_is_a_proposal(
+    adopting, network, recording, rig, tmp_path
+):
+    """It was left out without a word."""
+    replay(write_recording(tmp_path / "bare.mcap", WINDOWS, rig=None), (), 0, publish_to=network.open_publisher)
+    adopting.wait_for_windows(WINDOWS)
+    network.on_rig("unsw", rig)
+    wait_until(lambda: proposed(adopting))
+    assert adopting.get(f"{UNSW}/rig")["status"] == "not available"
+    assert decide(adopting, "accept", proposed(adopting)[0]["digest"])[0] == 201
+    assert adopting.get(f"{UNSW}/rig")["name"] == "unsw" and proposed(adopting) == []
+
+
 @pytest.mark.slow
 def test_events_and_changes_carry_no_rig_files(adopting, network, recording, rig, tmp_path):
     replay(recording, (), 0, publish_to=network.open_publisher)
