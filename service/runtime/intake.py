@@ -168,6 +168,9 @@ class Intake:
             self._shown[name] = self._shown.pop(asset)
         if asset in self._missing:
             self._missing[name] = self._missing.pop(asset)
+        if asset in self._unopened:
+            held = self._unopened.pop(asset)
+            self._unopened[name] = [replace(f, channel=f.channel._replace(asset=name)) for f in held]
         self._learning.rename(asset, name)
 
     def _open(self, asset: str) -> bool:

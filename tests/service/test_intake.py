@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from service_streams import Sink
 from streams import ACCEL, ASSET, CHANNELS, bursts
 
@@ -135,3 +137,37 @@ def test_first_frames_of_a_new_asset_are_held_within_a_bound_while_the_storage_c
         intake.feed(frame)
     kept = len(frames) - intake.left_out
     assert 0 < kept < len(frames) and kept * min(frame.nbytes for frame in frames) <= 20_000
+
+
+def test_first_frames_that_wait_for_the_storage_go_with_their_asset_to_another_name():
+    """They were lost, and the room that they took was taken for good."""
+    outcomes, full, now = [], [True], [0.0]
+
+    def rig_of(asset):
+        if full[0]:
+            raise StorageUnavailable("the database cannot be used now (no space)", reason="no space")
+        return Rig.from_mapping({})
+
+    frames = bursts(2)
+    storage = StorageWatch("the database", clock=lambda: now[0])
+    reception = Pipeline(rig_of, Twin(step=numbered, new_state=dict, load_state=dict), Sink(outcomes))
+    room = sum(frame.nbytes for frame in frames[:5])
+    intake = Intake(reception, lambda asset: None, storage=storage, held_bytes=room, clock=lambda: now[0])
+
+    def named(asset, some):
+        return [replace(frame, channel=frame.channel._replace(asset=asset)) for frame in some]
+
+    for frame in frames[:5]:
+        intake.feed(frame)
+    intake.rename(ASSET, "press-7")
+    full[0], now[0] = False, 60.0
+    for frame in named("press-7", frames[5:]):
+        intake.feed(frame)
+    intake.flush("press-7")
+    assert [o.asset for o in outcomes] == ["press-7"] * 2
+    assert outcomes[0].window.start_time_ns == frames[0].start_time_ns
+    assert not any(outcome.window.faults for outcome in outcomes)
+    full[0], now[0] = True, 120.0
+    for frame in named("other", frames[:5]):
+        intake.feed(frame)
+    assert intake.left_out == 0  # there is room again
