@@ -1,4 +1,4 @@
-"""Names that assets had before: what was called so, and what is left to be told under such a name."""
+"""What is left to be told under a name that an asset had before."""
 
 from __future__ import annotations
 
@@ -11,19 +11,11 @@ from service.results.asset_life import AssetLife
 from service.results.store import Event, ResultStore
 
 
-def present_name(life: AssetLife, asset: str) -> str | None:
-    """The present name of the asset that was called so; None where none was. It may wait for a database."""
-    name = life.routes().get(asset)
-    if name is None or not any(c.kind == "renamed" and _was(c.effect, asset) for c in life.changes(name)):
-        return None  # the stream of that name may be another asset's
-    return name
-
-
 async def last_events(
     store: ResultStore, life: AssetLife, asset: str, after: int, page_size: int
 ) -> AsyncIterator[Event]:
     """The events behind `after` of an asset that had this name, up to the change that gave it another one."""
-    name = await run_in_threadpool(present_name, life, asset)
+    name = await run_in_threadpool(life.present_name, asset)
     more = name is not None
     while more:
         page = await run_in_threadpool(store.events, name or asset, after, page_size)

@@ -15,7 +15,6 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.api.former_names import present_name
 from service.errors import FAULT, StorageUnavailable, StoreError
 
 MEDIA_TYPE = "application/problem+json"
@@ -61,7 +60,7 @@ def install(app: FastAPI) -> None:
     async def unknown_asset(request: Request, error: UnknownAsset) -> JSONResponse:
         name = None
         with suppress(StoreError):  # the answer is right without it
-            name = await run_in_threadpool(present_name, request.app.state.changes.life, error.asset)
+            name = await run_in_threadpool(request.app.state.changes.life.present_name, error.asset)
         known = ", ".join(error.known) or "none yet"
         if name is not None:
             detail = f"asset {error.asset!r} has another name now: {name!r}"

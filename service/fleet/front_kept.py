@@ -124,6 +124,9 @@ class FleetLife(AssetLife):
     def changes(self, asset: str) -> tuple[StoredChange, ...]:
         return self._parts.of(asset).changes(asset)
 
+    def present_name(self, asset: str) -> str | None:
+        return self._parts.of(asset).present_name(asset)
+
     def pending_changes(self) -> tuple[StoredChange, ...]:
         return tuple(change for part in self._parts.all() for change in part.pending_changes())
 

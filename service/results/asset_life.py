@@ -110,6 +110,14 @@ class AssetLife:
         """Those that wait to be carried out, oldest first."""
         return self._changes(_CHANGE.where(CHANGES.c.done == 0))
 
+    def present_name(self, asset: str) -> str | None:
+        """What the asset is called by now that once had this name; None where none had it.
+
+        A stream of that name may be another asset's since.
+        """
+        named = self._changes(_CHANGE.where(CHANGES.c.kind == "renamed", CHANGES.c.effect.is_not(None)))
+        return next((c.asset for c in named if c.effect is not None and c.effect.get("was") == asset), None)
+
     def rejected_rigs(self, asset: str) -> list[str]:
         """Digests of the rig files that people have rejected for an asset."""
         return [c.given["digest"] for c in self.changes(asset) if c.kind == REJECTED and c.refused is None]

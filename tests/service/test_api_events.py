@@ -129,6 +129,14 @@ def test_the_stream_of_frames_that_was_given_to_another_machine_is_no_former_nam
     assert answer.status_code == 404 and "renamed" not in answer.json()
 
 
+def test_a_former_name_whose_stream_is_another_machines_is_that_of_the_renamed_one_all_the_same(address, store, board):
+    fakes.take(store, board, "unsw", 0, 100.0)
+    fakes.life_of(store, "unsw").route("unsw", "bench-2")
+    fakes.rename(store, board, "unsw", "press-7")
+    answer = httpx.get(f"{address}/v1/assets/unsw")
+    assert (answer.status_code, answer.json()["renamed"]) == (404, "press-7")
+
+
 @pytest.mark.parametrize("bad", ["-1", "last", str(2**63)])
 def test_last_event_id_that_cannot_be_is_a_problem(address, store, board, bad):
     fakes.take(store, board, "unsw", 0, 10.0)
