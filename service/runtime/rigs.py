@@ -158,8 +158,7 @@ class Rigs:
         differs = given is not None and other_gears(stored, given)
         rig = (None if differs else given) or stored.rig
         if rig is None:
-            streams = streams_of(asset, self._routes())
-            found = next((rig for stream in streams if (rig := offered.find(stream)) is not None), None)
+            found = self._offered_for(asset, offered)
             if found is not None and self.asks:
                 self.propose(asset, found)
             else:
@@ -176,6 +175,13 @@ class Rigs:
         if shown is None or shown.rig != rig:
             self._board.update(asset, rig=rig)
         return checked
+
+    def _offered_for(self, asset: str, offered: OfferedRigs) -> Mapping[str, Any] | None:
+        for stream in streams_of(asset, self._routes()):
+            found = offered.find(stream)
+            if found is not None:
+                return found
+        return None
 
     def propose(self, asset: str, rig: Mapping[str, Any]) -> None:
         """A rig file was offered for an asset that has begun: it waits for a person where it is another one."""

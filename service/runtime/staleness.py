@@ -49,7 +49,7 @@ def stale(
 ) -> Stale | None:
     """Whether an asset is stale; all times are this machine's Unix times [ns].
 
-    window_ns  when its last window was committed, or when the service first knew of it
+    window_ns  when its last window was committed, when the service first knew of it, or when it was reinstated
     first_ns   when the first frame since then came, and last_ns the last; None where none came
     """
     if first_ns is not None and last_ns is not None and last_ns - first_ns > limits.fruitless * NS:
@@ -84,6 +84,7 @@ class StalenessWatch:
             clock,
         )
         self._since = dict.fromkeys(board.assets(), clock())  # when the service first knew of an asset [ns]
+        self._retired: dict[str, int] = {}  # when an asset was last seen to be retired [ns]
         self._looked = 0
         self._heard: dict[str, _Heard] = {}
 
@@ -100,8 +101,9 @@ class StalenessWatch:
         """The asset has another name: what is known of it goes with it."""
         if asset in self._heard:
             self._heard[name] = self._heard.pop(asset)
-        if asset in self._since:
-            self._since[name] = self._since.pop(asset)
+        for known in (self._since, self._retired):
+            if asset in known:
+                known[name] = known.pop(asset)
 
     def __call__(self) -> None:
         """Looks at the assets, if that is due."""
@@ -118,16 +120,18 @@ class StalenessWatch:
                 self._show(asset, found)
 
     def _found(self, now: int, snapshot: Snapshot) -> Stale | None:
-        """Whether an asset is stale now; one that is retired never is, and its earlier frames no longer count."""
+        """Whether an asset is stale now; one that is retired never is, and what was before that no longer counts."""
         asset = snapshot.asset
         since = self._since.setdefault(asset, now)
         if snapshot.retired is not None:
             self._heard.pop(asset, None)
+            self._retired[asset] = now
             return None
         heard = self._heard.get(asset, _Heard())
         current = heard.window_ns == snapshot.received_ns  # else a window has come since the last frame
         first, last = (heard.first_ns, heard.last_ns) if current else (None, None)
-        return stale(now, snapshot.received_ns or since, first, last, self._limits)
+        window_ns = max(snapshot.received_ns or since, self._retired.get(asset, 0))
+        return stale(now, window_ns, first, last, self._limits)
 
     def _show(self, asset: str, found: Stale | None) -> None:
         before = self._board.get(asset) or Snapshot(asset=asset)

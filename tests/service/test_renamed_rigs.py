@@ -32,8 +32,8 @@ def own(tmp_path):
     return file
 
 
-def begun(data, of_all=None, **own):
-    settings = Settings(data=data, rig=of_all, asset_rigs=own)
+def begun(data, of_all=None, new_assets=None, **own):
+    settings = Settings(data=data, rig=of_all, asset_rigs=own, new_assets=new_assets)
     return Begun.of(settings, GivenRigs.read(of_all, own), lambda: SqlStore(data / DATABASE))
 
 
@@ -127,3 +127,14 @@ def test_rig_file_that_is_offered_for_a_stream_is_not_that_of_the_asset_which_ha
         life_of(running.store).route("unsw", "bench-2")
         assert running.rigs.of("unsw", offered).name == "unnamed"
         assert running.rigs.of("bench-2", offered).name == "of the other machine"
+
+
+def test_rig_file_that_is_offered_for_a_stream_is_a_proposal_for_its_renamed_asset_where_people_are_asked(tmp_path):
+    offered = OfferedRigs(offering(unsw="of the stream"))
+    with begun(tmp_path, new_assets="ask") as running:
+        running.store.note("unsw", [])
+        rename(running.store, "unsw", "press-7")
+        running.board.update("press-7")
+        assert running.rigs.of("press-7", offered).name == "unnamed"
+        assert running.store.asset("press-7").rig is None
+        assert running.rigs.proposals.find("press-7").rig == {"name": "of the stream"}
