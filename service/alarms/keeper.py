@@ -129,13 +129,10 @@ class AlarmKeeper:
         """`acknowledged` or `cleared` by name: the alarm afterwards and the event; None where that cannot be done."""
         signed = {"by": by, "note": note, "at": iso_time(self._clock())}
         alarm = self.store.sign(asset, number, verb, signed)
-        if alarm is None:
-            return None
-        self.changed(asset)
-        return alarm, self._told(verb, alarm)
+        return None if alarm is None else (alarm, self._told(verb, alarm))
 
     def changed(self, asset: str) -> None:
-        """People have acknowledged or cleared alarms of an asset, here or at another front end."""
+        """What people have acknowledged or cleared of an asset, here or at another front end, is shown by now."""
         with self._lock:
             self._changed.add(asset)
 

@@ -129,17 +129,19 @@ def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge",
         return problem(request, 404, f"{asset} has no alarm {number}; open alarms: {numbers}")
     with keeper.transaction():
         done = keeper.sign(asset, number, VERBS[verb], signer(request, given.by) or "", given.note.strip())
-        if done is None:
-            return problem(request, 409, _refusal(number, known))
         open_now = keeper.open(asset)
-        shown = replace(before, alarms=open_now)
-        store.note(asset, (*done[1], *status_events(before, *shown.health())))
-        what = {"alarm": number, "quantity": known["quantity"], "place": known["place"]}
-        request.app.state.audit.enter(
-            request.state.who, f"alarm {VERBS[verb]}", asset=asset, note=given.note.strip() or None, what=what
-        )
+        if done is not None:
+            shown = replace(before, alarms=open_now)
+            store.note(asset, (*done[1], *status_events(before, *shown.health())))
+            what = {"alarm": number, "quantity": known["quantity"], "place": known["place"]}
+            request.app.state.audit.enter(
+                request.state.who, f"alarm {VERBS[verb]}", asset=asset, note=given.note.strip() or None, what=what
+            )
         last = store.last_event_id(asset)
-    board.update(asset, alarms=open_now, last_event_id=last)
+    board.update(asset, alarms=open_now, last_event_id=last)  # also of an attempt of which nobody knew that it was done
+    keeper.changed(asset)
+    if done is None:
+        return problem(request, 409, _refusal(number, known))
     return JSONResponse(keeper.store.alarm(asset, number))
 
 

@@ -255,11 +255,11 @@ class Board:
 
     def add_window(self, asset: str, window: StoredWindow, **changes: Any) -> Snapshot:
         """Shows one committed window, and other changed parts of the snapshot."""
-        return self._change(asset, lambda s: replace(s.with_window(window), **changes))
+        return self._change(asset, lambda s: replace(s.with_window(window), **_no_older(s, changes)))
 
     def update(self, asset: str, **changes: Any) -> Snapshot:
         """Shows changed parts of an asset's snapshot: rig, quality, last_event_id, stale."""
-        return self._change(asset, lambda s: replace(s, **changes))
+        return self._change(asset, lambda s: replace(s, **_no_older(s, changes)))
 
     def rename(self, asset: str, name: str) -> None:
         """Shows an asset under another name."""
@@ -309,6 +309,13 @@ class Board:
     def _put(self, snapshot: Snapshot) -> Snapshot:
         snapshot = self._snapshots[snapshot.asset] = snapshot.with_whole()
         return snapshot
+
+
+def _no_older(shown: Snapshot, changes: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Changes without alarms that another thread has shown newer ones of, by the event that each change of them is."""
+    if changes.get("last_event_id", shown.last_event_id) >= shown.last_event_id:
+        return changes
+    return {name: value for name, value in changes.items() if name not in ("alarms", "last_event_id")}
 
 
 def has_point(window: StoredWindow) -> bool:

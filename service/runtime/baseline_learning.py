@@ -35,14 +35,9 @@ def learn_from_windows(
     if rig is None:
         raise InputError(f"no rig file is known for {asset}: a baseline needs the tooth counts of its gears")
     earlier = None if before is None else _still_valid(read_baseline(before), asset, store)
-    ended = {c.effect.get("from_window", 0): c.kind for c in life.changes(asset) if c.kind in ENDING and c.effect}
+    demand_present(asset, indices, life)
     windows = []
     for index in sorted(set(indices)):
-        if index < max(ended, default=0):
-            raise InputError(
-                f"window {index} was measured before the change {ended[max(ended)]!r}: choose windows from "
-                f"{max(ended)} on, of the machine as it is now"
-            )
         (found,) = store.windows(asset, index - 1, 1) or (None,)
         if found is None or found.record["index"] != index:
             raise InputError(f"window {index} is none of the present gears of {asset}")
@@ -55,6 +50,17 @@ def learn_from_windows(
         except NotKept as error:
             raise InputError(str(error)) from None
     return learned_from(checked_rig(rig, f"rig of {asset}"), windows, earlier)
+
+
+def demand_present(asset: str, indices: Sequence[int], life: AssetLife) -> None:
+    """InputError where a window was measured before a change of the machine."""
+    ended = {c.effect.get("from_window", 0): c.kind for c in life.changes(asset) if c.kind in ENDING and c.effect}
+    first = min(indices, default=0)
+    if indices and first < max(ended, default=0):
+        raise InputError(
+            f"window {first} was measured before the change {ended[max(ended)]!r}: choose windows from "
+            f"{max(ended)} on, of the machine as it is now"
+        )
 
 
 def _still_valid(baseline: Baseline, asset: str, store: ResultStore) -> Baseline:

@@ -35,6 +35,7 @@ from service.results.signal_store import SignalStore
 from service.results.sparkline import Sparkline
 from service.results.status_events import status_events
 from service.results.store import ResultStore
+from service.runtime.baseline_learning import demand_present
 from service.runtime.computing import Ask, Made
 from service.runtime.intake import Intake
 from service.runtime.lane import Job, Lane
@@ -295,6 +296,7 @@ class ChangeWorker:
         file = given.get("file")
         if file is not None and not self._baselines.exists(file):
             raise InputError("the baseline that was to be used has been deleted meanwhile: learn it again")
+        demand_present(asset, given.get("windows") or (), self._life)  # the machine may have been changed meanwhile
         about = {name: given[name] for name in ("by", "note", "windows", "added") if given.get(name) is not None}
         with self._once(change, about) as first:
             if first:

@@ -7,6 +7,7 @@ import urllib.request
 from dataclasses import replace
 from functools import lru_cache
 
+import fake_twin
 import pytest
 from memory_transport import MemoryNetwork
 from service_streams import Service, SqliteFile, tables_of
@@ -23,9 +24,12 @@ from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, SIGNALS
 from service.results.schema import ASSETS
 from service.results.signal_store import SignalStore
+from service.runtime import baseline_learning
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.baseline_learning import learn_from_windows
 from service.runtime.twin_port import gear_twin
+from service.stream.assembly import Assembler
+from service.stream.quality import Quality
 from tests.claims.test_baseline import SPEED, TEETH, machine
 from twin.baseline.validity import identity_of
 from twin.machine_change import MachineChange
@@ -95,6 +99,26 @@ def test_a_baseline_is_learned_from_windows_renewed_and_removed(running):
     assert [c["kind"] for c in running.get(f"{BENCH}/changes")] == ["baseline_given", "baseline_given"]
     assert request(running, "DELETE", f"{BENCH}/baseline")[0] == 200
     assert running.get(f"{BENCH}/baseline") == {"own": False}
+
+
+def test_a_baseline_that_was_learned_while_gears_were_replaced_is_not_used(tmp_path, monkeypatch):
+    """The wear of the new gears was compared with the old ones as the healthy state."""
+    data = with_windows(tmp_path / "data")
+    with Service(data).store() as store:
+        quality = Quality().to_dict({})
+        store.keep("bench", state=fake_twin.FakeState().to_dict(), assembly=Assembler().to_dict(), quality=quality)
+    with serving(data, MemoryNetwork(), SqliteFile(data)) as running:
+        written = baseline_learning.written
+
+        def meanwhile(baseline, path):
+            monkeypatch.undo()
+            assert post(running, f"{BENCH}/changes", {"kind": "gears_replaced"})[0] == 201
+            return written(baseline, path)
+
+        monkeypatch.setattr(baseline_learning, "written", meanwhile)
+        status, answer = post(running, f"{BENCH}/baseline/learn", {"windows": [0, 1, 2]})
+        assert status == 409 and "window 0 was measured before the change 'gears_replaced'" in answer["detail"]
+        assert running.get(f"{BENCH}/baseline") == {"own": False}
 
 
 @pytest.mark.parametrize(

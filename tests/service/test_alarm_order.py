@@ -1,0 +1,91 @@
+"""Alarms that a window and a person change at the same time are shown and published as they are stored."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from test_alarms import HEALTHY, NEAR, WORN, Bench
+
+
+@pytest.fixture
+def bench(tmp_path):
+    made = Bench(tmp_path / "x.sqlite")
+    yield made
+    made.store.close()
+
+
+def shown(bench):
+    return [(a["level"], a["state"]) for a in bench.board.get("unsw").alarms]
+
+
+def stored(bench):
+    return [(a["level"], a["state"]) for a in bench.alarms()]
+
+
+def published(bench):
+    return [(a["level"], a["state"]) for a in json.loads(bench.network.alarms[-1][1])["alarms"]]
+
+
+def test_an_alarm_that_escalates_while_it_is_acknowledged_is_shown_escalated(bench, monkeypatch):
+    """The list showed the earlier level, acknowledged, until the next window."""
+    bench.window(NEAR)
+    (alarm,) = bench.alarms()
+    update = bench.board.update
+
+    def overtaken(asset, **changes):
+        monkeypatch.undo()
+        bench.window(WORN)  # committed after the signature, and shown before it
+        return update(asset, **changes)
+
+    monkeypatch.setattr(bench.board, "update", overtaken)
+    assert bench.sign(alarm["id"], "acknowledge").status_code == 200
+    assert shown(bench) == stored(bench) == [("alarm", "active_unacknowledged")]
+    assert bench.board.get("unsw").last_event_id == bench.store.last_event_id("unsw")
+
+
+def test_an_alarm_that_is_cleared_while_a_window_is_published_stays_cleared(bench, monkeypatch):
+    """The window showed it once more, active."""
+    bench.window(NEAR)
+    (alarm,) = bench.alarms()
+    publish = bench.sink.publish
+
+    def overtaken(outcome):
+        assert bench.sign(alarm["id"], "clear").json()["state"] == "closed"
+        publish(outcome)
+
+    monkeypatch.setattr(bench.sink, "publish", overtaken)
+    bench.window(HEALTHY)
+    assert shown(bench) == stored(bench) == []
+    assert len(bench.board.get("unsw").records) == 2  # the window is shown all the same
+
+
+def test_an_acknowledgement_is_published_once_it_is_shown(bench, monkeypatch):
+    """It was published before, as the alarm had been, and not again until the next window."""
+    bench.window(NEAR)
+    (alarm,) = bench.alarms()
+    update = bench.board.update
+
+    def publish():  # as the service does between frames
+        for asset in bench.keeper.changed_by_people():
+            bench.publication.publish(asset)
+
+    def looked_at(asset, **changes):
+        publish()
+        return update(asset, **changes)
+
+    monkeypatch.setattr(bench.board, "update", looked_at)
+    assert bench.sign(alarm["id"], "acknowledge").status_code == 200
+    publish()
+    assert published(bench) == shown(bench) == [("watch", "active_acknowledged")]
+
+
+def test_an_alarm_that_was_signed_by_an_attempt_of_which_nobody_knows_is_shown_signed(bench):
+    """It was shown unsigned until the next window, whoever tried to sign it again."""
+    bench.window(NEAR)
+    (alarm,) = bench.alarms()
+    with bench.keeper.transaction():
+        bench.keeper.sign("unsw", alarm["id"], "acknowledged", "Anna", "seen")  # committed; the answer is lost
+    assert shown(bench) == [("watch", "active_unacknowledged")]
+    assert bench.sign(alarm["id"], "acknowledge").status_code == 409
+    assert shown(bench) == stored(bench) == [("watch", "active_acknowledged")]
