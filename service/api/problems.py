@@ -16,6 +16,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import FAULT, StorageUnavailable, StoreError
+from service.stream.wire.topics import NAME
 
 MEDIA_TYPE = "application/problem+json"
 log = logging.getLogger(__name__)
@@ -60,7 +61,8 @@ def install(app: FastAPI) -> None:
     async def unknown_asset(request: Request, error: UnknownAsset) -> JSONResponse:
         name = None
         with suppress(StoreError):  # the answer is right without it
-            name = await run_in_threadpool(request.app.state.changes.life.present_name, error.asset)
+            if NAME.fullmatch(error.asset):  # else no asset can have had it
+                name = await run_in_threadpool(request.app.state.changes.life.present_name, error.asset)
         known = ", ".join(error.known) or "none yet"
         if name is not None:
             detail = f"asset {error.asset!r} has another name now: {name!r}"
