@@ -1,13 +1,19 @@
 """What of a history is kept for how long: whole, then thinned, then not at all.
 
-An asset's windows are aged by the start of its newest one, so that neither a clock nor a machine that stands still
-deletes anything. Thinned histories keep every window that updated the twin, found an effect, raised or ended an alarm,
-changed the status or was refused, and the extremes of each 256 windows (extremes.py); the first and the last window of
-each epoch stay for ever. Inspections, decisions, changes and open alarms are never deleted.
+An asset's windows are aged by the start of its newest one, or by this machine's clock where that is earlier, so that
+a machine that stands still loses nothing. They go in the order in which they were received: a window is old where all
+before it are and one that is not before it has an old start, so that windows with a wrong time go with their
+neighbours. The newest window is never deleted.
+
+Thinned histories keep every window that updated the twin, found an effect, raised or ended an alarm, changed the
+status or was refused, and the extremes of each 256 windows (extremes.py); the first and the last window of each epoch
+stay for ever. Inspections, decisions, changes and open alarms are never deleted.
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from sqlalchemy import bindparam, delete, func, or_, select, update
@@ -40,21 +46,35 @@ STAYS = (  # a window that is committed is notable
     .where(WINDOWS.c.asset == bindparam("of"), WINDOWS.c.start_ns == bindparam("at"), WINDOWS.c.notable < NOTABLE)
     .values(notable=NOTABLE)
 )
-_NEWEST = select(func.max(WINDOWS.c.start_ns)).where(WINDOWS.c.asset == bindparam("of"))
+_OWN = WINDOWS.c.asset == bindparam("of")
+_NEWEST = select(WINDOWS.c.start_ns).where(_OWN).order_by(WINDOWS.c.number.desc()).limit(1)
+_start = WINDOWS.c.start_ns + 0  # by number, not by start: the few windows in question are at one end of that index
+_FIRST_YOUNG = (
+    select(WINDOWS.c.number)
+    .where(_OWN, _start >= bindparam("before", type_=NUMBER), _start <= bindparam("now", type_=NUMBER))
+    .order_by(WINDOWS.c.number)
+    .limit(1)
+    .scalar_subquery()
+)
+_LAST_OLD = (  # no row where no start lies between the limit and now: no time can be trusted then
+    select(WINDOWS.c.number)
+    .where(_OWN, WINDOWS.c.number < _FIRST_YOUNG, _start < bindparam("before", type_=NUMBER))
+    .order_by(WINDOWS.c.number.desc())
+    .limit(1)
+)
 _FIRST_KEPT = select(func.coalesce(func.min(WINDOWS.c.number), 0)).where(
     WINDOWS.c.asset == bindparam("of"), WINDOWS.c.notable < END_OF_EPOCH
 )
 _WINDOWS = (
-    select(WINDOWS.c.start_ns)
-    .where(WINDOWS.c.asset == bindparam("of"), WINDOWS.c.start_ns < bindparam("thinned_before"))
-    .where(WINDOWS.c.notable < END_OF_EPOCH)
+    select(WINDOWS.c.start_ns, WINDOWS.c.number)
+    .where(_OWN, WINDOWS.c.number <= bindparam("thinned_until"), WINDOWS.c.notable < END_OF_EPOCH)
     .where(
         or_(
-            WINDOWS.c.start_ns < bindparam("dropped_before"),
+            WINDOWS.c.number <= bindparam("dropped_until"),
             (WINDOWS.c.notable < NOTABLE) & (WINDOWS.c.number % bindparam("every", type_=NUMBER) != 0) & ~is_extreme(),
         )
     )
-    .order_by(WINDOWS.c.start_ns)
+    .order_by(WINDOWS.c.number)
     .limit(BATCH)
 )
 _OLDEST_KEPT_EVENT = (
@@ -88,29 +108,34 @@ _LONG_HISTORIES = (
 )
 
 
-def delete_old(database: Tables, asset: str, retention: Retention) -> int:
+def delete_old(database: Tables, asset: str, retention: Retention, clock: Callable[[], int] = time.time_ns) -> int:
     """Deletes at most one batch of each kind of what an asset has beyond its retention; how many rows."""
     return (
-        _delete_windows(database, asset, retention)
+        _delete_windows(database, asset, retention, clock())
         + _delete_events(database, asset, retention)
         + _delete_alarms(database, asset, retention)
         + _delete_history(database, asset, retention)
     )
 
 
-def _delete_windows(database: Tables, asset: str, retention: Retention) -> int:
-    newest = database.rows(_NEWEST, {"of": asset})[0][0]
-    if newest is None:
+def _delete_windows(database: Tables, asset: str, retention: Retention, now: int) -> int:
+    newest = database.rows(_NEWEST, {"of": asset})
+    if not newest:
         return 0
-    given = {
-        "of": asset, "every": retention.every, "thinned_before": newest - int(retention.whole_days * DAY_NS),
-        "dropped_before": newest - int(max(retention.days, retention.whole_days) * DAY_NS),
-    }  # fmt: skip
-    old = [row[0] for row in database.rows(_WINDOWS, given)]
+    age_from = min(newest[0][0], now)
+
+    def last_old(days: float) -> int:
+        found = database.rows(_LAST_OLD, {"of": asset, "before": age_from - int(days * DAY_NS), "now": now})
+        return found[0][0] if found else -1
+
+    thinned, dropped = last_old(retention.whole_days), last_old(max(retention.days, retention.whole_days))
+    given = {"of": asset, "every": retention.every, "thinned_until": thinned, "dropped_until": dropped}
+    old = database.rows(_WINDOWS, given)
     if old:
+        own = (WINDOWS.c.asset == asset, WINDOWS.c.start_ns.in_([row.start_ns for row in old]))
         with database.transaction() as db:
-            db.execute(delete(WINDOWS).where(WINDOWS.c.asset == asset, WINDOWS.c.start_ns.in_(old)))
-            if old[0] < given["dropped_before"]:
+            db.execute(delete(WINDOWS).where(*own, WINDOWS.c.notable < END_OF_EPOCH))  # an epoch may have ended since
+            if old[0].number <= dropped:
                 drop_before(db, asset, db.execute(_FIRST_KEPT, {"of": asset}).scalar_one())
     return len(old)
 

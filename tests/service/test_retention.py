@@ -7,12 +7,12 @@ from dataclasses import replace
 from itertools import count, product
 
 import pytest
-from sqlalchemy import event, insert
+from sqlalchemy import event, insert, update
 
 from service.alarms.engine import Change
 from service.results.alarm_store import AlarmStore
 from service.results.json_columns import dump, seal
-from service.results.retention import BATCH, DAY_NS, Retention, delete_old
+from service.results.retention import BATCH, DAY_NS, END_OF_EPOCH, Retention, delete_old
 from service.results.schema import WINDOWS
 from service.results.sql_store import SqlStore
 from service.runtime.retention_job import RetentionJob
@@ -169,6 +169,73 @@ def test_nothing_is_deleted_of_a_machine_that_stands_still(long):
     assert BATCH < COUNT
     forever = Retention(whole_days=COUNT * HOUR_NS / DAY_NS, every=10, days=1, events=1000)
     assert clear(long, forever) == 0 and len(kept(long)) == COUNT
+
+
+def commit_days(store, *days, first=0):
+    """One window a day, at these days."""
+    for index, day in enumerate(days, first):
+        given = {"state": {}, "report": {}, "assembly": {}, "quality": {}, "received_ns": 1}
+        assert store.commit("unsw", int(day * DAY_NS), record={"index": index}, **given)
+
+
+def clear_at(store, day):
+    while delete_old(store.database, "unsw", RETENTION, clock=lambda: day * DAY_NS):
+        pass
+
+
+def test_a_clock_that_was_set_back_loses_nothing_and_the_wrong_times_go_with_their_neighbours(each_store):
+    """The windows stay while the clock is wrong, and after it was set right until those around them are old."""
+    commit_days(each_store, 1000, 1000.5, 1001, 100, 100.5, 101, 101.5)
+    clear_at(each_store, 1003)
+    assert kept(each_store) == list(range(7)) and each_store.next_indices()["unsw"] == 7
+    commit_days(each_store, 1002, first=7)
+    clear_at(each_store, 1003)
+    assert kept(each_store) == list(range(8))
+    commit_days(each_store, 1012.5, 1013, first=8)
+    clear_at(each_store, 1013)
+    assert kept(each_store) == [0, 8, 9]
+
+
+def test_a_clock_that_was_ahead_loses_nothing_and_the_wrong_times_go_with_their_neighbours(each_store):
+    commit_days(each_store, 1000, 1000.5, 1001, 1001.5, 5000, 5000.5)
+    clear_at(each_store, 1002)
+    assert kept(each_store) == list(range(6))
+    commit_days(each_store, 1002.6, 1003, first=6)
+    clear_at(each_store, 1003)
+    assert kept(each_store) == [0, *range(2, 8)]  # window 1 is more than two days old, and thinned
+    commit_days(each_store, 1004.5, first=8)
+    clear_at(each_store, 1005)
+    assert kept(each_store) == [0, *range(4, 9)]  # the windows ahead are younger than those before them
+    commit_days(each_store, 1005, first=9)
+    clear_at(each_store, 1005)
+    assert kept(each_store) == [0, 7, 8, 9]  # and older than those after them
+
+
+def test_a_stream_that_is_ahead_of_the_service_for_good_loses_nothing(each_store):
+    commit_days(each_store, *range(5000, 5020))
+    clear_at(each_store, 1000)
+    assert kept(each_store) == list(range(20))
+    commit_days(each_store, 1001, first=20)  # its clock is set right
+    clear_at(each_store, 1001)
+    assert kept(each_store) == list(range(21))
+
+
+def test_an_epoch_that_ends_while_its_windows_are_looked_at_keeps_its_last(each_store, monkeypatch):
+    commit_days(each_store, 1, 2, 3)
+    commit_days(each_store, 4, first=3)
+    rows, clock = each_store.database.rows, count()
+
+    def read(query, values=None):
+        found = rows(query, values)
+        if "notable" in str(query) and next(clock) == 0:
+            with each_store.database.transaction() as db:
+                db.execute(update(WINDOWS).where(WINDOWS.c.number == 1).values(notable=END_OF_EPOCH))
+        return found
+
+    monkeypatch.setattr(each_store.database, "rows", read)
+    commit_days(each_store, 500, first=4)
+    clear_at(each_store, 501)
+    assert kept(each_store) == [0, 1, 4]
 
 
 def test_the_newest_closed_alarms_stay_and_open_ones_for_ever(each_store):
