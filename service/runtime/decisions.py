@@ -80,7 +80,7 @@ class DecisionWorker:
 
     def _decision(self, waiting: StoredDecision) -> Job:
         def then(lane: Lane, made: Made) -> None:
-            outcome = lane.decided(made, self._reception.freshness(lane.asset).last_window_ns or 0)
+            outcome = lane.decided(made, self._reception.ended_ns(lane.asset))
             self._go_on(lane, outcome, partial(self._decided, waiting, outcome))
 
         return Job(
@@ -91,7 +91,7 @@ class DecisionWorker:
 
     def _inspection(self, waiting: StoredInspection) -> Job:
         def then(lane: Lane, made: Made) -> None:
-            outcome = lane.inspected(made)
+            outcome = lane.inspected(made, self._reception.ended_ns(lane.asset))
             self._go_on(lane, outcome, partial(self._inspected, waiting, outcome))
 
         return Job(

@@ -110,12 +110,11 @@ class Lane:
         report = with_status_since(self.report, made.answer.report, ended_ns, None)
         return DecisionOutcome(asset=self.asset, state=made.state, report=report, events=made.answer.events)
 
-    def inspected(self, made: Made) -> DecisionOutcome:
-        """What a measured wear depth leads to."""
+    def inspected(self, made: Made, ended_ns: int) -> DecisionOutcome:
+        """What a measured wear depth leads to; the asset's windows end at `ended_ns`."""
         assert made.answer is not None
-        answer = made.answer.report
-        report = self.report if self.report is None else {**self.report, **answer}
-        return DecisionOutcome(asset=self.asset, state=made.state, report=report or answer, events=made.answer.events)
+        report = with_status_since(self.report, {**(self.report or {}), **made.answer.report}, ended_ns, None)
+        return DecisionOutcome(asset=self.asset, state=made.state, report=report, events=made.answer.events)
 
     def accept(self, outcome: DecisionOutcome) -> None:
         """Goes on from a decision, an inspection or a change, once it has been committed."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+from types import SimpleNamespace
+from unittest.mock import patch
 
 import pytest
 import service_fakes as fakes
@@ -10,8 +12,15 @@ from service_streams import Service, service, wait_until, write_recording
 from test_decisions import post
 
 from service.contract.inspections import BY_LEVEL, outcome_of
+from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
+from service.runtime.computing import Made
+from service.runtime.decisions import DecisionWorker
+from service.runtime.lane import Lane
+from service.runtime.reception import Reception
 from service.runtime.replay import replay
+from service.runtime.twin_port import Answer
+from service.stream.assembly import Assembler, AssemblySettings
 
 WINDOWS = 3
 GIVEN = {"revolutions": 1200.0, "max_depth_um": 30.0, "flank": "combined", "std_um": 1.0}
@@ -92,3 +101,38 @@ def test_inspection_before_the_first_depth_is_kept_for_it():
     after = {"wear": {"status": "not available", "reason": "no window has been assessed yet"}}
     said = outcome_of(GIVEN, None, after)
     assert not said["applied"] and said["reason"].startswith("kept, and used from the first window")
+
+
+def outcomes(store, report, answer, **stream):
+    """What an inspection and a decision lead to, of an asset with such a report and a stream as given."""
+    lane = Lane(asset="unsw", rig=None, twin=None, state=None, report=report)
+    made = Made(state=SimpleNamespace(to_dict=dict), answer=Answer(record={}, report=answer, events=()))
+    reception, board = SimpleNamespace(**stream), Board()
+    worker = DecisionWorker(DecisionQueue(store), reception, None, store, board, SimpleNamespace(publish=str), None)
+    store.note("unsw", [])
+    for job in (
+        worker._inspection(store.inspection(store.add_inspection("unsw", GIVEN, {}))),
+        worker._decision(store.decision(store.add_decision("unsw", "misalignment", "pin"))),
+    ):
+        lane.report = report
+        job.then(lane, made)
+        yield lane.report
+
+
+def test_status_that_an_inspection_leaves_as_it_was_holds_since_the_same_time(store):
+    since = {"time": "2026-01-01T00:00:00Z", "revolutions": 5.0}
+    status = {"level": "alarm", "reasons": ["worn"]}
+    before = {"status": {**status, "since": since}, "residual": 1}
+    after = [*outcomes(store, before, {"status": status}, ended_ns=lambda asset: 10**18)]
+    assert [report["status"] for report in after] == [{**status, "since": since}] * 2
+    assert after[0]["residual"] == 1  # what the inspection does not concern stays
+
+
+@pytest.mark.parametrize("report", [None, {"status": {"level": "normal", "since": {"time": "earlier"}}}])
+def test_status_that_a_person_changes_holds_since_the_newest_window_and_where_there_is_none_since_now(store, report):
+    """No window has ended by a clock that was just set."""
+    stream = Reception(lambda asset: None, lambda window: None, host_clock=lambda: 1_790_000_000 * 10**9)
+    with patch.object(stream, "_of", lambda asset: SimpleNamespace(assembler=Assembler(AssemblySettings()))):
+        given = {"ended_ns": stream.ended_ns, "freshness": stream.freshness}
+        for after in outcomes(store, report, {"status": {"level": "alarm", "reasons": ["worn"]}}, **given):
+            assert after["status"]["since"]["time"].startswith("2026-09-21T14:13:20")
