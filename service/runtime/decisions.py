@@ -127,15 +127,17 @@ class DecisionWorker:
         """
         asset, report = outcome.asset, outcome.report
         before = self._board.get(asset) or Snapshot(asset=asset)
-        shown = replace(before, report=report)
+        opened = before.alarms
         with self._alarms.transaction() if self._alarms else nullcontext():
-            if keep():  # else an attempt of which that was not known has committed all of it
-                events: Events = ()
-                if self._alarms is not None:
-                    events = self._alarms.decision(asset, report)
-                shown = replace(shown, alarms=self._alarms.open(asset) if self._alarms else shown.alarms)
+            first = keep()  # else an attempt of which that was not known has committed all of it
+            events: Events = ()
+            if self._alarms is not None:
+                events = self._alarms.decision(asset, report) if first else ()
+                opened = self._alarms.open(asset)
+            if first:
+                shown = replace(before, report=report, alarms=opened)
                 self._store.note(asset, (*events, *status_events(before, *shown.health())))
             last = self._store.last_event_id(asset)
         lane.accept(outcome)
-        self._board.update(asset, report=report, alarms=shown.alarms, last_event_id=last)
+        self._board.update(asset, report=report, alarms=opened, last_event_id=last)
         self._publication.publish(asset)

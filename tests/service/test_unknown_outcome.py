@@ -16,23 +16,33 @@ from test_asset_life import (  # noqa: F401  fixtures
     revolutions,
     running,
     second,
+    send,
 )
+from test_decisions import post
 
 from service.errors import StorageUnavailable
+from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.database import Database
+from service.results.sql_store import SqlStore
 
 
 @pytest.fixture
 def unanswered(monkeypatch):
-    """The commit of each change is carried out, and its answer lost once."""
-    done, commit, seen, lost = AssetLife.change_done, Database._commit, set(), []
+    """The commit of each change, inspection and decision is carried out, and its answer lost once."""
+    commit, seen, lost = Database._commit, set(), []
 
-    def change_done(self, number, effect):
-        if number not in seen:
-            seen.add(number)
-            lost.append(number)
-        return done(self, number, effect)
+    def first_lost(of, name):
+        done = getattr(of, name)
+
+        def called(self, what, *args, **given):
+            number = what if isinstance(what, int) else what.id
+            if (name, number) not in seen:
+                seen.add((name, number))
+                lost.append(number)
+            return done(self, what, *args, **given)
+
+        monkeypatch.setattr(of, name, called)
 
     def committed(self, db, number):
         commit(self, db, number)
@@ -40,7 +50,9 @@ def unanswered(monkeypatch):
             lost.clear()
             raise StorageUnavailable("a commit was not answered", reason="connection lost", unknown=True)
 
-    monkeypatch.setattr(AssetLife, "change_done", change_done)
+    first_lost(AssetLife, "change_done")
+    first_lost(SqlStore, "use_inspection")
+    first_lost(SqlStore, "carry_out")
     monkeypatch.setattr(Database, "_commit", committed)
     return seen
 
@@ -75,3 +87,16 @@ def test_an_asset_is_retired(running, network, first, second, unanswered):  # no
     asked(running, network, first, second)
     assert change(running, "retired", note="scrapped")[1]["done"] and unanswered
     assert running.get(UNSW)["retired"]["note"] == "scrapped"
+
+
+def test_the_alarm_that_an_inspection_raised_is_shown(running, network, first, unanswered):  # noqa: F811
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+    rules = [{"name": "depth", "quantity": "depth", "watch": 60.0, "alarm": 100.0}]
+    with running.store() as store:
+        AlarmStore(store.database).keep_rules("unsw", rules, {"by": "Anna", "note": "", "at": ""})
+    given = {"revolutions": 1800, "max_depth_um": 300.0, "flank": "combined", "std_um": 5.0}
+    assert post(running, f"{UNSW}/inspections", given)[1]["applied"] and unanswered
+    (kept,) = running.get(f"{UNSW}/alarms")
+    assert kept["state"] == "active_unacknowledged" and running.get(UNSW)["alarms"]["active"] == 1
+    assert [kind for kind, _ in events(running) if kind in ("alarm", "inspection")] == ["inspection", "alarm"]
