@@ -3,8 +3,9 @@
     memory, changes = evaluate(rules, memory, readings, at)
 
 A level holds once the quantity has been beyond its limit for the rule's number of windows in a row and its time, and
-ends once it has been back by more than the hysteresis for as long. A window that is not newer than the last one
-evaluated changes nothing. No clock, no store: the same arguments give the same answer.
+ends once it has been back by more than the hysteresis for as long. A window that does not come after the last one
+evaluated changes nothing: windows are ordered by index, because the clock of a stream may be set back. No clock, no
+store: the same arguments give the same answer.
 """
 
 from __future__ import annotations
@@ -66,9 +67,9 @@ def evaluate(rules: Sequence[Rule], memory: Memory, readings: Readings, at: Mome
     """The memory afterwards, and the changes of alarms, in the order of the rules."""
     memory = deepcopy(memory)
     if at.window is not None:
-        if memory.window_ns is not None and at.time_ns <= memory.window_ns:
+        if memory.window is not None and at.window <= memory.window:
             return memory, []
-        memory.window_ns = at.time_ns
+        memory.window = at.window
     changes: list[Change] = []
     for rule in rules:
         if not rule.enabled or (rule.without_depth and readings.depth_known):
@@ -183,17 +184,22 @@ def _verb(before: AlarmLevel | None, after: AlarmLevel | None) -> Verb:
 def _count(level: LevelMemory, reached: bool, held: bool, rule: Rule, now_ns: int) -> None:
     """One more window for one level: its counters, and whether it holds."""
     if reached:
-        level.up, level.up_ns = level.up + 1, level.up_ns if level.up else now_ns
+        level.up, level.up_ns = level.up + 1, _began(level.up_ns, now_ns)
     else:
         level.up, level.up_ns = 0, None
     if held:
         level.down, level.down_ns = 0, None
     else:
-        level.down, level.down_ns = level.down + 1, level.down_ns if level.down else now_ns
+        level.down, level.down_ns = level.down + 1, _began(level.down_ns, now_ns)
     if level.on and level.down and _long_enough(level.down, level.down_ns, rule, now_ns):
         level.on = False
     elif not level.on and level.up and _long_enough(level.up, level.up_ns, rule, now_ns):
         level.on = True
+
+
+def _began(since_ns: int | None, now_ns: int) -> int:
+    """When a row of windows began: now for the first one, and again where the clock has been set back since."""
+    return now_ns if since_ns is None else min(since_ns, now_ns)
 
 
 def _long_enough(count: int, since_ns: int | None, rule: Rule, now_ns: int) -> bool:

@@ -50,7 +50,7 @@ class KeyMemory:
 class Memory:
     """All of an asset."""
 
-    window_ns: int | None = None  # start of the newest window that was evaluated
+    window: int | None = None  # index of the newest window that was evaluated
     keys: dict[str, KeyMemory] = field(default_factory=dict)
 
     def of(self, rule: str, quantity: str, place: str) -> KeyMemory:
@@ -74,7 +74,7 @@ class Memory:
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any] | None) -> Memory:
-        """From what `to_dict` gave; an empty one from None."""
+        """From what `to_dict` gave; an empty one from None. Earlier versions kept no index of the window."""
         if stored is None:
             return cls()
         keys = {
@@ -87,7 +87,7 @@ class Memory:
             )
             for key, given in stored["keys"].items()
         }
-        return cls(window_ns=stored["window_ns"], keys=keys)
+        return cls(window=stored.get("window"), keys=keys)
 
 
 def key_of(rule: str, place: str) -> str:

@@ -59,8 +59,9 @@ class Bench:
         self.client = Client(create_app(self.board, self.store, alarms=self.keeper))
         self.index = len(self.board.get("unsw").records) if self.board.get("unsw") else 0
 
-    def window(self, found=HEALTHY, quality="good", indicators=None, index=None):
+    def window(self, found=HEALTHY, quality="good", indicators=None, index=None, set_back_s=0):
         given = outcome(self.index if index is None else index, found, quality)
+        given.window.start_time_ns -= set_back_s * 10**9
         if indicators is not None:
             given = replace(given, record={**given.record, "indicators": indicators})
         if isinstance(found.wear, Unavailable):
@@ -271,6 +272,13 @@ def test_window_that_was_committed_before_changes_no_alarm(bench):
     bench.window(WORN, index=0)
     (alarm,) = bench.alarms()
     assert alarm["level"] == "watch" and bench.told() == ["raised"]
+
+
+def test_alarms_go_on_after_the_clock_of_the_stream_was_set_back(bench):
+    bench.window(HEALTHY)
+    for found in (NEAR, WORN, HEALTHY):
+        bench.window(found, set_back_s=36_000)
+    assert bench.told() == ["raised", "escalated", "ended"]
 
 
 def test_window_and_alarm_are_kept_together_or_not_at_all(where, monkeypatch):

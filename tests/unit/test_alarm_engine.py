@@ -84,9 +84,36 @@ def test_preliminary_figure_that_earlier_windows_support_reaches_its_level():
 
 def test_window_that_arrives_late_or_twice_changes_nothing():
     memory, _ = run(LEVEL, [5, 5, 12])
-    for late in (0, 60 * NS, 120 * NS):
-        after, changes = evaluate([LEVEL], memory, at_level(50.0), Moment(time_ns=late, window=7))
+    for late in (0, 1, 2):
+        after, changes = evaluate([LEVEL], memory, at_level(50.0), Moment(time_ns=late * 60 * NS, window=late))
         assert changes == [] and after == memory
+
+
+def test_windows_after_a_clock_that_was_set_back_are_judged():
+    memory, said = Memory(), []
+    for index, value in enumerate([5, 12, 25, 12, 5, 12]):
+        moment = Moment(time_ns=(100 - 50 * index) * 3600 * NS, window=index)
+        memory, changes = evaluate([LEVEL], memory, at_level(value), moment)
+        said += [(index, c.verb) for c in changes]
+    assert said == [(1, "raised"), (2, "escalated"), (3, "lowered"), (4, "ended"), (5, "raised")]
+
+
+def test_duration_in_seconds_begins_again_where_the_clock_was_set_back():
+    rule, memory, said = LEVEL.model_copy(update={"seconds": 150.0}), Memory(), []
+    values, times = [12] * 5 + [5] * 6, [900, 1000, 60, 120, 240, 900, 1000, 60, 120, 180, 240]
+    for index, (value, seconds) in enumerate(zip(values, times, strict=True)):
+        memory, changes = evaluate([rule], memory, at_level(value), Moment(time_ns=seconds * NS, window=index))
+        said += [(index, c.verb) for c in changes]
+    assert said == [(4, "raised"), (10, "ended")]
+
+
+def test_memory_of_an_earlier_version_is_read_and_the_next_window_is_judged():
+    """It had the start of the newest window in place of its index."""
+    memory, _ = run(LEVEL, [5, 12])
+    stored = memory.to_dict() | {"window_ns": 10**18}
+    del stored["window"]
+    memory, said = run(LEVEL, [25], Memory.from_dict(stored), start=2)
+    assert said == [(2, "escalated", "alarm")] and memory.window == 2
 
 
 def test_limits_are_learned_first_and_only_from_healthy_windows():
