@@ -83,6 +83,24 @@ def evaluate(rules: Sequence[Rule], memory: Memory, readings: Readings, at: Mome
     return memory, changes
 
 
+def learn_anew(rules: Sequence[Rule], memory: Memory, sensor: str, reason: str) -> tuple[Memory, list[Change]]:
+    """The memory once limits are to be learned anew, and the ends of the alarms that were raised by learned limits.
+
+    sensor  of which they are; all for an empty name
+    """
+    memory = deepcopy(memory)
+    learned = {rule.name for rule in rules if rule.limits_from == "learned"}
+    changes: list[Change] = []
+    for key, own in memory.keys.items():
+        if sensor and own.place.partition("/")[0] != sensor:
+            continue
+        own.learned = []
+        if own.rule in learned:
+            changes += _ended(key, own, reason)
+            memory.forget_level(key)
+    return memory, changes
+
+
 def _of_rule(rule: Rule, memory: Memory, readings: Readings) -> Iterator[Reading]:
     """The readings that a rule looks at; a finding that is no longer there reads as normal."""
     numeric = rule.limits_from != "criterion"
@@ -240,11 +258,7 @@ def _without_rule(rules: Sequence[Rule], memory: Memory, readings: Readings) -> 
         rule = live.get(own.rule)
         if rule is not None and rule.covers(own.quantity, own.place):
             continue
-        if own.level is not None:
-            yield Change(
-                verb="ended", key=key, rule=own.rule, quantity=own.quantity, place=own.place, level=own.level,
-                unit=QUANTITIES[own.quantity].unit, reason=SWITCHED_OFF,
-            )  # fmt: skip
+        yield from _ended(key, own, SWITCHED_OFF)
         known = any(r.name == own.rule and r.quantity == own.quantity for r in rules)
         if known:
             memory.forget_level(key)  # switched off, or not asked now: what was learned stays
@@ -252,4 +266,13 @@ def _without_rule(rules: Sequence[Rule], memory: Memory, readings: Readings) -> 
             del memory.keys[key]
 
 
-__all__ = ["Change", "Moment", "evaluate"]
+def _ended(key: str, own: KeyMemory, reason: str) -> Iterator[Change]:
+    """The end of an alarm that is on, without a reading."""
+    if own.level is not None:
+        yield Change(
+            verb="ended", key=key, rule=own.rule, quantity=own.quantity, place=own.place, level=own.level,
+            unit=QUANTITIES[own.quantity].unit, reason=reason,
+        )  # fmt: skip
+
+
+__all__ = ["Change", "Moment", "evaluate", "learn_anew"]

@@ -1,6 +1,6 @@
 """Alarms of a running service: evaluated with each window and look at the clock, acknowledged and cleared by people.
 
-`window`, `decision` and `data` are called within the transaction that keeps what they are about, and answer the events
+`window`, `decision`, `data` and `learn_anew` are called within the transaction that keeps what they are about, and answer the events
 of it. Whoever is to be notified is found in the outbox afterwards: a process that is killed in between forgets nothing.
 """
 
@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
-from service.alarms.engine import Change, Moment, evaluate
+from service.alarms.engine import Change, Moment, evaluate, learn_anew
 from service.alarms.learning import progress
+from service.alarms.memory import Memory
 from service.alarms.readings import Readings, of_data, of_report, of_window, usable
 from service.alarms.rules import DEFAULT_RULES, Rule, rules_from
 from service.contract.base import iso_time
@@ -111,9 +112,17 @@ class AlarmKeeper:
         ]
         return self._evaluate(asset, of_data(data), Moment(time_ns=self._clock()), rules)
 
+    def learn_anew(self, asset: str, sensor: str, reason: str) -> Events:
+        """The machine, or the given sensor, is not that of which limits were learned: their alarms end with them."""
+        memory, changes = learn_anew(self.rules(asset), self.store.memory(asset), sensor, reason)
+        return self._kept(asset, memory, changes, Moment(time_ns=self._clock()))
+
     def _evaluate(self, asset: str, readings: Readings, at: Moment, rules: Sequence[Rule] | None = None) -> Events:
         memory = self.store.memory(asset)
         memory, changes = evaluate(self.rules(asset) if rules is None else rules, memory, readings, at)
+        return self._kept(asset, memory, changes, at)
+
+    def _kept(self, asset: str, memory: Memory, changes: Sequence[Change], at: Moment) -> Events:
         self.store.keep_memory(asset, memory)
         return tuple(event for change in changes for event in self._applied(asset, change, at))
 

@@ -62,12 +62,6 @@ class Memory:
         if key in self.keys:
             self.keys[key].levels = {name: LevelMemory() for name in LEVELS}
 
-    def forget_learned(self, place: str) -> None:
-        """Lets limits be learned afresh at a sensor, or at all for an empty name: sensor moved, gears replaced."""
-        for memory in self.keys.values():
-            if not place or memory.place.partition("/")[0] == place:
-                memory.learned = []
-
     def to_dict(self) -> dict[str, Any]:
         """As JSON data."""
         return asdict(self)

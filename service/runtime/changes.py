@@ -380,11 +380,11 @@ class ChangeWorker:
         """Open alarms after a change, and their events; limits that were learned before it are learned again."""
         if self._alarms is None:
             return (), ()
+        events: Events = ()
         if change.kind in ("gears_replaced", "reassembled", "sensor_moved"):
-            memory = self._alarms.store.memory(asset)
-            memory.forget_learned(change.given.get("sensor") or "")
-            self._alarms.store.keep_memory(asset, memory)
-        events = self._alarms.decision(asset, report)
+            reason = f"The limits are learned anew after the change {change.kind}."
+            events = self._alarms.learn_anew(asset, change.given.get("sensor") or "", reason)
+        events = (*events, *self._alarms.decision(asset, report))
         return self._alarms.open(asset), events
 
     def _status_events(self, asset: str, **changes: Any) -> Events:

@@ -12,8 +12,11 @@ from service_streams import RIG, Service, SqliteFile, tables_of, wait_until, wri
 from test_decisions import post
 from test_other_parts import serving
 
+from service.alarms.keeper import AlarmKeeper
+from service.alarms.rules import Rule
 from service.cli import run
 from service.errors import DeliveryError, InputError
+from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.data_folder import WAITING
 from service.runtime.replay import replay
@@ -322,6 +325,39 @@ def test_an_asset_is_created_with_its_rig_file_before_its_first_frame(running, n
 
 
 # -- refusals --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["reassembled", "sensor_moved", "gears_replaced"])
+def test_an_alarm_by_learned_limits_ends_with_the_change_after_which_they_are_learned_anew(
+    running, network, first, kind
+):
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+    with running.store() as store:
+        learned_and_raised(AlarmKeeper(AlarmStore(store.database)), running.windows()[0])
+    assert [a["state"] for a in running.get(f"{UNSW}/alarms")] == ["active_unacknowledged"] * 2
+    sensor = {"sensor": "y6"} if kind == "sensor_moved" else {}
+    assert change(running, kind, **sensor)[0] == 201
+    alarms = {a["rule"]: a for a in running.get(f"{UNSW}/alarms")}
+    assert {rule: a["active"] for rule, a in alarms.items()} == {"level": False, "set": True}
+    (ended,) = [h for h in alarms["level"]["history"] if h["verb"] == "ended"]
+    assert ended["reason"] == f"The limits are learned anew after the change {kind}."
+    told = [(data["verb"], data["alarm"]["rule"]) for name, data in events(running) if name == "alarm"]
+    assert told == [("ended", "level")]
+
+
+def learned_and_raised(keeper, window):
+    """Ten healthy windows and a loud one, judged by a learned limit and by one that a rule sets."""
+    rules = [Rule(name="level", quantity="rms", windows=1), Rule(name="set", quantity="rms", watch=20.0)]
+    keeper.set_rules("unsw", rules, "me", "")
+    for index in range(100, 111):
+        record = {
+            **window,
+            "index": index,
+            "quality": "good",
+            "indicators": {"y6": {"rms": 90.0 if index == 110 else 2.0}},
+        }
+        keeper.window("unsw", index, record, None, {"level": "ok", "reason": ""})
 
 
 def test_what_cannot_be_changed_is_refused_with_its_reason(running, network, first):

@@ -5,7 +5,7 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from service.alarms.engine import Moment, evaluate
+from service.alarms.engine import Moment, evaluate, learn_anew
 from service.alarms.memory import Memory
 from service.alarms.readings import Reading, Readings, of_report, of_window
 from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
@@ -124,8 +124,39 @@ def test_limits_are_learned_first_and_only_from_healthy_windows():
     assert said == [] and len(memory.keys["rms/a1"].learned[0].values) == 9, "not learned from an unhealthy window"
     memory, said = run(rule, [10.0, 14.0, 30.0, 10.0], memory, start=10)
     assert said == [(11, "raised", "watch"), (12, "escalated", "alarm"), (13, "ended", "alarm")]
-    memory.forget_learned("a1")
-    assert memory.keys["rms/a1"].learned == []
+
+
+def test_alarms_by_learned_limits_end_and_the_limits_are_learned_anew():
+    rules = [
+        Rule(name="rms", quantity="rms", windows=1),
+        Rule(name="set", quantity="rms", watch=20.0),
+        Rule(name="slow", quantity="rms", windows=3),
+    ]
+    memory = Memory()
+
+    def judged(values, start):
+        nonlocal memory
+        said = []
+        for index, value in enumerate(values, start=start):
+            both = (*at_level(value).readings, *at_level(value, "a2").readings)
+            at = Moment(time_ns=index, window=index)
+            memory, changes = evaluate(rules, memory, Readings(readings=both, judged=frozenset()), at)
+            said += [(c.verb, c.key) for c in changes if c.verb != "updated"]
+        return said
+
+    raised = judged([10.0] * 10 + [90.0] * 2, 0)
+    assert raised == [("raised", f"{rule}/{place}") for rule in ("rms", "set") for place in ("a1", "a2")]
+    memory, ended = learn_anew(rules, memory, "a1", "The sensor was moved.")
+    assert [(c.verb, c.key, c.level, c.reason) for c in ended] == [
+        ("ended", "rms/a1", "alarm", "The sensor was moved.")
+    ]
+    assert {key for key, own in memory.keys.items() if own.level} == {"set/a1", "rms/a2", "set/a2"}
+    assert {key for key, own in memory.keys.items() if own.learned} == {"rms/a2", "slow/a2"}
+    assert memory.keys["slow/a1"].levels["alarm"].up == 0 and memory.keys["slow/a2"].levels["alarm"].up == 2
+    memory, ended = learn_anew(rules, memory, "", "The gears were replaced.")
+    assert [c.key for c in ended] == ["rms/a2"]
+    assert judged([5.0] * 10, 12) == [("ended", "set/a1"), ("ended", "set/a2")]
+    assert judged([15.0], 22) == [("raised", "rms/a1"), ("raised", "rms/a2")], "beyond the new limits"
 
 
 def test_every_operating_condition_has_limits_of_its_own():
