@@ -64,13 +64,13 @@ class Judged:
 
 
 def evaluate(rules: Sequence[Rule], memory: Memory, readings: Readings, at: Moment) -> tuple[Memory, list[Change]]:
-    """The memory afterwards, and the changes of alarms, in the order of the rules."""
+    """The memory afterwards, and the changes of alarms: first of those without a rule, then by the order of rules."""
     memory = deepcopy(memory)
     if at.window is not None:
         if memory.window is not None and at.window <= memory.window:
             return memory, []
         memory.window = at.window
-    changes: list[Change] = []
+    changes = list(_without_rule(rules, memory, readings))
     for rule in rules:
         if not rule.enabled or (rule.without_depth and readings.depth_known):
             continue
@@ -79,7 +79,6 @@ def evaluate(rules: Sequence[Rule], memory: Memory, readings: Readings, at: Mome
             judged = _judged(rule, own, reading, at)
             if judged is not None:
                 changes += _step(rule, own, reading, judged, at)
-    changes += _without_rule(rules, memory, readings)
     return memory, changes
 
 

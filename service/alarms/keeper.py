@@ -1,7 +1,8 @@
 """Alarms of a running service: evaluated with each window and look at the clock, acknowledged and cleared by people.
 
-`window`, `decision`, `data` and `learn_anew` are called within the transaction that keeps what they are about, and answer the events
-of it. Whoever is to be notified is found in the outbox afterwards: a process that is killed in between forgets nothing.
+`window`, `decision`, `data` and `learn_anew` are called within the transaction that keeps what they are about, and
+answer the events of it. Whoever is to be notified is found in the outbox afterwards: a process that is killed in
+between forgets nothing.
 """
 
 from __future__ import annotations

@@ -242,8 +242,8 @@ def _changed(alarm: Mapping[str, Any], change: Change, at: str, window: int | No
     if change.verb == "ended":
         return {**alarm, "active": False, "ended_at": at}
     now = {
-        **alarm, "level": change.level, "active": True, "value": change.value, "limit": change.limit,
-        "unit": change.unit, "reason": change.reason, "action": change.action,
+        **alarm, "quantity": change.quantity, "level": change.level, "active": True, "value": change.value,
+        "limit": change.limit, "unit": change.unit, "reason": change.reason, "action": change.action,
     }  # fmt: skip
     if change.verb == "raised":
         now |= {"raised_at": at, "window": window, "ended_at": None, "acknowledged": False, "acknowledgement": None}

@@ -267,6 +267,16 @@ def test_rules_of_an_asset_are_set_by_name_and_followed(bench):
         assert refused.status_code == code and said in refused.json()["detail"]
 
 
+def test_alarm_of_a_rule_that_watches_another_quantity_is_named_by_that(bench):
+    indicators = {"a1": {"rms": 25.0, "kurtosis": 7.0}}
+    for quantity, limit in (("rms", 10.0), ("kurtosis", 6.0)):
+        bench.keeper.set_rules("unsw", [Rule(name="level", quantity=quantity, watch=limit)], "Anna", "")
+        bench.window(LITTLE, indicators=indicators)
+    (alarm,) = bench.alarms()
+    assert (alarm["quantity"], alarm["value"], alarm["active"]) == ("kurtosis", 7.0, True)
+    assert bench.told() == ["raised", "ended", "raised"]
+
+
 def test_window_that_was_committed_before_changes_no_alarm(bench):
     bench.window(NEAR)
     bench.window(WORN, index=0)

@@ -224,6 +224,20 @@ def test_alarm_whose_rule_is_gone_ends():
     assert (change.verb, change.key) == ("ended", "level/a1") and after.keys == {}
 
 
+def test_rule_that_watches_another_quantity_under_its_name_begins_afresh():
+    both = (*at_level(25.0).readings, Reading(quantity="kurtosis", place="a1", value=3.0))
+    readings = Readings(readings=both, judged=frozenset())
+    memory, _ = evaluate([LEVEL], Memory(), readings, Moment(time_ns=0, window=0))
+    other = Rule(name="level", quantity="kurtosis", watch=6.0)
+    memory, changes = evaluate([other], memory, readings, Moment(time_ns=1, window=1))
+    assert [(c.verb, c.quantity) for c in changes] == [("ended", "rms")]
+    assert memory.keys["level/a1"].quantity == "kurtosis" and memory.keys["level/a1"].level is None
+    memory, _ = run(Rule(name="level", quantity="rms", windows=1), [0.5] * 10)
+    learned = Rule(name="level", quantity="kurtosis", windows=1)
+    memory, changes = evaluate([learned], memory, readings, Moment(time_ns=10, window=10))
+    assert changes == [] and memory.keys["level/a1"].learned[0].values == [3.0], "not by the limits of the other"
+
+
 def test_temperature_and_depth_have_limits_by_number():
     rules = [Rule(name="oil", quantity="temperature", watch=70.0), Rule(name="deep", quantity="depth", watch=40.0)]
     record = {"index": 0, "quality": "good", "temperatures": {"oil": {"value": 75.0, "values": 3}}}
