@@ -108,9 +108,8 @@ class AlarmKeeper:
 
     def data(self, asset: str, data: Mapping[str, Any]) -> Events:
         """Data that have become stale, or are no longer: a state that lasts, not one window of several."""
-        rules = [
-            rule.model_copy(update={"windows": 1}) if rule.quantity == "data" else rule for rule in self.rules(asset)
-        ]
+        at_once = {"windows": 1, "seconds": 0.0}
+        rules = [rule.model_copy(update=at_once) if rule.quantity == "data" else rule for rule in self.rules(asset)]
         return self._evaluate(asset, of_data(data), Moment(time_ns=self._clock()), rules)
 
     def learn_anew(self, asset: str, sensor: str, reason: str) -> Events:

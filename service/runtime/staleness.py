@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.board import Board, Snapshot, Stale
@@ -85,6 +86,7 @@ class StalenessWatch:
         )
         self._since = dict.fromkeys(board.assets(), clock())  # when the service first knew of an asset [ns]
         self._retired: dict[str, int] = {}  # when an asset was last seen to be retired [ns]
+        self._judged: dict[str, tuple[Mapping[str, Any], ...]] = {}  # alarms that the last evaluation left open
         self._looked = 0
         self._heard: dict[str, _Heard] = {}
 
@@ -99,9 +101,8 @@ class StalenessWatch:
 
     def rename(self, asset: str, name: str) -> None:
         """The asset has another name: what is known of it goes with it."""
-        if asset in self._heard:
-            self._heard[name] = self._heard.pop(asset)
-        for known in (self._since, self._retired):
+        every: tuple[dict[str, Any], ...] = (self._heard, self._since, self._retired, self._judged)
+        for known in every:
             if asset in known:
                 known[name] = known.pop(asset)
 
@@ -116,7 +117,7 @@ class StalenessWatch:
             if snapshot is None:
                 continue
             found = self._found(now, snapshot)
-            if found != snapshot.stale:
+            if found != snapshot.stale or (found is not None and self._alarms_differ(snapshot)):
                 self._show(asset, found)
 
     def _found(self, now: int, snapshot: Snapshot) -> Stale | None:
@@ -133,11 +134,15 @@ class StalenessWatch:
         window_ns = max(snapshot.received_ns or since, self._retired.get(asset, 0))
         return stale(now, window_ns, first, last, self._limits)
 
+    def _alarms_differ(self, snapshot: Snapshot) -> bool:
+        """Whether other alarms are open than at the last evaluation: where one was cleared, its cause still lasts."""
+        return self._alarms is not None and snapshot.alarms != self._judged.get(snapshot.asset)
+
     def _show(self, asset: str, found: Stale | None) -> None:
         before = self._board.get(asset) or Snapshot(asset=asset)
         shown = replace(before, stale=found)
         events: Events = ()
-        if found is not None:
+        if found is not None and found != before.stale:
             log.warning("%s: %s", asset, found.reason, extra={"asset": asset})
             fault = {
                 "window": None, "kind": "stale", "channel": "all", "count": 1, "action": "none",
@@ -154,6 +159,7 @@ class StalenessWatch:
                 self._store.note(asset, events)
         last = self._store.last_event_id(asset)
         self._board.update(asset, stale=found, alarms=shown.alarms, last_event_id=last)
+        self._judged[asset] = shown.alarms
         self._publication.publish(asset)
 
 

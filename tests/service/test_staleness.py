@@ -7,6 +7,7 @@ import service_fakes as fakes
 from test_api import Client
 
 from service.alarms.keeper import AlarmKeeper
+from service.alarms.rules import DEFAULT_RULES, Rule
 from service.api import create_app
 from service.results.alarm_store import AlarmStore
 from service.runtime.staleness import NS, StalenessLimits, StalenessWatch
@@ -143,6 +144,69 @@ def test_retirement_ends_it_with_its_alarm_and_frames_of_before_are_forgotten(st
     assert level(10_001.0, frame=True) == level(9_999.0 + silent) == "ok"  # reinstated: it has time to send
     assert level(10_001.0 + silent) == "stale"
     assert board.get("unsw").stale.reason.startswith("no whole measurement window has been received since")
+
+
+class Alarmed:
+    """The watch over one asset with a window, with alarms by the given rules, and a clock that can be set."""
+
+    def __init__(self, store, board, rules=DEFAULT_RULES):
+        fakes.take(store, board, "unsw", 0, 10.0)
+        self.store, self.board, self.judged, self._now = store, board, 0, 0.0
+        self.keeper, self.published = AlarmKeeper(AlarmStore(store.database), rules), Published()
+        data = self.keeper.data
+
+        def counted(asset, shown):
+            self.judged += 1
+            return data(asset, shown)
+
+        self.keeper.data = counted
+        self.watch = StalenessWatch(
+            store, board, self.published, LIMITS, clock=lambda: BEGIN + round(self._now * NS), alarms=self.keeper
+        )
+
+    def look(self, seconds, asset="unsw"):
+        """What is shown of the data alarms after a look so many seconds after the window."""
+        self._now = seconds
+        self.watch()
+        return [(a["id"], a["active"]) for a in self.board.get(asset).alarms if a["quantity"] == "data"]
+
+    def clear(self, number):
+        self.keeper.sign("unsw", number, "cleared", "Anna", "")
+        self.board.update("unsw", alarms=self.keeper.open("unsw"))
+
+    def told(self):
+        events = [e for e in self.store.events("unsw", 0) if e.kind in ("alarm", "data_fault")]
+        return [e.data.get("verb") or e.data["kind"] for e in events]
+
+
+def test_data_rule_that_must_last_is_raised_once_the_asset_is_stale(store, board):
+    alarmed = Alarmed(store, board, (Rule(name="data", quantity="data", windows=3, seconds=600.0),))
+    assert alarmed.look(4000.0) == [(1, True)]
+
+
+def test_data_alarm_that_was_cleared_is_raised_again_while_the_asset_stays_stale(store, board):
+    alarmed = Alarmed(store, board)
+    assert alarmed.look(4000.0) == [(1, True)]
+    alarmed.clear(1)
+    assert alarmed.look(4002.0) == [(2, True)] == alarmed.look(4004.0)
+    assert alarmed.told() == ["stale", "raised", "raised"], "that it is stale is told once"
+    assert alarmed.published == ["unsw", "unsw"] and alarmed.judged == 2
+
+
+def test_asset_that_is_renamed_while_stale_is_not_judged_again(store, board):
+    alarmed = Alarmed(store, board)
+    alarmed.look(4000.0)
+    board.rename("unsw", "press-7")
+    alarmed.watch.rename("unsw", "press-7")
+    alarmed.look(4002.0, "press-7")
+    assert alarmed.judged == 1
+
+
+def test_stale_asset_without_a_data_rule_is_not_judged_again_at_each_look(store, board):
+    alarmed = Alarmed(store, board, (Rule(name="depth", quantity="depth"),))
+    for second in range(4000, 4100, 2):
+        assert alarmed.look(float(second)) == []
+    assert alarmed.judged == 1 and alarmed.published == ["unsw"]
 
 
 def test_what_is_known_of_an_asset_goes_with_it_to_its_other_name(store, board):
