@@ -16,14 +16,16 @@ transaction each; those that a kill leaves are processed by the next start.
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.base import iso_time
-from service.errors import InputError, StoreError
+from service.errors import InputError
 from service.files.rig import checked_rig
 from service.files.rig_difference import differences
 from service.results.asset_life import AssetLife, StoredChange
@@ -37,6 +39,7 @@ from service.results.status_events import status_events
 from service.results.store import ResultStore
 from service.runtime.baseline_learning import demand_present
 from service.runtime.computing import Ask, Made
+from service.runtime.in_order import Pending
 from service.runtime.intake import Intake
 from service.runtime.lane import Job, Lane
 from service.runtime.lanes import Lanes
@@ -108,22 +111,19 @@ class ChangeWorker:
             REJECTED: _Kind(_nothing, self._reject_rig),
         }
 
-    def __call__(self) -> None:
-        """Hands what waits to the lanes of its assets."""
-        if not self._queue.asked.is_set():
-            return
-        try:
-            pending = self._queue.pending()
-        except StoreError:
-            self._queue.asked.set()  # they still wait
-            raise
-        for number in (change.id for change in pending):
-            if number not in self._begun:
-                change = self._life.change(number)  # again: one before it may have renamed the asset
-                self._begun.add(number)
-                self._begin(change)
+    @property
+    def asked(self) -> threading.Event:
+        """Set while something may wait."""
+        return self._queue.asked
 
-    def _begin(self, change: StoredChange) -> None:
+    def pending(self) -> tuple[list[Pending]]:
+        """The changes that wait."""
+        return ([Pending(change.received_ns, partial(self._begin, change.id)) for change in self._queue.pending()],)
+
+    def _begin(self, number: int) -> None:
+        if number in self._begun:
+            return
+        change = self._life.change(number)  # again: one before it may have renamed the asset
         kind = self._kinds.get(change.kind, _Kind(self._ask_machine, self._machine))
 
         def ask(lane: Lane) -> Ask | None:
@@ -140,6 +140,7 @@ class ChangeWorker:
         if self._lanes.find(change.asset) is None and change.kind not in self._kinds:
             refuse(f"no window of {change.asset} has been processed yet: there is nothing that the change ends")
         else:
+            self._begun.add(number)
             self._lanes.do(change.asset, Job(ask=ask, then=then, refuse=refuse))
 
     def _end(self, change: StoredChange) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
@@ -9,12 +10,12 @@ from functools import partial
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.inspections import outcome_of, refusal
-from service.errors import StoreError
 from service.results.board import Board, Snapshot
 from service.results.decision_queue import DecisionQueue
 from service.results.status_events import status_events
 from service.results.store import ResultStore, StoredDecision, StoredInspection
 from service.runtime.computing import Ask, Made
+from service.runtime.in_order import Pending
 from service.runtime.lane import Job, Lane
 from service.runtime.lanes import Lanes
 from service.runtime.outcomes import DecisionOutcome
@@ -42,24 +43,30 @@ class DecisionWorker:
         self._board, self._publication = board, publication
         self._begun: set[tuple[str, int]] = set()  # kind and number of what is on its way
 
-    def __call__(self) -> None:
-        """Hands what waits to the lanes of its assets."""
-        if not self._queue.asked.is_set():
-            return
-        try:
-            decisions, inspections = self._queue.pending(), self._queue.pending_inspections()
-        except StoreError:
-            self._queue.asked.set()  # they still wait
-            raise
-        for decision in decisions:
-            self._begin(("decision", decision.id), decision.asset, self._decision(decision))
-        for inspection in inspections:
-            self._begin(("inspection", inspection.id), inspection.asset, self._inspection(inspection))
+    @property
+    def asked(self) -> threading.Event:
+        """Set while something may wait."""
+        return self._queue.asked
+
+    def pending(self) -> tuple[list[Pending], list[Pending]]:
+        """The decisions that wait, and the inspections."""
+        decisions, inspections = self._queue.pending(), self._queue.pending_inspections()
+        return (
+            [Pending(d.received_ns, partial(self._begin_decision, d.id)) for d in decisions],
+            [Pending(i.received_ns, partial(self._begin_inspection, i.id)) for i in inspections],
+        )
+
+    def _begin_decision(self, number: int) -> None:
+        if ("decision", number) not in self._begun:
+            waiting = self._store.decision(number)  # again: a change before it may have renamed the asset
+            self._begin(("decision", number), waiting.asset, self._decision(waiting))
+
+    def _begin_inspection(self, number: int) -> None:
+        if ("inspection", number) not in self._begun:
+            waiting = self._store.inspection(number)
+            self._begin(("inspection", number), waiting.asset, self._inspection(waiting))
 
     def _begin(self, key: tuple[str, int], asset: str, job: Job) -> None:
-        if key in self._begun:
-            return
-
         def then(lane: Lane, made: Made) -> None:
             job.then(lane, made)
             self._end(key)
@@ -68,10 +75,10 @@ class DecisionWorker:
             job.refuse(reason)
             self._end(key)
 
-        self._begun.add(key)
         if self._lanes.find(asset) is None:
             refuse(f"no window of {asset} has been processed yet")
         else:
+            self._begun.add(key)
             self._lanes.do(asset, Job(ask=job.ask, then=then, refuse=refuse))
 
     def _end(self, key: tuple[str, int]) -> None:

@@ -28,6 +28,7 @@ from service.runtime.changes import ChangeWorker
 from service.runtime.computing_here import ComputingOf, computing_here
 from service.runtime.decisions import DecisionWorker
 from service.runtime.first_frames import FirstFrames
+from service.runtime.in_order import InOrder
 from service.runtime.intake import Intake
 from service.runtime.lane import Lane
 from service.runtime.lanes import LEFT_OUT, Lanes
@@ -330,6 +331,7 @@ class Worker(threading.Thread):
             streams=streams, intake=intake, spool=spool, signals=kept.signals, alarms=kept.alarms,
             baselines=kept.baselines, proposals=self._rigs.proposals, watch=watch,
         )  # fmt: skip
+        requests = InOrder(decisions, changes)
         questions = RigQuestions(reception, lanes, store, life, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
         intake.begins = questions.first_frame
@@ -340,7 +342,7 @@ class Worker(threading.Thread):
             self._look_after(spool, lanes, storage_status, publication)
             positions()
             first_frames()
-            for part in (questions, decisions, changes, watch):
+            for part in (questions, requests, watch):
                 storage.attempt(part)
             for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                 publication.publish(asset)

@@ -324,6 +324,26 @@ def test_an_asset_is_created_with_its_rig_file_before_its_first_frame(running, n
     assert running.get(f"{UNSW}/rig") == rig  # not the one that the recording offers
 
 
+def test_what_waits_at_a_start_is_carried_out_in_the_order_in_which_it_was_received(tmp_path, network, first):
+    """The depth of the new gears was entered for the old ones, and then forgotten with them."""
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        send(network, first)
+        running.wait_for_windows(WINDOWS)
+    measured = {"revolutions": 10.0, "max_depth_um": 2.0, "flank": "combined", "std_um": 1.0}
+    with running.store() as store:
+        life = AssetLife(store.database)
+        store.add_decision("unsw", "misalignment", "pin")
+        life.add_change("unsw", "gears_replaced", {})
+        life.add_change("unsw", "renamed", {"name": "press-7"})
+        store.add_inspection("unsw", measured, {})
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        wait_until(lambda: [i["applied"] for i in running.get("/v1/assets/press-7/inspections") or ()] == [True])
+        assert running.get("/v1/assets/press-7/wear")["max_depth_um"]["combined"]["median"] == 2.0
+        told = [data.get("kind") or data.get("action") or kind for kind, data in events(running, "press-7")]
+    wanted = ["pin", "gears_replaced", "renamed", "inspection"]
+    assert [what for what in told if what in wanted] == wanted
+
+
 # -- refusals --------------------------------------------------------------------------------------------
 
 
