@@ -157,7 +157,7 @@ class StalenessWatch:
             events = (*events, *status_events(before, *shown.health()))
             if events:
                 self._store.note(asset, events)
-        last = self._store.last_event_id(asset)
+            last = self._store.last_event_id(asset)
         self._board.update(asset, stale=found, alarms=shown.alarms, last_event_id=last)
         self._judged[asset] = shown.alarms
         self._publication.publish(asset)

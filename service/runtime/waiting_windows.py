@@ -43,12 +43,8 @@ class WaitingWindows:
             before = self._board.get(held.asset)
             changed = status_events(before, *replace(before, question=question).health()) if before else ()
             self._store.note(held.asset, (*held.events, *changed))
-        self._board.update(
-            held.asset,
-            question=question,
-            received_ns=self._clock(),
-            last_event_id=self._store.last_event_id(held.asset),
-        )
+            last = self._store.last_event_id(held.asset)
+        self._board.update(held.asset, question=question, received_ns=self._clock(), last_event_id=last)
         self._publication.publish(held.asset)
         return question
 
@@ -60,8 +56,9 @@ class WaitingWindows:
             events = () if question is None else (("question", shown_question(question)),)
             changed = status_events(before, *replace(before, question=question).health()) if before else ()
             self._store.note(asset, (*events, *changed))
+            last = self._store.last_event_id(asset)
         if question is not None:
             log.warning("%s: %s", asset, question["detail"], extra={"asset": asset})
-        self._board.update(asset, question=question, last_event_id=self._store.last_event_id(asset))
+        self._board.update(asset, question=question, last_event_id=last)
         self._publication.publish(asset)
         return question

@@ -9,6 +9,7 @@ from test_api import Client
 from service.alarms.keeper import AlarmKeeper
 from service.alarms.rules import DEFAULT_RULES, Rule
 from service.api import create_app
+from service.errors import StorageUnavailable
 from service.results.alarm_store import AlarmStore
 from service.runtime.staleness import NS, StalenessLimits, StalenessWatch
 
@@ -82,6 +83,23 @@ def test_it_is_told_once_and_survives_no_restart_falsely(watched, store, board):
     for second in (4000.0, 4002.0, 4004.0):
         assert watched(second) == "stale"
     assert sum(e.data.get("kind") == "stale" for e in store.events("unsw", 0)) == 1
+
+
+def test_it_is_told_once_where_the_storage_fails_meanwhile(store, board, monkeypatch):
+    def unavailable(asset):
+        raise StorageUnavailable("away", reason="away")
+
+    fakes.take(store, board, "unsw", 0, 10.0)
+    now, alarms = [BEGIN + 4000 * NS], AlarmKeeper(AlarmStore(store.database))
+    watch = StalenessWatch(store, board, Published(), LIMITS, clock=lambda: now[0], alarms=alarms)
+    with monkeypatch.context() as patched:
+        patched.setattr(store, "last_event_id", unavailable)
+        with pytest.raises(StorageUnavailable):
+            watch()
+    now[0] += 2 * NS
+    watch()
+    told = [event.kind for event in store.events("unsw", 0) if event.kind in ("data_fault", "alarm", "status")]
+    assert told == ["data_fault", "alarm", "status"] and board.get("unsw").whole["data"]["level"] == "stale"
 
 
 def test_asset_that_never_had_a_window_is_measured_from_the_start_of_the_service(store, board):

@@ -1,0 +1,43 @@
+"""Windows that wait for an answer by people: what is kept of them and told, whatever the storage does meanwhile."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+import service_fakes as fakes
+
+from service.errors import StorageUnavailable
+from service.results.asset_life import AssetLife
+from service.runtime.outcomes import HeldWindow
+from service.runtime.questions import count_fell
+from service.runtime.waiting_windows import WaitingWindows
+
+LATER = fakes.START_NS + 5_000 * 10**9  # [ns]
+QUESTION = count_fell("unsw", 900.0, 10.0, LATER)
+HELD = HeldWindow(
+    asset="unsw", state=None, question=QUESTION, waiting=1, events=(("question", {"kind": "count_fell"}),)
+)
+
+
+@pytest.fixture
+def waiting(store, board):
+    """The place where the windows of an asset wait that has had one window."""
+    fakes.take(store, board, "unsw", 0, 10.0)
+    publication = SimpleNamespace(publish=lambda asset: None)
+    return WaitingWindows(store, AssetLife(store.database), board, publication, clock=lambda: LATER)
+
+
+def unavailable(asset):
+    raise StorageUnavailable("away", reason="away")
+
+
+@pytest.mark.parametrize("begin", [lambda w: w.hold(HELD), lambda w: w.ask("unsw", QUESTION)])
+def test_a_question_is_told_once_where_the_storage_fails_meanwhile(waiting, store, board, monkeypatch, begin):
+    with monkeypatch.context() as patched:
+        patched.setattr(store, "last_event_id", unavailable)
+        with pytest.raises(StorageUnavailable):
+            begin(waiting)
+    begin(waiting)
+    told = [event.kind for event in store.events("unsw", 0) if event.kind in ("question", "status")]
+    assert told == ["question", "status"] and board.get("unsw").last_event_id == store.last_event_id("unsw")
