@@ -51,7 +51,7 @@ class Snapshot:
     rig: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] = field(default_factory=dict)
     last_event_id: int = 0
-    received_ns: int | None = None  # when the newest window was committed, Unix time of this machine [ns]
+    received_ns: int | None = None  # when the newest window was committed or held, Unix time of this machine [ns]
     last_frame_ns: int | None = None  # when the newest frame came, Unix time of this machine [ns]
     stale: Stale | None = None
     damaged: Stale | None = None  # why nothing more is processed, until the next start

@@ -210,11 +210,15 @@ class SqlStore:
             if "state" in parts:  # where the stream goes on is kept all the same: windows that close can wait
                 self._refuse_damaged(asset)
             others: dict[str, Any] = {name: dump(parts.pop(name)) for name in ("question", "retired") if name in parts}
-            if (begun := parts.pop("epoch", None)) is not None:
+            given: dict[str, Any] = {name: parts.pop(name) for name in ("received_ns", "epoch") if name in parts}
+            if given:
                 counts = self._counts(db, asset)
-                if begun > counts["epoch"]:
+                if given.get("epoch", counts["epoch"]) > counts["epoch"]:
                     db.execute(_KEEP_LAST, {"of": asset})
-                    others |= sealed({**counts, "epoch": begun, "windows": 0, "updates": 0})
+                    given |= {"windows": 0, "updates": 0}
+                else:
+                    given.pop("epoch", None)
+                others |= sealed({**counts, **given})
             self._keep(db, asset, parts, others)
 
     def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:

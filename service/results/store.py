@@ -77,7 +77,7 @@ class StoredAsset:
     windows: int = 0  # how many have been committed, refused ones too
     updates: int = 0  # of them, that updated the twin
     fault_totals: FaultTotals = field(default_factory=dict)  # of all windows
-    received_ns: int | None = None  # Unix time of this machine when the newest window was committed [ns]
+    received_ns: int | None = None  # Unix time of this machine when the newest window was committed, or held [ns]
     epoch: int = 0  # number of the present gears: their windows, and no others, are counted above
     question: Mapping[str, Any] | None = None  # that waits for an answer by people
     retired: Mapping[str, Any] | None = None  # since when, by whom; None while the asset is in use

@@ -36,15 +36,15 @@ class WaitingWindows:
 
     def hold(self, held: HeldWindow) -> Mapping[str, Any]:
         """Keeps that a window waits for the answer, and what the twin remembers of it, in one transaction."""
-        question = questions.waiting(held.question, held.waiting)
+        question, received_ns = questions.waiting(held.question, held.waiting), self._clock()
         with self._life.transaction():
             state = {} if held.state is None else {"state": held.state.to_dict()}
-            self._store.keep(held.asset, question=question, **state)
+            self._store.keep(held.asset, question=question, received_ns=received_ns, **state)
             before = self._board.get(held.asset)
             changed = status_events(before, *replace(before, question=question).health()) if before else ()
             self._store.note(held.asset, (*held.events, *changed))
             last = self._store.last_event_id(held.asset)
-        self._board.update(held.asset, question=question, received_ns=self._clock(), last_event_id=last)
+        self._board.update(held.asset, question=question, received_ns=received_ns, last_event_id=last)
         self._publication.publish(held.asset)
         return question
 

@@ -9,8 +9,10 @@ import service_fakes as fakes
 
 from service.errors import StorageUnavailable
 from service.results.asset_life import AssetLife
+from service.results.board import Board
 from service.runtime.outcomes import HeldWindow
 from service.runtime.questions import count_fell
+from service.runtime.staleness import NS, StalenessLimits, StalenessWatch
 from service.runtime.waiting_windows import WaitingWindows
 
 LATER = fakes.START_NS + 5_000 * 10**9  # [ns]
@@ -41,3 +43,21 @@ def test_a_question_is_told_once_where_the_storage_fails_meanwhile(waiting, stor
     begin(waiting)
     told = [event.kind for event in store.events("unsw", 0) if event.kind in ("question", "status")]
     assert told == ["question", "status"] and board.get("unsw").last_event_id == store.last_event_id("unsw")
+
+
+def test_windows_that_wait_keep_an_asset_from_being_stale_after_a_restart_too(waiting, store):
+    before = store.asset("unsw")
+    waiting.hold(HELD)
+    restarted, limits = Board.from_store(store), StalenessLimits(silent=3600.0, fruitless=120.0)
+    stored = store.asset("unsw")
+    assert (stored.received_ns, stored.windows, stored.damaged) == (LATER, before.windows, None)
+    StalenessWatch(store, restarted, waiting._publication, limits, clock=lambda: LATER + 3000 * NS)()
+    assert restarted.get("unsw").stale is None and restarted.get("unsw").question["waiting"] == 1
+
+
+def test_an_epoch_begins_without_windows_and_when_one_came_stays_known(waiting, store):
+    waiting.hold(HELD)
+    for epoch in (1, 1, 0):
+        store.keep("unsw", epoch=epoch)
+        kept = store.asset("unsw")
+        assert (kept.epoch, kept.windows, kept.received_ns, kept.damaged) == (1, 0, LATER, None)
