@@ -11,12 +11,12 @@ from service.files.rig import checked_rig
 from service.results.asset_life import AssetLife
 from service.results.signal_reading import KeptSignals
 from service.results.store import ResultStore
+from service.runtime.present_machine import demand_present
 from twin.baseline.learned import Baseline
 from twin.baseline.validity import identity_of
 from twin.errors import TwinError
 
 SOUND = ("good", "repaired")
-ENDING = ("gears_replaced", "reassembled", "sensor_moved")  # changes after which earlier windows show another machine
 
 
 def learn_from_windows(
@@ -50,17 +50,6 @@ def learn_from_windows(
         except NotKept as error:
             raise InputError(str(error)) from None
     return learned_from(checked_rig(rig, f"rig of {asset}"), windows, earlier)
-
-
-def demand_present(asset: str, indices: Sequence[int], life: AssetLife) -> None:
-    """InputError where a window was measured before a change of the machine."""
-    ended = {c.effect.get("from_window", 0): c.kind for c in life.changes(asset) if c.kind in ENDING and c.effect}
-    first = min(indices, default=0)
-    if indices and first < max(ended, default=0):
-        raise InputError(
-            f"window {first} was measured before the change {ended[max(ended)]!r}: choose windows from "
-            f"{max(ended)} on, of the machine as it is now"
-        )
 
 
 def _still_valid(baseline: Baseline, asset: str, store: ResultStore) -> Baseline:

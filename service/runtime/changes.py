@@ -37,12 +37,12 @@ from service.results.signal_store import SignalStore
 from service.results.sparkline import Sparkline
 from service.results.status_events import status_events
 from service.results.store import ResultStore
-from service.runtime.baseline_learning import demand_present
 from service.runtime.computing import Ask, Made
 from service.runtime.in_order import Pending
 from service.runtime.intake import Intake
 from service.runtime.lane import Job, Lane
 from service.runtime.lanes import Lanes
+from service.runtime.present_machine import demand_present
 from service.runtime.questions import GEARS_DIFFER, REPEATED, gears_differ
 from service.runtime.reception import Reception
 from service.runtime.rigs import MOST_NAMED, other_gears
