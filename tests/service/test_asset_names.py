@@ -228,7 +228,7 @@ def test_a_storage_that_fails_after_a_machine_was_told_apart_leaves_nothing_half
     assert revolutions(running.wait_for_windows(WINDOWS, "bench-2")) == FIRST and after_the_commit.failed
     assert revolutions(running.windows()) == FIRST
     wait_until(lambda: running.get(UNSW)["question"] is None)
-    assert listed(running) == [("bench-2", WINDOWS, False), ("unsw", WINDOWS, False)]
+    wait_until(lambda: listed(running) == [("bench-2", WINDOWS, False), ("unsw", WINDOWS, False)])
 
 
 def test_a_storage_that_fails_after_gears_were_replaced_does_not_keep_the_earlier_gears(
@@ -267,7 +267,8 @@ def test_an_asset_whose_signals_cannot_be_moved_has_its_new_name_all_the_same(ru
     send(network, first)
     running.wait_for_windows(WINDOWS)
     assert change(running, "renamed", name="press-7")[0] == 201
-    assert listed(running) == [("press-7", WINDOWS, False)] and running.get(UNSW) is None
+    wait_until(lambda: listed(running) == [("press-7", WINDOWS, False)])
+    assert running.get(UNSW) is None
 
 
 def test_what_is_shown_of_a_former_name_is_shown_of_the_present_one():
