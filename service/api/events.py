@@ -16,7 +16,7 @@ from sse_starlette import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api.former_names import last_events
+from service.api.last_events import last_events
 from service.api.guard import Guarded, credential_of, needs
 from service.api.problems import responses
 from service.api.reading import shown_of
