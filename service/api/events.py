@@ -16,8 +16,8 @@ from sse_starlette import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api.last_events import last_events
 from service.api.guard import Guarded, credential_of, needs
+from service.api.last_events import last_events
 from service.api.problems import responses
 from service.api.reading import shown_of
 from service.results.asset_life import AssetLife
