@@ -45,6 +45,7 @@ MOST_DEATHS = 10  # in a row, after which the service does not call itself ready
 START_LIMIT = 60.0  # how long a start may take before the server that makes processes is replaced [s] ...
 PATIENCE = 2.0  # ... and so many times as long after each time that another did not help: the machine may be slow
 SLOW_START = 10.0  # after which the service says that it waits for one [s]
+LOOK_EVERY = 0.25  # whether the processes still live: each look reads a file of the system [s]
 UNNOTICED = 5.0  # how long a process may be dead before it is noticed: the server that made it should say so [s]
 MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while another is idle [s]
 QUIET_TRACKER = "ignore:resource_tracker:UserWarning"
@@ -103,6 +104,7 @@ class Processes:
         self._start_limit = self._patience = start_limit
         self._starts: queue.SimpleQueue[tuple[_Worker, ProcessPoolExecutor | Exception]] = queue.SimpleQueue()
         self.servers_replaced = 0
+        self._looked = 0.0  # when it was last looked whether the processes live [s]
         self._ended: queue.SimpleQueue[tuple[_Worker, _Job, Future[Reply]]] = queue.SimpleQueue()
         self._tasks, self._keep = Tasks(curves), keep
         self._context = _context()
@@ -302,6 +304,9 @@ class Processes:
     def _look_after_server(self) -> None:
         """Replaces the server that makes processes where it starts none, or does not say that one has died."""
         now = time.monotonic()
+        if now - self._looked < LOOK_EVERY:
+            return
+        self._looked = now
         for worker in self._workers:
             if worker.starting is not None and now - worker.given_up > self._patience:
                 worker.given_up = now
