@@ -14,7 +14,20 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
-from sqlalchemy import Connection, and_, bindparam, case, func, or_, select
+from sqlalchemy import (
+    Connection,
+    and_,
+    bindparam,
+    case,
+    cast,
+    column,
+    func,
+    literal_column,
+    or_,
+    select,
+    true,
+    union_all,
+)
 
 from service.results.schema import EXTREMES, NUMBER, WINDOWS
 from service.results.sparse_reading import spread_numbers
@@ -24,6 +37,14 @@ KEPT_LEVEL = 4  # the extremes of its parts, of 256 windows each, stay when a hi
 PICKS = 4  # points of an answer from each part: its first window and the three extremes
 PAIRS = (("lowest", "lowest_rms", -1), ("highest", "highest_rms", 1), ("sharpest", "highest_kurtosis", 1))
 """Window, its value, and whether the smallest (−1) or the greatest (1) value is kept."""
+
+_GIVEN = (column("number", NUMBER), *(c for c in EXTREMES.columns if c.name not in ("level", "part")))
+_LEVELS = union_all(
+    *(
+        select(literal_column(f"{n}", NUMBER).label("level"), literal_column(f"{FAN_OUT**n}", NUMBER).label("size"))
+        for n in range(1, LEVELS + 1)
+    )
+).subquery()
 
 Rows = Callable[..., Iterable[Any]]
 
@@ -63,7 +84,7 @@ def _number(value: Any) -> float | None:
 
 
 def adding(insert: Any) -> Any:
-    """The statement that adds a window to its parts.
+    """The statement that adds a window to its parts of all levels, with the values of `row_of`.
 
     insert  an insertion into `EXTREMES` of the database's own kind
     """
@@ -75,19 +96,21 @@ def adding(insert: Any) -> Any:
         changed[value] = case((is_better, new), else_=kept)
         better.append(is_better)
     key = [column.name for column in EXTREMES.primary_key.columns]
-    return insert.on_conflict_do_update(index_elements=key, set_=changed, where=or_(*better))
+    values = select(*(cast(bindparam(c.name, type_=c.type), c.type).label(c.name) for c in _GIVEN)).subquery()
+    parts = {"level": _LEVELS.c.level, "part": values.c.number // _LEVELS.c.size}
+    row = [parts[c.name] if c.name in parts else values.c[c.name] for c in EXTREMES.columns]
+    rows = select(*row).where(true())  # SQLite takes the ON of ON CONFLICT for that of a join otherwise
+    add = insert.from_select([c.name for c in EXTREMES.columns], rows)
+    return add.on_conflict_do_update(index_elements=key, set_=changed, where=or_(*better))
 
 
-def rows_of(asset: str, epoch: int, number: int, record: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The rows of a window, one a level."""
+def row_of(asset: str, epoch: int, number: int, record: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What a window adds to its part of each level; None where it has nothing to add."""
     values = extremes_of(record)
     if values is None:
-        return []
+        return None
     own = {window: None if values[value] is None else number for window, value, _ in PAIRS}
-    return [
-        {"asset": asset, "epoch": epoch, "level": level, "part": number // FAN_OUT**level, **own, **values}
-        for level in range(1, LEVELS + 1)
-    ]
+    return {"asset": asset, "epoch": epoch, "number": number, **own, **values}
 
 
 _IN_EPOCH = and_(WINDOWS.c.asset == bindparam("of"), WINDOWS.c.epoch == bindparam("epoch", type_=NUMBER))

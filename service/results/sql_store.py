@@ -25,7 +25,7 @@ from service.results.asset_counts import COUNTS, is_sealed, sealed
 from service.results.backends import Backend
 from service.results.database import Database
 from service.results.every_asset import LAST_EVENTS, NEXT_INDICES
-from service.results.extremes import adding, outline, rows_of
+from service.results.extremes import adding, outline, row_of
 from service.results.json_columns import dump, load, load_text, salvage, say_damage, seal
 from service.results.retention import END_OF_EPOCH, NOTABLE, STAYS
 from service.results.schema import ASSETS, DECISIONS, EVENTS, EXTREMES, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
@@ -185,7 +185,7 @@ class SqlStore:
             self._keep(db, asset, parts, sealed(counts))
             if faults := fault_totals.fault_rows(asset, record):
                 db.execute(self._add_faults, faults)
-            if extremes := rows_of(asset, epoch, number, record):
+            if extremes := row_of(asset, epoch, number, record):
                 db.execute(self._add_extremes, extremes)
             self._add_events(db, asset, events, start_ns, record)
         return StoredWindow(start_ns=start_ns, record=plain(record), figures=shown)
