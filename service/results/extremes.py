@@ -99,7 +99,8 @@ def adding(insert: Any) -> Any:
     values = select(*(cast(bindparam(c.name, type_=c.type), c.type).label(c.name) for c in _GIVEN)).subquery()
     parts = {"level": _LEVELS.c.level, "part": values.c.number // _LEVELS.c.size}
     row = [parts[c.name] if c.name in parts else values.c[c.name] for c in EXTREMES.columns]
-    rows = select(*row).where(true())  # SQLite takes the ON of ON CONFLICT for that of a join otherwise
+    each = select(*row).select_from(values.join(_LEVELS, true()))
+    rows = each.where(true())  # SQLite takes the ON of ON CONFLICT for that of a join otherwise
     add = insert.from_select([c.name for c in EXTREMES.columns], rows)
     return add.on_conflict_do_update(index_elements=key, set_=changed, where=or_(*better))
 
