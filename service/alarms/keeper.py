@@ -60,7 +60,10 @@ class AlarmKeeper:
     def rules(self, asset: str) -> tuple[Rule, ...]:
         """The rules of an asset: its own, or those of the settings."""
         own = self.store.rules(asset)
-        return self._rules if own is None else rules_from(own["rules"])
+        return self._in_force(None if own is None else own["rules"])
+
+    def _in_force(self, own: Sequence[Mapping[str, Any]] | None) -> tuple[Rule, ...]:
+        return self._rules if own is None else rules_from(own)
 
     def described(self, asset: str) -> dict[str, Any]:
         """The rules of an asset with who changed them, and how far limits have been learned."""
@@ -118,8 +121,8 @@ class AlarmKeeper:
         return self._kept(asset, memory, changes, Moment(time_ns=self._clock()))
 
     def _evaluate(self, asset: str, readings: Readings, at: Moment, rules: Sequence[Rule] | None = None) -> Events:
-        memory = self.store.memory(asset)
-        memory, changes = evaluate(self.rules(asset) if rules is None else rules, memory, readings, at)
+        own, memory = self.store.known(asset)
+        memory, changes = evaluate(self._in_force(own) if rules is None else rules, memory, readings, at)
         return self._kept(asset, memory, changes, at)
 
     def _kept(self, asset: str, memory: Memory, changes: Sequence[Change], at: Moment) -> Events:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
-from sqlalchemy import BindParameter, Connection, Table, bindparam, delete, func, select, update
+from sqlalchemy import BindParameter, Connection, Table, Text, bindparam, cast, delete, func, select, update
 
 from service.alarms.engine import Change
 from service.alarms.memory import Memory
@@ -27,6 +27,13 @@ MOST_HISTORY = 200  # entries of one alarm that are answered
 _OF: BindParameter[str] = bindparam("of")
 _RULES = select(ALARM_RULES.c.rules, ALARM_RULES.c.changed).where(ALARM_RULES.c.asset == _OF)
 _MEMORY = select(ALARM_MEMORY.c.memory).where(ALARM_MEMORY.c.asset == _OF)
+_NAMED_ASSET = select(cast(_OF, Text).label("asset")).subquery()
+_KNOWN = (
+    select(ALARM_RULES.c.rules, ALARM_MEMORY.c.memory)
+    .select_from(_NAMED_ASSET)
+    .outerjoin(ALARM_RULES, ALARM_RULES.c.asset == _NAMED_ASSET.c.asset)
+    .outerjoin(ALARM_MEMORY, ALARM_MEMORY.c.asset == _NAMED_ASSET.c.asset)
+)
 _OPEN = select(ALARMS.c.asset, ALARMS.c.id, ALARMS.c.record).where(ALARMS.c.open == 1)
 _OPEN_OF = _OPEN.where(ALARMS.c.asset == _OF)
 _NAMED = select(ALARMS.c.id, ALARMS.c.record).where(
@@ -86,7 +93,12 @@ class AlarmStore:
     def memory(self, asset: str) -> Memory:
         """What the engine remembers of the asset."""
         rows = self._database.rows(_MEMORY, {"of": asset})
-        return Memory.from_dict(salvage(rows[0][0], f"what the alarms remember of {asset}") if rows else None)
+        return _memory_of(asset, rows[0][0] if rows else None)
+
+    def known(self, asset: str) -> tuple[list[Any] | None, Memory]:
+        """The asset's own rules, None where it has none, and what the engine remembers; in one query."""
+        ((rules, memory),) = self._database.rows(_KNOWN, {"of": asset})
+        return salvage(rules, f"the alarm rules of {asset}"), _memory_of(asset, memory)
 
     def keep_memory(self, asset: str, memory: Memory) -> None:
         """Keeps what the engine remembers."""
@@ -224,6 +236,10 @@ class AlarmStore:
 
     def _note(self, db: Connection, number: int, entry: Mapping[str, Any]) -> None:
         self._database.add(db, ALARM_HISTORY, {"alarm": number, "entry": dump(entry)})
+
+
+def _memory_of(asset: str, kept: bytes | None) -> Memory:
+    return Memory.from_dict(salvage(kept, f"what the alarms remember of {asset}"))
 
 
 def _read(asset: str, number: int, record: bytes) -> dict[str, Any] | None:

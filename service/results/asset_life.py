@@ -8,13 +8,13 @@ transaction that processes the window, so that a kill loses no window and counts
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Select, bindparam, delete, func, select, text, update
+from sqlalchemy import Connection, Select, bindparam, delete, select, text, update
 
 from service.errors import StoreError
 from service.results.json_columns import dump, salvage
@@ -26,13 +26,12 @@ from twin.windows import Window
 
 WAITING_WINDOWS = 1000  # of one asset that are kept until its question is answered ...
 WAITING_BYTES = 2**30  # ... and what they may take on disk
+NEW = "new"  # name of a file whose window has no number yet: one transaction at a time writes
 
 _CHANGE = select(CHANGES).order_by(CHANGES.c.id)
 _ALL_WAITING = select(*(WAITING.c[n] for n in ("asset", "id", "start_ns", "bytes"))).order_by(WAITING.c.id)
 _WAITING = _ALL_WAITING.where(WAITING.c.asset == bindparam("of"))
-_WAITING_TOTAL = select(func.count(), func.coalesce(func.sum(WAITING.c.bytes), 0)).where(
-    WAITING.c.asset == bindparam("of")
-)
+_END_WAITING = delete(WAITING).where(WAITING.c.id == bindparam("number"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,18 +134,25 @@ class AssetLife:
 
     # -- windows that wait ---------------------------------------------------------------------------
 
-    def add_waiting(self, asset: str, window: Window) -> bool:
-        """Keeps a window until the asset's question is answered; False where there is no room. Within a transaction."""
-        count, taken = self.waiting_total(asset)
-        if count >= WAITING_WINDOWS or taken >= WAITING_BYTES:
-            return False
+    def add_waiting(
+        self, asset: str, window: Window, beside: Sequence[WaitingWindow] | None = None
+    ) -> WaitingWindow | None:
+        """Keeps a window until its turn comes; None where there is no room. Within a transaction.
+
+        beside  the windows of the asset that wait already, where the caller has just read them
+        """
+        waiting = self.waiting(asset) if beside is None else beside
+        if len(waiting) >= WAITING_WINDOWS or sum(w.bytes for w in waiting) >= WAITING_BYTES:
+            return None
+        assert self.folder is not None
         with self.transaction() as db:
             self._database.ensure(db, asset)
-            row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": 0}
+            new = self.folder / NEW
+            size = write_window(new, window)
+            row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size}
             number = self._database.add(db, WAITING, row)
-            size = write_window(self._path(number), window)
-            db.execute(update(WAITING).where(WAITING.c.id == number).values(bytes=size))
-        return True
+            new.replace(self._path(number))
+        return WaitingWindow(id=number, start_ns=window.start_time_ns, bytes=size)
 
     def waiting(self, asset: str) -> tuple[WaitingWindow, ...]:
         """The windows of an asset that wait, in the order in which they came."""
@@ -160,11 +166,6 @@ class AssetLife:
             waiting[asset] = (*waiting.get(asset, ()), WaitingWindow(id=number, start_ns=start, bytes=size))
         return waiting
 
-    def waiting_total(self, asset: str) -> tuple[int, int]:
-        """How many windows wait, and what they take [bytes]."""
-        ((count, taken),) = self._database.rows(_WAITING_TOTAL, {"of": asset})
-        return count, int(taken)
-
     def read_waiting(self, number: int) -> Window:
         """A window that waits; OSError, ValueError or KeyError where its file cannot be read."""
         return read_window(self._path(number))
@@ -172,7 +173,7 @@ class AssetLife:
     def drop_waiting(self, number: int) -> None:
         """Ends the wait of a window that is processed by the present transaction."""
         with self.transaction() as db:
-            db.execute(delete(WAITING).where(WAITING.c.id == number))
+            db.execute(_END_WAITING, {"number": number})
 
     def file_of(self, number: int) -> Path:
         """The file of a window that waits."""

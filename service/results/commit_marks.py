@@ -8,7 +8,8 @@ numbers of transactions that it had not written yet to others, and a status aske
 from __future__ import annotations
 
 import time
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy import Connection, Engine
@@ -23,6 +24,7 @@ KEPT_NS = 7 * 86_400 * 10**9  # how long the row of somebody who writes no more 
 NEVER_GIVEN = "22023"  # SQLSTATE of a question about a number that the server has not given out
 UNDER_WAY = "in progress"
 
+_DELETE_OLD = sa.delete(COMMITS).where(COMMITS.c.written_ns < sa.bindparam("before"))
 _STATUS = sa.text("SELECT pg_xact_status(CAST(:number AS xid8))")
 
 
@@ -39,17 +41,22 @@ class Mark(NamedTuple):
 
 def marked(db: Connection, writer: str, number: int) -> Mark:
     """Leaves a mark within a transaction."""
+    now = time.time_ns()
+    transaction = str(db.execute(_put(), {"writer": writer, "number": number, "written_ns": now}).scalar_one())
+    if number == 1:
+        db.execute(_DELETE_OLD, {"before": now - KEPT_NS})
+    return Mark(writer, number, transaction)
+
+
+@cache
+def _put() -> Any:
+    """Writes the row of whoever writes; answers the server's number of the transaction."""
     from sqlalchemy.dialects import postgresql  # services with SQLite do not load it
 
-    now = time.time_ns()
-    row = postgresql.insert(COMMITS).values(writer=writer, number=number, written_ns=now)
+    row = postgresql.insert(COMMITS)
     new = {"number": row.excluded.number, "written_ns": row.excluded.written_ns}
     own = sa.cast(sa.func.pg_current_xact_id(), sa.Text)
-    put = row.on_conflict_do_update(index_elements=[COMMITS.c.writer], set_=new).returning(own)
-    transaction = str(db.execute(put).scalar_one())
-    if number == 1:
-        db.execute(sa.delete(COMMITS).where(COMMITS.c.written_ns < now - KEPT_NS))
-    return Mark(writer, number, transaction)
+    return row.on_conflict_do_update(index_elements=[COMMITS.c.writer], set_=new).returning(own)
 
 
 def was_committed(engine: Engine, mark: Mark, name: str) -> bool:

@@ -111,26 +111,25 @@ class Spool:
         asset, window = closed.asset, closed.window
         lane = self._lanes.of(asset)
         self._make_room(lane)
-        start_ns, kept = window.start_time_ns, None
+        start_ns, added = window.start_time_ns, None
         try:
             with self._life.transaction():
-                kept = self._newest(asset, start_ns)  # of an earlier attempt, of which that was not known
-                if kept is None:
-                    self._life.add_waiting(asset, window)
-                    kept = self._newest(asset, start_ns)
+                waiting = self._life.waiting(asset)
+                if waiting and waiting[-1].start_ns == start_ns:  # kept by an earlier attempt that did not know it
+                    kept: WaitingWindow | None = waiting[-1]
+                else:
+                    kept = added = self._life.add_waiting(asset, window, waiting)
                 self._store.keep(asset, assembly=closed.assembly, quality=self._reception.quality(asset))
         except BaseException as error:
-            if kept is not None and kept.number is not None and not getattr(error, "unknown", False):
-                self._life.delete_file(kept.number)  # of no window now
+            if added is not None and not getattr(error, "unknown", False):
+                self._life.delete_file(added.id)  # of no window now
             raise
-        entry = kept or Entry(start_ns=start_ns, window=_left_out(window, TOO_MANY))
+        if kept is None:
+            entry = Entry(start_ns=start_ns, window=_left_out(window, TOO_MANY))
+        else:
+            (entry,) = entries_of(self._life, [kept])
         closed.journey.kept_ns, entry.journey = time.time_ns(), closed.journey
         self._lanes.put(asset, entry, closed.assembly)
-
-    def _newest(self, asset: str, start_ns: int) -> Entry | None:
-        """The newest window of an asset that waits on disk, if it is the one that starts then."""
-        newest = waiting_on_disk(self._life, asset)[-1:]
-        return newest[0] if newest and newest[0].start_ns == start_ns else None
 
     # -- bounds --------------------------------------------------------------------------------------
 
@@ -154,11 +153,6 @@ class Spool:
         self._held -= bytes_of(closed.window)
         pending[place] = replace(closed, window=_left_out(closed.window, NOT_STORED))
         log.warning("%s: %s", asset, NOT_STORED, extra={"asset": asset})
-
-
-def waiting_on_disk(life: AssetLife, asset: str) -> list[Entry]:
-    """The windows of an asset that wait on disk, in order."""
-    return entries_of(life, life.waiting(asset))
 
 
 def entries_of(life: AssetLife, waiting: Iterable[WaitingWindow]) -> list[Entry]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import fake_twin
@@ -172,3 +173,32 @@ def test_a_result_whose_commit_fails_is_committed_later_and_its_asset_waits(part
     p.computing.carry_out()
     assert numbers(p.sink.outcomes, refused=False) == [("a", 0), ("a", 1), ("a", 2)]
     assert [o.record["index"] for o in p.sink.outcomes] == [0, 1, 2]
+
+
+def test_a_window_that_was_kept_without_an_answer_keeps_its_file_where_the_next_attempt_fails(parts, monkeypatch):
+    """The file was deleted, and the window refused later, though the database named it."""
+    p = parts()
+    keep, transaction, within = p.store.keep, p.life.transaction, []
+
+    @contextmanager
+    def unanswered():
+        within.append(True)
+        with transaction() as db:
+            yield db
+        within.pop()
+        if within:
+            return
+        raise StorageUnavailable("connection lost", reason="connection lost", unknown=True)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(p.life, "transaction", unanswered)
+        p.add("a", 0)
+    assert len(p.life.waiting("a")) == 1 and p.spool.unstored_from_ns("a") is not None
+    p.clock[0] += 100
+    monkeypatch.setattr(p.store, "keep", broken)
+    assert not p.spool.retry()
+    monkeypatch.setattr(p.store, "keep", keep)
+    p.clock[0] += 100
+    assert p.spool.retry() and len(p.life.waiting("a")) == 1
+    p.computing.carry_out()
+    assert numbers(p.sink.outcomes, refused=False) == [("a", 0)] and p.life.waiting("a") == ()

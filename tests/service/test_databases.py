@@ -57,7 +57,7 @@ def test_asset_with_all_that_belongs_to_it_gets_another_name(each_store, tmp_pat
     life.rename("old", "new")
     assert each_store.assets() == ("new",) and len(each_store.windows("new")) == 14
     assert life.change_done(number, {"name": "new"}) and not life.change_done(number, {})
-    assert [c.asset for c in life.changes("new")] == ["new"] and life.waiting_total("new")[0] == 1
+    assert [c.asset for c in life.changes("new")] == ["new"] and len(life.waiting("new")) == 1
     assert life.routes() == {"stream": "new", "old": "new"}
     life.give_waiting("new", "other")
     (waiting,) = life.waiting("other")
