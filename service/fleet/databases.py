@@ -24,6 +24,7 @@ from service.fleet.layout import Layout, expect_revision, schema_of, separate_nu
 from service.fleet.naming import claim, renamed
 from service.fleet.releases import expect_tables
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
+from service.results.commit_marks import Mark
 from service.results.database import Database
 from service.results.migrate import VERSION_TABLE
 from service.results.storage_faults import storage_error
@@ -76,6 +77,7 @@ class PartitionTables(Postgresql):
 
     fence: Fence
     partitions: int
+    _mark: Mark | None = None  # of the present transaction
 
     @property
     def name(self) -> str:
@@ -104,7 +106,11 @@ class PartitionTables(Postgresql):
         return writer, reader.execution_options(isolation_level="AUTOCOMMIT")
 
     def begun(self, db: Connection) -> None:
-        self.fence.check(db)
+        self._mark = self.fence.marked(db, *self.next_mark(db))
+
+    def mark(self, db: Connection) -> Mark:
+        assert self._mark is not None
+        return self._mark
 
     def added(self, db: Connection, asset: str) -> None:
         claim(db, asset, self.fence.partition, Layout(self.partitions))

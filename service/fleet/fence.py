@@ -15,13 +15,14 @@ import time
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
 import sqlalchemy as sa
 from sqlalchemy import Connection, bindparam
 
 from service.errors import StoreError
 from service.fleet.layout import PARTITIONS, expect_revision
+from service.results.commit_marks import Mark, marked_where
 
 ABANDONED = 15_000  # after which a session that stands still within a transaction is ended by the server [ms]
 _TAKE = (
@@ -31,6 +32,7 @@ _TAKE = (
     .returning(PARTITIONS.c.token)
 )
 _LOCK = sa.select(PARTITIONS.c.token).where(PARTITIONS.c.number == bindparam("of")).with_for_update()
+_HELD = _LOCK.where(PARTITIONS.c.token == bindparam("held"))
 _END_OTHERS = sa.text(
     "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
     "WHERE application_name LIKE :named AND application_name <> :own AND datname = current_database()"
@@ -77,8 +79,15 @@ class Fence:
     def check(self, db: Connection) -> None:
         """At the begin of a transaction: Fenced where another worker has taken the partition since."""
         found = db.execute(_LOCK, {"of": self.partition}).scalar()
-        if found == self.token and found is not None:
-            return
+        if found != self.token or found is None:
+            self._refuse()
+
+    def marked(self, db: Connection, writer: str, number: int) -> Mark:
+        """As `check`, and the mark by which the transaction's outcome can be asked for, in one statement."""
+        mark = marked_where(db, writer, number, _HELD, {"of": self.partition, "held": self.token})
+        return mark or self._refuse()
+
+    def _refuse(self) -> NoReturn:
         self.lost()
         raise Fenced(f"partition {self.partition} has been given to another worker: nothing more is committed here")
 

@@ -24,7 +24,7 @@ from sqlalchemy.pool import NullPool, QueuePool
 
 from service.errors import StorageUnavailable, StoreError
 from service.results.claims import Claims
-from service.results.commit_marks import Mark, marked, was_committed
+from service.results.commit_marks import Mark, forget_old, marked, was_committed
 
 LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
 STATEMENT_WAIT = 60.0  # how long one statement of the service may take on a server [s]
@@ -98,7 +98,7 @@ class Backend(Protocol):
         ...
 
     def mark(self, db: Connection) -> Mark | None:
-        """As a transaction's last statement: what its outcome can be asked by; None where a commit always answers."""
+        """At the end of a transaction: what its outcome can be asked by; None where a commit always answers."""
         ...
 
     def was_committed(self, engine: Engine, mark: Mark) -> bool:
@@ -303,8 +303,14 @@ class Postgresql:
         pass
 
     def mark(self, db: Connection) -> Mark:
-        # of this thread: those of a front end write at the same time
-        return marked(db, f"{self.identity} {threading.get_ident()}", next(self.numbers))
+        return marked(db, *self.next_mark(db))
+
+    def next_mark(self, db: Connection) -> tuple[str, int]:
+        """Who writes the transaction, and its number among those of this process."""
+        number = next(self.numbers)
+        if number == 1:
+            forget_old(db)
+        return f"{self.identity} {threading.get_ident()}", number  # several threads of a front end write at once
 
     def was_committed(self, engine: Engine, mark: Mark) -> bool:
         return was_committed(engine, mark, self.name)

@@ -1,6 +1,6 @@
 """Whether a transaction was committed whose commit the server did not answer.
 
-Each transaction that writes leaves its number in the row of whoever writes, as its last statement. The server's own
+Each transaction that writes leaves its number in the row of whoever writes. The server's own
 number of the transaction says whether it is still under way, and no more than that: after a crash PostgreSQL gives the
 numbers of transactions that it had not written yet to others, and a status asked for then is that of the other one.
 """
@@ -8,6 +8,7 @@ numbers of transactions that it had not written yet to others, and a status aske
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -41,22 +42,42 @@ class Mark(NamedTuple):
 
 def marked(db: Connection, writer: str, number: int) -> Mark:
     """Leaves a mark within a transaction."""
-    now = time.time_ns()
-    transaction = str(db.execute(_put(), {"writer": writer, "number": number, "written_ns": now}).scalar_one())
-    if number == 1:
-        db.execute(_DELETE_OLD, {"before": now - KEPT_NS})
-    return Mark(writer, number, transaction)
+    given = {"writer": writer, "number": number, "written_ns": time.time_ns()}
+    return Mark(writer, number, str(db.execute(_mark(), given).scalar_one()))
+
+
+def marked_where(db: Connection, writer: str, number: int, held: sa.Select, given: Mapping[str, Any]) -> Mark | None:
+    """Leaves a mark within a transaction where a query answers a row, in one statement; None where it answers none.
+
+    given  the parameters of the query
+    """
+    own = {"writer": writer, "number": number, "written_ns": time.time_ns()}
+    transaction = db.execute(_mark(held), {**own, **given}).scalar()
+    return None if transaction is None else Mark(writer, number, str(transaction))
+
+
+def forget_old(db: Connection) -> None:
+    """Deletes the marks of those who write no more."""
+    db.execute(_DELETE_OLD, {"before": time.time_ns() - KEPT_NS})
 
 
 @cache
-def _put() -> Any:
-    """Writes the row of whoever writes; answers the server's number of the transaction."""
+def _mark(held: sa.Select | None = None) -> Any:
+    """Writes the row of whoever writes; answers the server's number of the transaction.
+
+    held  a query without whose row nothing is written
+    """
     from sqlalchemy.dialects import postgresql  # services with SQLite do not load it
 
     row = postgresql.insert(COMMITS)
+    if held is not None:
+        own = (sa.cast(sa.bindparam(c.name, type_=c.type), c.type) for c in COMMITS.columns)
+        row = row.from_select(
+            [c.name for c in COMMITS.columns], sa.select(*own).where(sa.exists().select_from(held.cte("held")))
+        )
     new = {"number": row.excluded.number, "written_ns": row.excluded.written_ns}
-    own = sa.cast(sa.func.pg_current_xact_id(), sa.Text)
-    return row.on_conflict_do_update(index_elements=[COMMITS.c.writer], set_=new).returning(own)
+    transaction = sa.cast(sa.func.pg_current_xact_id(), sa.Text)
+    return row.on_conflict_do_update(index_elements=[COMMITS.c.writer], set_=new).returning(transaction)
 
 
 def was_committed(engine: Engine, mark: Mark, name: str) -> bool:

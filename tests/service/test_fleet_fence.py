@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import signal
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import service_fakes as fakes
+import sqlalchemy as sa
 from fleet_partition import PartitionProcess
 from fleets import routed, row, taken, windows, worker
 from service_streams import wait_until, write_recording
@@ -14,7 +16,7 @@ from service_streams import wait_until, write_recording
 from service.errors import StorageUnavailable, StoreError
 from service.fleet.databases import Partitions, engine_of, made
 from service.fleet.fence import Fenced
-from service.fleet.layout import Layout, create, layout_of, partition_of
+from service.fleet.layout import PARTITIONS, Layout, create, layout_of, partition_of
 from service.fleet.partition import FENCED
 from service.json_text import plain
 from service.results.asset_list import area_of
@@ -107,6 +109,27 @@ def test_a_transaction_that_has_begun_is_whole_or_ended(fleet):
             old.keep("unsw", quality={"level": "lost"})
         with taken(fleet) as new:
             assert new.asset("unsw").quality != {"level": "lost"}
+
+
+def test_a_worker_that_waits_for_whoever_takes_its_partition_commits_nothing(fleet):
+    """The token is compared as it is once the wait is over, not as it was when the transaction began."""
+    engine, lost = engine_of(fleet), []
+    with taken(fleet, lost=lambda: lost.append(1)) as old, ThreadPoolExecutor() as pool:
+        with engine.begin() as db:
+            db.execute(sa.update(PARTITIONS).where(PARTITIONS.c.number == 0).values(token=PARTITIONS.c.token + 1))
+            waiting = pool.submit(fakes.take, old, None, "unsw", 0, 100.0)
+            wait_until(lambda: _waits(engine), 10)
+        with pytest.raises(Fenced):
+            waiting.result(30)
+        assert lost and old.windows("unsw") == ()
+    engine.dispose()
+
+
+def _waits(engine):
+    """Whether a worker waits for a lock."""
+    with engine.connect() as db:
+        own = "application_name LIKE 'gear-twin p000%%' AND wait_event_type = 'Lock'"
+        return db.exec_driver_sql(f"SELECT count(*) FROM pg_stat_activity WHERE {own}").scalar_one() == 1
 
 
 def test_partitions_share_no_row_and_no_number(fleet):
