@@ -37,19 +37,22 @@ AGENT_PORTS = (
     "--dashboard-agent-grpc-port", "--dashboard-agent-listen-port", "--metrics-export-port", "--runtime-env-agent-port",
 )  # fmt: skip
 """Of the programs that Ray starts on each node: see `loopback_node`."""
+NO_MORE = ("--include-dashboard=false", "--no-monitor")
+"""What a head need not start: nobody looks at Ray's own page, and it finds no machines by itself."""
 ROOM = "partition"  # the resource of which a node has one for each partition that it may serve
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_DEDUP_LOGS_SKIP_REGEX": ".",
     "RAY_raylet_start_wait_time_s": str(int(STARTED_WITHIN)),
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    "RAY_memory_monitor_refresh_ms": "1000",
     "RAY_health_check_initial_delay_ms": "5000",
     "RAY_health_check_period_ms": "1000",
     "RAY_health_check_timeout_ms": "3000",
     "RAY_health_check_failure_threshold": "5",
 }
 """No report to Ray's makers, none of its own lines among those of `fleet up`, time enough for a start on a busy
-machine, and a node that is gone is known after 5 s.
+machine, a look at a node's memory each second, and a node that is gone is known after 5 s.
 
 A node that was only slow is replaced as well: its partitions are given to others, and it commits nothing more.
 """
@@ -176,7 +179,7 @@ class LocalCluster:
     def start(self, nodes: int) -> None:
         """Starts the head, and so many nodes."""
         self.port = self.port or _free_port()
-        self.head = self._start("head", ["--head", f"--port={self.port}", "--include-dashboard=false"])
+        self.head = self._start("head", ["--head", f"--port={self.port}", *NO_MORE])
         self.head.wait()
         self.scale(nodes)
 
