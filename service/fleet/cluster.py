@@ -120,7 +120,7 @@ class Node:
         said = folder / f"ray-{name}.log"
         command = [
             sys.executable, "-m", program, "start", *arguments, "--block", f"--node-name={name}",
-            "--disable-usage-stats", f"--object-store-memory={OBJECT_STORE}",
+            "--disable-usage-stats", "--include-log-monitor=false", f"--object-store-memory={OBJECT_STORE}",
             f"--num-cpus={cores}",
             f"--resources={json.dumps({ROOM: room} if room else {})}",
         ]  # fmt: skip

@@ -32,7 +32,7 @@ from service.results.store import Tables
 log = logging.getLogger(__name__)
 
 LOOK_EVERY = 0.5  # whether the thread is to end [s]
-GATHER = 0.25  # after a write, so that the changes of several assets make one transaction [s]
+GATHER = 0.5  # after a write, so that the changes of several assets make one transaction [s]
 FRESH_EVERY = 10.0  # between two rows of an asset that differ only in when frames came last [s]
 BATCH = 100  # rows of one transaction
 PAUSE = 1.0  # after a failure [s]
