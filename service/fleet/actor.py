@@ -14,7 +14,7 @@ import ray
 
 from service.errors import NewerTables, StoreError
 from service.fleet.layout import Layout
-from service.fleet.partition import serve_partition
+from service.fleet.partition import of_this_release, serve_partition
 from service.fleet.search_task import search
 from service.fleet.searches import Search, Submit
 from service.logs import logging_by
@@ -29,12 +29,6 @@ NEWER_WAIT = 30.0  # before a partition with tables of a newer release is tried 
 SEARCH_CORES = 0.95  # of a core for each search: what is left of the core has room for partitions
 SEARCH_RETRIES = 2  # how often a search is begun again whose process or node has ended
 END_WAIT = 20.0  # how long an end is waited for [s]
-
-
-def of_this_release(settings: Settings) -> Settings:
-    """Settings that another release may have handed over: what that did not know has its default."""
-    known = {name: value for name, value in vars(settings).items() if name in Settings.model_fields}
-    return Settings.model_construct(**known)
 
 
 class PartitionActor:

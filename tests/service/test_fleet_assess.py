@@ -241,6 +241,8 @@ def test_folders_of_killed_processes_are_deleted_and_those_in_use_stay(tmp_path,
 def ray_here():
     from service.fleet.ray_tasks import started
 
+    loaded = "ray" in sys.modules and "RAY_AUTH_MODE" not in os.environ
+    assert not loaded, "Ray reads its settings when it is loaded, and another test of this process has loaded it"
     with pytest.MonkeyPatch.context() as changed:
         changed.setenv("PYTHONPATH", os.pathsep.join(map(str, (PROGRAM.parent, PROGRAM.parents[2]))))
         with started(2, None) as ray:

@@ -17,6 +17,7 @@ from service.fleet.databases import Partitions, engine_of, made, partition_backe
 from service.fleet.fence import Fence, Fenced
 from service.fleet.front_store import FleetStore
 from service.fleet.layout import Layout, create, layout_of, partition_of
+from service.fleet.partition import of_this_release
 from service.results import migrate
 from service.results.schema import REVISION
 from service.results.sql_store import SqlStore
@@ -167,8 +168,6 @@ def test_a_front_end_leaves_a_partition_of_a_newer_release_alone(fleet, tables):
 
 
 def test_settings_of_another_release_get_the_defaults_of_what_it_did_not_know():
-    from service.fleet.actor import of_this_release
-
     settings = Settings(prefix="plant/gearbox", fleet_partitions=5)
     del vars(settings)["idle_timeout"]
     vars(settings)["of_a_later_release"] = 1
