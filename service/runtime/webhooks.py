@@ -28,7 +28,9 @@ TIMEOUT = 10.0  # of one attempt [s]
 TRIES = 2  # in a row, before other addresses have their turn
 FIRST_PAUSE, LONGEST_PAUSE = 5.0, 900.0  # between turns; it doubles [s]
 GIVE_UP = 3 * 86_400.0  # age from which a message is given up [s]
-LOOK_EVERY = 1.0  # how often messages that are due again are looked for [s]
+LOOK_EVERY = 1.0  # how often messages that are due again are looked for [s] ...
+LOOK_SELDOM = 10.0  # ... how often where none waits ...
+SAID = 5.0  # ... and nobody has said for so long that there is one: it is there once its transaction has ended [s]
 STOP_WAIT = 2.0  # how long a message in progress is waited for at the end [s]
 
 
@@ -59,12 +61,17 @@ class WebhookSender(threading.Thread):
 
                 return stack.enter_context(httpx.Client(timeout=TIMEOUT, follow_redirects=False))
 
+            pause, said = LOOK_EVERY, time.monotonic()
             while not self._stopping.is_set():
-                self._waiting.wait(LOOK_EVERY)
+                if self._waiting.wait(pause):
+                    said = time.monotonic()
                 self._waiting.clear()
+                pause = LOOK_EVERY
                 try:
                     while not self._stopping.is_set() and self.turn(client):
                         pass
+                    if time.monotonic() - said > SAID and not self._store.waiting():
+                        pause = LOOK_SELDOM
                 except StorageUnavailable as error:
                     log.debug(
                         "webhooks wait: %s", error
