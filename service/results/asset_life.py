@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from sqlalchemy import Connection, Select, bindparam, delete, select, text, update
 
@@ -26,7 +27,6 @@ from twin.windows import Window
 
 WAITING_WINDOWS = 1000  # of one asset that are kept until its question is answered ...
 WAITING_BYTES = 2**30  # ... and what they may take on disk
-NEW = "new"  # name of a file whose window has no number yet: one transaction at a time writes
 
 _CHANGE = select(CHANGES).order_by(CHANGES.c.id)
 _ALL_WAITING = select(*(WAITING.c[n] for n in ("asset", "id", "start_ns", "bytes"))).order_by(WAITING.c.id)
@@ -63,6 +63,7 @@ class AssetLife:
     def __init__(self, database: Tables, folder: Path | None = None) -> None:
         """folder  of the windows that wait; None where no window ever does"""
         self._database, self.folder = database, folder
+        self._new = f"new-{uuid4().hex}"  # of a window without a number, and of nobody who had the folder before
         if folder is None:
             return
         try:
@@ -147,7 +148,7 @@ class AssetLife:
         assert self.folder is not None
         with self.transaction() as db:
             self._database.ensure(db, asset)
-            new = self.folder / NEW
+            new = self.folder / self._new
             size = write_window(new, window)
             row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size}
             number = self._database.add(db, WAITING, row)

@@ -12,6 +12,7 @@ import pytest
 from service.errors import StorageUnavailable
 from service.results.asset_life import AssetLife
 from service.results.store import StoredWindow
+from service.results.window_file import write_window
 from service.runtime.computing import carry_out
 from service.runtime.lanes import SHED, Lanes
 from service.runtime.outcomes import ClosedWindow
@@ -202,3 +203,20 @@ def test_a_window_that_was_kept_without_an_answer_keeps_its_file_where_the_next_
     assert p.spool.retry() and len(p.life.waiting("a")) == 1
     p.computing.carry_out()
     assert numbers(p.sink.outcomes, refused=False) == [("a", 0)] and p.life.waiting("a") == ()
+
+
+def test_a_suspended_worker_that_goes_on_writes_into_no_file_of_the_one_that_took_its_folder(
+    store, tmp_path, monkeypatch
+):
+    written = []
+
+    def noted(path, window):
+        written.append(path)
+        return write_window(path, window)
+
+    monkeypatch.setattr("service.results.asset_life.write_window", noted)
+    for life, number in [(AssetLife(store.database, tmp_path / "waiting"), n) for n in range(2)]:
+        with life.transaction():
+            assert life.add_waiting("a", closed("a", number).window)
+    assert len(set(written)) == 2 and {p.suffix for p in (tmp_path / "waiting").iterdir()} == {".npz"}
+    assert life.read_waiting(life.waiting("a")[1].id).start_time_ns == closed("a", 1).window.start_time_ns
