@@ -7,13 +7,14 @@ transaction that processes the window, so that a kill loses no window and counts
 
 from __future__ import annotations
 
+import os
+import socket
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 from sqlalchemy import Connection, Select, bindparam, delete, select, text, update
 
@@ -63,7 +64,6 @@ class AssetLife:
     def __init__(self, database: Tables, folder: Path | None = None) -> None:
         """folder  of the windows that wait; None where no window ever does"""
         self._database, self.folder = database, folder
-        self._new = f"new-{uuid4().hex}"  # of a window without a number, and of nobody who had the folder before
         if folder is None:
             return
         try:
@@ -148,7 +148,7 @@ class AssetLife:
         assert self.folder is not None
         with self.transaction() as db:
             self._database.ensure(db, asset)
-            new = self.folder / self._new
+            new = self.folder / new_of(os.getpid())
             size = write_window(new, window)
             row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size}
             number = self._database.add(db, WAITING, row)
@@ -237,3 +237,11 @@ class AssetLife:
 def _end(number: int) -> Any:
     """Ends a change that has not been ended before."""
     return update(CHANGES).where(CHANGES.c.id == number, CHANGES.c.done == 0).values(done=1)
+
+
+def new_of(process: int) -> str:
+    """The file in which a process of this host writes a window that has no number yet.
+
+    No other process writes into it, such as one that was suspended and had the folder before.
+    """
+    return f"new-{socket.gethostname()}-{process}".replace(".", "-")

@@ -215,7 +215,10 @@ def test_a_suspended_worker_that_goes_on_writes_into_no_file_of_the_one_that_too
         return write_window(path, window)
 
     monkeypatch.setattr("service.results.asset_life.write_window", noted)
-    for life, number in [(AssetLife(store.database, tmp_path / "waiting"), n) for n in range(2)]:
+    life = AssetLife(store.database, tmp_path / "waiting")
+    for number in range(2):
+        process = SimpleNamespace(getpid=lambda pid=number: pid)
+        monkeypatch.setattr("service.results.asset_life.os", process)
         with life.transaction():
             assert life.add_waiting("a", closed("a", number).window)
     assert len(set(written)) == 2 and {p.suffix for p in (tmp_path / "waiting").iterdir()} == {".npz"}

@@ -19,6 +19,7 @@ from test_health import get
 from service.api import create_app
 from service.operation.health import HTTP, LOOPS, RECEPTION, RETENTION, WORKERS, Health
 from service.operation.systemd import ALIVE, READY, STOPPING, Watchdog, notify, watchdog_pause
+from service.results.asset_life import new_of
 from service.results.data_folder import WAITING
 from service.runtime.replay import replay
 from service.runtime.storage_status import StorageStatus
@@ -193,18 +194,16 @@ def test_loop_that_hangs_in_a_running_service_is_named_no_watchdog_is_told_and_i
     recording = write_recording(tmp_path / "a.mcap", 2)
     with service(tmp_path / "data", LOOP_LIMIT="5") as running:
         assert told() == READY and told() == ALIVE and health_of(running) == (200, set())
-        pipes = [tmp_path / "data" / WAITING / f"{number:08d}.part" for number in (1, 2)]
-        for pipe in pipes:
-            pipe.parent.mkdir(exist_ok=True)
-            os.mkfifo(pipe)
+        pipe = tmp_path / "data" / WAITING / f"{new_of(running.process.pid)}.part"
+        pipe.parent.mkdir(exist_ok=True)
+        os.mkfifo(pipe)
         sender = threading.Thread(target=replay, args=(recording, [running.endpoint], 0))
         sender.start()
         wait_until(lambda: health_of(running) == (503, {RECEPTION, WORKERS}), 30.0)
         drained(told, 1.0)  # what had been told before
         assert drained(told, 2.0) == [] and health_of(running)[0] == 503
         assert running.get("/v1/assets") is not None  # HTTP answers
-        with pipes[0].open("rb") as disk:  # it answers again
-            pipes[1].unlink()
+        with pipe.open("rb") as disk:  # it answers again
             disk.read()
         wait_until(lambda: health_of(running) == (200, set()), 30.0)
         assert ALIVE in drained(told, 3.0)
