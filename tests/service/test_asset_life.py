@@ -335,7 +335,7 @@ def test_what_waits_at_a_start_is_carried_out_in_the_order_in_which_it_was_recei
         store.add_decision("unsw", "misalignment", "pin")
         life.add_change("unsw", "gears_replaced", {})
         life.add_change("unsw", "renamed", {"name": "press-7"})
-        store.add_inspection("unsw", measured, {})
+        store.add_inspection("unsw", measured, {"applied": False})
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
         wait_until(lambda: [i["applied"] for i in running.get("/v1/assets/press-7/inspections") or ()] == [True])
         assert running.get("/v1/assets/press-7/wear")["max_depth_um"]["combined"]["median"] == 2.0
