@@ -331,7 +331,7 @@ def test_what_waits_at_a_start_is_carried_out_in_the_order_in_which_it_was_recei
         running.wait_for_windows(WINDOWS)
     measured = {"revolutions": 10.0, "max_depth_um": 2.0, "flank": "combined", "std_um": 1.0}
     with running.store() as store:
-        life = AssetLife(store.database)
+        life = AssetLife(tables_of(store))
         store.add_decision("unsw", "misalignment", "pin")
         life.add_change("unsw", "gears_replaced", {})
         life.add_change("unsw", "renamed", {"name": "press-7"})
@@ -354,7 +354,7 @@ def test_an_alarm_by_learned_limits_ends_with_the_change_after_which_they_are_le
     send(network, first)
     running.wait_for_windows(WINDOWS)
     with running.store() as store:
-        learned_and_raised(AlarmKeeper(AlarmStore(store.database)), running.windows()[0])
+        learned_and_raised(AlarmKeeper(AlarmStore(tables_of(store))), running.windows()[0])
     assert [a["state"] for a in running.get(f"{UNSW}/alarms")] == ["active_unacknowledged"] * 2
     sensor = {"sensor": "y6"} if kind == "sensor_moved" else {}
     assert change(running, kind, **sensor)[0] == 201
