@@ -106,7 +106,7 @@ class PartitionTables(Postgresql):
         return writer, reader.execution_options(isolation_level="AUTOCOMMIT")
 
     def begun(self, db: Connection) -> None:
-        self._mark = self.fence.marked(db, *self.next_mark(db))
+        self._mark = self.fence.marked(db, *self.next_transaction())
 
     def mark(self, db: Connection) -> Mark:
         assert self._mark is not None

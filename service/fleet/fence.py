@@ -22,7 +22,7 @@ from sqlalchemy import Connection, bindparam
 
 from service.errors import StoreError
 from service.fleet.layout import PARTITIONS, expect_revision
-from service.results.commit_marks import Mark, marked_where
+from service.results.commit_marks import Mark, marked
 
 ABANDONED = 15_000  # after which a session that stands still within a transaction is ended by the server [ms]
 _TAKE = (
@@ -84,7 +84,7 @@ class Fence:
 
     def marked(self, db: Connection, writer: str, number: int) -> Mark:
         """As `check`, and the mark by which the transaction's outcome can be asked for, in one statement."""
-        mark = marked_where(db, writer, number, _HELD, {"of": self.partition, "held": self.token})
+        mark = marked(db, writer, number, _HELD, {"of": self.partition, "held": self.token})
         return mark or self._refuse()
 
     def _refuse(self) -> NoReturn:

@@ -148,7 +148,7 @@ class AssetLife:
         assert self.folder is not None
         with self.transaction() as db:
             self._database.ensure(db, asset)
-            new = self.folder / new_of(os.getpid())
+            new = self.folder / temporary_name(os.getpid())
             size = write_window(new, window)
             row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size}
             number = self._database.add(db, WAITING, row)
@@ -239,7 +239,7 @@ def _end(number: int) -> Any:
     return update(CHANGES).where(CHANGES.c.id == number, CHANGES.c.done == 0).values(done=1)
 
 
-def new_of(process: int) -> str:
+def temporary_name(process: int) -> str:
     """The file in which a process of this host writes a window that has no number yet.
 
     No other process writes into it, such as one that was suspended and had the folder before.

@@ -24,7 +24,7 @@ from sqlalchemy.pool import NullPool, QueuePool
 
 from service.errors import StorageUnavailable, StoreError
 from service.results.claims import Claims
-from service.results.commit_marks import Mark, forget_old, marked, was_committed
+from service.results.commit_marks import Mark, marked, was_committed
 
 LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
 STATEMENT_WAIT = 60.0  # how long one statement of the service may take on a server [s]
@@ -303,14 +303,13 @@ class Postgresql:
         pass
 
     def mark(self, db: Connection) -> Mark:
-        return marked(db, *self.next_mark(db))
+        mark = marked(db, *self.next_transaction())
+        assert mark is not None  # it depends on nothing
+        return mark
 
-    def next_mark(self, db: Connection) -> tuple[str, int]:
-        """Who writes the transaction, and its number among those of this process."""
-        number = next(self.numbers)
-        if number == 1:
-            forget_old(db)
-        return f"{self.identity} {threading.get_ident()}", number  # several threads of a front end write at once
+    def next_transaction(self) -> tuple[str, int]:
+        """Who writes, one thread of this process: those of a front end write at once; and the transaction's number."""
+        return f"{self.identity} {threading.get_ident()}", next(self.numbers)
 
     def was_committed(self, engine: Engine, mark: Mark) -> bool:
         return was_committed(engine, mark, self.name)

@@ -40,25 +40,22 @@ class Mark(NamedTuple):
     transaction: str
 
 
-def marked(db: Connection, writer: str, number: int) -> Mark:
-    """Leaves a mark within a transaction."""
-    given = {"writer": writer, "number": number, "written_ns": time.time_ns()}
-    return Mark(writer, number, str(db.execute(_mark(), given).scalar_one()))
+def marked(
+    db: Connection, writer: str, number: int, held: sa.Select | None = None, given: Mapping[str, Any] | None = None
+) -> Mark | None:
+    """Leaves a mark within a transaction.
 
-
-def marked_where(db: Connection, writer: str, number: int, held: sa.Select, given: Mapping[str, Any]) -> Mark | None:
-    """Leaves a mark within a transaction where a query answers a row, in one statement; None where it answers none.
-
-    given  the parameters of the query
+    held   a query without whose row no mark is left, and None answered: both are one statement
+    given  its parameters
     """
-    own = {"writer": writer, "number": number, "written_ns": time.time_ns()}
-    transaction = db.execute(_mark(held), {**own, **given}).scalar()
-    return None if transaction is None else Mark(writer, number, str(transaction))
-
-
-def forget_old(db: Connection) -> None:
-    """Deletes the marks of those who write no more."""
-    db.execute(_DELETE_OLD, {"before": time.time_ns() - KEPT_NS})
+    now = time.time_ns()
+    own = {"writer": writer, "number": number, "written_ns": now}
+    transaction = db.execute(_mark(held), {**own, **(given or {})}).scalar()
+    if transaction is None:
+        return None
+    if number == 1:  # after the mark: whoever else deletes them has taken its turn first
+        db.execute(_DELETE_OLD, {"before": now - KEPT_NS})
+    return Mark(writer, number, str(transaction))
 
 
 @cache

@@ -19,7 +19,7 @@ from test_health import get
 from service.api import create_app
 from service.operation.health import HTTP, LOOPS, RECEPTION, RETENTION, WORKERS, Health
 from service.operation.systemd import ALIVE, READY, STOPPING, Watchdog, notify, watchdog_pause
-from service.results.asset_life import new_of
+from service.results.asset_life import temporary_name
 from service.results.data_folder import WAITING
 from service.runtime.replay import replay
 from service.runtime.storage_status import StorageStatus
@@ -194,7 +194,7 @@ def test_loop_that_hangs_in_a_running_service_is_named_no_watchdog_is_told_and_i
     recording = write_recording(tmp_path / "a.mcap", 2)
     with service(tmp_path / "data", LOOP_LIMIT="5") as running:
         assert told() == READY and told() == ALIVE and health_of(running) == (200, set())
-        pipe = tmp_path / "data" / WAITING / f"{new_of(running.process.pid)}.part"
+        pipe = tmp_path / "data" / WAITING / f"{temporary_name(running.process.pid)}.part"
         pipe.parent.mkdir(exist_ok=True)
         os.mkfifo(pipe)
         sender = threading.Thread(target=replay, args=(recording, [running.endpoint], 0))
