@@ -81,7 +81,7 @@ class S3Server:
             self._process.send_signal(signal.SIGKILL)
             self._process.wait()
             self._process = None
-        for part, port in self._ports.items():
+        for part, port in self._ports.items():  # where the server itself puts them, whatever it is told
             Path(f"/tmp/seaweedfs-{part.partition('.')[0]}-grpc-{port}.sock").unlink(missing_ok=True)
 
     def environment(self, **other):

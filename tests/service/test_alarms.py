@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import httpx
 import pytest
@@ -27,6 +28,7 @@ from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.results.schema import WINDOWS
 from service.results.sql_store import SqlStore
+from service.runtime import webhooks
 from service.runtime.replay import replay
 from service.runtime.service_sink import ServiceSink
 from service.runtime.state_publication import StatePublication
@@ -430,6 +432,29 @@ def test_message_that_cannot_be_delivered_for_days_is_given_up_and_counted(tmp_p
         sender.turn(lambda: client)
     assert sender.figures()["webhooks_given_up"] == 1 and bench.keeper.store.waiting() == 0
     bench.store.close()
+
+
+def test_a_message_that_is_announced_before_it_is_there_is_sent_soon_and_an_empty_outbox_is_asked_seldom(monkeypatch):
+    """It is announced within the transaction that keeps it."""
+    for name, seconds in (("LOOK_EVERY", 0.02), ("SAID", 0.5), ("LOOK_SELDOM", 60.0)):
+        monkeypatch.setattr(webhooks, name, seconds)
+    looks, there = [], []
+    store = SimpleNamespace(due=lambda now: looks.append(list(there)) or [], waiting=lambda: len(there))
+    announced = threading.Event()
+    sender = WebhookSender(store, announced)
+    sender.start()
+    try:
+        wait_until(lambda: len(looks) > 3)
+        time.sleep(1.5)
+        count = len(looks)
+        time.sleep(0.5)
+        assert len(looks) == count  # nothing waits, and nobody has said otherwise
+        announced.set()
+        wait_until(lambda: len(looks) > count)
+        there.append("committed")
+        wait_until(lambda: looks[-1] == there, 5.0)
+    finally:
+        sender.end()
 
 
 def test_rule_names_of_the_defaults_are_unique_and_each_quantity_is_known():
